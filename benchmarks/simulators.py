@@ -79,7 +79,7 @@ def failing_roads(count: int, seed: int, driver: Driver) -> list[Road]:
         folder = Path(temporary) / "campaign"
         Campaign(
             strategy=Frenetic(seed=seed),
-            simulator=EmbeddedSimulator(),
+            simulator=EmbeddedSimulator(vehicle="default"),
             driver=driver,
             budget=Budget(failures=count, simulations=100 * count),
             folder=folder,
@@ -139,7 +139,7 @@ def main() -> None:
     parser.add_argument("--drivers", nargs="+", default=["planner", "stanley", "beamng-ai"])
     options = parser.parse_args()
     simulators: dict[str, AbstractContextManager[Simulator] | Simulator] = {
-        "embedded": EmbeddedSimulator(),
+        "embedded": EmbeddedSimulator(vehicle="default"),
         "... steers at once": EmbeddedSimulator(vehicle=AT_ONCE),
         "... MetaDrive's car": EmbeddedSimulator(vehicle="metadrive"),
         REFERENCE: MetaDriveSimulator(),

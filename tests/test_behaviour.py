@@ -161,7 +161,8 @@ def drives(simulator: str, driver: Any) -> Callable[[], list[float]]:
         if simulator == "metadrive":
             return of_drives(SIMULATORS.make(simulator), driver, roads()[:1])
         other = EmbeddedSimulator(vehicle="metadrive", friction=0.8)
-        return of_drives(EmbeddedSimulator(), driver, roads()) + of_drives(other, driver, roads())
+        usual = EmbeddedSimulator(vehicle="default")
+        return of_drives(usual, driver, roads()) + of_drives(other, driver, roads())
 
     return drive
 

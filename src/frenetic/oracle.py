@@ -7,14 +7,15 @@ every record to know when to stop, and `judge` calls it over a whole trajectory.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Literal, TypeAlias
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Finite, NotNegative, Share
 from frenetic._support.compiled import njit
+from frenetic._support.words import simulated_time
 from frenetic.errors import Fault
 from frenetic.outcome import Outcome
 from frenetic.road.geometry import heading_at, project_global, project_near, reach_of
@@ -86,6 +87,11 @@ class Result:
     def departure(self) -> Finding | None:
         """The place where the car left its lane by more than the tolerance; None if it did not."""
         return next((one for one in self.findings if one.criterion == LANE), None)
+
+    def as_json(self) -> dict[str, Any]:
+        """Its fields, for JSON."""
+        findings = [asdict(one) | {"time": simulated_time(one.time)} for one in self.findings]
+        return asdict(self) | {"duration": simulated_time(self.duration), "findings": findings}
 
 
 @njit()

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from frenetic._support.words import format_duration, parse_duration
+from frenetic._support.words import format_duration, parse_duration, rate_words
 
 
 @pytest.mark.parametrize(
@@ -30,3 +30,9 @@ def test_what_is_no_time_is_refused(text: str) -> None:
 
 def test_times_for_people() -> None:
     assert [format_duration(s) for s in (0, 7.4, 754, 3723)] == ["0:00", "0:07", "12:34", "1:02:03"]
+
+
+def test_rates_for_people() -> None:
+    rates = (0.0, 0.0012, 0.2, 4.3, 19.84, 412.3)
+    told = ["0 tests/s", "4.3 tests/h", "12.0 tests/min", "4.3 tests/s", "19.8 tests/s"]
+    assert [rate_words(rate) for rate in rates] == [*told, "412 tests/s"]

@@ -112,6 +112,7 @@ def test_what_cannot_be_used_is_answered_and_changes_nothing(client: Client) -> 
         ({"tell": {"id": 99, "outcome": "PASS"}}, "candidate 99 is not outstanding"),
         ({"tell": {"id": road["id"], "outcome": "MAYBE"}}, "$.outcome"),
         ({"tell": {"id": road["id"], "outcome": "FAIL", "moobd": 1e999}}, "JSON is malformed"),
+        ({"tell": {"id": road["id"], "outcome": "FAIL", "moobd": -1e308}}, "`$.moobd`"),
         ({"tell": {"id": road["id"], "outcome": "FAIL", "where": 3}}, "`where`"),
         ({"tell": {"id": road["id"], "outcome": "PASS", "records": {"time": [0.0], "x": [], "y": [],
           "speed": []}}}, "lists of one length"),

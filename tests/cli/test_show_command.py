@@ -120,6 +120,7 @@ def test_show_lists_tests_by_outcome_severity_and_feature(
         (["--sort", "beauty"], ["'beauty'", "severity", "max_curvature"]),
         (["--feature", "beauty=1:2"], ["'beauty'"]),
         (["--feature", "bends=many"], ["'bends=many' is not NAME=LOW:HIGH"]),
+        (["--feature", "max_curvature=0.05"], ["'max_curvature=0.05' is not NAME=LOW:HIGH"]),
         (["--feature", "bends=3:1"], ["bends from 3 to 1"]),
         (["--outcome", "gone"], ["'gone'", "dropped"]),
         (["--limit", "0"], ["'--limit'"]),

@@ -1,15 +1,22 @@
 """The model of BeamNG.AI."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
+from frenetic.twin.calibration import Asked, Model
 
+from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.campaign.check import check_campaign
 from frenetic.drive import Drive, Rules
-from frenetic.drivers import BeamngAi
-from frenetic.drivers.layers import compiled_form
+from frenetic.drivers import BeamngAi, Planner
+from frenetic.drivers.layers import Noisy, compiled_form
 from frenetic.oracle import assess, judge
 from frenetic.outcome import Outcome
 from frenetic.road import Road
-from frenetic.simulators.embedded import EmbeddedSimulator
+from frenetic.search import RandomSearch
+from frenetic.simulators.embedded import EmbeddedSimulator, Vehicle
 
 BEND = Road(np.array([0, 0, 0, 2, 5, 5, 5, 2, 0, 0, 0]) / 100)
 
@@ -21,6 +28,50 @@ class InPython(BeamngAi):
 def drive(road: Road, driver: BeamngAi, limit: float = 70.0) -> Drive:
     rules = Rules(speed_limit=limit, oob_tolerance=1.0)
     return EmbeddedSimulator(rules=rules, vehicle="etk800").drive(road, driver)
+
+
+def test_it_brings_its_car_unless_one_is_chosen() -> None:
+    own = drive(BEND, BeamngAi())
+    simulator = EmbeddedSimulator(rules=own.rules)
+    for driver in (BeamngAi(), Noisy(BeamngAi(), offset=0.0, heading=0.0), InPython()):
+        brought = simulator.drive(BEND, driver)
+        np.testing.assert_array_equal(brought.trajectory.to_rows(), own.trajectory.to_rows())
+        assert brought.car == own.car
+        simulator.drive(BEND, Planner())
+        assert simulator.vehicle == Vehicle(), "others drive in the default car"
+    for chosen in ("default", {"mass": 1500.0}, Vehicle(length=5.0)):
+        simulator = EmbeddedSimulator(vehicle=chosen)
+        before = simulator.vehicle
+        simulator.drive(BEND, BeamngAi())
+        assert simulator.vehicle == before
+
+
+def test_it_keeps_the_friction_of_the_road_in_its_car() -> None:
+    simulator = EmbeddedSimulator(friction=0.6)
+    simulator.drive(BEND, BeamngAi())
+    assert simulator.vehicle == replace(Vehicle.etk800(), friction=0.6)
+
+
+def test_a_campaign_records_the_car_that_it_brings(tmp_path: Path) -> None:
+    Campaign(
+        strategy=RandomSearch(seed=1),
+        driver=BeamngAi(),
+        simulator=EmbeddedSimulator(),
+        budget=Budget(simulations=2),
+        folder=tmp_path / "c",
+    ).run()
+    assert check_campaign(tmp_path / "c").is_sound
+    with CampaignStore.open(tmp_path / "c") as store:
+        assert store.setting.car == Vehicle.etk800().body()
+        assert store.config["simulator"]["options"]["vehicle"]["mass"] == 1500.0  # type: ignore[index, call-overload]
+
+
+def test_a_twin_of_it_begins_with_its_car() -> None:
+    model = Model.of("beamng-ai", [Asked("aiming_point")], vehicle={"mass": 1600.0})
+    _, simulator = model.make({}, Rules())
+    assert simulator.vehicle == replace(Vehicle.etk800(), mass=1600.0)
+    chosen = Model.of("beamng-ai", [Asked("aiming_point")], vehicle={"name": "default"})
+    assert chosen.make({}, Rules())[1].vehicle == Vehicle()
 
 
 def test_its_values_are_checked() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -292,6 +293,19 @@ def test_nothing_is_left_of_an_export_that_was_interrupted(campaign: Path, tmp_p
     with pytest.raises(KeyboardInterrupt):
         export_campaign(campaign, "json", tmp_path / "out" / "json", on_progress=interrupt)
     assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_nothing_is_left_of_an_export_that_was_killed(campaign: Path, tmp_path: Path) -> None:
+    script = (
+        "import os, sys; from frenetic.export import export_campaign;"
+        "export_campaign(sys.argv[1], 'csv', 'out', on_progress=lambda *_: os._exit(9))"
+    )
+    killed = subprocess.run([sys.executable, "-c", script, campaign], cwd=tmp_path, check=False)
+    assert killed.returncode == 9
+    assert list(tmp_path.iterdir())
+    (tmp_path / "out.part-1").mkdir()  # the user's own
+    export_campaign(campaign, "csv", tmp_path / "out")
+    assert {path.name for path in tmp_path.iterdir()} == {"out", "out.part-1"}
 
 
 def test_what_there_is_not(campaign: Path, tmp_path: Path) -> None:

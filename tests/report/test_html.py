@@ -44,6 +44,7 @@ from frenetic.report.html import (
     write_report,
 )
 from frenetic.report.html.blocks import to_json
+from frenetic.report.html.headline import headline as tell
 from frenetic.report.html.operators import operator_results, operators_section
 from frenetic.report.html.repeating import repeat_command, repeatability
 from frenetic.report.html.tests import RoadData, TestSummary, TestTable
@@ -189,7 +190,10 @@ def test_headline_counts_what_the_campaign_holds(searched: Path) -> None:
     with CampaignStore.open(searched) as store:
         counts = store.counts()
         clusters = distinct_failures(store)
+        slow = {"seconds": 3600.0 * counts.tests / 4.3}
+        rate = tell(store.config, slow, counts, clusters, folder="", elapsed=0.0).tiles[0].note
         report = campaign_report(store)
+    assert rate == "4.3 tests/h"
     headline = headline_of(searched)
     tiles = {tile.label: tile.value for tile in headline.tiles}
     assert tiles["simulations"] == str(counts.simulations) == "150"

@@ -15,6 +15,7 @@ from html_campaigns import HOSTILE
 from playwright.sync_api import Page, expect
 
 from frenetic.analysis.comparison import Comparison, compare_measured
+from frenetic.analysis.conclusions import findings
 from frenetic.analysis.metrics import CampaignMeasures
 from frenetic.errors import FreneticError
 from frenetic.report.html import Fact
@@ -41,6 +42,7 @@ def campaign(folder: Path, distinct: int, simulations: int = 60) -> CampaignMeas
         competition_filled=frozenset((i,) for i in range(distinct)),
         pairwise_diversity=0.4 - 0.01 * distinct if distinct > 1 else -math.inf,
         competition_sparseness=25.0 if distinct > 1 else -math.inf,
+        min_moobd=-0.1 * distinct,
     )
 
 
@@ -87,6 +89,7 @@ def test_table_has_medians_and_quartiles_and_what_does_not_vary_once(
     first, _, never = (dict(zip(titles, cells, strict=True)) for _, cells in medians["rows"])
     assert first["distinct"][:2] == ("13", "12–14")
     assert never["pairwise"][:2] == ("none", "")
+    assert first["lowest MOOBD (m)"][1] == "-1.40 to -1.20"
     assert "failures per\u00a0100" not in titles, "all have as many simulations"
     assert medians["caption"].endswith(
         "The same in all campaigns: simulations 60, errors 0, dropped candidates 0,"
@@ -98,6 +101,11 @@ def test_table_has_medians_and_quartiles_and_what_does_not_vary_once(
         ("3.", "13.0", 0),
     ]
     assert [text for text, *_ in maps["rows"][0][1]][:2] == ["10", "84.0\u00a0%"]
+
+
+def test_a_single_group_between_is_told_as_one(tmp_path: Path) -> None:
+    comparison = made(tmp_path, **dict.fromkeys("abcde", LOW))
+    assert findings(comparison).endswith(", 1 group between.")
 
 
 def test_curves_are_thinned_and_have_bands_where_there_are_enough(tmp_path: Path) -> None:

@@ -31,6 +31,7 @@ from frenetic.twin.calibration import (
     calibrate,
     read_recordings,
 )
+from frenetic.twin.calibration import recordings as recordings_file
 from frenetic.twin.calibration.calibrate import folds_of
 from frenetic.twin.calibration.determination import difference
 from frenetic.twin.calibration.driving import (
@@ -56,6 +57,9 @@ from frenetic.twin.page import shape_of
 from frenetic.twin.profile import Figures
 
 KNOWN = 7.3
+HUGE = int("9" * 320)
+"""A number that JSON holds and a float does not."""
+MOVES = {"time": [0, 1], "x": [0, 5], "y": [0, 0]}
 MODEL_OF = [Asked("lateral_acceleration"), Asked("vehicle.brake_deceleration", 7.0, 9.0)]
 BROKEN = """
 class Broken:
@@ -80,11 +84,11 @@ def drive_record(time: float, speed: float = 5.0) -> list[Any]:
 QUICK = Settings(seed=1, evaluations=26, folds=2)
 
 
-def recorded(folder: Path, seed: int, drives: int) -> Path:
+def recorded(folder: Path, seed: int, drives: int, known: float = KNOWN) -> Path:
     """A campaign of random roads with a driver of known parameters."""
     Campaign(
         strategy=RandomSearch(seed=seed),
-        driver=Stanley(lateral_acceleration=KNOWN),
+        driver=Stanley(lateral_acceleration=known),
         simulator=EmbeddedSimulator(),
         budget=Budget(simulations=drives),
         folder=folder,
@@ -152,6 +156,29 @@ def test_a_known_parameter_is_found_and_an_idle_one_is_called_undetermined(
     assert (idle.low, idle.high) == pytest.approx((7.0, 9.0))
     assert calibration.profile.fitted[0].value == found.value
     assert [one.is_determined for one in calibration.profile.fitted] == [True, False]
+
+
+def test_an_interval_that_ends_at_a_bound_is_a_warning_and_usual_bounds_are_wide(
+    tmp_path: Path,
+) -> None:
+    slow = read_recordings([recorded(tmp_path / "slow", 101, 12, known=2.5)])
+    found = {}
+    for bounds in ((3.0, 12.0), (None, None)):
+        asked = Model.of("stanley", [Asked("lateral_acceleration", *bounds)])
+        result = calibrate(slow, asked, QUICK)
+        assert result is not None
+        found[bounds] = result.parameters[0], result.answer
+    one, answer = found[3.0, 12.0]
+    assert one.low == pytest.approx(3.0)
+    assert (one.at_bound, one.is_determined) == (True, False)
+    assert "; its interval ends at a bound" in str(one)
+    assert answer.endswith(
+        "; the bounds decide driver.lateral_acceleration: widen them, and calibrate again"
+    )
+    one, answer = found[None, None]
+    assert one.value == pytest.approx(2.5, rel=0.03)
+    assert one.is_determined
+    assert "widen" not in answer
 
 
 def test_figures_are_those_of_drives_that_a_fold_has_not_seen(
@@ -471,7 +498,7 @@ def test_parameters_that_cannot_be_fitted(asked: list[Asked], message: str) -> N
 
 def test_usual_bounds_end_where_no_car_can_be_made() -> None:
     (friction,) = Model.of("planner", [Asked("friction")]).parameters
-    assert friction.low == 0.5
+    assert friction.low == 0.25
     assert 1.0 < friction.high < 2.0
     _, simulator = Model.of("planner", [Asked("friction")]).make(
         {"vehicle.friction": friction.high}, Rules()
@@ -490,6 +517,14 @@ def test_usual_bounds_end_where_no_car_can_be_made() -> None:
         (lambda line: line | {"trajectory": [[0, 1, 2], [1, 2]]}, "trajectory"),
         (lambda line: line | {"execution_data": [[1, 2]]}, "are no records of a drive"),
         (lambda line: line | {"trajectory": 3}, "its trajectory is"),
+        (lambda line: line | {"trajectory": MOVES | {"speed": 5}}, "its speed is not a list of nu"),
+        (lambda line: line | {"trajectory": MOVES | {"x": [HUGE] * 2}}, "its x is not a list of n"),
+        (lambda line: line | {"trajectory": [[0, HUGE, 2]] * 2}, "its x is not a list of numbers"),
+        (lambda line: line | {"max_oob_share": HUGE}, "its max_oob_share is 9999.*: a number"),
+        (
+            lambda line: line | {"execution_data": [drive_record(0), drive_record(1, HUGE)]},
+            "are no records of a drive",
+        ),
         (
             lambda line: line | {"execution_data": [drive_record(0), drive_record(1, math.nan)]},
             r"vel of record 2 of its execution_data is \[nan, 0\.0, 0\.0\]: finite numbers",
@@ -508,6 +543,29 @@ def test_a_damaged_table_names_its_row(
     with pytest.raises(FreneticError, match=message) as caught:
         read_recordings([table])
     assert str(table) in str(caught.value)
+
+
+@pytest.mark.parametrize("cut", [100, -100])
+def test_a_damaged_parquet_table_is_named(campaigns: list[Path], tmp_path: Path, cut: int) -> None:
+    from frenetic.export import export_campaign
+
+    export_campaign(campaigns[0], "parquet", tmp_path / "out")
+    table = tmp_path / "out" / "tests.parquet"
+    table.write_bytes(table.read_bytes()[:cut])
+    with pytest.raises(FreneticError, match=r"tests.parquet is no table in Parquet"):
+        read_recordings([table])
+
+
+@pytest.mark.parametrize("form", ["csv", "json", "parquet"])
+def test_a_file_that_no_memory_holds_is_refused(
+    campaigns: list[Path], tmp_path: Path, form: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from frenetic.export import export_campaign
+
+    export_campaign(campaigns[0], form, tmp_path / "out")
+    monkeypatch.setattr(recordings_file, "MAX_BYTES", 100)
+    with pytest.raises(FreneticError, match="has more than 100 bytes: split it"):
+        read_recordings([tmp_path / "out"])
 
 
 def test_recordings_under_different_terms_are_not_mixed(

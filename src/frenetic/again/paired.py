@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Final
 
 from frenetic._support.json_value import JSONValue
-from frenetic._support.words import counted
+from frenetic._support.words import counted, simulated_time
 from frenetic.again.verdicts import LEVEL, Change, Repeat, failing_share
 from frenetic.analysis.failures import COMPARED, Failure, cluster_failures
 from frenetic.analysis.statistics import Estimate, median_estimate, paired_share_difference
@@ -533,7 +533,7 @@ def _set_document(roads: PairedRoads) -> dict[str, JSONValue]:
                         {
                             "outcome": str(drive.outcome),
                             "moobd": drive.moobd,
-                            "duration": drive.duration,
+                            "duration": simulated_time(drive.duration),
                             "reason": drive.reason,
                         }
                         for drive in pair.drives(version)

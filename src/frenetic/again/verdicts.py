@@ -15,6 +15,7 @@ from functools import cached_property
 from typing import Final
 
 from frenetic._support.json_value import JSONValue
+from frenetic._support.words import simulated_time
 from frenetic.again.conditions import Variation
 from frenetic.analysis.failures import THRESHOLD
 from frenetic.analysis.segments import REACH
@@ -354,7 +355,7 @@ def _verdict_json(test: Test) -> dict[str, JSONValue]:
         "outcome": str(test.outcome),
         "reason": test.reason,
         "moobd": test.moobd,
-        "duration": test.result.duration,
+        "duration": simulated_time(test.result.duration),
         "departure_distance": None if place is None else place.distance,
         "departure_side": None if place is None else place.side,
     }

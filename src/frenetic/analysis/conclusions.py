@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from frenetic._support.words import counted
 from frenetic.analysis.comparison import Comparison, MeasureComparison
 from frenetic.analysis.statistics import LEAST_REPEATS, SIGNIFICANT
 
@@ -13,7 +14,8 @@ def findings(comparison: Comparison) -> str:
     by = comparison.headline
     order = by.order
     values = [f"{name} {by.text(name)}" for name in _few(order)]
-    rest = f", {len(order) - len(values)} groups between" if len(values) < len(order) else ""
+    left = len(order) - len(values)
+    rest = f", {counted(left, 'group')} between" if left else ""
     told = f"Median (quartiles) of {by.measure.title}: {'; '.join(values)}{rest}."
     return f"{verdict(comparison)} {told}"
 

@@ -27,7 +27,7 @@ from typing import Any, ClassVar, Final, Literal, Self
 import numpy as np
 from msgspec import Struct, ValidationError, convert, json
 
-from frenetic._support.bounds import Count, Finite, NotNegative, Share
+from frenetic._support.bounds import Count, Finite, Measured, NotNegative, Share
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.log import CampaignLog, WorkerState
@@ -93,11 +93,11 @@ class Told(Struct, forbid_unknown_fields=True):
     id: Count
     outcome: Literal["PASS", "FAIL", "ERROR"]
     """ERROR if the drive broke, so that nothing is known about the road."""
-    moobd: Finite | None = None
+    moobd: Measured | None = None
     """Minimum oob distance in m; the search learns nothing from a drive without it."""
     reason: str = ""
     """Why it ended so, in a sentence."""
-    place: Finite | None = None
+    place: Measured | None = None
     """Distance along the road to where the car left its lane, or else was furthest off, in m."""
     side: Side | None = None
     """Side of the lane on which it left; a FAIL without a side left on none."""

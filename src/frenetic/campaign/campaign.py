@@ -700,7 +700,7 @@ def _log_start(
     log: CampaignLog, event: LogEvent, summary: Summary, configuration: Mapping[str, JSONValue]
 ) -> None:
     fields: dict[str, Any] = {name: configuration[name] for name in _LOGGED}
-    text = f"{event} after {summary.told} results" if summary.told else str(event)
+    text = f"{event} after {counted(summary.told, 'result')}" if summary.told else str(event)
     log.write(event, text, process_id=os.getpid(), host=platform.node(), **fields)
 
 

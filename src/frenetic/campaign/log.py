@@ -142,7 +142,7 @@ class CampaignLog:
             **summary.objective_json,
             seconds=round(summary.seconds, 3),
             budget_spent=round(summary.budget_spent, 6),
-            tests_per_second=round(summary.tests_per_second, 3),
+            tests_per_second=float(f"{summary.tests_per_second:.3g}"),
             running=running,
             workers=[
                 asdict(worker) | {"seconds_in_state": round(worker.seconds_in_state, 1)}

@@ -97,7 +97,7 @@ class Summary(Counts):
         return {
             **self.counts_json(),
             "seconds": round(self.seconds, 3),
-            "tests_per_second": round(self.tests_per_second, 1),
+            "tests_per_second": float(f"{self.tests_per_second:.3g}"),
             "seed": self.seed,
             "interrupted": self.interrupted,
             "ended": self.ended,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -96,7 +96,7 @@ def drive(
     for asked, result, parts in _driven(spec, roads, plot, anyway=anyway):
         is_whole &= result.outcome.is_driven
         if as_json:
-            document = {"road": asked.name, "length": asked.road.length, **asdict(result)}
+            document = {"road": asked.name, "length": asked.road.length, **result.as_json()}
             documents.append(document | parts | ({} if plot is None else {"plot": str(plot)}))
         else:
             _print_drive(result, asked, plot, _who(asked, parts))

@@ -205,12 +205,14 @@ class Range(click.ParamType):  # type: ignore[type-arg]
 
     Args:
         example: of a range, for the message about a mistake.
+        values: whether NAME=VALUE is one.
     """
 
     name = "name=low:high"
 
-    def __init__(self, example: str = "max_curvature=0.05:0.07") -> None:
+    def __init__(self, example: str, *, values: bool = True) -> None:
         self.example = example
+        self.values = values
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
@@ -221,7 +223,7 @@ class Range(click.ParamType):  # type: ignore[type-arg]
             return AskedRange(name.strip(), None)
         low, colon, high = text.partition(":")
         try:
-            limits = float(low), float(high if colon else low)
+            limits = float(low), float(low if self.values and not colon else high)
         except ValueError:
             limits = math.nan, math.nan
         if not all(map(math.isfinite, limits)):

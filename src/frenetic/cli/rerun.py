@@ -26,7 +26,6 @@ from frenetic.cli.options import (
 )
 from frenetic.cli.parts import part_options
 from frenetic.cli.search import fail_on_failure_option
-from frenetic.quantities import quantities
 
 if TYPE_CHECKING:
     from frenetic.again.conditions import Variation
@@ -49,24 +48,7 @@ def variation(asked: AskedRange, simulator: Simulator) -> Variation:
     return Variation(asked.name, *asked.limits)
 
 
-class VaryingCommand(GroupedCommand):
-    """A command whose --vary takes all ranges that follow it."""
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Gives each range its own --vary."""
-        spread: list[str] = []
-        is_range = False
-        for arg in args:
-            name, equals, _ = arg.partition("=")
-            is_range = is_range and (name in quantities() or bool(equals)) and arg[:1] != "-"
-            if is_range and spread[-1] != VARY:
-                spread.append(VARY)
-            spread.append(arg)
-            is_range = is_range or arg == VARY
-        return super().parse_args(ctx, spread)
-
-
-@click.command(cls=VaryingCommand)
+@click.command(cls=GroupedCommand)
 @click.argument("campaign", type=CampaignFolder())
 @click.argument("test_ids", type=int, nargs=-1, metavar="[ID]...")
 @count_option("--top", "Only the N most telling failures. [default: all failures]")
@@ -79,8 +61,8 @@ class VaryingCommand(GroupedCommand):
     "asked",
     type=Range("friction=0.8:1.0"),
     multiple=True,
-    help="What differs between the drives, as in --vary friction=0.8:1.0 noise=0.2 speed; a name"
-    " alone means its usual range ('frenetic list quantities').",
+    help="What differs between the drives, as in --vary friction=0.8:1.0; a name alone means"
+    " its usual range ('frenetic list quantities'). May be repeated.",
 )
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the draws.")
 @part_options

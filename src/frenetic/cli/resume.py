@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from frenetic._support.words import counted
 from frenetic.cli.console import shell
 from frenetic.cli.options import (
     CampaignFolder,
@@ -107,9 +108,10 @@ def resume(
             )
     spec = replace(spec, simulator=moved(spec.simulator, simulator, simulator_options))
     the_campaign = make_campaign(spec, campaign, workers)
-    text = f"Going on after {counts.tests} tests with {spec.strategy.name}"
+    tests = counted(counts.tests, "test")
+    text = f"Going on after {tests} with {spec.strategy.name}"
     if is_spent:
-        text = f"Finishing after {counts.tests} tests, which spent the budget"
+        text = f"Finishing after {tests}, which spent the budget"
     search(
         the_campaign, the_campaign.resume, text, as_json, spec.seed, fail_on_failure=fail_on_failure
     )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from frenetic._support.words import counted
+from frenetic._support.words import counted, simulated_time
 from frenetic.cli.console import (
     clusters_json,
     facts_of_drive,
@@ -56,7 +56,7 @@ LISTED_TESTS: Final = 20
 @click.option(
     "--feature",
     "features",
-    type=Range(),
+    type=Range("max_curvature=0.05:0.07", values=False),
     multiple=True,
     help="List the tests with a feature in a range, as in max_curvature=0.05:0.07, or show the"
     " feature's values: max_curvature; may be repeated.",
@@ -151,7 +151,7 @@ def _list_tests(
             "told": test.record.told,
             "outcome": str(test.record.outcome),
             "moobd": test.record.moobd,
-            "duration": test.record.result.duration,
+            "duration": simulated_time(test.record.result.duration),
             "operator": test.record.candidate.origin.operator,
             "reason": test.record.reason,
             "features": {

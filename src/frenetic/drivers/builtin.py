@@ -153,13 +153,16 @@ class BeamngAi(BuiltIn):
 
     `frenetic.drivers.elastic_band` says how it drives, `docs/beamng-ai.md` how well it follows
     recorded drives and where the values come from. They are fitted together with the car
-    ``etk800`` of the embedded simulator. Roads are ranked by `Result.max_oob_share`.
+    ``etk800`` of the embedded simulator, which it brings there. Roads are ranked by
+    `Result.max_oob_share`.
 
     The simulator of BeamNG.tech replaces this driver by BeamNG.AI itself and never asks it.
     """
 
     law: ClassVar[int] = laws.BEAMNG_AI
     BEHAVIOUR: ClassVar[int] = 2
+    VEHICLE: ClassVar[str] = "etk800"
+    """The car that it brings to an embedded simulator for which none was chosen."""
 
     aggression: float = 0.7
     """Share of grip that it uses in bends, as BeamNG.AI's; beyond `grip` it makes no difference."""

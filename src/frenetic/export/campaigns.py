@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import os
 import shutil
 from collections.abc import Callable, Collection, Iterator
@@ -105,7 +106,7 @@ def export_campaign(
 def _whole_folder(target: Path) -> Iterator[Path]:
     """Gives a new folder beside ``target`` to write into, which is renamed to it at the end.
 
-    If anything is raised meanwhile, the new folder is removed.
+    If anything is raised meanwhile, the new folder is removed; after a kill, the next call does so.
 
     Raises:
         FreneticError: ``target`` is not empty, or the disk is full or cannot be written.
@@ -116,8 +117,9 @@ def _whole_folder(target: Path) -> Iterator[Path]:
             raise FreneticError(
                 f"{target} exists already: choose another folder with --out, or remove it"
             )
-        partial = target.with_name(f"{target.name}.part-{os.getpid()}")
-        shutil.rmtree(partial, ignore_errors=True)
+        for left in target.parent.glob(f".{glob.escape(target.name)}-[0-9]*.part"):
+            shutil.rmtree(left, ignore_errors=True)
+        partial = target.with_name(f".{target.name}-{os.getpid()}.part")
         partial.mkdir(parents=True)
         try:
             yield partial

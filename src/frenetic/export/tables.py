@@ -19,7 +19,7 @@ import numpy as np
 from msgspec import to_builtins
 from msgspec.json import encode
 
-from frenetic._support.words import text_cell
+from frenetic._support.words import simulated_time, text_cell
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.record import FINISHED, Column, Test, value_at
 from frenetic.campaign.store import CampaignStore
@@ -236,6 +236,7 @@ def _tests(tests: Iterable[Test], places: Mapping[int, int]) -> pd.DataFrame:
         "curvatures": [np.array(road) for road in roads],
         "parents": [np.array(parents, np.int64) for parents in values["parents"]],
         "outcome": [str(outcome) for outcome in values["outcome"]],
+        **{n: [simulated_time(t) for t in values[n]] for n in ("duration", "departure_time")},
         **{n: [to_builtins(value) or None for value in values[n]] for n in _DICTIONARIES},
     }
     dtypes = {column.name: _DTYPES.get(column.name, _DTYPES[column.kind]) for column in columns}

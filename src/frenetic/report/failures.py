@@ -11,6 +11,7 @@ from typing import Any, Final
 from frenetic._support.files import replacing
 from frenetic._support.interrupt import catch_interrupt
 from frenetic._support.json_value import JSONValue
+from frenetic._support.words import simulated_time
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
@@ -38,13 +39,14 @@ def file_stem(candidate_id: int) -> str:
 
 def verdict_entries(result: Result) -> dict[str, Any]:
     """The entries of a road's document that say how it was driven."""
+    place = result.departure
     return {
         "test_outcome": str(result.outcome),
         "description": result.reason,
         "moobd": result.moobd,
         "max_oob_share": result.max_oob_share,
-        "duration": result.duration,
-        "departure": None if result.departure is None else asdict(result.departure),
+        "duration": simulated_time(result.duration),
+        "departure": place and asdict(place) | {"time": simulated_time(place.time)},
     }
 
 

@@ -170,8 +170,11 @@ def _column(measure: Measure) -> dict[str, str]:
 
 def _quartiles(by: MeasureComparison, group: str) -> str:
     """The quartiles of a group, in short; empty if they equal the median."""
-    low, _, high = by.between(group).partition(" to ")
-    return "" if low == high else f"{low}–{high}"
+    between = by.between(group)
+    low, _, high = between.partition(" to ")
+    if low == high:
+        return ""
+    return between if "-" in between else f"{low}–{high}"  # a dash before a minus is unreadable
 
 
 def _maps(comparison: Comparison, groups: tuple[Group, ...]) -> Part:

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from frenetic._support.json_value import JSONValue
-from frenetic._support.words import counted, format_duration, signed
+from frenetic._support.words import counted, format_duration, rate_words, signed
 from frenetic.analysis.failures import Clusters
 from frenetic.campaign.asking import FACTS
 from frenetic.campaign.counts import Counts
@@ -86,9 +86,10 @@ def headline(
     start_from = earlier_of(config)
     before = f"{clusters.known} known before" if start_from else ""
     share = f"{percent(failures / counts.simulations)} of simulations" if counts.simulations else ""
+    rate = rate_words(tests / duration) if tests and duration > 0.0 else ""
     least = counts.min_moobd
     tiles = [
-        Tile("simulations", str(counts.simulations), _rate(tests, duration)),
+        Tile("simulations", str(counts.simulations), rate),
         Tile("failures", str(failures), share, "fail" if failures else None),
         Tile(
             "distinct failures",
@@ -168,13 +169,6 @@ def _version(config: Mapping[str, JSONValue]) -> Iterator[str]:
     """The version of the driver under its layers, if it is recorded."""
     if version := short_version(innermost(config.get("driver"))):
         yield version
-
-
-def _rate(tests: int, seconds: float) -> str:
-    if not tests or seconds <= 0.0:
-        return ""
-    rate = tests / seconds
-    return f"{rate:.0f} tests/s" if rate >= 10.0 else f"{rate:.2g} tests/s"
 
 
 def _budget(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValue]) -> str:

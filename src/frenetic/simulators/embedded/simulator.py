@@ -64,8 +64,9 @@ class EmbeddedSimulator(StartingPlace):
     Args:
         rules: speed limit, oob tolerance and when a drive ends.
         vehicle: the car, or the name of one: ``default``, a BMW 320i, ``metadrive`` or
-            ``etk800``, which BeamNG.AI drives; or the
-            parameters in which it differs from the default, or from the one in ``name``.
+            ``etk800``; or the parameters in which it differs from the default, or from the one in
+            ``name``. Without any, the driver brings its car: `frenetic.drivers.BeamngAi` an
+            ``etk800``, others the default.
         friction: of the road, in place of the vehicle's: 1 is dry, 0.7 wet, 0.3 snow.
         wall_limit: s of wall time that a drive with a driver written in Python may take; then it
             is an ERROR. Built-in drivers end by the rules.
@@ -88,7 +89,7 @@ class EmbeddedSimulator(StartingPlace):
         self,
         *,
         rules: Rules | None = None,
-        vehicle: Vehicle | str | Mapping[str, float | str] = "default",
+        vehicle: Vehicle | str | Mapping[str, float | str] | None = None,
         friction: float | None = None,
         wall_limit: float = 60.0,
         start_offset: float = 0.0,
@@ -97,7 +98,10 @@ class EmbeddedSimulator(StartingPlace):
         self.rules = rules or Rules()
         if isinstance(vehicle, Mapping):
             vehicle = Vehicle.of(vehicle)
-        self.vehicle = vehicle if isinstance(vehicle, Vehicle) else Vehicle.named(vehicle)
+        elif isinstance(vehicle, str):
+            vehicle = Vehicle.named(vehicle)
+        self.vehicle = vehicle or Vehicle()
+        self._brought = None if vehicle else "default"  # name of the car that the driver brings
         if friction is not None:
             self.friction = friction
         self.start_offset = start_offset
@@ -121,6 +125,10 @@ class EmbeddedSimulator(StartingPlace):
 
     @vehicle.setter
     def vehicle(self, vehicle: Vehicle) -> None:
+        self._brought = None
+        self._take(vehicle)
+
+    def _take(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
         self._parameters = vehicle.to_array()
         self.car = vehicle.body()
@@ -133,7 +141,14 @@ class EmbeddedSimulator(StartingPlace):
 
     @friction.setter
     def friction(self, friction: float) -> None:
-        self.vehicle = replace(self.vehicle, friction=friction)
+        self._take(replace(self.vehicle, friction=friction))
+
+    def check_driver(self, driver: Driver) -> None:
+        """Takes the car that the driver brings, unless one was chosen."""
+        brought = getattr(under_layers(driver), "VEHICLE", "default")
+        if self._brought not in (None, brought):
+            self._brought = brought
+            self._take(replace(Vehicle.named(brought), friction=self.friction))
 
     def __enter__(self) -> Self:
         """Compiles kernels that are not compiled yet."""
@@ -180,6 +195,7 @@ class EmbeddedSimulator(StartingPlace):
 
     def drive(self, road: Road, driver: Driver) -> Drive:
         """One drive of the driver along the road."""
+        self.check_driver(driver)
         rules = rules_array(self.rules, road.length)
         # The record after the timeout ends every drive.
         most = math.ceil(self.rules.timeout(road.length) / kernels.PERIOD) + 2

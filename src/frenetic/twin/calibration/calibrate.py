@@ -115,8 +115,10 @@ class Calibration:
 
     @property
     def answer(self) -> str:
-        """Whether the twin is good enough to screen with, and why."""
-        return f"{VERDICTS[self.validation.verdict]}: {self.validation.reason}"
+        """Whether the twin is good enough to screen with, and why, and which bounds decide."""
+        decided = ", ".join(str(one.parameter) for one in self.parameters if one.at_bound)
+        widen = f"; the bounds decide {decided}: widen them, and calibrate again" if decided else ""
+        return f"{VERDICTS[self.validation.verdict]}: {self.validation.reason}{widen}"
 
     def held_out_drive(self, i: int) -> tuple[FloatArray, FloatArray]:
         """Offsets and speeds on the grid of the twin that has not seen drive ``i``."""

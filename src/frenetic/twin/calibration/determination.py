@@ -6,7 +6,7 @@ all that the last fit drove, which differ in several parameters at once, the bes
 and the best one with one parameter moved alone. The values of a parameter among those that are as
 good, and those that the folds found, are its interval, widened to the next value that, moved alone,
 is worse: what lies between was not driven. A parameter is determined if that interval is less than
-half as wide as its bounds.
+half as wide as its bounds and ends at neither of them: beyond a bound, values may be as good.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Interval:
     high: float
     is_determined: bool
     at_bound: bool
-    """Whether the value lies at one of its bounds, so that the bound decides."""
+    """Whether the interval ends at one of its bounds, so that the bound decides."""
     traded_with: tuple[str, ...]
     """Parameters that move along with it among the candidates that are as good."""
     curve: tuple[tuple[float, float, float], ...]
@@ -56,7 +56,7 @@ class Interval:
     def __str__(self) -> str:
         text = "the data determine it" if self.is_determined else "the data do not determine it"
         if self.at_bound:
-            text += "; at its bound"
+            text += "; its interval ends at a bound"
         if self.traded_with:
             text += f"; moves with {', '.join(self.traded_with)}"
         return text
@@ -130,15 +130,15 @@ def intervals(
         for one in alone[k * PLACES : (k + 1) * PLACES]:
             _, error = difference(one.contributions, best.contributions, labels)
             curve.append((parameter.at(float(one.places[k])), one.loss, error))
-        place = float(best.places[k])
+        at_bound = (low < _EDGE) != (1.0 - high < _EDGE)
         found.append(
             Interval(
                 parameter,
-                parameter.at(place),
+                parameter.at(float(best.places[k])),
                 parameter.at(low),
                 parameter.at(high),
-                is_determined=high - low < WIDE,
-                at_bound=min(place, 1.0 - place) < _EDGE,
+                is_determined=high - low < WIDE and not at_bound,
+                at_bound=at_bound,
                 traded_with=_traded(joint, k, parameters),
                 curve=tuple(sorted(curve)),
             )

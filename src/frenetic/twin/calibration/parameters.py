@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Final, Literal, TypeAlias
 
 from frenetic.drive import Rules
-from frenetic.drivers.driver import Driver
+from frenetic.drivers.driver import Driver, under_layers
 from frenetic.errors import FreneticError
 from frenetic.registry import arguments_of, hint, options_of
 from frenetic.simulators.embedded import EmbeddedSimulator
@@ -17,7 +17,7 @@ from frenetic.spec import driver_of
 
 Owner: TypeAlias = Literal["driver", "vehicle", "layer"]
 
-SPAN: Final = 2.0
+SPAN: Final = 4.0
 """A parameter without stated bounds is searched from its value over this to its value times it."""
 _HALVINGS: Final = 20
 _FITTED_LAYERS: Final = ("delay",)  # noise differs from drive to drive, and a view may be endless
@@ -108,6 +108,8 @@ class Model:
         if not asked:
             raise FreneticError("nothing is to be fitted: name parameters, as in --fit braking")
         made, _ = model.make({}, Rules())
+        if brought := getattr(under_layers(made), "VEHICLE", None):
+            model = replace(model, vehicle={"name": brought, **model.vehicle})
         starts = _starts(made if not model.layers else driver_of(driver, model.driver_options, {}))
         car = Vehicle.of(model.vehicle)
         known: dict[str, float] = {f"driver.{name}": value for name, value in starts.items()}

@@ -39,6 +39,8 @@ GRID: Final = 2.0
 """Distance along the road between two places where drives are compared, in m."""
 MAX_ROWS: Final = 200_000
 """Most drives of a table."""
+MAX_BYTES: Final = 2**30
+"""Most bytes of a file."""
 
 _TABLES: Final = (".jsonl", ".ndjson", ".csv", ".parquet")
 _RUN: Final = ("recording", "search", "run")
@@ -276,15 +278,17 @@ def _rows(table: Path) -> Iterator[Mapping[str, Any]]:
     suffix = table.suffix.lower()
     if suffix == ".parquet":
         try:
-            import pyarrow.parquet as parquet  # an extra
+            import pyarrow  # an extra
+            import pyarrow.parquet as parquet
         except ImportError:
             raise FreneticError(
                 f"{table}: reading Parquet needs pyarrow: pip install 'frenetic-roads[tables]'"
             ) from None
+        _check_size(table)
         try:
             for batch in parquet.ParquetFile(table).iter_batches():
                 yield from batch.to_pylist()
-        except (OSError, ValueError, parquet.lib.ArrowException) as error:
+        except (OSError, ValueError, pyarrow.ArrowException) as error:
             raise FreneticError(f"{table} is no table in Parquet: {error}") from None
     elif suffix == ".csv":
         csv.field_size_limit(2**26)
@@ -317,8 +321,14 @@ def _trajectories(rows: Iterable[Mapping[str, Any]]) -> dict[str, dict[str, list
     return found
 
 
+def _check_size(path: Path) -> None:
+    if path.stat().st_size > MAX_BYTES:
+        raise FreneticError(f"{path} has more than {MAX_BYTES:,} bytes: split it")
+
+
 def _read(path: Path) -> str:
     try:
+        _check_size(path)
         return path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise FreneticError(f"{path} cannot be read: {error.strerror or error}") from None
@@ -411,7 +421,7 @@ def _with_width(road: Road, terms: Terms) -> Road:
 def _number(entries: Mapping[str, Any], name: str, where: object) -> float:
     try:
         value = float(entries[name])
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         value = math.nan
     if not math.isfinite(value):
         raise FreneticError(f"{where}: its {name} is {shown(entries[name])}: a number is needed")
@@ -420,9 +430,12 @@ def _number(entries: Mapping[str, Any], name: str, where: object) -> float:
 
 def _array(values: object, where: object, what: str) -> FloatArray:
     try:
-        return np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise FreneticError(f"{where}: {what} is not a list of numbers") from None
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        array = np.empty(())
+    if array.ndim != 1:
+        raise FreneticError(f"{where}: {what} is not a list of numbers")
+    return array
 
 
 def _trajectory(given: Any, where: object) -> tuple[FloatArray, FloatArray]:
@@ -430,14 +443,13 @@ def _trajectory(given: Any, where: object) -> tuple[FloatArray, FloatArray]:
     if isinstance(given, Mapping):
         if missing := [name for name in ("time", "x", "y") if name not in given]:
             raise FreneticError(f"{where}: its trajectory has no {missing[0]}")
-        columns = [_array(given[name], where, f"its {name}") for name in ("time", "x", "y")]
-        speed = _array(given.get("speed", []), where, "its speed")
+        entries = given
+    elif isinstance(given, list) and all(isinstance(row, list) and len(row) > 2 for row in given):
+        entries = {name: [row[i] for row in given] for i, name in enumerate(("time", "x", "y"))}
     else:
-        is_rows = isinstance(given, list) and all(isinstance(row, list) for row in given)
-        rows = _array([row[:3] for row in given] if is_rows else None, where, "its trajectory")
-        if rows.ndim != 2 or rows.shape[1] != 3:
-            raise FreneticError(f"{where}: its trajectory is no list of [time, x, y]")
-        columns, speed = list(rows.T), np.empty(0)
+        raise FreneticError(f"{where}: its trajectory is no list of [time, x, y]")
+    columns = [_array(entries[name], where, f"its {name}") for name in ("time", "x", "y")]
+    speed = _array(entries.get("speed", []), where, "its speed")
     n = len(columns[0])
     if any(column.shape != (n,) for column in columns) or len(speed) not in (0, n) or n < 2:
         raise FreneticError(f"{where}: its trajectory needs as many times as places, two or more")
@@ -476,7 +488,7 @@ def _competition_records(
         along = [[v[:2] for v in one] for one in (vel, ahead)]
         vectors = np.array(along, dtype=np.float64)
         speed = np.prod(vectors, axis=0).sum(axis=1)
-    except (TypeError, ValueError, IndexError, KeyError):
+    except (TypeError, ValueError, OverflowError, IndexError, KeyError):
         raise FreneticError(f"{where}: its execution_data are no records of a drive") from None
     for name, values in zip(("vel", "dir"), vectors, strict=True):
         if len(odd := np.flatnonzero(~np.isfinite(values).all(axis=1))):

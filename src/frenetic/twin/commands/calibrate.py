@@ -67,7 +67,8 @@ class Fits(Range):
     multiple=True,
     required=True,
     help="Parameters to fit: options of the driver, vehicle.NAME or layer.delay, such as"
-    " --fit aggression,braking=1:4,vehicle.friction. [default bounds: half to twice the value]",
+    " --fit aggression,braking=1:4,vehicle.friction. [default bounds: a quarter of the value to"
+    " four times it]",
 )
 @click.option(
     "--vehicle",
@@ -286,8 +287,8 @@ def _print(result: Calibration, out: Path, page: Path) -> None:
         )
     if twin.departure_gap is not None and twin.near_departures is not None:
         click.echo(
-            f"Both leave the lane in {twin.common_departures} drives, {twin.departure_gap:.0f} m"
-            f" apart (median), {twin.near_departures:.0%} within 20 m"
+            f"Both leave the lane in {counted(twin.common_departures, 'drive')},"
+            f" {twin.departure_gap:.0f} m apart (median), {twin.near_departures:.0%} within 20 m"
         )
     click.echo(result.answer)
     click.echo(f"Profile:     {out}")
