@@ -213,7 +213,7 @@ def test_only_the_driver_may_differ(campaign: Path, tmp_path: Path) -> None:
         budget=Budget(simulations=2),
         folder=tmp_path / "new",
     ).run()
-    with pytest.raises(CampaignError, match=r"differ in simulator Emb.*, map size: only"):
+    with pytest.raises(CampaignError, match=r"differ in simulator emb.*, map size: only"):
         plan(campaign, tmp_path / "new")
     with pytest.raises(CampaignError, match="is there twice"):
         plan(campaign, campaign)
@@ -237,7 +237,7 @@ def test_an_older_version_of_the_simulator_does_not_matter(
 
 
 def test_a_version_is_not_compared_with_itself(campaign: Path) -> None:
-    with pytest.raises(CampaignError, match="both versions are the same, Planner"):
+    with pytest.raises(CampaignError, match="both versions are the same, planner"):
         back_to_back(campaign, None, EmbeddedSimulator(), Planner(), Planner(), fresh=1)
 
 

@@ -476,14 +476,14 @@ def test_failures_in_other_simulators_are_shown(searched: Path, tmp_path: Path) 
     there = rerun(folder, EmbeddedSimulator(friction=0.8), Planner(), tests=failures)
     (section,) = [one for one in sections_of(folder) if one["id"] == "elsewhere"]
     text, table, pictures = section["blocks"]
-    told = "Planner in EmbeddedSimulator, friction 0.8: 3 fail again (3 elsewhere)."
+    told = "planner in embedded, friction 0.8: 3 fail again (3 elsewhere)."
     assert text["text"].startswith(told)
     assert [row[0] for row in table["rows"]] == [str(number) for number in failures]
     assert table["links"] == [f"#test-{number}" for number in failures]
     assert pictures["kind"] == "elsewhere"
     assert (pictures["here"], pictures["there"]) == (
-        "EmbeddedSimulator",
-        "EmbeddedSimulator, friction 0.8",
+        "embedded",
+        "embedded, friction 0.8",
     )
     for one, shown in zip(there.tests, pictures["drives"], strict=True):
         assert (shown["test"], shown["agreement"]) == (one.id, one.verdict)
