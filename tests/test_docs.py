@@ -113,6 +113,13 @@ def test_code_runs(page: Path, interpreter: Interpreter, tmp_path: Path) -> None
         PROMISES[page.name](tmp_path)
 
 
+def test_the_search_of_the_readme_runs_again(interpreter: Interpreter, tmp_path: Path) -> None:
+    kinds = BLOCK.findall((ROOT / "README.md").read_text(encoding="utf-8"))
+    search = shortened(next(text for kind, text in kinds if kind == "python"))
+    for _ in range(2):
+        run_python(search, interpreter, tmp_path)
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_links_lead_somewhere(page: Path) -> None:
     for target in LINK.findall(page.read_text(encoding="utf-8")):

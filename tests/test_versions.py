@@ -239,10 +239,10 @@ def test_layers_and_built_in_parts_have_declared_versions(monkeypatch: pytest.Mo
     monkeypatch.setattr(Planner, "BEHAVIOUR", 2)
     assert differences("driver", before, describe(load_driver("planner", delay=0.2))) == (
         "driver Delayed: seconds is 0.2, it was 0.1",
-        "driver Planner: it is version 2, it was version 1",
+        "driver planner: it is version 2, it was version 1",
     )
     assert differences("driver", before, describe(load_driver("stanley"))) == (
-        "driver is Stanley, it was Delayed",
+        "driver is stanley, it was Delayed",
     )
 
 

@@ -519,3 +519,22 @@ SIMULATORS: Final = Registry(
     },
     ("drive", "__enter__", "__exit__"),
 )
+
+
+def part_name(described: object) -> str:
+    """The name of a part, as `frenetic.spec.describe` gives it: that on the command line.
+
+    A driver made of a file has the file's name, and what is not ours that of its class.
+    """
+    part = described if isinstance(described, Mapping) else {}
+    module, _, kind = str(part.get("class", "")).rpartition(":")
+    for registry in (STRATEGIES, DRIVERS, SIMULATORS):
+        named = {name: target for name, (target, _) in registry.built_in.items()}
+        for name, target in {**named, **registry.files}.items():
+            package, _, attribute = target.partition(":")
+            if kind == attribute and f"{module}.".startswith(f"{package}."):
+                options = part.get("options")
+                texts = map(str, options.values()) if isinstance(options, Mapping) else ()
+                made_of = (text for text in texts if text.lower().endswith(name))
+                return name if name in named else re.split(r"[/\\]", next(made_of, kind))[-1]
+    return kind or "unknown"

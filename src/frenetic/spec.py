@@ -43,6 +43,7 @@ from frenetic.registry import (
     Registry,
     arguments_of,
     options_of,
+    part_name,
 )
 from frenetic.versions import (
     differences,
@@ -842,26 +843,23 @@ def _is_numeric(value: object) -> bool:
 
 
 def part_text(part: object, recorded: object = None) -> str:
-    """A driver or simulator in words, such as ``Planner, delayed (seconds 0.05)``.
+    """A driver or simulator in words, such as ``planner, delayed (seconds 0.05)``.
 
     Args:
         part: as `describe` gives it; the name is that of the driver under its layers.
         recorded: another one of the same class, whose differing options are added.
     """
     *layers, inner = over_each_other(part)
-    texts = [_class_of(inner)]
+    texts = [part_name(inner)]
     own = innermost(recorded)
-    if _class_of(own) == _class_of(inner):
+    if part_name(own) == part_name(inner):
         theirs = dict(_options_of(own))
         texts += _in_words({k: v for k, v in _options_of(inner) if theirs.get(k) != v})
     for layer in layers:
         told = ", ".join(_in_words(dict(_options_of(layer))))
-        texts.append(f"{_class_of(layer).lower()} ({told})" if told else _class_of(layer).lower())
+        name = part_name(layer).lower()
+        texts.append(f"{name} ({told})" if told else name)
     return ", ".join(texts)
-
-
-def _class_of(part: Mapping[str, Any]) -> str:
-    return str(part.get("class", "")).rpartition(":")[2] or "unknown"
 
 
 def _options_of(part: Mapping[str, Any], name: str = "options") -> Iterator[tuple[str, object]]:

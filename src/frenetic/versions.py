@@ -25,7 +25,7 @@ from types import FunctionType
 from typing import Any, Final
 
 from frenetic.errors import describe_error
-from frenetic.registry import USER_MODULE, is_local, made_by
+from frenetic.registry import USER_MODULE, is_local, made_by, part_name
 
 SHORT: Final = 8
 """Characters of a digest for people."""
@@ -308,7 +308,7 @@ def differences(kind: str, recorded: object, ours: object) -> tuple[str, ...]:
     """How a described part differs from a recorded one, with those under it, each in words."""
     old, new = (one if isinstance(one, Mapping) else {} for one in (recorded, ours))
     if old.get("class") != new.get("class"):
-        return (f"{kind} is {_name(new)}, it was {_name(old)}",)
+        return (f"{kind} is {part_name(new)}, it was {part_name(old)}",)
     texts = [
         f"{name} is {_shown(theirs.get(name))}, it was {_shown(mine.get(name))}"
         for mine, theirs in [(old.get("options") or {}, new.get("options") or {})]
@@ -317,7 +317,7 @@ def differences(kind: str, recorded: object, ours: object) -> tuple[str, ...]:
     ]
     if old.get("version") != new.get("version"):
         texts.append(f"it is {new.get('version')}, it was {old.get('version')}")
-    found = tuple(f"{kind} {_name(new)}: {text}" for text in texts)
+    found = tuple(f"{kind} {part_name(new)}: {text}" for text in texts)
     if "driver" in old or "driver" in new:
         found += differences(kind, old.get("driver"), new.get("driver"))
     return found
@@ -332,8 +332,8 @@ def other_version(kind: str, recorded: object, ours: object) -> str:
     if old.get("class") != new.get("class") or old.get("version") == new.get("version"):
         return ""
     return (
-        f"{kind} {_name(new)} is another version than the campaign's: it is {new.get('version')},"
-        f" it was {old.get('version')}"
+        f"{kind} {part_name(new)} is another version than the campaign's: it is"
+        f" {new.get('version')}, it was {old.get('version')}"
     )
 
 
@@ -346,10 +346,6 @@ def short_version(described: object) -> str:
     """The version of a described part; empty if it is not recorded."""
     version = described.get("version") if isinstance(described, Mapping) else None
     return str(version or "")
-
-
-def _name(described: Mapping[str, Any]) -> str:
-    return str(described.get("class", "nothing")).rpartition(":")[2]
 
 
 def _shown(value: object) -> str:

@@ -192,7 +192,7 @@ def test_repeats_under_noise_have_other_errors_each_the_same_for_both(campaign: 
 
 
 def test_a_version_is_not_compared_with_itself(campaign: Path) -> None:
-    with pytest.raises(CampaignError, match="both versions are the same, Planner"):
+    with pytest.raises(CampaignError, match="both versions are the same, planner"):
         back_to_back(campaign, EmbeddedSimulator(), Planner(), Planner(), fresh=1)
 
 

@@ -89,7 +89,7 @@ def test_all_measures_are_compared_and_those_that_say_the_same_told_once(
 
 
 def test_what_all_campaigns_have_in_common_is_told(comparison: Comparison) -> None:
-    assert comparison.shared["driver"] == "Planner"
+    assert comparison.shared["driver"] == "planner"
     assert comparison.shared["budget"] == f"simulations {SIMULATIONS}"
     assert "strategy" not in comparison.shared
 
@@ -302,9 +302,11 @@ def test_campaigns_that_differ_in_the_seed_only_are_grouped_under_telling_names(
     repeats: Path,
 ) -> None:
     groups = group_campaigns(find_campaigns(repeats))
-    assert list(groups) == ["Frenetic2021", "RandomSearch"]
-    assert [folder.name for folder in groups["Frenetic2021"]] == [f"frenetic-{i}" for i in range(5)]
-    assert len(groups["RandomSearch"]) == 5
+    assert list(groups) == ["frenetic-2021", "random"]
+    assert [folder.name for folder in groups["frenetic-2021"]] == [
+        f"frenetic-{i}" for i in range(5)
+    ]
+    assert len(groups["random"]) == 5
 
 
 def made(folder: Path, name: str, seed: int = 1, **options: object) -> Path:
@@ -329,10 +331,10 @@ def test_names_say_what_differs_and_no_more(tmp_path: Path) -> None:
         made(tmp_path, "e", driver=DummyDriver()),
     ]
     assert list(group_campaigns(folders)) == [
-        "Planner(aggression=1.0, braking=2.2)",
-        "Planner(aggression=0.5, braking=3.0)",
-        "Delayed(seconds=0.1) over Planner",
-        "Delayed(seconds=0.2) over Planner",
+        "planner(aggression=1.0, braking=2.2)",
+        "planner(aggression=0.5, braking=3.0)",
+        "Delayed(seconds=0.1) over planner",
+        "Delayed(seconds=0.2) over planner",
         "DummyDriver",
     ]
     budgets = [folders[0], made(tmp_path, "f", budget=Budget(simulations=3))]

@@ -319,6 +319,20 @@ def test_damage_that_no_reader_meets(folder: Path) -> None:
     expect(folder, "SQLite says: ")
 
 
+def test_texts_that_are_no_unicode(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    whole = (folder / DATABASE).read_bytes()
+    broken = "UPDATE test SET reason = CAST(x'ff41' AS TEXT) WHERE id = 2"
+    execute(folder, broken, renew=False)
+    expect(folder, "Could not decode to UTF-8")
+    restore(folder, whole.replace(b"NOT NULL", b"\xffOT NULL", 1))  # SQLite quotes it
+    with pytest.raises(CampaignError, match="is damaged"):
+        check_campaign(folder)
+    with pytest.raises(SystemExit) as stop:
+        main(["check", str(folder)])
+    assert stop.value.code == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
 def test_findings_of_a_test_that_is_not_there(folder: Path) -> None:
     execute(folder, "INSERT INTO finding VALUES (9999, 1, 'lane', 1, 1, 'left', 1, 1, 1, 1)")
     expect(folder, "findings of test 9999, which is missing")

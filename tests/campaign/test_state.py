@@ -61,7 +61,7 @@ def test_a_finished_campaign(tmp_path: Path) -> None:
     shown = json.loads(json.dumps(state.as_json(), allow_nan=False))
     assert (shown["status"], shown["strategy"], shown["driver"], shown["simulator"]) == (
         "finished",
-        "RandomSearch",
+        "random",
         "DummyDriver",
         "DummySimulator",
     )

@@ -593,8 +593,8 @@ def test_hostile_files_are_one_line_each(frenetic: Frenetic) -> None:
 def test_show_a_campaign_and_a_test(frenetic: Frenetic) -> None:
     frenetic("run", "--simulations", "40", "--seed", "3", "--out", "c")
     whole = frenetic("show", "c")
-    assert "Frenetic(seed=3, " in whole.out
-    assert "Planner(aggression=1.0, " in whole.out
+    assert "frenetic(seed=3, " in whole.out
+    assert "planner(aggression=1.0, " in whole.out
     assert "40 simulations" in whole.out
     assert "distinct failure" in whole.out
     counted = frenetic("show", "c", "--json").json

@@ -51,10 +51,10 @@ FRENETIC, RANDOM = ["f-1", "f-2"], ["r-1", "r-2"]
 @pytest.mark.parametrize(
     ("places", "groups"),
     [
-        (["runs"], {"Frenetic": FRENETIC, "RandomSearch": RANDOM}),
+        (["runs"], {"frenetic": FRENETIC, "random": RANDOM}),
         (
             ["runs/f-1", "runs/r-1", "runs/r-2", "runs/f-2"],
-            {"Frenetic": FRENETIC, "RandomSearch": RANDOM},
+            {"frenetic": FRENETIC, "random": RANDOM},
         ),
         (["a=runs/f-1,runs/f-2", "b=runs/r-*"], {"a": FRENETIC, "b": RANDOM}),
         (["a=runs/f-1", "b=runs/r-1", "a=runs/f-2"], {"a": FRENETIC, "b": ["r-1"]}),
@@ -82,9 +82,9 @@ def test_the_table_says_medians_and_what_can_be_said(frenetic: Frenetic) -> None
     answer = frenetic("compare", "runs", "--plot", "a.png")
     assert answer.code == 0
     for words in (
-        "Campaigns: 2 of Frenetic, 2 of RandomSearch",
+        "Campaigns: 2 of frenetic, 2 of random",
         "distinct failures",
-        "Frenetic and RandomSearch: too few repeats to tell",
+        "frenetic and random: too few repeats to tell",
         "Picture: a.png",
     ):
         assert words in answer.out
@@ -166,7 +166,7 @@ def test_json_holds_everything_and_no_infinity(frenetic: Frenetic) -> None:
         (["a=runs/x-*", "runs"], ("runs/x-* stands for no folder",)),
         (["a=", "runs"], ("'a=' is not NAME=FOLDER",)),
         (["a=runs/f-1,runs/f-1", "runs/r-1"], ("runs", "is there twice")),
-        (["Frenetic=runs/r-1", "runs/r-2", "runs/f-1"], ("two groups are called Frenetic",)),
+        (["frenetic=runs/r-1", "runs/r-2", "runs/f-1"], ("two groups are called frenetic",)),
         (["nowhere", "--plot", "a.gif"], ("must end with .png",)),
         (["runs", "--table", "a.txt"], ("must end with .csv or .md",)),
         (["runs", "--html", "nowhere/a.html"], ("cannot be written",)),

@@ -60,12 +60,12 @@ def test_a_failing_road_is_driven_as_the_campaign_drove_it(frenetic: Frenetic, r
     assert (again["moobd"], again["findings"]) == (document["moobd"], [document["departure"]])
     assert again["outcome"] == "FAIL"
     assert again["driver"] == document["driver"]
-    assert "driver     Bold, delayed (seconds 0.02) in Emb" in frenetic("drive", str(road)).out
+    assert "driver     Bold, delayed (seconds 0.02) in emb" in frenetic("drive", str(road)).out
 
 
 def test_another_driver_is_named_beside_the_recorded_one(frenetic: Frenetic, road: Path) -> None:
     answer = frenetic("drive", str(road), "--driver", "planner", "--with", "delay=0")
-    assert "driver     Planner in EmbeddedSimulator; recorded with Bold, delayed" in answer.out
+    assert "driver     planner in embedded; recorded with Bold, delayed" in answer.out
 
 
 def test_an_edited_driver_is_run_only_if_it_is_named_and_said_to_be_another_version(
@@ -93,7 +93,7 @@ def test_a_file_without_its_record_says_who_drove(frenetic: Frenetic, road: Path
     del document["driven"]
     road.write_text(json.dumps(document), encoding="utf-8")
     answer = frenetic("drive", str(road))
-    assert "driver     Planner in EmbeddedSimulator; recorded with Bold, delayed" in answer.out
+    assert "driver     planner in embedded; recorded with Bold, delayed" in answer.out
 
 
 def test_minimising_a_failing_road_drives_as_the_campaign_did(

@@ -77,7 +77,7 @@ def test_a_finished_campaign_is_shown_once(
     assert (code, err) == (0, "")
     facts = dict(line.split(maxsplit=1) for line in out.splitlines())
     assert facts["status"] == "finished"
-    assert facts["search"].startswith("RandomSearch, DummyDriver, DummySimulator, seed 2, process ")
+    assert facts["search"].startswith("random, DummyDriver, DummySimulator, seed 2, process ")
     assert facts["budget"].startswith("100.0% spent, ")
     assert facts["results"] == summary.in_words()
     assert "tests/s overall, best MOOBD -" in facts["rate"]
@@ -180,7 +180,7 @@ def test_on_a_terminal_there_is_one_screen_that_changes(tmp_path: Path) -> None:
             if not data:
                 break
             shown += data
-            if b"RandomSearch" in shown and not has_ended:
+            if b"random" in shown and not has_ended:
                 has_ended = True
                 running.finish()
         process.wait(LIMIT)
@@ -233,7 +233,7 @@ def test_the_screen_says_what_matters(state: CampaignState) -> None:
         "of all 40: 39 driving, 1 lost",
         state.failures[-1].message[:60],
         "test 5 broke: [red]odd[/red] \\x1b[2J",
-        "RandomSearch, DummyDriver, DummySimulator, seed 2, process ",
+        "random, DummyDriver, DummySimulator, seed 2, process ",
     ):
         assert words in text, words
 

@@ -473,14 +473,14 @@ def test_failures_in_other_simulators_are_shown(searched: Path, tmp_path: Path) 
         report = campaign_report(store)
     text, table, pictures = section_of(report, "elsewhere").blocks
     assert isinstance(text, Paragraph)
-    told = "Planner in EmbeddedSimulator, friction 0.8: 3 fail again (3 elsewhere)."
+    told = "planner in embedded, friction 0.8: 3 fail again (3 elsewhere)."
     assert text.text.startswith(told)
     assert isinstance(table, Table)
     assert [row[0] for row in table.rows] == [str(number) for number in failures]
     assert table.links == tuple(f"#test-{number}" for number in failures)
     data = block_of(page_of(write_report(folder)).data, "elsewhere")
     assert data == json.loads(json.dumps(to_json(pictures)))
-    assert (data["here"], data["there"]) == ("EmbeddedSimulator", "EmbeddedSimulator, friction 0.8")
+    assert (data["here"], data["there"]) == ("embedded", "embedded, friction 0.8")
     for one, shown in zip(there.tests, data["drives"], strict=True):
         assert (shown["test"], shown["agreement"]) == (one.id, one.verdict)
         trajectory = one.drives[0].test.trajectory

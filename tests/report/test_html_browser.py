@@ -746,7 +746,7 @@ def test_a_failure_in_another_simulator_is_replayed_beside_the_campaigns(
     expect(cards.first).to_contain_text(there.tests[0].verdict)
     cards.first.click()
     expect(page.locator("#player-title")).to_contain_text(f"Test {failures[0]} ")
-    expect(page.get_by_role("dialog")).to_contain_text("EmbeddedSimulator, friction 0.8: ")
+    expect(page.get_by_role("dialog")).to_contain_text("embedded, friction 0.8: ")
     expect(page.locator(".stage-main path.other")).to_have_count(1)
     ghost = page.locator(".stage-main .ghost")
     before = ghost.get_attribute("transform")

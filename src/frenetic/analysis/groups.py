@@ -14,6 +14,7 @@ from frenetic.campaign.earlier import FACT
 from frenetic.campaign.objective import MOOBD
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
+from frenetic.registry import part_name
 from frenetic.versions import short_version
 
 PARTS: Final = (
@@ -121,12 +122,12 @@ def _word(part: str, value: Any, others: Sequence[Any]) -> str:
         return f"{part}={value}"
     if "class" not in value:
         return _settings(value, others)
-    alike = [o for o in others if isinstance(o, dict) and o.get("class") == value["class"]]
+    parts = [one for one in others if isinstance(one, dict) and "class" in one]
+    named = [one for one in parts if part_name(one) == part_name(value)]
+    alike = [one for one in named if one["class"] == value["class"]]
     own, inner = value.get("options"), value.get("driver")
     settings = _settings(own, [o.get("options") for o in alike]) if isinstance(own, dict) else ""
-    word = str(value["class"])
-    if not any(other != word and _short(other) == _short(word) for other in _classes(others)):
-        word = _short(word)
+    word = part_name(value) if named == alike else str(value["class"])
     word += f"({settings})" if settings else ""
     version = _version(value)
     if any(_version(other) != version for other in alike):
@@ -134,15 +135,6 @@ def _word(part: str, value: Any, others: Sequence[Any]) -> str:
     if isinstance(inner, dict):
         word += f" over {_word(part, inner, [o.get('driver') for o in alike])}"
     return word
-
-
-def _classes(parts: Sequence[Any]) -> list[str]:
-    return [str(part["class"]) for part in parts if isinstance(part, dict) and "class" in part]
-
-
-def _short(name: str) -> str:
-    """A class without its module or file."""
-    return name.rpartition(":")[2]
 
 
 def _version(part: Mapping[str, Any]) -> str:

@@ -23,6 +23,7 @@ from frenetic.campaign.log import LOG, LogEvent, WorkerState
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Summary
 from frenetic.errors import CampaignError
+from frenetic.registry import part_name
 from frenetic.spec import Budget, decode_budget
 
 RATE_WINDOW: Final = 60.0
@@ -284,6 +285,6 @@ def name_of(part: object) -> str | None:
     """The name of a part as the log describes it, with that of the driver under it."""
     if not isinstance(part, dict):
         return None
-    name = printable(str(part.get("class", "?"))).rpartition(":")[2]
+    name = printable(part_name(part))
     inner = name_of(part.get("driver"))
     return f"{name} over {inner}" if inner else name

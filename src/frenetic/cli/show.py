@@ -33,6 +33,7 @@ from frenetic.cli.options import (
 )
 from frenetic.errors import FreneticError
 from frenetic.outcome import Outcome
+from frenetic.registry import part_name
 from frenetic.spec import earlier_of
 from frenetic.versions import short_version
 
@@ -254,9 +255,7 @@ def _part(described: object) -> str:
         for name, value in (options.items() if isinstance(options, Mapping) else ())
         if not isinstance(value, Mapping)
     )
-    text = str(described.get("class", "unknown")).rpartition(":")[2] + (
-        f"({shown})" if shown else ""
-    )
+    text = part_name(described) + (f"({shown})" if shown else "")
     version = short_version(described)
     text += f" [{version}]" if version else ""
     inner = described.get("driver")

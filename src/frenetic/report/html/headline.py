@@ -16,6 +16,7 @@ from frenetic.campaign.counts import Counts
 from frenetic.campaign.objective import in_words
 from frenetic.campaign.summary import facts_in_words
 from frenetic.quantities import quantities
+from frenetic.registry import part_name
 from frenetic.report.html.blocks import Fact, Role, percent
 from frenetic.spec import earlier_of
 from frenetic.versions import innermost, short_version
@@ -161,7 +162,7 @@ def _named(config: Mapping[str, JSONValue], part: str) -> str:
     described = config.get(part)
     if not isinstance(described, Mapping):
         return f"an unknown {part}"
-    name = str(described.get("class", f"an unknown {part}")).rpartition(":")[2]
+    name = part_name(described)
     return f"{name} over {_named(described, 'driver')}" if "driver" in described else name
 
 
