@@ -482,7 +482,7 @@ BROKEN = {
         "import sys\nsys.exit(2)",
     ),
     "importing mine fails: SyntaxError": ("mine:Mine", "def"),
-    "give it as package.module with --path": ("mine.py:Mine", "from . import other"),
+    "give it as package.module, with a path": ("mine.py:Mine", "from . import other"),
     "mine has no class 'Mine', did you mean 'Mime'? Its classes with a method start: Mime": (
         "mine:Mine",
         "class Mime:\n    def start(self): ...",

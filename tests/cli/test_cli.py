@@ -421,7 +421,7 @@ def test_a_driver_that_cannot_drive_there_is_refused_before_anything_is_made(
     frenetic: Frenetic,
 ) -> None:
     answer = frenetic("run", "--driver", "metadrive-idm", "--simulations", "6", "--out", "c")
-    refused(answer, "metadrive-idm drives in MetaDrive only: add --simulator metadrive")
+    refused(answer, "metadrive-idm drives in MetaDrive only: choose the simulator metadrive")
     parts = ["--simulator", "metadrive", "--driver", "metadrive-idm", "--with", "noise=0.1"]
     refused(frenetic("run", *parts, "--out", "c"), "leave them out")
     assert not Path("c").exists()

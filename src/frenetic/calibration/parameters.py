@@ -106,7 +106,7 @@ class Model:
         """
         model = cls(driver, dict(driver_options or {}), dict(vehicle or {}), dict(layers or {}), ())
         if not asked:
-            raise FreneticError("nothing is to be fitted: name parameters, as in --fit braking")
+            raise FreneticError("nothing is to be fitted: name parameters, such as braking")
         made, _ = model.make({}, Rules())
         starts = _starts(made if not model.layers else driver_of(driver, model.driver_options, {}))
         car = Vehicle.of(model.vehicle)

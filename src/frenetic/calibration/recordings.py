@@ -148,8 +148,8 @@ def read_recordings(places: Iterable[Path | str], given: Terms | None = None) ->
         words = " and ".join(f"{k} {getattr(one, k):g} and {getattr(other, k):g}" for k in differ)
         raise FreneticError(
             f"{first} and {second} were driven under different terms ({words}): calibrate them one"
-            " by one, or say which terms hold for all, as in"
-            f" --{differ[0].replace('_', '-')} {getattr(one, differ[0]):g}"
+            " by one, or say which hold for all, such as"
+            f" {differ[0].replace('_', ' ')} {getattr(one, differ[0]):g}"
         )
     return Recordings(tuple(drives), next(iter(found)), digests, skipped)
 
