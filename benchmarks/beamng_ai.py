@@ -55,7 +55,7 @@ SERVICE: Final = Planner(
     lookahead_min=2.19,
     speed_gain=0.517,
 )
-"""The driver of `frenetic rank-service`."""
+"""The driver of `frenetic rank --serve`."""
 
 
 def points_of(curvatures: FloatArray) -> FloatArray:
@@ -219,7 +219,7 @@ def trajectories(folder: Path, most: int | None) -> None:
         " medians over drives"
     )
     print(
-        f"AUC of the planner of rank-service, which was tuned on these drives:"
+        f"AUC of the planner of rank --serve, which was tuned on these drives:"
         f" {auc(-np.array(moobds), np.array(failures)):.3f}; of the road's length alone:"
         f" {auc(np.array(lengths), np.array(failures)):.3f}"
     )

@@ -1,6 +1,6 @@
 """MAP-Elites, CMA-MAE and CMA-ES of pyribs over our roads: peers for a bench.
 
-    pip install "frenetic-roads[peers]"
+    pip install ".[peers]"
     frenetic bench --strategy benchmarks/ribs_search.py:RibsSearch --option algorithm=cma-mae \
         --strategy frenetic
 

@@ -482,7 +482,7 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path, below: str) -> None:
     (tmp_path / "file").write_text("precious")
     with pytest.raises(CampaignError, match="cannot make the folder") as caught:
         CampaignStore.create(tmp_path / below, CONFIG)
-    assert "--out" in one_line(caught)
+    assert "choose another place" in one_line(caught)
     assert (tmp_path / "file").read_text() == "precious"
 
 

@@ -187,7 +187,7 @@ def test_run_refuses_a_simulator_whose_package_is_missing_and_leaves_nothing(
     monkeypatch.setitem(sys.modules, "metadrive", None)
     options = ("run", "--simulator", "metadrive", "--simulations", "1", "--out", "c")
     answer = frenetic(*options)
-    refused(answer, 'needs the package metadrive: pip install "frenetic-roads[metadrive]"')
+    refused(answer, 'needs the package metadrive: pip install ".[metadrive]"')
     assert "go on" not in answer.err
     assert not Path("c").exists()
     elsewhere = frenetic(*options, "--workers", "tcp://nowhere:1")

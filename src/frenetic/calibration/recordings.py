@@ -23,6 +23,7 @@ from threadpoolctl import threadpool_limits
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.files import require_list
+from frenetic._support.words import pip_install
 from frenetic.analysis.groups import find_campaigns
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.store import CampaignStore
@@ -279,7 +280,7 @@ def _rows(table: Path) -> Iterator[Mapping[str, Any]]:
             import pyarrow.parquet as parquet  # an extra
         except ImportError:
             raise FreneticError(
-                f"{table}: reading Parquet needs pyarrow: pip install 'frenetic-roads[tables]'"
+                f"{table}: reading Parquet needs pyarrow: {pip_install('tables')}"
             ) from None
         try:
             for batch in parquet.ParquetFile(table).iter_batches():
