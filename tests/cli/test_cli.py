@@ -695,6 +695,16 @@ def test_help_of_every_command_needs_nothing_that_takes_time() -> None:
     assert done.stdout.count("Usage: ") == len(COMMANDS)
 
 
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_fits_on_a_screen(
+    frenetic: Frenetic, command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    lines = frenetic(command, "--help").out.splitlines()
+    assert len(lines) <= 50
+    assert max(map(len, lines)) <= 80
+
+
 def test_a_command_is_called_like_its_module() -> None:
     with click.Context(cli, info_name="frenetic") as context:
         for name, row in COMMANDS.items():
