@@ -219,7 +219,7 @@ def trajectories(folder: Path, most: int | None) -> None:
         " medians over drives"
     )
     print(
-        f"AUC of the planner of rank, which was tuned on these drives:"
+        f"AUC of the planner of rank --serve, which was tuned on these drives:"
         f" {auc(-np.array(moobds), np.array(failures)):.3f}; of the road's length alone:"
         f" {auc(np.array(lengths), np.array(failures)):.3f}"
     )

@@ -160,7 +160,7 @@ def measured_steps(campaign: Path, parent: Path) -> Iterator[tuple[str, Measured
             arguments = [argument.format(campaign=campaign) for argument in step]
         else:
             arguments = [*FRENETIC, "export", str(campaign), "--out", str(out)]
-            arguments += ["--format", step[0], "--trajectories", step[1]]
+            arguments += ["--format", f"{step[0]},trajectories={step[1]}"]
         result = run(arguments)
         yield name, result, sum(file.stat().st_size for file in out.glob("*"))
 

@@ -1,7 +1,7 @@
 """MAP-Elites, CMA-MAE and CMA-ES of pyribs over our roads: peers for a bench.
 
-    pip install "frenetic-roads[peers]"
-    frenetic bench --strategy benchmarks/ribs_search.py:RibsSearch --option algorithm=cma-mae \
+    pip install ".[peers]"
+    frenetic bench --strategy benchmarks/ribs_search.py:RibsSearch,algorithm=cma-mae \
         --strategy frenetic
 
 pyribs (PyPI: ribs) is the library of quality diversity algorithms. Its archives and emitters run

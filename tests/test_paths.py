@@ -105,7 +105,7 @@ def test_a_bench(tmp_path: Path) -> None:
     for read in (Bench.open, read_bench):
         with pytest.raises(FreneticError, match="holds no bench"):
             read(here)
-    with pytest.raises(FreneticError, match="--path must be a folder"):
+    with pytest.raises(FreneticError, match="its path must be a folder"):
         RECIPES["swat-2021"].entrant(here, python=python)
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
+from frenetic._support.words import pip_install
 from frenetic.errors import FreneticError
 from frenetic.registry import SIMULATORS
 from frenetic.simulators.capabilities import capabilities, usual
@@ -88,8 +89,7 @@ def examine_all() -> Iterator[Examination]:
         try:
             factory = SIMULATORS.load(entry.name)
             if usual(factory).missing:
-                note = f'pip install "frenetic-roads[{entry.name}]"'
-                yield Examination(entry.name, Health.NOT_INSTALLED, (), note)
+                yield Examination(entry.name, Health.NOT_INSTALLED, (), pip_install(entry.name))
                 continue
             yield examine(entry.name)
         except FreneticError as error:

@@ -95,7 +95,7 @@ NUMBERS: Final = (
     Number(
         "oob_tolerance",
         0.95,
-        "Share of the car that may be outside its lane, above 0 and up to 1.",
+        "Share of the car that may leave its lane, above 0 up to 1.",
         "SHARE",
         "Another tolerance.",
     ),
@@ -364,7 +364,7 @@ class Spec:
         except ValueError as error:
             raise FreneticError(
                 f"{source}: its entry {DRIVEN!r} does not say with what the road was driven:"
-                f" {error}; remove the entry and give --driver"
+                f" {error}; remove the entry and name a driver"
             ) from None
 
     @classmethod

@@ -132,7 +132,8 @@ def test_a_generator_works_in_a_copy_of_its_folder(
     assert not (GENERATORS / "own_files" / "tool" / "outcomes.txt").exists()
     entrant = next(one for one in bench.entrants if one.name == "AtHome")
     assert Entrant.from_json(entrant.as_json()) == entrant
-    assert entrant.words()[2:6] == ["--path", str(entrant.path), "--copy", str(entrant.copy)]
+    word = f"{entrant.spec},path={entrant.path},copy={entrant.copy},name={entrant.name}"
+    assert entrant.words() == ["--generator", word]
 
 
 @pytest.mark.parametrize("workers", [0, -1, 1.5, True])
@@ -634,7 +635,7 @@ def test_a_second_ctrl_c_ends_the_bench_at_once(tmp_path: Path) -> None:
 def test_a_bench_has_one_folder_and_one_process(tmp_path: Path) -> None:
     bench = bench_of(tmp_path, Entrant(name="random", spec="random", is_strategy=True))
     (tmp_path / "mine.txt").touch()
-    with pytest.raises(FreneticError, match=r"is not empty.*--resume"):
+    with pytest.raises(FreneticError, match=r"is not empty: choose another place"):
         bench.run()
     with pytest.raises(FreneticError, match="holds no bench"):
         bench.run(resume=True)

@@ -76,7 +76,7 @@ def test_a_generator_and_a_strategy_are_held_against_each_other(
 
 
 def test_one_alone_is_measured(frenetic: Frenetic, wiggly: str) -> None:
-    ran = frenetic("bench", "--generator", wiggly, "--name", "[/x] mine", *LEAST)
+    ran = frenetic("bench", "--generator", f'{wiggly},name="[/x] mine"', *LEAST)
     assert ran.code == 0, ran.err
     assert "[/x] mine" in ran.out
     assert "simulations to first failure" in ran.out
@@ -139,58 +139,50 @@ def test_what_is_missing_is_run(frenetic: Frenetic, wiggly: str) -> None:
     assert "4 of 4 runs are complete" in frenetic("bench", "--list", "--out", "b").out
 
 
-def test_options_belong_to_the_entrant_before_them(frenetic: Frenetic, tmp_path: Path) -> None:
+def test_options_follow_their_entrant(frenetic: Frenetic, tmp_path: Path) -> None:
     theirs = tmp_path / "their repository"
     theirs.mkdir()
     (theirs / "road_maker.py").write_text(WIGGLY, encoding="utf-8")
     ran = frenetic(
-        *("bench", "--generator", "road_maker:Wiggly", "--path", str(theirs), "--name", "Theirs"),
-        *("--generator", "random", "--name", "Ours"),
-        *("--strategy", "frenetic", "--option", "threshold=-0.2", "--option", "same=2"),
+        *("bench", "--generator", f"road_maker:Wiggly,path={theirs},name=Theirs"),
+        *("--strategy", "random,name=Ours", "--strategy", "frenetic,threshold=-0.2,same=2"),
         *LEAST,
     )
     assert ran.code == 0, ran.err
     kept = json.loads(Path("b/bench.json").read_text())["entrants"]
-    assert [one["name"] for one in kept] == [
-        "Theirs",
-        "Ours",
-        "frenetic threshold=-0.2 same=2",
-    ]
+    assert [one["name"] for one in kept] == ["Theirs", "Ours", "frenetic,threshold=-0.2,same=2"]
     assert [one["is_strategy"] for one in kept] == [False, True, True]
     assert kept[2]["options"] == {"threshold": -0.2, "same": 2}
 
 
-def test_recipes_are_listed_with_what_they_need(frenetic: Frenetic) -> None:
-    assert "pymoo==0.6.1" in frenetic("bench", "--recipes").out
-    listed = frenetic("bench", "--recipes", "--json").json
+def test_published_generators_are_listed_with_what_they_need(frenetic: Frenetic) -> None:
+    assert "pymoo==0.6.1" in frenetic("bench", "--list").out
+    listed = frenetic("bench", "--list", "--json").json
     assert {"optangle-2024", "crag-2023", "deeper-2021"} <= {one["name"] for one in listed}
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--name", "x", "--strategy", "random"], ["--name belongs after"]),
-        (["--strategy", "random", "--name", "x", "--name", "y"], ["--name is given twice"]),
+        (["--strategy", "name=x"], ["a name is needed before the options"]),
+        (["--strategy", "random,name=x,name=y"], ["the option name is there twice"]),
         (["--strategy", "randon"], ["unknown strategy 'randon'", "did you mean 'random'"]),
         (["--strategy", "random", "--strategy", "random"], ["two take part as 'random'"]),
-        (["--strategy", "random", "--option", "sed=1"], ["has no option 'sed'"]),
-        (["--strategy", "random", "--option", "seed=1"], ["option seed", "not allowed"]),
+        (["--strategy", "random,sed=1"], ["has no option 'sed'"]),
+        (["--strategy", "random,seed=1"], ["option seed", "not allowed"]),
         (["--generator", "nowhere.py:One"], ["One cannot be built", "nowhere.py"]),
         (["--generator", "nowhere:One"], ["One cannot be built", "nowhere"]),
         (["--generator", "wiggly.py:Wigly"], ["Wigly cannot be built", "Wiggly"]),
-        (["--generator", "wiggly.py:Wiggly", "--option", "a=1"], ["only strategies have options"]),
-        (
-            ["--generator", "src.wiggly"],
-            ["'src.wiggly' is not package.module:Class", "--class-name"],
-        ),
-        (["--generator", "wiggly", "--path", "."], ["'wiggly' is not", "add the class"]),
-        (["--strategy", "random", "--copy", "."], ["random is a strategy", "no copy"]),
-        (["--generator", "wiggly.py:Wiggly", "--copy", "no"], ["there is no folder 'no'"]),
-        (["--recipe", "optangle"], ["no recipe 'optangle'", "did you mean 'optangle-2024'"]),
-        (["--recipe", "optangle-2024"], ["OptAngle 2024 has to be there", "branch tools24"]),
-        (["--recipe", "optangle-2024", "--path", "."], ["optangle.py is not there"]),
-        (["--recipe", "rigaa-2023", "--path", "."], ["--seconds-per-test 40"]),
-        (["--recipe", "crag-2024", "--path", ".", "--copy", "."], ["without --copy"]),
+        (["--generator", "wiggly.py:Wiggly,a=1"], ["no option 'a'", "takes path, copy, python"]),
+        (["--generator", "src.wiggly"], ["'src.wiggly' is not package.module:Class", "the class"]),
+        (["--generator", "wiggly"], ["no published generator 'wiggly'", "package.module:Class"]),
+        (["--strategy", "random,copy=."], ["has no option 'copy'"]),
+        (["--generator", "wiggly.py:Wiggly,copy=no"], ["there is no folder 'no'"]),
+        (["--generator", "optangle"], ["generator 'optangle'", "did you mean 'optangle-2024'"]),
+        (["--generator", "optangle-2024"], ["say where its files are", "branch tools24"]),
+        (["--generator", "optangle-2024,path=."], ["optangle.py is not there"]),
+        (["--generator", "rigaa-2023,path=."], ["make a test cost 40 s or more"]),
+        (["--generator", "crag-2024,path=.,copy=."], ["without copy"]),
         (["--simulations", "5", "--time", "2h"], ["--simulations and --time exclude"]),
         (["--time", "10s"], ["allows 0.278 tests", "1 to 10000000"]),
         (["--list", "--strategy", "random"], ["--list without --out"]),
@@ -199,7 +191,7 @@ def test_recipes_are_listed_with_what_they_need(frenetic: Frenetic) -> None:
         (["--resume"], ["--resume needs the folder of a bench"]),
         (["--resume", "--out", "nothing"], ["holds no bench"]),
         (["--list", "--out", "nothing"], ["holds no bench"]),
-        (["--out", "full"], ["is not empty", "--resume"]),
+        (["--out", "full"], ["is not empty", "place with --out"]),
         (["--driver", "plannr"], ["unknown driver 'plannr'"]),
     ],
 )
@@ -215,7 +207,7 @@ def test_mistakes(
 
 def test_a_bench_goes_on_as_it_was_begun(frenetic: Frenetic) -> None:
     frenetic("bench", "--strategy", "random", *LEAST)
-    for option in (["--repeats", "3"], ["--strategy", "frenetic"], ["--name", "x"]):
+    for option in (["--repeats", "3"], ["--strategy", "frenetic"], ["--generator", "a:B"]):
         asked = frenetic("bench", "--resume", "--out", "b", *option)
         assert asked.refuses(option[0], "goes on as it was begun"), asked
     assert frenetic("resume", "b/random/01").refuses("a run of a bench", "--resume --out")
@@ -225,16 +217,6 @@ def test_a_bench_goes_on_as_it_was_begun(frenetic: Frenetic) -> None:
         Path("b/bench.json").write_text(f'{{"version": {version}}}', encoding="utf-8")
         asked = frenetic("bench", "--resume", "--out", "b")
         assert asked.refuses(f"bench.json has format {version}", "reads format 2"), asked
-
-
-def test_who_takes_part_by_name(frenetic: Frenetic) -> None:
-    listed = frenetic("bench", "--list")
-    assert listed.code == 0
-    assert "frenetic.search:Frenetic" in listed.out
-    assert {one["name"] for one in frenetic("bench", "--list", "--json").json} >= {
-        "frenetic",
-        "random",
-    }
 
 
 def test_strategies_are_compared_by_an_objective(frenetic: Frenetic) -> None:

@@ -37,7 +37,7 @@ def test_a_folder_is_called_like_its_entrant() -> None:
 
 
 def test_two_of_one_name_are_refused() -> None:
-    with pytest.raises(FreneticError, match=r"two take part as 'one'.*another --name"):
+    with pytest.raises(FreneticError, match=r"two take part as 'one'.*another name"):
         folder_names([strategy("one"), strategy("one")])
 
 

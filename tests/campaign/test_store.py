@@ -460,7 +460,9 @@ def test_a_reader_writes_nothing_and_a_closed_store_says_so(finished: Path) -> N
 
 def test_a_campaign_is_not_overwritten(finished: Path) -> None:
     before = (finished / DATABASE).read_bytes()
-    with pytest.raises(CampaignError, match=r"already holds a campaign.*--out") as caught:
+    with pytest.raises(
+        CampaignError, match=r"already holds a campaign; choose another place"
+    ) as caught:
         CampaignStore.create(finished, CONFIG)
     assert str(finished) in one_line(caught)
     assert (finished / DATABASE).read_bytes() == before
@@ -480,7 +482,7 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path, below: str) -> None:
     (tmp_path / "file").write_text("precious")
     with pytest.raises(CampaignError, match="cannot make the folder") as caught:
         CampaignStore.create(tmp_path / below, CONFIG)
-    assert "--out" in one_line(caught)
+    assert "choose another place" in one_line(caught)
     assert (tmp_path / "file").read_text() == "precious"
 
 

@@ -227,12 +227,12 @@ def test_a_simulator_that_broke_is_started_again(workers_of: WorkersOf, marks: M
 
 class Lacking(DummySimulator):
     def __enter__(self) -> Self:
-        raise FreneticError('BeamNG is missing: pip install "frenetic-roads[beamng]"')
+        raise FreneticError('BeamNG is missing: pip install ".[beamng]"')
 
 
 def test_a_missing_extra_is_told_in_its_own_words(workers_of: WorkersOf) -> None:
     with (
-        pytest.raises(CampaignError, match=r'pip install "frenetic-roads\[beamng\]"'),
+        pytest.raises(CampaignError, match=r'pip install "\.\[beamng\]"'),
         workers_of(Lacking()) as workers,
     ):
         await_free(workers)

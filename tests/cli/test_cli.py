@@ -187,7 +187,7 @@ def test_run_refuses_a_simulator_whose_package_is_missing_and_leaves_nothing(
     monkeypatch.setitem(sys.modules, "metadrive", None)
     options = ("run", "--simulator", "metadrive", "--simulations", "1", "--out", "c")
     answer = frenetic(*options)
-    refused(answer, 'needs the package metadrive: pip install "frenetic-roads[metadrive]"')
+    refused(answer, 'needs the package metadrive: pip install ".[metadrive]"')
     assert "go on" not in answer.err
     assert not Path("c").exists()
     elsewhere = frenetic(*options, "--workers", "tcp://nowhere:1")
@@ -421,7 +421,7 @@ def test_a_driver_that_cannot_drive_there_is_refused_before_anything_is_made(
     frenetic: Frenetic,
 ) -> None:
     answer = frenetic("run", "--driver", "metadrive-idm", "--simulations", "6", "--out", "c")
-    refused(answer, "metadrive-idm drives in MetaDrive only: add --simulator metadrive")
+    refused(answer, "metadrive-idm drives in MetaDrive only: choose the simulator metadrive")
     parts = ["--simulator", "metadrive", "--driver", "metadrive-idm", "--with", "noise=0.1"]
     refused(frenetic("run", *parts, "--out", "c"), "leave them out")
     assert not Path("c").exists()
@@ -693,6 +693,16 @@ def test_help_of_every_command_needs_nothing_that_takes_time() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert done.stdout.count("Usage: ") == len(COMMANDS)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_fits_on_a_screen(
+    frenetic: Frenetic, command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    lines = frenetic(command, "--help").out.splitlines()
+    assert len(lines) <= 50
+    assert max(map(len, lines)) <= 80
 
 
 def test_a_command_is_called_like_its_module() -> None:

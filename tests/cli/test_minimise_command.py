@@ -314,7 +314,7 @@ def test_place_that_cannot_be_written_is_found_out_before_driving(frenetic: Fren
     Path("name.png").mkdir()
     for out in ("folder", "name.json"):
         answer = frenetic("minimise", "bend.json", "--out", out)
-        refused(answer, "cannot be written: Is a directory; choose another file with --out")
+        refused(answer, "cannot be written: Is a directory; choose another place with --out")
     assert sorted(path.name for path in Path().iterdir()) == [
         "bend.json",
         "file",

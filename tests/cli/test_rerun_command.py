@@ -60,8 +60,8 @@ def test_what_drove_again_is_a_campaign(frenetic: Frenetic, campaign: str) -> No
     assert frenetic("check", "again").code == 0
     assert frenetic("report", "again").code == 0
     other = frenetic("rerun", campaign, *out, "--seed", "1")
-    assert other.refuses("again holds another campaign: choose another --out")
-    assert frenetic("rerun", campaign, *out[:-1], campaign).refuses("another --out")
+    assert other.refuses("again holds another campaign: choose another place with --out")
+    assert frenetic("rerun", campaign, *out[:-1], campaign).refuses("place with --out")
 
 
 def test_a_damaged_one_is_one_line(frenetic: Frenetic, campaign: str) -> None:

@@ -43,7 +43,7 @@ def test_other_strategies_refuse_it_in_a_line(
 ) -> None:
     answer = frenetic("run", "--strategy", strategy, "--from", campaign, "--out", "next")
     assert (answer.code, answer.out) == (2, "")
-    assert "starts from no earlier campaign: leave out --from" in answer.err
+    assert "starts from no earlier campaign: give none" in answer.err
     assert not Path("next").exists()
 
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from frenetic.twin.ranking import Twin
 
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.check import check_campaign
@@ -23,6 +22,7 @@ from frenetic.search import RandomSearch
 from frenetic.simulators.embedded import EmbeddedSimulator, Vehicle
 from frenetic.spec import Part, Spec
 from frenetic.twin.calibration import Asked, Model
+from frenetic.twin.ranking import Twin
 
 if TYPE_CHECKING:
     from command_line import Frenetic

@@ -133,8 +133,8 @@ def test_the_suffix_says_the_format(frenetic: Frenetic, name: str, written: str)
 def test_a_suffix_that_does_not_say_the_format(frenetic: Frenetic) -> None:
     road = write("bend.json", {"curvatures": [0, 0.03, 0]})
     answer = frenetic("export", road, "--out", "r.json")
-    refused(answer, "r.json does not say", "--format from competition, json, beamng")
-    every = "--format from opendrive, competition, csv, json, beamng"
+    refused(answer, "r.json does not say", "a format from competition, json, beamng")
+    every = "a format from opendrive, competition, csv, json, beamng"
     for name in ("r", "r.txt", "xodr"):
         refused(frenetic("export", road, "--out", name), f"{name} does not say", every)
         assert not Path(name).exists()

@@ -231,7 +231,7 @@ def test_what_there_is_not(campaign: Path) -> None:
 
 def test_without_pandas_the_extra_is_named(campaign: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(FreneticError, match=r'pip install "frenetic-roads\[tables\]"'):
+    with pytest.raises(FreneticError, match=r'pip install "\.\[tables\]"'):
         data_frame(campaign)
 
 

@@ -138,8 +138,8 @@ def test_missing_package_is_said_in_one_line() -> None:
         "    print(error)\n"
     )
     assert run(code).splitlines() == [
-        "the simulator metadrive needs the package metadrive:"
-        ' pip install "frenetic-roads[metadrive]"'
+        'the simulator metadrive needs the package metadrive: pip install ".[metadrive]" in the'
+        " clone of Frenetic"
     ]
 
 

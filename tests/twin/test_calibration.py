@@ -298,7 +298,7 @@ def test_a_worker_that_dies_is_named(recordings: Recordings, model: Model) -> No
         assert alone.shape == (1, 2, COLUMNS)
         for process in active_children():
             process.kill()
-        with pytest.raises(FreneticError, match=r"worker \d was lost: it .*--workers 1"):
+        with pytest.raises(FreneticError, match=r"worker \d was lost: it .*with 1 worker"):
             twins.rows([start], np.arange(2))
     assert not active_children()
 

@@ -159,5 +159,5 @@ def test_the_command_serves_in_the_competitions_setting(
 def test_without_grpc_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "grpc", None)
     monkeypatch.delitem(sys.modules, "frenetic.twin.ranking.service")
-    with pytest.raises(FreneticError, match=r"pip install 'frenetic-roads\[service\]'"):
+    with pytest.raises(FreneticError, match=r'pip install "\.\[service\]"'):
         importlib.import_module("frenetic.twin.ranking.service")

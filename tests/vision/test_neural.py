@@ -411,9 +411,7 @@ def test_without_the_extra_the_way_to_it_is_named(
     answering(Path("m.onnx"), 0.0)
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
     answer = frenetic("run", "--driver", "m.onnx", "--simulations", "2", "--out", "c")
-    assert answer.refuses(
-        'a neural network needs onnxruntime: pip install "frenetic-roads[neural]"'
-    )
+    assert answer.refuses('a neural network needs onnxruntime: pip install ".[neural]"')
     assert not Path("c").exists()
 
 

@@ -27,6 +27,11 @@ def present_moment() -> str:
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
+def pip_install(extra: str) -> str:
+    """The words that install an extra of ours, from a clone."""
+    return f'pip install ".[{extra}]" in the clone of Frenetic'
+
+
 def signed(value: float | None, digits: int = 2, none: str = "–") -> str:
     """A number with a proper minus sign; a word of its own for none."""
     return none if value is None else f"{value:.{digits}f}".replace("-", "−")

@@ -76,7 +76,7 @@ def campaign_again(
     if (place / DATABASE).is_file():
         with CampaignStore.open(place) as store:
             if terms_of(store).get("digest") != digest:
-                raise CampaignError(f"{place} holds another campaign: choose another --out")
+                raise CampaignError(f"{place} holds another campaign: choose another place")
     return Campaign(
         strategy=strategy,
         simulator=simulator,

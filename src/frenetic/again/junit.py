@@ -29,7 +29,7 @@ def write_junit(rerun: Rerun, path: Path | str) -> None:
     Raises:
         CampaignError: the file cannot be written.
     """
-    write_file(path, junit(rerun), remedy="choose another file with --junit", error=CampaignError)
+    write_file(path, junit(rerun), remedy="choose another file", error=CampaignError)
 
 
 def junit(rerun: Rerun) -> bytes:

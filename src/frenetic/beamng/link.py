@@ -30,6 +30,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.child_processes import kill_tree
+from frenetic._support.words import pip_install
 from frenetic.beamng.car import CarState
 from frenetic.beamng.scene import MARKING_WIDTH, Scene
 from frenetic.drivers.camera import Camera, Image
@@ -40,7 +41,7 @@ DEFAULT_PORT: Final = 25252
 LOOPBACK: Final = "127.0.0.1"
 HOME_VARIABLE: Final = "BNG_HOME"
 """Environment variable that says where BeamNG.tech is installed."""
-EXTRA: Final = 'pip install "frenetic-roads[beamng]"'
+EXTRA: Final = pip_install("beamng")
 OLDEST: Final = (1, 36)
 """Oldest usable version of BeamNGpy; it belongs to BeamNG.tech 0.39."""
 START_LIMIT: Final = 180.0

@@ -28,7 +28,6 @@ from frenetic.campaign.lock import lock_file
 from frenetic.campaign.objective import MOOBD
 from frenetic.campaign.summary import Summary
 from frenetic.errors import FreneticError
-from frenetic.export.campaigns import Which
 from frenetic.registry import STRATEGIES
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.spec import Spec, decode_command, describe, require_count
@@ -47,7 +46,6 @@ TERMS: Final = (
     "counts_computing",
     "patience",
     "objective",
-    "records",
 )
 """Names of the terms in it that stand there as they are."""
 
@@ -274,7 +272,7 @@ class Bench:
         words += ["--time", f"{terms.budget!r}s"]
         words += ["--seconds-per-test", f"{terms.seconds_per_test!r}"]
         words += ["--count-computing"] if terms.counts_computing else []
-        words += ["--patience", f"{terms.patience!r}s", "--records", terms.records]
+        words += ["--patience", f"{terms.patience!r}s"]
         words += ["--objective", terms.objective] if terms.objective != MOOBD else []
         words += ["--repeats", str(self.repeats), "--seed", str(self.seed)]
         return words if terms.spec is None else words + terms.spec.drive_words()
@@ -300,8 +298,7 @@ class Bench:
             not self.folder.is_dir() or any(child.name != LOCK for child in self.folder.iterdir())
         ):
             raise FreneticError(
-                f"{self.folder} is not empty: choose another folder with --out, or go on with the"
-                " bench in it with --resume"
+                f"{self.folder} is not empty: choose another place, or go on with the bench in it"
             )
 
     def _require_same(self) -> None:
@@ -335,7 +332,7 @@ class Bench:
         write_file(
             path,
             json.dumps(document, indent=1) + "\n",
-            remedy="choose another folder with --out",
+            remedy="choose another place",
             durable=True,
         )
 
@@ -394,7 +391,6 @@ class _Recorded:
     counts_computing: bool
     patience: float
     map_size: float
-    records: Which
     command: dict[str, Any]
     objective: str
 
@@ -409,7 +405,7 @@ def read_bench(folder: Path | str) -> Mapping[str, Any]:
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise FreneticError(f"{folder} holds no bench: give the folder of one with --out") from None
+        raise FreneticError(f"{folder} holds no bench: give the folder of one") from None
     except OSError as error:
         raise FreneticError(f"{path} cannot be read: {error.strerror or error}") from None
     except (ValueError, RecursionError):
@@ -441,7 +437,6 @@ def _locked(folder: Path) -> FileLock:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise FreneticError(
-            f"cannot make the folder {folder}: {error.strerror or error}; choose another folder"
-            " with --out"
+            f"cannot make the folder {folder}: {error.strerror or error}; choose another place"
         ) from error
     return lock_file(folder / LOCK)

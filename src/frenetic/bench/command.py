@@ -8,22 +8,20 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 
+from frenetic._support.words import read_part
 from frenetic.cli.compare import comparison_document, print_comparison
 from frenetic.cli.console import Log, announced_compilation, live_line, print_table, shell
 from frenetic.cli.options import (
     WORKERS,
-    Decorator,
     Duration,
     GroupedCommand,
-    GroupedOption,
-    Setting,
     as_usage_error,
+    count_option,
     folder_option,
     json_option,
     objective_option,
@@ -39,137 +37,72 @@ if TYPE_CHECKING:
 SIMULATIONS: Final = 200
 SECONDS_PER_TEST: Final = 36.0
 REPEATS: Final = 10
-PATIENCE: Final = 600.0
 SEED: Final = 1
 
-_ENTRANTS: Final = "Who takes part"
 _PLACES: Final = ("path", "copy", "python")
-_OPENING: Final = ("generator", "strategy", "recipe")
-_OF_ENTRANT: Final = ("path", "copy", "name", "options", "python")
+"""Options of a generator."""
 _FIXED: Final = (
-    *(*_OPENING, *_OF_ENTRANT, "simulations", "seconds", "repeats", "seed"),
-    *("seconds_per_test", "count_computing", "patience", "records"),
+    *("generator", "strategy", "simulations", "seconds", "repeats", "seed"),
+    *("seconds_per_test", "count_computing", "patience", "objective"),
 )
 """Options that begin a bench and stay when it is resumed."""
 
 
-class EntrantsCommand(GroupedCommand):
-    """A command whose options of an entrant, such as --path, belong to the entrant before them."""
+def _entrants(asked: Mapping[str, Any], cost: float) -> Iterator[Entrant]:
+    """The entrants of a command line, in which a drive costs so much virtual time."""
+    from frenetic.bench import Entrant
 
-    first_group = _ENTRANTS
+    for kind in ("generator", "strategy"):
+        for text in asked[kind]:
+            spec, options = read_part(text)
+            if spec is None:
+                raise ValueError(f"--{kind} {text}: a name is needed before the options")
+            name = options.pop("name", None)
+            if kind == "generator":
+                yield _generator(spec, options, name, cost)
+                continue
+            settings = [f"{key}={json.dumps(value)}" for key, value in options.items()]
+            auto = ",".join([spec.rpartition(":")[2], *settings])
+            yield Entrant(name=str(name or auto), spec=spec, is_strategy=True, options=options)
 
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Notes the order of the entrants' options."""
-        values, _, order = self.make_parser(ctx).parse_args(args=list(args))
-        coming = {name: iter(values[name]) for name in (*_OPENING, *_OF_ENTRANT) if name in values}
-        ctx.meta[__name__] = [
-            (parameter.name, next(coming[parameter.name]))
-            for parameter in order
-            if parameter.name in coming
-        ]
-        return super().parse_args(ctx, args)
 
+def _generator(spec: str, options: Mapping[str, Any], name: Any, cost: float) -> Entrant:
+    """A generator by its class, or a published one by its name."""
+    from frenetic.bench import Entrant, find_recipe
 
-@dataclass
-class _AskedEntrant:
-    """An entrant on the command line."""
-
-    spec: str
-    """Of a generator or strategy, or name of a recipe."""
-    is_strategy: bool
-    is_recipe: bool = False
-    may_be_generator: bool = False
-    """Whether a path or the like would show that it is a generator, whose class is missing."""
-    given: dict[str, str] = field(default_factory=dict)
-    options: dict[str, Any] = field(default_factory=dict)
-
-    def entrant(self, seconds_per_test: float) -> Entrant:
-        """The entrant of a bench, in which a drive costs so much."""
-        from frenetic.bench import Entrant, find_recipe
-
-        if self.is_recipe:
-            recipe = find_recipe(self.spec)
-            if "path" not in self.given:
-                raise FreneticError(
-                    f"{recipe.title} has to be there: give --path, a folder with the files of"
-                    f" {recipe.source}"
-                )
-            if "copy" in self.given or self.options:
-                raise FreneticError(f"{recipe.title} comes with a recipe: without --copy, --option")
-            recipe.check(seconds_per_test)
-            python = self.given.get("python")
-            return recipe.entrant(
-                Path(self.given["path"]),
-                python=None if python is None else Path(python),
-                name=self.given.get("name"),
-            )
-        places = {name: Path(self.given[name]) for name in _PLACES if name in self.given}
-        return Entrant(
-            name=self.given.get("name", self._name()),
-            spec=self.spec,
-            is_strategy=self.is_strategy and not (self.may_be_generator and places),
-            options=self.options,
-            **places,
+    if unknown := [option for option in options if option not in _PLACES]:
+        raise ValueError(
+            f"{spec} has no option {unknown[0]!r}: a generator takes {', '.join(_PLACES)} and name"
         )
+    places = {option: Path(str(path)).expanduser() for option, path in options.items()}
+    if set(spec) & set(":./\\"):
+        return Entrant(name=str(name or spec.rpartition(":")[2]), spec=spec, **places)  # type: ignore[arg-type]
+    recipe = find_recipe(spec)
+    if "path" not in places or "copy" in places:
+        raise FreneticError(
+            f"{recipe.title} is a published generator: say where its files are, without copy, as"
+            f" in {spec},path=FOLDER; they are those of {recipe.source}"
+        )
+    recipe.check(cost)
+    return recipe.entrant(places["path"], python=places.get("python"), name=name and str(name))
 
-    def _name(self) -> str:
-        if not self.is_strategy:
-            return self.spec.rpartition(":")[2]
-        settings = [f"{name}={json.dumps(value)}" for name, value in self.options.items()]
-        return " ".join([self.spec.rpartition(":")[2], *settings])
 
-
-def _entrant_option(name: str, *names: str, **how: Any) -> Decorator:
-    return click.option(name, *names, multiple=True, cls=GroupedOption, group=_ENTRANTS, **how)
-
-
-@click.command(cls=EntrantsCommand)
-@_entrant_option(
+@click.command(cls=GroupedCommand)
+@click.option(
     "--generator",
-    metavar="MODULE:CLASS",
-    help="A generator written for the SBST/SBFT pipeline, package.module:Class or file.py:Class;"
-    " may be repeated. Without a colon, the name of one of our strategies.",
+    multiple=True,
+    metavar="GENERATOR",
+    help="A generator: package.module:Class, file.py:Class or one that --list lists. With options:"
+    " path=DIR of its modules, copy=DIR for each run to work in, python=FILE to run it, name=N"
+    " in tables. May be repeated.",
 )
-@_entrant_option(
+@click.option(
     "--strategy",
-    metavar="S",
+    multiple=True,
+    metavar="STRATEGY",
     shell_complete=names_of("strategy"),
-    help="A search strategy, by name or package.module:Class; may be repeated."
-    " [default: all built-in ones, without a --generator]",
-)
-@_entrant_option(
-    "--recipe",
-    metavar="R",
-    help="A published generator, as --recipes lists them, with the folder of its repository's files"
-    " as --path; may be repeated.",
-)
-@_entrant_option(
-    "--path",
-    metavar="DIR",
-    help="Folder in which the modules of the generator before it are.",
-)
-@_entrant_option(
-    "--copy",
-    metavar="DIR",
-    help="Folder that the generator before it works in, as a copy of every run's own; for one that"
-    " opens files of its repository or writes beside its source.",
-)
-@_entrant_option(
-    "--name",
-    metavar="N",
-    help="What tables call the generator or strategy before it. [default: its class]",
-)
-@_entrant_option(
-    "--option",
-    "options",
-    type=Setting(),
-    help="An option of the strategy before it, such as threshold=-0.2; may be repeated.",
-)
-@_entrant_option(
-    "--python",
-    metavar="FILE",
-    help="The interpreter of the generator before it, such as that of its virtual environment"
-    " (3.9 or newer, with numpy 1.21 or newer and scipy).",
+    help="A search strategy: frenetic-2021,threshold=-0.2. May be repeated. [default: all built-in"
+    " ones]",
 )
 @click.option(
     "--simulations",
@@ -178,10 +111,7 @@ def _entrant_option(name: str, *names: str, **how: Any) -> Decorator:
     help=f"Budget of each run, in drives. [default: {SIMULATIONS}]",
 )
 @click.option(
-    "--time",
-    "seconds",
-    type=Duration(),
-    help="Budget of each run, in virtual time: 2h, of which each drive costs --seconds-per-test.",
+    "--time", "seconds", type=Duration(), help="Budget of each run, in virtual time, such as 2h."
 )
 @click.option(
     "--seconds-per-test",
@@ -191,57 +121,31 @@ def _entrant_option(name: str, *names: str, **how: Any) -> Decorator:
     metavar="S",
     help="Virtual time that a drive costs.",
 )
-@click.option(
-    "--count-computing/--free-computing",
-    default=False,
-    show_default=True,
-    help="Whether the time that a generator takes itself counts against the budget.",
-)
+@click.option("--count-computing", is_flag=True, help="A generator's own time costs budget, too.")
 @objective_option
-@click.option(
-    "--repeats", type=click.IntRange(1), default=REPEATS, show_default=True, help="Runs of each."
-)
-@click.option(
-    "--seed",
-    type=click.IntRange(0),
-    default=SEED,
-    show_default=True,
-    help="Of the first run of each; the following ones count on.",
-)
+@count_option("--repeats", "Runs of each.", default=REPEATS)
+@count_option("--seed", "Of the first run of each.", least=0, default=SEED)
 @click.option(
     "--patience",
     type=Duration(),
-    default=PATIENCE,
-    show_default="10m",
-    help="End a generator that asks for no test for longer.",
-)
-@click.option(
-    "--records",
-    type=click.Choice(["all", "failures", "none"]),
-    default="failures",
+    default="10m",
     show_default=True,
-    help="Whose drives' records the competition's results folders hold.",
+    help="End a generator that asks for no test so long.",
 )
 @driver_options
 @click.option(
     "--workers",
     type=WORKERS,
     metavar="N",
-    help="Runs at once, in processes of their own. [default: the cores]",
+    help="Runs at once. [default: the cores]",
 )
 @folder_option("Folder for the results. [default: a new one under benches/]")
-@click.option("--resume", is_flag=True, help="Complete the bench in the folder --out.")
+@click.option("--resume", is_flag=True, help="Complete the bench in --out.")
 @click.option(
     "--list",
     "as_list",
     is_flag=True,
-    help="List the runs of the bench in the folder --out, or else who can take part by name.",
-)
-@click.option(
-    "--recipes",
-    "lists_recipes",
-    is_flag=True,
-    help="List the published generators, and their needs.",
+    help="List the bench in --out; alone, published generators.",
 )
 @json_option
 @click.pass_context
@@ -252,24 +156,20 @@ def bench(
     out: Path | None,
     resume: bool,
     as_list: bool,
-    lists_recipes: bool,
     as_json: bool,
     **asked: Any,
 ) -> None:
     """Compare road generators on the same driver, with repeats.
 
-    Generators written for the pipeline of the SBST/SBFT competition run unmodified, each run in its
-    own process and folder, beside our own strategies. Every run is a campaign, and holds a results
-    folder for the competition's tools.
+    Generators of the SBST/SBFT competition's pipeline run unmodified, each run in its own process
+    and folder, beside our strategies. Every run is a campaign with a folder for the competition's
+    tools.
     """
     from frenetic.bench import Bench
 
-    if lists_recipes:
-        _list_recipes(as_json)
-        return
     if as_list and out is None:
-        _refuse_given(context, "--list without --out lists who can take part by name")
-        _list_names(as_json)
+        _refuse_given(context, "--list without --out lists the published generators")
+        _list_recipes(as_json)
         return
     if (resume or as_list) and out is None:
         raise click.UsageError("--resume needs the folder of a bench: add --out DIR")
@@ -295,7 +195,7 @@ def _begun(context: click.Context, out: Path | None, asked: Mapping[str, Any]) -
         raise click.UsageError("--simulations and --time exclude each other: both are the budget")
     cost = asked["seconds_per_test"]
     with as_usage_error():
-        entrants = tuple(one.entrant(cost) for one in _asked_entrants(context.meta[__name__]))
+        entrants = tuple(_entrants(asked, cost))
     if not entrants:
         entrants = tuple(
             Entrant(name=entry.name, spec=entry.name, is_strategy=True)
@@ -313,38 +213,11 @@ def _begun(context: click.Context, out: Path | None, asked: Mapping[str, Any]) -
                 counts_computing=asked["count_computing"],
                 patience=asked["patience"],
                 objective=asked["objective"],
-                records=asked["records"],
             ),
             repeats=asked["repeats"],
             seed=asked["seed"],
             folder=new_folder() if out is None else out,
         )
-
-
-def _asked_entrants(given: Sequence[tuple[str, str]]) -> Iterator[_AskedEntrant]:
-    """Entrants, each from the option that opens it to the next such option."""
-    entrant: _AskedEntrant | None = None
-    for name, value in given:
-        if name in _OPENING:
-            if entrant is not None:
-                yield entrant
-            is_named = name == "generator" and ":" not in value
-            is_strategy = name == "strategy" or (is_named and not set(value) & set("./\\"))
-            entrant = _AskedEntrant(value, is_strategy, name == "recipe", is_named)
-        elif entrant is None:
-            option = "option" if name == "options" else name
-            raise click.UsageError(
-                f"--{option} belongs after the --generator, --strategy or --recipe"
-            )
-        elif name == "options":
-            key, setting = Setting().convert(value, None, None)
-            entrant.options[key] = setting
-        elif name in entrant.given:
-            raise click.UsageError(f"--{name} is given twice for {entrant.spec}")
-        else:
-            entrant.given[name] = value
-    if entrant is not None:
-        yield entrant
 
 
 def _refuse_given(context: click.Context, why: str) -> None:
@@ -463,20 +336,6 @@ def _print_runs(states: Sequence[RunState]) -> None:
     )
 
 
-def _list_names(as_json: bool) -> None:
-    from frenetic.registry import STRATEGIES
-
-    entries = STRATEGIES.entries()
-    if as_json:
-        click.echo(json.dumps([{"name": e.name, "class": e.target} for e in entries]))
-        return
-    print_table(
-        ("name", "class", "what it is"),
-        [(entry.name, entry.target, entry.summary or entry.origin) for entry in entries],
-    )
-    click.echo("Others: --generator package.module:Class or path/to/file.py:Class")
-
-
 def _list_recipes(as_json: bool) -> None:
     from frenetic.bench import RECIPES
 
@@ -484,10 +343,10 @@ def _list_recipes(as_json: bool) -> None:
         click.echo(json.dumps([one.as_json() for one in RECIPES.values()]))
         return
     print_table(
-        ("recipe", "files of", "needs"),
+        ("generator", "files of", "needs"),
         [(one.name, one.source, one.needs or "") for one in RECIPES.values()],
     )
-    click.echo("Take part: --recipe NAME --path FOLDER --python INTERPRETER")
+    click.echo("Take part: --generator NAME,path=FOLDER,python=INTERPRETER")
 
 
 def _list_runs(states: Sequence[RunState], as_json: bool) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,6 +11,7 @@ from typing import Any
 
 import msgspec
 
+from frenetic._support.words import part_word
 from frenetic.errors import FreneticError
 
 RESERVED = frozenset(
@@ -34,7 +34,7 @@ class Entrant:
     is_strategy: bool = False
     """Whether it is a search strategy of ours rather than a generator of the pipeline."""
     path: Path | None = None
-    """Folder of a generator that is put on its module path, as with ``--module-path``."""
+    """Folder of a generator that is put on its module path."""
     copy: Path | None = None
     """Folder of which every run of a generator gets a copy as its working directory. A path or file
     in it stands for its copy."""
@@ -56,7 +56,7 @@ class Entrant:
         if not self.is_strategy and not (module and colon and kind.isidentifier()):
             raise FreneticError(
                 f"the generator {self.spec!r} is not package.module:Class or path/to/file.py:Class"
-                + ("" if colon else ": add the class, which the pipeline gets as --class-name")
+                + ("" if colon else ": add the class, such as file.py:Class")
             )
         if self.is_strategy and not (self.path is self.copy is self.python is None):
             raise FreneticError(
@@ -94,13 +94,10 @@ class Entrant:
 
     def words(self) -> list[str]:
         """Its options of `frenetic bench`."""
-        words = ["--strategy" if self.is_strategy else "--generator", self.spec]
-        for option in ("path", "copy", "python"):
-            path = getattr(self, option)
-            words += [] if path is None else [f"--{option}", str(path)]
-        for name, setting in self.options.items():
-            words += ["--option", f"{name}={json.dumps(setting)}"]
-        return [*words, "--name", self.name]
+        places = {name: getattr(self, name) for name in ("path", "copy", "python")}
+        options = {name: str(path) for name, path in places.items() if path is not None}
+        word = part_word(self.spec, {**options, **self.options, "name": self.name})
+        return ["--strategy" if self.is_strategy else "--generator", word]
 
     def absolute(self) -> Entrant:
         """The same entrant for any folder; a generator's modules may lie in the current one."""
@@ -157,9 +154,7 @@ def folder_names(entrants: Sequence[Entrant]) -> dict[str, str]:
     found: dict[str, str] = {}
     for entrant in entrants:
         if entrant.name in found:
-            raise FreneticError(
-                f"two take part as {entrant.name!r}: give one of them another --name"
-            )
+            raise FreneticError(f"two take part as {entrant.name!r}: give one of them another name")
         plain = re.sub(r"[^A-Za-z0-9._-]+", "-", entrant.name).strip("-. ").lower() or "entrant"
         if plain.partition(".")[0] in RESERVED:
             plain = f"entrant-{plain}"

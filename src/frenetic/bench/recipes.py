@@ -66,7 +66,7 @@ class Recipe:
         if not place.with_suffix(".py").is_file():
             raise FreneticError(
                 f"{str(folder)!r} does not hold {self.title}: {place.with_suffix('.py')} is not"
-                f" there; --path must be a folder with the files of {self.source}"
+                f" there; its path must be a folder with the files of {self.source}"
             )
         for file, what in self.files.items():
             if not (folder / file).exists():
@@ -84,7 +84,7 @@ class Recipe:
         """What has to be there beside its files, for people."""
         needs = [*self.packages, *(f"{file} ({what})" for file, what in self.files.items())]
         if self.seconds_per_test:
-            needs.append(f"--seconds-per-test {self.seconds_per_test:g}")
+            needs.append(f"{self.seconds_per_test:g} s per test")
         return "; ".join(filter(None, (", ".join(needs), self.note)))
 
     def as_json(self) -> dict[str, Any]:
@@ -100,7 +100,7 @@ class Recipe:
         if seconds_per_test < self.seconds_per_test:
             raise FreneticError(
                 f"{self.title} asks for no test in its last {self.seconds_per_test:g} s, while the"
-                f" virtual clock stands: add --seconds-per-test {self.seconds_per_test:g} or more"
+                f" virtual clock stands: make a test cost {self.seconds_per_test:g} s or more"
             )
 
 
@@ -270,6 +270,7 @@ def find_recipe(name: str) -> Recipe:
     """
     if name not in RECIPES:
         raise UnknownNameError(
-            f"there is no recipe {name!r}{hint(name, RECIPES)} There are {', '.join(RECIPES)}"
+            f"there is no published generator {name!r}{hint(name, RECIPES)} There are"
+            f" {', '.join(RECIPES)}; any other is package.module:Class or path/to/file.py:Class"
         )
     return RECIPES[name]

@@ -37,7 +37,6 @@ from frenetic.campaign.tester import RoadTester
 from frenetic.drivers import Driver
 from frenetic.errors import FreneticError, StrategyError
 from frenetic.export import export_campaign
-from frenetic.export.campaigns import Which
 from frenetic.registry import STRATEGIES
 from frenetic.road import MAP_SIZE, Road, check_validity
 from frenetic.road.validity import interpolate, min_radius, overlaps_itself
@@ -81,8 +80,6 @@ class Terms:
     """m."""
     objective: str = MOOBD
     """Name of what the strategies minimise; a generator has its own."""
-    records: Which = "failures"
-    """Tests in the competition's results folders that hold records of their drives."""
     spec: Spec | None = None
     """Names of simulator and driver on a command line; None if they came from Python."""
 
@@ -217,7 +214,7 @@ def run_entrant(
             seconds_per_test=terms.seconds_per_test,
             **own_time,
         )
-    export_campaign(folder, "competition", folder / COMPETITION, trajectories=terms.records)
+    export_campaign(folder, "competition", folder / COMPETITION, trajectories="failures")
     with CampaignStore.open(folder, readonly=False) as store:
         # Last, since it marks the run as complete.
         store.finish(finished_at=store.facts["finished_at"], **{FACT: ending.as_json()})

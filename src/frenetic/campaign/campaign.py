@@ -196,8 +196,8 @@ class Campaign(Shown):
         start_from = require_list("start_from", start_from)
         if start_from and not has_own(strategy, "start_from"):
             raise ValueError(
-                f"the strategy {type(strategy).__name__} starts from no earlier campaign: leave out"
-                " --from, or choose a strategy with start_from, such as frenetic"
+                f"the strategy {type(strategy).__name__} starts from no earlier campaign: give"
+                " none, or choose a strategy with start_from, such as frenetic"
             )
         self.strategy = strategy
         self.start_from = tuple(EarlierCampaign(str(folder)) for folder in start_from)

@@ -75,7 +75,7 @@ def refuse_existing(path: Path) -> None:
     """Raises a `CampaignError` if there is something in a new database's place."""
     if os.path.lexists(path):
         raise CampaignError(
-            f"{path.parent} already holds a campaign; choose another folder with --out, or "
+            f"{path.parent} already holds a campaign; choose another place, or "
             "go on with that one: frenetic resume (in Python: resume())"
         )
 
@@ -182,7 +182,7 @@ def writable(folder: Path) -> Iterator[None]:
         is_file = isinstance(error, FileExistsError | NotADirectoryError)
         reason = "a file is in the way" if is_file else error.strerror or error
         raise CampaignError(
-            f"cannot make the folder {folder}: {reason}; choose another folder with --out"
+            f"cannot make the folder {folder}: {reason}; choose another place"
         ) from error
 
 

@@ -102,7 +102,7 @@ def take_earlier(
     if folders and not tests:
         raise CampaignError(
             f"nothing can be taken from {', '.join(map(str, folders))}: no road was driven there"
-            " that fits this map and the strategy's step; leave out --from"
+            " that fits this map and the strategy's step; start without them"
         )
     return tuple(campaigns), tests
 

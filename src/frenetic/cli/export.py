@@ -13,6 +13,7 @@ import click
 from frenetic._support.words import read_part
 from frenetic.cli.console import Log, counted_progress
 from frenetic.cli.options import (
+    GroupedCommand,
     as_usage_error,
     file_option,
     json_option,
@@ -43,7 +44,7 @@ EXPORTS: Final = "exports"
 """Folder in a campaign's folder for its exported roads."""
 
 
-@click.command()
+@click.command(cls=GroupedCommand)
 @source_arguments
 @click.option(
     "--format",
@@ -181,7 +182,7 @@ def _export_roads(
             return
         path = default.with_name(default.name + the_format.suffix) if out is None else out
         if path.exists() and source.exists() and path.samefile(source):
-            raise click.UsageError(f"{path} is the road itself: choose another file with --out")
+            raise click.UsageError(f"{path} is the road itself: choose another place with --out")
         write_road(exported, name, path)
         documents.append({"file": str(path), "format": name})
         if not as_json:

@@ -251,7 +251,7 @@ def _of_file(context: click.Context, path: Path, out: Path | None) -> tuple[Spec
     check_map_size(spec.map_size)
     target = out or path.with_name(f"{path.name.removesuffix('.json')}.min.json")
     if target.exists() and target.samefile(path):
-        raise click.UsageError(f"{target} is the road itself: choose another file with --out")
+        raise click.UsageError(f"{target} is the road itself: choose another place with --out")
     works = [Work(path.name, road, MinimisedFiles.beside(target))]
     return replace(spec, lane_width=road.lane_width), works
 

@@ -245,17 +245,27 @@ class GroupedOption(click.Option):
 
 
 class GroupedCommand(click.Command):
-    """A command whose help groups its options."""
+    """A command whose help groups its options, and whose errors name the option for a place."""
 
     first_group = "Options"
     """The headline of the first options: of those without a group, by default."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Runs it; the library's words for a place to write to get the name of the option."""
+        try:
+            return super().invoke(ctx)
+        except FreneticError as error:
+            if any("--out" in parameter.opts for parameter in self.params):
+                place = "choose another place"
+                error.args = (str(error).replace(place, f"{place} with --out"),)
+            raise
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Writes all options, group by group."""
         groups: dict[str, list[tuple[str, str]]] = {self.first_group: []}
         for parameter in self.get_params(ctx):
             record = parameter.get_help_record(ctx)
-            if record is not None:
+            if record is not None and isinstance(parameter, click.Option):
                 group = parameter.group if isinstance(parameter, GroupedOption) else "Options"
                 groups.setdefault(group, []).append(record)
         for group, records in groups.items():
@@ -298,8 +308,8 @@ objective_option = click.option(
     default="moobd",
     show_default=True,
     metavar="NAME",
-    help="What a search minimises: moobd; oob-share and lateral-acceleration, which it maximises;"
-    " or your own function of a drive as package.module:function or path/to/file.py:function.",
+    help="What a search makes worse: moobd, another of 'frenetic list objectives', or a"
+    " file.py:function.",
 )
 workers_option = click.option(
     "--workers",

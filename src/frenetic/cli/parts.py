@@ -95,7 +95,7 @@ def part_choice(
         show_default=show_default,
         required=required,
         metavar=kind.upper(),
-        help=f"{help} Its options follow a comma: {_EXAMPLES[kind]}.",
+        help=f"{help} With options: {_EXAMPLES[kind]}.",
         shell_complete=names_of(kind),
         callback=split,
     )
@@ -134,8 +134,8 @@ _with_option: Final = click.option(
     "layers",
     type=Amount(),
     multiple=True,
-    help="A condition to drive in, such as delay=0.1 or, for a camera, fog=60"
-    " ('frenetic list quantities'); may be repeated.",
+    help="A condition to drive in, such as delay=0.1 or, for a camera, fog=60; may be repeated"
+    " ('frenetic list quantities').",
 )
 as_option: Final = click.option(
     "--as",
@@ -161,15 +161,15 @@ def driver_options(command: Callable[P, R], *, is_recorded: bool = False) -> Cal
     options: list[Decorator] = [
         part_choice(
             "driver",
-            "Who drives: a name ('frenetic list drivers'), package.module:Class, file.py:Class or a"
-            " neural network, model.onnx.",
+            "Who drives: a name ('frenetic list drivers'), package.module:Class, file.py:Class or"
+            " model.onnx.",
             Spec.driver.name,
             show_default=shown(Spec.driver.name),
         ),
         _with_option,
         part_choice(
             "simulator",
-            "What moves the car (see 'frenetic list simulators').",
+            "What moves the car ('frenetic list simulators').",
             Spec.simulator.name,
             show_default=shown(Spec.simulator.name),
         ),

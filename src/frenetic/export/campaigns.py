@@ -114,9 +114,7 @@ def _whole_folder(target: Path) -> Iterator[Path]:
     target = target.absolute()
     try:
         if os.path.lexists(target) and (not target.is_dir() or any(target.iterdir())):
-            raise FreneticError(
-                f"{target} exists already: choose another folder with --out, or remove it"
-            )
+            raise FreneticError(f"{target} exists already: choose another place, or remove it")
         for left in target.parent.glob(f".{glob.escape(target.name)}-[0-9]*.part"):
             shutil.rmtree(left, ignore_errors=True)
         partial = target.with_name(f".{target.name}-{os.getpid()}.part")
@@ -130,6 +128,5 @@ def _whole_folder(target: Path) -> Iterator[Path]:
             shutil.rmtree(partial, ignore_errors=True)
     except OSError as error:
         raise FreneticError(
-            f"{target} cannot be written: {error.strerror or error}; choose another folder with"
-            " --out"
+            f"{target} cannot be written: {error.strerror or error}; choose another place"
         ) from error

@@ -189,7 +189,7 @@ def format_of(path: Path | str) -> RoadFormat:
     possible = [item for item in FORMATS.values() if item.suffix.endswith(longest)]
     if len(possible) > 1:
         known = ", ".join(item.name for item in possible)
-        raise UnknownNameError(f"{path} does not say its format: choose --format from {known}")
+        raise UnknownNameError(f"{path} does not say its format: choose a format from {known}")
     return possible[0]
 
 
@@ -213,4 +213,4 @@ def write_road(exported: ExportedRoad, name: str, path: Path | str) -> None:
     texts = {path: the_format.render(exported)}
     texts |= {other: text(exported, path.name) for other, text in beside.items()}
     for file, text in texts.items():
-        write_file(file, text.encode("utf-8"), remedy="choose a place with --out", parents=True)
+        write_file(file, text.encode("utf-8"), remedy="choose another place", parents=True)

@@ -19,7 +19,7 @@ import numpy as np
 from msgspec import to_builtins
 from msgspec.json import encode
 
-from frenetic._support.words import simulated_time, text_cell
+from frenetic._support.words import pip_install, simulated_time, text_cell
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.record import FINISHED, Column, Test, value_at
 from frenetic.campaign.store import CampaignStore
@@ -185,7 +185,7 @@ def _require_extra(what: str) -> None:
     except ImportError as error:
         raise FreneticError(
             f"{what} needs pandas and pyarrow, and {error.name or 'one of them'} is not installed:"
-            ' pip install "frenetic-roads[tables]"'
+            f" {pip_install('tables')}"
         ) from error
 
 

@@ -55,7 +55,7 @@ class MetaDriveDriver:
         self._refuse()
 
     def _refuse(self) -> NoReturn:
-        raise DriverError(f"{self.name} drives in MetaDrive only: add --simulator metadrive")
+        raise DriverError(f"{self.name} drives in MetaDrive only: choose the simulator metadrive")
 
 
 class MetaDriveIdm(MetaDriveDriver):

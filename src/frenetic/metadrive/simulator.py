@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Self, TypeAlias
 
 import numpy as np
 
+from frenetic._support.words import pip_install
 from frenetic.drive import Breakdown, Drive, Rules, Trajectory
 from frenetic.drivers.camera import Camera, Image
 from frenetic.drivers.driver import (
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
     from frenetic.metadrive.world import Motion, World
 
 PACKAGE: Final = "metadrive-simulator"
-EXTRA: Final = 'pip install "frenetic-roads[metadrive]"'
+EXTRA: Final = pip_install("metadrive")
 
 Decide: TypeAlias = "Callable[[Observer, Motion, float], Decision]"
 """Decides for the next period; the last argument is the front wheels' angle in rad. Returning the

@@ -17,7 +17,7 @@ from frenetic.spec import DRIVEN
 
 MINIMISED: Final = "minimised"
 """Folder in a campaign's folder for its minimised roads."""
-_REMEDY: Final = "choose another file with --out"
+_REMEDY: Final = "choose another place"
 
 
 @dataclass(frozen=True)

@@ -66,7 +66,7 @@ def drive_check(simulator: Simulator, driver: Driver, road: Road, name: str) -> 
         return broken(name, error, "see the message; 'frenetic --debug doctor' says more")
     result = judge(road, drive)
     if result.outcome is not Outcome.PASS or result.moobd is None or result.moobd <= 0.0:
-        remedy = "draw it with 'frenetic drive --plot'; is the car or the road as it should be?"
+        remedy = "draw it; is the car or the road as it should be?"
         return Check(name, False, result.reason, remedy)
     found = f"{road.length:.0f} m in {result.duration:.1f} s, MOOBD {result.moobd:.2f} m"
     return Check(name, True, found)

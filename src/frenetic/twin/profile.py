@@ -207,7 +207,7 @@ class Profile(Record, frozen=True, kw_only=True):
             FreneticError: it cannot be written.
         """
         text = msgspec.json.format(msgspec.json.encode(self), indent=2).decode() + "\n"
-        write_file(path, text, remedy="choose another place with --out", parents=True)
+        write_file(path, text, remedy="choose another place", parents=True)
 
     def spec(self) -> Spec:
         """The spec of the twin: driver, layers, car, rules, map and lane width.

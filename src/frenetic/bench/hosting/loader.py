@@ -143,7 +143,7 @@ def _load(name: str) -> ModuleType:
             raise
         raise GeneratorError(
             f"there is no module {missing!r}: looked for it in {_searched()} and what is installed"
-            f" for {sys.executable}; give its folder with --path"
+            f" for {sys.executable}; give its folder as path"
         ) from None
 
 
@@ -196,9 +196,9 @@ def _reason(error: BaseException, assignment: Assignment) -> str:
         if missing.partition(".")[0] in offered.PACKAGES:
             return (
                 f"{reason}; the bench offers {', '.join(offered.module_names())}; for others give"
-                " the folder of a copy of the pipeline with --path"
+                " the folder of a copy of the pipeline as path"
             )
         return f"{reason}; install it for {sys.executable}, or name another interpreter"
     if isinstance(error, ImportError) and "relative import" in reason and assignment.is_file:
-        return f"{reason}; give it as package.module with --path instead of as a file"
+        return f"{reason}; give it as package.module, with a path, instead of as a file"
     return reason

@@ -26,6 +26,7 @@ from types import ModuleType
 from typing import Any, Final, NoReturn, Self
 from weakref import WeakSet, finalize
 
+from frenetic._support.words import pip_install
 from frenetic.campaign.log import CampaignLog, LogEvent, WorkerState, WorkerStatus
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import RoadTester
@@ -42,7 +43,7 @@ try:
     from distributed import Client, Future, get_worker
 except ModuleNotFoundError as error:
     raise CampaignError(
-        'a cluster needs Dask, which is not installed: pip install "frenetic-roads[cluster]"'
+        f"a cluster needs Dask, which is not installed: {pip_install('cluster')}"
     ) from error
 
 RESOURCE: Final = "simulator"

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from frenetic._support.json_value import JSONValue, plain
+from frenetic._support.words import part_word
 from frenetic.errors import CampaignError
 from frenetic.report.html.blocks import Block, Command, Fact, Facts, Paragraph, Section
 from frenetic.run_file import NAME
@@ -81,9 +82,8 @@ def _generator(config: Mapping[str, JSONValue]) -> Mapping[str, Any] | None:
 
 
 def _bench_words(entrant: Mapping[str, Any], spec: Spec) -> list[str]:
-    words = ["frenetic", "bench", "--generator", entrant["spec"]]
-    for name in ("path", "python"):
-        words += [f"--{name}", str(entrant[name])] if entrant.get(name) else []
+    places = {name: entrant[name] for name in ("path", "python") if entrant.get(name)}
+    words = ["frenetic", "bench", "--generator", part_word(entrant["spec"], places)]
     for name, value in entrant["budget"].items():
         words += [f"--{name.replace('_', '-')}", number_word(value)]
     return [*words, "--repeats", "1", "--seed", str(spec.seed), *spec.drive_words()]

@@ -196,8 +196,8 @@ class TwinDriver:
                             found[driving[worker]] = rows
         except LostWorkerError as error:
             raise FreneticError(
-                f"{worker.name} was lost: {error.reason}; the same command goes on, with"
-                " --workers 1 in one process"
+                f"{worker.name} was lost: {error.reason}; the same command goes on, with 1"
+                " worker in one process"
             ) from None
         rows = np.concatenate([found[number] for number in range(len(tasks))])
         return rows.reshape(len(candidates), len(wanted), COLUMNS)

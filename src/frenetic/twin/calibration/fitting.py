@@ -105,13 +105,12 @@ class Journal:
             self.close()
             raise FreneticError(
                 f"{self._path} is being written by another process, or may not be: wait for that,"
-                " or choose another place with --out"
+                " or choose another place"
             ) from None
         except OSError as error:
             self.close()
             raise FreneticError(
                 f"{self._path} cannot be written: {error.strerror or error}; choose another place"
-                " with --out"
             ) from None
         return self
 

@@ -106,7 +106,7 @@ class Model:
         """
         model = cls(driver, dict(driver_options or {}), dict(vehicle or {}), dict(layers or {}), ())
         if not asked:
-            raise FreneticError("nothing is to be fitted: name parameters, as in --fit braking")
+            raise FreneticError("nothing is to be fitted: name parameters, such as braking")
         made, _ = model.make({}, Rules())
         if brought := getattr(under_layers(made), "VEHICLE", None):
             model = replace(model, vehicle={"name": brought, **model.vehicle})

@@ -23,6 +23,7 @@ from threadpoolctl import threadpool_limits
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.files import require_list
+from frenetic._support.words import pip_install
 from frenetic.analysis.groups import find_campaigns
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.store import CampaignStore
@@ -150,8 +151,8 @@ def read_recordings(places: Iterable[Path | str], given: Terms | None = None) ->
         words = " and ".join(f"{k} {getattr(one, k):g} and {getattr(other, k):g}" for k in differ)
         raise FreneticError(
             f"{first} and {second} were driven under different terms ({words}): calibrate them one"
-            " by one, or say which terms hold for all, as in"
-            f" --{differ[0].replace('_', '-')} {getattr(one, differ[0]):g}"
+            " by one, or say which hold for all, such as"
+            f" {differ[0].replace('_', ' ')} {getattr(one, differ[0]):g}"
         )
     return Recordings(tuple(drives), next(iter(found)), digests, skipped)
 
@@ -282,7 +283,7 @@ def _rows(table: Path) -> Iterator[Mapping[str, Any]]:
             import pyarrow.parquet as parquet
         except ImportError:
             raise FreneticError(
-                f"{table}: reading Parquet needs pyarrow: pip install 'frenetic-roads[tables]'"
+                f"{table}: reading Parquet needs pyarrow: {pip_install('tables')}"
             ) from None
         _check_size(table)
         try:

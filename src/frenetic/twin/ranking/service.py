@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 from threading import Lock
 from typing import Any, Final
 
+from frenetic._support.words import pip_install
 from frenetic.errors import FreneticError, RoadError
 from frenetic.outcome import Outcome
 from frenetic.road import Road
@@ -30,9 +31,7 @@ try:
     import grpc
     from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 except ImportError:
-    raise FreneticError(
-        "the competitions' service needs gRPC: pip install 'frenetic-roads[service]'"
-    ) from None
+    raise FreneticError(f"the competitions' service needs gRPC: {pip_install('service')}") from None
 
 logger = logging.getLogger(__name__)
 

@@ -13,13 +13,14 @@ Importing this registers ``frenetic/LaneKeeping-v0``, so either of these makes i
 
 from typing import Final
 
+from frenetic._support.words import pip_install
 from frenetic.errors import FreneticError
 
 try:
     import gymnasium
 except ImportError as error:
     raise FreneticError(
-        "the environment needs Gymnasium, which is not installed: pip install 'frenetic-roads[gym]'"
+        f"the environment needs Gymnasium, which is not installed: {pip_install('gym')}"
     ) from error
 
 from frenetic.vision.gym.cars import FAILURE

@@ -18,9 +18,9 @@ import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.child_processes import ending_of
+from frenetic._support.words import pip_install
 from frenetic.errors import FreneticError, describe_error
 
-EXTRA: Final = 'pip install "frenetic-roads[neural]"'
 LARGEST: Final = 500_000_000
 """Largest file, in bytes."""
 LONGEST: Final = 10.0
@@ -60,7 +60,9 @@ class Model:
         try:
             import onnxruntime  # the extra
         except ImportError as error:
-            raise FreneticError(f"a neural network needs onnxruntime: {EXTRA}") from error
+            raise FreneticError(
+                f"a neural network needs onnxruntime: {pip_install('neural')}"
+            ) from error
         self._runtime = onnxruntime
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1

@@ -109,7 +109,7 @@ def shapely_geometry() -> Any:
         import shapely.geometry  # an extra
     except ImportError:
         raise FreneticError(
-            "a generator asks for a shapely object, but shapely is not installed: pip install"
-            ' "frenetic-roads[bench]", or shapely for the interpreter that runs the generator'
+            "a generator asks for a shapely object: pip install shapely for the interpreter that"
+            " runs it"
         ) from None
     return shapely.geometry
