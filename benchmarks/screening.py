@@ -11,6 +11,9 @@ no run knows, such as those of a random search:
     frenetic run --simulator metadrive ... --strategy random --simulations 200 --out recorded
     frenetic calibrate recorded --driver stanley --vehicle name=metadrive --fit ... --out PROFILE
 
+The drives that the profile was fitted to are not counted: compare with ``frenetic run`` of so many
+more simulations, too.
+
 distinct    distinct failures, see `frenetic.analysis.failures`
 handed on   screened roads that the simulator drove, and kept: how many of them failed
 rank, AUC   how the twin's MOOBD follows the simulator's on the controls
