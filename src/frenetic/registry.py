@@ -529,7 +529,7 @@ def part_name(described: object) -> str:
     part = described if isinstance(described, Mapping) else {}
     module, _, kind = str(part.get("class", "")).rpartition(":")
     for registry in (STRATEGIES, DRIVERS, SIMULATORS):
-        named = {name: target for name, (target, _) in registry.built_in.items()}
+        named = {entry.name: entry.target for entry in registry.entries()}
         for name, target in {**named, **registry.files}.items():
             package, _, attribute = target.partition(":")
             if kind == attribute and f"{module}.".startswith(f"{package}."):

@@ -84,7 +84,7 @@ def test_other_commands_drive_as_it_says(frenetic: Frenetic) -> None:
     Path("road.json").write_text(json.dumps({"curvatures": [0.0, 0.02, 0.0]}))
     Path("how.toml").write_text('driver = "stanley"\nspeed_limit = 30\nsimulations = 5\n')
     driven = frenetic("drive", "road.json", "--as", "how.toml")
-    assert "driver     Stanley in EmbeddedSimulator" in driven.out
+    assert "driver     stanley in embedded" in driven.out
     slow = frenetic("drive", "road.json", "--as", "how.toml", "--json").json["duration"]
     assert slow > frenetic("drive", "road.json", "--driver", "stanley", "--json").json["duration"]
 

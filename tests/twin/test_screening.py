@@ -101,7 +101,7 @@ def test_run_show_and_report_say_what_screening_came_to(frenetic: Frenetic) -> N
     assert frenetic("show", "found", "--json").json["facts"]["search"] == facts
     report = Path("found/report.html").read_text(encoding="utf-8")
     assert said in report
-    assert "profile=twin.json" in report
+    assert "twin.json" in Path("found/campaign.toml").read_text(encoding="utf-8")
     more = frenetic("resume", "found", "--simulations", "2", "--workers", "1", "--json")
     found = more.json["facts"]
     assert found["handed on"] + found["controls"] == 5
