@@ -33,8 +33,11 @@ from logging.handlers import WatchedFileHandler
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, Self, TypeAlias
 
+from frenetic.outcome import Outcome
+
 if TYPE_CHECKING:
     from frenetic._support.json_value import JSONValue
+    from frenetic.campaign.record import Attempt, Test
     from frenetic.campaign.summary import Summary
 
 Level: TypeAlias = Literal["info", "warning", "error"]
@@ -119,6 +122,35 @@ class CampaignLog:
         line = {"levelname": level, "msg": message, "event": event, "fields": fields}
         self._file.handle(logging.makeLogRecord(line))
 
+    def result(self, test: Test) -> None:
+        """Writes a line of a test that failed or broke."""
+        if test.outcome is Outcome.FAIL:
+            text = f"test {test.id} failed: {test.reason}"
+            self.write(LogEvent.TEST_FAILED, text, test=test.id, moobd=test.moobd)
+        elif test.outcome is Outcome.ERROR:
+            self.write(
+                LogEvent.TEST_ERROR,
+                f"test {test.id} broke: {test.reason}",
+                level="error",
+                test=test.id,
+                attempts=test.attempts,
+                reason=test.reason,
+                **_traced(test.attempt),
+            )
+
+    def retried(self, attempt: Attempt, tries: int) -> None:
+        """Writes that a candidate is tried again, after so many tries."""
+        self.write(
+            LogEvent.TEST_RETRIED,
+            f"test {attempt.candidate_id} is tried again: {attempt.failure}",
+            level="warning",
+            test=attempt.candidate_id,
+            attempt=tries,
+            worker=attempt.worker,
+            reason=attempt.failure,
+            **_traced(attempt),
+        )
+
     def progress(
         self,
         summary: Summary,
@@ -157,6 +189,11 @@ class CampaignLog:
     def __exit__(self, *_: object) -> None:
         logging.getLogger("frenetic").removeHandler(self._file)
         self._file.close()
+
+
+def _traced(attempt: Attempt) -> dict[str, JSONValue]:
+    """The field of a line for a traceback, if there is one."""
+    return {"traceback": attempt.traceback} if attempt.traceback else {}
 
 
 def told_in_log(folder: Path) -> int:

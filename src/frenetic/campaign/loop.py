@@ -11,16 +11,8 @@ from typing import Final
 
 from frenetic._support.child_processes import one_process
 from frenetic._support.interrupt import Interrupt
-from frenetic._support.json_value import JSONValue
 from frenetic._support.words import present_moment
-from frenetic.campaign.asking import (
-    FACTS,
-    ObservingStrategy,
-    ask,
-    facts_of,
-    raised,
-    tell,
-)
+from frenetic.campaign.asking import FACTS, ObservingStrategy, ask, facts_of, raised, tell
 from frenetic.campaign.log import CampaignLog, LogEvent
 from frenetic.campaign.objective import Objective, evaluation_of
 from frenetic.campaign.record import Attempt, Test
@@ -30,11 +22,7 @@ from frenetic.campaign.workers.workers import Workers
 from frenetic.errors import CampaignError, StrategyError
 from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate
-from frenetic.search.strategy import (
-    SearchEnded,
-    Strategy,
-    has_own,
-)
+from frenetic.search.strategy import SearchEnded, Strategy, has_own
 from frenetic.spec import Budget
 
 MAX_ATTEMPTS: Final = 2
@@ -141,7 +129,7 @@ class Dispatcher:
             self._store.write()
             written, self._unwritten = self._unwritten, []
             for test, summary in written:
-                self._log_result(test)
+                self._log.result(test)
                 self._unreported.append((test.id, summary))
         while self._unreported:
             yield self._unreported.popleft()
@@ -255,16 +243,7 @@ class Dispatcher:
             self._ended[candidate_id] = attempt
             return
         self._waiting.add(candidate_id)
-        self._log.write(
-            LogEvent.TEST_RETRIED,
-            f"test {candidate_id} is tried again: {attempt.failure}",
-            level="warning",
-            test=candidate_id,
-            attempt=tries,
-            worker=attempt.worker,
-            reason=attempt.failure,
-            **_traced(attempt.traceback),
-        )
+        self._log.retried(attempt, tries)
 
     def _tell_in_order(self) -> None:
         """Tells the oldest candidates as long as their results are known, and asks in between."""
@@ -358,25 +337,6 @@ class Dispatcher:
         if _without_numbers(self._summary.notice) not in ("", _without_numbers(before)):
             self._log.write(LogEvent.NOTICE, self._summary.notice, level="warning")
 
-    def _log_result(self, test: Test) -> None:
-        if test.outcome is Outcome.FAIL:
-            self._log.write(
-                LogEvent.TEST_FAILED,
-                f"test {test.id} failed: {test.reason}",
-                test=test.id,
-                moobd=test.moobd,
-            )
-        elif test.outcome is Outcome.ERROR:
-            self._log.write(
-                LogEvent.TEST_ERROR,
-                f"test {test.id} broke: {test.reason}",
-                level="error",
-                test=test.id,
-                attempts=test.attempts,
-                reason=test.reason,
-                **_traced(test.attempt.traceback),
-            )
-
     def _log_progress(self) -> None:
         now = time.monotonic()
         if now >= self._next_line:
@@ -393,8 +353,3 @@ class Dispatcher:
 def _without_numbers(notice: str) -> str:
     """A notice whose numbers may change while it says the same."""
     return re.sub(r"[\d.-]+", "", notice)
-
-
-def _traced(traceback: str) -> dict[str, JSONValue]:
-    """The field of a line of the log for a traceback, if there is one."""
-    return {"traceback": traceback} if traceback else {}
