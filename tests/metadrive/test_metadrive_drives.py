@@ -197,7 +197,7 @@ def test_pieces_of_a_road_are_its_arcs() -> None:
 def test_metadrives_drivers_refuse_other_simulators(driver: Driver) -> None:
     drive = EmbeddedSimulator().drive(WINDING, driver)
     name = driver.name  # type: ignore[attr-defined]
-    assert drive.error == f"{name} drives in MetaDrive only: add --simulator metadrive"
+    assert drive.error == f"{name} drives in MetaDrive only: choose the simulator metadrive"
 
 
 def test_layers_over_metadrives_drivers_are_refused(simulator: MetaDriveSimulator) -> None:

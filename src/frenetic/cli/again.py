@@ -85,17 +85,13 @@ def file_spec(context: click.Context, file: RoadFile, *, checked: bool = True) -
     if DRIVEN not in file.entries:
         return asked_spec(context)
     recorded = Spec.from_drive_record(file.entries[DRIVEN], source=file.path)
-
-    def asked(spec: Spec) -> Spec:
-        spec = with_given(spec, given)
-        return replace(spec, map_size=given.get("map_size", spec.map_size))
-
-    spec = asked(recorded)
+    # Which program is started, no file says.
+    recorded = replace(recorded, simulator=without_place(recorded.simulator))
+    spec = with_given(recorded, given)
+    spec = replace(spec, map_size=given.get("map_size", spec.map_size))
     if not checked:
         return spec
     spec.require_trusted(file.path, named_parts(given))
-    if spec.simulator.name == recorded.simulator.name:  # which program is started, no file says
-        spec = asked(replace(recorded, simulator=without_place(recorded.simulator)))
     return spec.with_limit()  # which loads the simulator
 
 

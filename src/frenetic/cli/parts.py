@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, ParamSpec, TypeVar
@@ -264,10 +264,11 @@ place_option: Final = part_choice(
 
 
 def without_place(simulator: Part) -> Part:
-    """A simulator without the options that say where it is."""
-    places = usual_of(simulator.name or "").place_options if simulator.options else ()
-    kept = {name: value for name, value in simulator.options.items() if name not in places}
-    return replace(simulator, options=kept)
+    """A simulator without the options that say where it is; a user's own one is not loaded."""
+    name = simulator.name or ""
+    if not simulator.options or SIMULATORS.is_own(name):
+        return simulator
+    return _placed(simulator, usual_of(name).place_options, {})
 
 
 def moved(recorded: Part, name: str | None, options: tuple[tuple[str, Any], ...]) -> Part:
@@ -276,14 +277,19 @@ def moved(recorded: Part, name: str | None, options: tuple[tuple[str, Any], ...]
     Raises:
         click.UsageError: it says more than a place, or the simulator is another.
     """
-    if name is None and not options:
+    place = dict(options)
+    if name is None and not place:
         return recorded
-    places = usual_of(recorded.name or "").place_options
-    if name not in (None, recorded.name) or not {option for option, _ in options} <= {*places}:
-        only = f"can only say where {recorded.name} is ({', '.join(places)})"
+    known = usual_of(recorded.name or "").place_options
+    if name not in (None, recorded.name) or not place.keys() <= {*known}:
+        only = f"can only say where {recorded.name} is ({', '.join(known)})"
         raise click.UsageError(
-            f"--simulator {only if places else f'is for one that moves, unlike {recorded.name}'}:"
+            f"--simulator {only if known else f'is for one that moves, unlike {recorded.name}'}:"
             " all else would be another campaign"
         )
-    there = without_place(recorded)
-    return replace(there, options={**there.options, **dict(options)})
+    return _placed(recorded, known, place)
+
+
+def _placed(simulator: Part, known: Collection[str], place: Mapping[str, Any]) -> Part:
+    kept = {name: value for name, value in simulator.options.items() if name not in known}
+    return replace(simulator, options={**kept, **place})
