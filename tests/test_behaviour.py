@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 from frenetic import oracle, road
-from frenetic.drivers import Observation, Planner, appearance
+from frenetic.drivers import Observation, Planner
 from frenetic.drivers.driver import scene_of
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
@@ -31,6 +31,7 @@ from frenetic.simulators import EmbeddedSimulator, Rules
 from frenetic.simulators.simulator import Simulator
 from frenetic.testing import DummyDriver, DummySimulator, converse
 from frenetic.versions import version_of
+from frenetic.vision import appearance
 from frenetic.vision.marking_follower import MarkingFollower
 from frenetic.vision.rendering import Renderer
 

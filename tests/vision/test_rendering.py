@@ -16,7 +16,6 @@ from frenetic.drivers import (
     Noisy,
     Observation,
     Planner,
-    appearance,
 )
 from frenetic.drivers.driver import CameraDriver
 from frenetic.drivers.loading import load_driver
@@ -27,6 +26,7 @@ from frenetic.road import Pose, Road
 from frenetic.simulators import EmbeddedSimulator
 from frenetic.simulators.worlds import in_conditions
 from frenetic.spec import describe
+from frenetic.vision import appearance
 from frenetic.vision.rendering import Renderer
 
 SHORT = Road([0.0, 0.0, 0.03, 0.03])
