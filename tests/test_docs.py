@@ -1,10 +1,11 @@
-"""Every code block of README and docs runs, page by page, from top to bottom."""
+"""Code of README and docs runs, page by page, and prints what the page shows."""
 
 from __future__ import annotations
 
 import json
 import re
 import shlex
+from itertools import chain, repeat
 from pathlib import Path
 from runpy import run_path
 from typing import TYPE_CHECKING, Any
@@ -28,25 +29,67 @@ LINK = re.compile(r"\]\((?!https?:)([^)#]+)")
 # data or time that a test does not have, Python (py) that needs what tests do not install, and the
 # client in JavaScript, which a test of its command runs.
 SHOWN = {"toml", "console", "py", "javascript"}
+OUTPUT = "text"
+"""Kind of a block with what the last command, or the code, of the block before it prints."""
 # What a page may ask the reader to do beside running Frenetic: setting up. `.ci/run` does that.
 SET_UP = ("python3 -m venv", "git clone", ".venv/bin/", ".ci/run")
 # A reader searches until there is much to see. Here the same commands run, on fewer roads, but for
-# pages that promise what will be found or name a late test.
+# pages that show outputs, promise what will be found or name a late test.
 ENOUGH = {"simulations": 40, "repeats": 2, "times": 2}
 NUMBER = re.compile(rf"\b({'|'.join(ENOUGH)})([ =])(\d+)\b")
+OF_THE_MACHINE = re.compile(
+    r"in \d+:\d\d(:\d\d)?, [\d.,]+ tests/\w+"  # how long a search took
+    r"|\d{4}-\d\d-\d\d[ T]\d\d:\d\d:\d\d[.\d]*(\+\d\d:\d\d)?"
+    r"|\b(?=[a-f]*\d)[0-9a-f]{8}\b"  # digests, also of versions
+)
+"""What a command prints elsewhere, or at another time, otherwise."""
 
 
-def run_page(page: Path, interpreter: Interpreter, folder: Path) -> None:
-    for kind, text in BLOCK.findall(page.read_text(encoding="utf-8")):
-        text = text if page.name in IN_FULL else shortened(text)
-        if kind == "python":
-            run_python(text, interpreter, folder)
-        elif kind == "sh":
-            for line in text.splitlines():
-                command = line.split("  # ")[0].strip()
-                run_command(command, interpreter, folder, pictures=page.name in DRAWN)
+def run_page(page: Path, interpreter: Interpreter, folder: Path) -> str:
+    """The page with the outputs that its blocks have now."""
+    text = page.read_text(encoding="utf-8")
+    in_full = page.name in IN_FULL or f"```{OUTPUT}\n" in text
+    printed: str | None = None
+
+    def run(block: re.Match[str]) -> str:
+        nonlocal printed
+        kind, code = block.groups()
+        if kind == OUTPUT:
+            assert printed is not None, f"{page.name}: nothing printed this:\n{code}"
+            now, printed = as_shown(printed, code), None
+            return f"```{OUTPUT}\n{code if masked(now) == masked(code) else now}```"
+        if kind in {"python", "sh"}:
+            code = code if in_full else shortened(code)
+            if kind == "python":
+                printed = run_python(code, interpreter, folder)
+            else:
+                pictures = page.name in DRAWN
+                printed = run_commands(code, interpreter, folder, pictures=pictures)
         else:
             assert kind in SHOWN, f"{page.name}: nobody runs a block of kind {kind!r}"
+        return block[0]
+
+    return BLOCK.sub(run, text)
+
+
+def as_shown(printed: str, shown: str) -> str:
+    """As much of what was printed as a page shows.
+
+    A line ``...`` stands for any number of lines, "..." at a line's end for its rest.
+    """
+    lines, like = [line.rstrip() for line in printed.rstrip().splitlines()], shown.splitlines()
+    if "..." in like:
+        first = like.index("...")
+        lines[first : len(lines) - (len(like) - first - 1)] = ["..."]
+    return "".join(
+        f"{line[: len(old) - 3]}...\n" if old.endswith("...") and old != line else f"{line}\n"
+        for line, old in zip(lines, chain(like, repeat("")), strict=False)
+    )
+
+
+def masked(text: str) -> str:
+    """A text without what depends on the machine."""
+    return OF_THE_MACHINE.sub("*", text)
 
 
 def shortened(text: str) -> str:
@@ -79,24 +122,32 @@ DRAWN = {"README.md", "calibrating.md", "files.md"}
 """Pages whose commands draw pictures, of each kind: they take most of a short search's time."""
 
 
-def run_python(text: str, interpreter: Interpreter, folder: Path) -> None:
+def run_python(text: str, interpreter: Interpreter, folder: Path) -> str:
+    """What it prints."""
     name = re.match(r"# file: (\S+)\n", text)
     if name is None:
         ended = interpreter.python(text, folder=folder)
         assert ended.code == 0, f"{text}\n{ended.output}"
-        return
+        return ended.stdout
     (folder / name[1]).write_text(text, encoding="utf-8")
     if name[1].startswith("test_"):
         run_tests(name[1], interpreter, folder)
+    return ""
 
 
-def run_command(line: str, interpreter: Interpreter, folder: Path, *, pictures: bool) -> None:
-    if not line or line.startswith(SET_UP):
-        return
-    program, *arguments = shlex.split(line)
-    assert program == "frenetic", f"a page asks for {line!r}, which no test runs"
-    ended = interpreter.frenetic(*arguments, folder=folder, pictures=pictures)
-    assert ended.code == 0, f"{line}\n{ended.output}"
+def run_commands(text: str, interpreter: Interpreter, folder: Path, *, pictures: bool) -> str:
+    """What the last of them prints."""
+    printed = ""
+    for line in text.splitlines():
+        command = line.split("  # ")[0].strip()
+        if not command or command.startswith(SET_UP):
+            continue
+        program, *arguments = shlex.split(command)
+        assert program == "frenetic", f"a page asks for {command!r}, which no test runs"
+        ended = interpreter.frenetic(*arguments, folder=folder, pictures=pictures)
+        assert ended.code == 0, f"{command}\n{ended.output}"
+        printed = ended.stdout
+    return printed
 
 
 def run_tests(name: str, interpreter: Interpreter, folder: Path) -> None:
@@ -107,10 +158,38 @@ def run_tests(name: str, interpreter: Interpreter, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_code_runs(page: Path, interpreter: Interpreter, tmp_path: Path) -> None:
-    run_page(page, interpreter, tmp_path)
+def test_code_runs_and_prints_what_the_page_shows(
+    page: Path, interpreter: Interpreter, tmp_path: Path, pytestconfig: pytest.Config
+) -> None:
+    text = run_page(page, interpreter, tmp_path)
+    if pytestconfig.getoption("--write-outputs"):
+        page.write_text(text, encoding="utf-8", newline="\n")
+    else:
+        assert text == page.read_text(encoding="utf-8"), "pytest tests/test_docs.py --write-outputs"
     if page.name in PROMISES:
         PROMISES[page.name](tmp_path)
+
+
+PRINTED = "9 tests in 0:01, 41 tests/s\nfirst road 12.5 m\nsecond road 3 m\nall done\n"
+
+
+@pytest.mark.parametrize(
+    ("shown", "now"),
+    [
+        ("9 tests in 1:10:02, 4.3 tests/h\n...\nall done\n", None),
+        ("9 tests in 0:02, 3 tests/s\nfirst road ...\n...\n", None),
+        ("...\nsecond road 4 m\nall done\n", "...\nsecond road 3 m\nall done\n"),
+        ("8 tests in 0:02, 3 tests/s\n...\n", "9 tests in 0:01, 41 tests/s\n...\n"),
+        ("9 tests in 0:01, 41 tests/s\n", PRINTED),
+    ],
+)
+def test_an_output_is_stale_if_a_reader_gets_another(
+    shown: str, now: str | None, interpreter: Interpreter, tmp_path: Path
+) -> None:
+    page = tmp_path / "page.md"
+    blocks = f"```python\nprint({PRINTED!r})\n```\n\n```text\n{shown}```\n"
+    page.write_text(blocks, encoding="utf-8")
+    assert run_page(page, interpreter, tmp_path) == blocks.replace(shown, now or shown)
 
 
 def test_the_search_of_the_readme_runs_again(interpreter: Interpreter, tmp_path: Path) -> None:
