@@ -217,13 +217,20 @@ def test_pages_find_a_block_to_run() -> None:
     assert kinds.count("sh") >= 6
 
 
-# The tutorial notebook: its cells run here, by what writes their outputs into it
+# The notebook: its cells run here, by what writes their outputs into it
 
 
-def shown(notebook: dict[str, Any]) -> list[tuple[str, list[str]]]:
-    """The kinds of output of each code cell, in order, by the cell's id."""
+def shown(notebook: dict[str, Any]) -> list[tuple[str, list[str], list[str]]]:
+    """Each code cell's id, kinds of output and what it prints, in order."""
     return [
-        (cell["id"], [kind for one in cell["outputs"] for kind in one.get("data", {"text": ""})])
+        (
+            cell["id"],
+            [kind for one in cell["outputs"] for kind in one.get("data", {"text": ""})],
+            [
+                masked("".join(one.get("text") or one["data"]["text/plain"]))
+                for one in cell["outputs"]
+            ],
+        )
         for cell in notebook["cells"]
         if cell["cell_type"] == "code"
     ]
