@@ -1,4 +1,4 @@
-"""Runs the tutorial notebook and writes its outputs into it: ``python docs/make_notebook.py``.
+"""Runs the notebook and writes its outputs into it: ``python docs/make_notebook.py``.
 
 The cells run here, one after the other, in a folder of their own. What Jupyter would show is kept:
 what a cell prints, its last value, and its figures. So neither a kernel nor a server is needed.

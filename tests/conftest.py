@@ -35,6 +35,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--keep-durations", action="store_true", help=f"write s per file to tests/{DURATIONS.name}"
     )
+    parser.addoption(
+        "--write-outputs", action="store_true", help="write what its code prints into each page"
+    )
 
 
 # On every core

@@ -1,17 +1,21 @@
-"""Every code block of README and docs runs, page by page, from top to bottom."""
+"""Code of README and docs runs, page by page, and prints what the page shows."""
 
 from __future__ import annotations
 
 import json
 import re
 import shlex
+from itertools import chain, repeat
 from pathlib import Path
 from runpy import run_path
+from shutil import copy
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
+from PIL import Image
 
-from frenetic import CampaignStore
+from frenetic._support.arrays import FloatArray
 
 if TYPE_CHECKING:
     from interpreters import Interpreter
@@ -28,25 +32,67 @@ LINK = re.compile(r"\]\((?!https?:)([^)#]+)")
 # data or time that a test does not have, Python (py) that needs what tests do not install, and the
 # client in JavaScript, which a test of its command runs.
 SHOWN = {"toml", "console", "py", "javascript"}
+OUTPUT = "text"
+"""Kind of a block with what the last command, or the code, of the block before it prints."""
 # What a page may ask the reader to do beside running Frenetic: setting up. `.ci/run` does that.
 SET_UP = ("python3 -m venv", "git clone", ".venv/bin/", ".ci/run")
 # A reader searches until there is much to see. Here the same commands run, on fewer roads, but for
-# pages that promise what will be found or name a late test.
+# pages that show outputs or name a late test.
 ENOUGH = {"simulations": 40, "repeats": 2, "times": 2}
 NUMBER = re.compile(rf"\b({'|'.join(ENOUGH)})([ =])(\d+)\b")
+OF_THE_MACHINE = re.compile(
+    r"in \d+:\d\d(:\d\d)?, [\d.,]+ tests/\w+"  # how long a search took
+    r"|\d{4}-\d\d-\d\d[ T]\d\d:\d\d:\d\d[.\d]*(\+\d\d:\d\d)?"
+    r"|\b(?=[a-f]*\d)[0-9a-f]{8}\b"  # digests, also of versions
+)
+"""What a command prints elsewhere, or at another time, otherwise."""
 
 
-def run_page(page: Path, interpreter: Interpreter, folder: Path) -> None:
-    for kind, text in BLOCK.findall(page.read_text(encoding="utf-8")):
-        text = text if page.name in IN_FULL else shortened(text)
-        if kind == "python":
-            run_python(text, interpreter, folder)
-        elif kind == "sh":
-            for line in text.splitlines():
-                command = line.split("  # ")[0].strip()
-                run_command(command, interpreter, folder, pictures=page.name in DRAWN)
+def run_page(page: Path, interpreter: Interpreter, folder: Path) -> str:
+    """The page with the outputs that its blocks have now."""
+    text = page.read_text(encoding="utf-8")
+    in_full = page.name in IN_FULL or f"```{OUTPUT}\n" in text
+    printed: str | None = None
+
+    def run(block: re.Match[str]) -> str:
+        nonlocal printed
+        kind, code = block.groups()
+        if kind == OUTPUT:
+            assert printed is not None, f"{page.name}: nothing printed this:\n{code}"
+            now, printed = as_shown(printed, code), None
+            return f"```{OUTPUT}\n{code if masked(now) == masked(code) else now}```"
+        if kind in {"python", "sh"}:
+            code = code if in_full else shortened(code)
+            if kind == "python":
+                printed = run_python(code, interpreter, folder)
+            else:
+                pictures = page.name in DRAWN
+                printed = run_commands(code, interpreter, folder, pictures=pictures)
         else:
             assert kind in SHOWN, f"{page.name}: nobody runs a block of kind {kind!r}"
+        return block[0]
+
+    return BLOCK.sub(run, text)
+
+
+def as_shown(printed: str, shown: str) -> str:
+    """As much of what was printed as a page shows.
+
+    A line ``...`` stands for any number of lines, "..." at a line's end for its rest.
+    """
+    lines, like = [line.rstrip() for line in printed.rstrip().splitlines()], shown.splitlines()
+    if "..." in like:
+        first = like.index("...")
+        lines[first : len(lines) - (len(like) - first - 1)] = ["..."]
+    return "".join(
+        f"{line[: len(old) - 3]}...\n" if old.endswith("...") and old != line else f"{line}\n"
+        for line, old in zip(lines, chain(like, repeat("")), strict=False)
+    )
+
+
+def masked(text: str) -> str:
+    """A text without what depends on the machine."""
+    return OF_THE_MACHINE.sub("*", text)
 
 
 def shortened(text: str) -> str:
@@ -54,49 +100,45 @@ def shortened(text: str) -> str:
     return NUMBER.sub(lambda one: f"{one[1]}{one[2]}{min(int(one[3]), ENOUGH[one[1]])}", text)
 
 
-def failed(folder: Path) -> int:
-    with CampaignStore.open(folder) as store:
-        return store.counts().failed
-
-
-def start_keeps_its_promises(folder: Path) -> None:
-    """What the page says of the campaigns that it runs."""
-    assert failed(folder / "mine") > 0
-    assert failed(folder / "farther") == 0
-    assert len(list((folder / "farther" / "failures").glob("near-miss-*.png"))) == 5
-
-
-def tutorial_keeps_its_promises(folder: Path) -> None:
-    assert failed(folder / "first") > 0
-    assert failed(folder / "one") == 1
-
-
-PROMISES = {"index.md": start_keeps_its_promises, "tutorial.md": tutorial_keeps_its_promises}
-"""Name of a page -> the check of what it promises, in the folder in which it ran."""
-IN_FULL = {"index.md", "rerun.md"}
-"""Pages whose campaigns are not shortened."""
+PICTURES = {
+    "README.md": {
+        "failure.png": "first/failures/test-00705.png",
+        "gallery.png": "first/failures/gallery.png",
+    }
+}
+"""Name of a page -> the pictures in docs/images that its commands draw."""
+IN_FULL = {"rerun.md"}
+"""Pages without outputs whose campaigns are not shortened."""
 DRAWN = {"README.md", "calibrating.md", "files.md"}
 """Pages whose commands draw pictures, of each kind: they take most of a short search's time."""
 
 
-def run_python(text: str, interpreter: Interpreter, folder: Path) -> None:
+def run_python(text: str, interpreter: Interpreter, folder: Path) -> str:
+    """What it prints."""
     name = re.match(r"# file: (\S+)\n", text)
     if name is None:
         ended = interpreter.python(text, folder=folder)
         assert ended.code == 0, f"{text}\n{ended.output}"
-        return
+        return ended.stdout
     (folder / name[1]).write_text(text, encoding="utf-8")
     if name[1].startswith("test_"):
         run_tests(name[1], interpreter, folder)
+    return ""
 
 
-def run_command(line: str, interpreter: Interpreter, folder: Path, *, pictures: bool) -> None:
-    if not line or line.startswith(SET_UP):
-        return
-    program, *arguments = shlex.split(line)
-    assert program == "frenetic", f"a page asks for {line!r}, which no test runs"
-    ended = interpreter.frenetic(*arguments, folder=folder, pictures=pictures)
-    assert ended.code == 0, f"{line}\n{ended.output}"
+def run_commands(text: str, interpreter: Interpreter, folder: Path, *, pictures: bool) -> str:
+    """What the last of them prints."""
+    printed = ""
+    for line in text.splitlines():
+        command = line.split("  # ")[0].strip()
+        if not command or command.startswith(SET_UP):
+            continue
+        program, *arguments = shlex.split(command)
+        assert program == "frenetic", f"a page asks for {command!r}, which no test runs"
+        ended = interpreter.frenetic(*arguments, folder=folder, pictures=pictures)
+        assert ended.code == 0, f"{command}\n{ended.output}"
+        printed = ended.stdout
+    return printed
 
 
 def run_tests(name: str, interpreter: Interpreter, folder: Path) -> None:
@@ -107,14 +149,51 @@ def run_tests(name: str, interpreter: Interpreter, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_code_runs(page: Path, interpreter: Interpreter, tmp_path: Path) -> None:
-    run_page(page, interpreter, tmp_path)
-    if page.name in PROMISES:
-        PROMISES[page.name](tmp_path)
+def test_code_runs_and_prints_what_the_page_shows(
+    page: Path, interpreter: Interpreter, tmp_path: Path, pytestconfig: pytest.Config
+) -> None:
+    text = run_page(page, interpreter, tmp_path)
+    images, pictures = ROOT / "docs" / "images", PICTURES.get(page.name, {})
+    if pytestconfig.getoption("--write-outputs"):
+        page.write_text(text, encoding="utf-8", newline="\n")
+        for name, drawn in pictures.items():
+            copy(tmp_path / drawn, images / name)
+    assert text == page.read_text(encoding="utf-8"), "pytest tests/test_docs.py --write-outputs"
+    for name, drawn in pictures.items():
+        difference = np.abs(coarse(tmp_path / drawn) - coarse(images / name)).max()
+        assert difference < 50, f"{name}: pytest tests/test_docs.py --write-outputs"
 
 
-def test_the_search_of_the_readme_runs_again(interpreter: Interpreter, tmp_path: Path) -> None:
-    kinds = BLOCK.findall((ROOT / "README.md").read_text(encoding="utf-8"))
+def coarse(picture: Path) -> FloatArray:
+    """Brightness of 64 by 64 parts of a picture, 0..255; other fonts change it by less than 30."""
+    with Image.open(picture) as image:
+        return np.asarray(image.convert("L").resize((64, 64), Image.Resampling.BOX), float)
+
+
+PRINTED = "9 tests in 0:01, 41 tests/s\nfirst road 12.5 m\nsecond road 3 m\nall done\n"
+
+
+@pytest.mark.parametrize(
+    ("shown", "now"),
+    [
+        ("9 tests in 1:10:02, 4.3 tests/h\n...\nall done\n", None),
+        ("9 tests in 0:02, 3 tests/s\nfirst road ...\n...\n", None),
+        ("...\nsecond road 4 m\nall done\n", "...\nsecond road 3 m\nall done\n"),
+        ("8 tests in 0:02, 3 tests/s\n...\n", "9 tests in 0:01, 41 tests/s\n...\n"),
+        ("9 tests in 0:01, 41 tests/s\n", PRINTED),
+    ],
+)
+def test_an_output_is_stale_if_a_reader_gets_another(
+    shown: str, now: str | None, interpreter: Interpreter, tmp_path: Path
+) -> None:
+    page = tmp_path / "page.md"
+    blocks = f"```python\nprint({PRINTED!r})\n```\n\n```text\n{shown}```\n"
+    page.write_text(blocks, encoding="utf-8")
+    assert run_page(page, interpreter, tmp_path) == blocks.replace(shown, now or shown)
+
+
+def test_the_search_from_python_runs_again(interpreter: Interpreter, tmp_path: Path) -> None:
+    kinds = BLOCK.findall((ROOT / "docs" / "index.md").read_text(encoding="utf-8"))
     search = shortened(next(text for kind, text in kinds if kind == "python"))
     for _ in range(2):
         run_python(search, interpreter, tmp_path)
@@ -138,13 +217,20 @@ def test_pages_find_a_block_to_run() -> None:
     assert kinds.count("sh") >= 6
 
 
-# The tutorial notebook: its cells run here, by what writes their outputs into it
+# The notebook: its cells run here, by what writes their outputs into it
 
 
-def shown(notebook: dict[str, Any]) -> list[tuple[str, list[str]]]:
-    """The kinds of output of each code cell, in order, by the cell's id."""
+def shown(notebook: dict[str, Any]) -> list[tuple[str, list[str], list[str]]]:
+    """Each code cell's id, kinds of output and what it prints, in order."""
     return [
-        (cell["id"], [kind for one in cell["outputs"] for kind in one.get("data", {"text": ""})])
+        (
+            cell["id"],
+            [kind for one in cell["outputs"] for kind in one.get("data", {"text": ""})],
+            [
+                masked("".join(one.get("text") or one["data"]["text/plain"]))
+                for one in cell["outputs"]
+            ],
+        )
         for cell in notebook["cells"]
         if cell["cell_type"] == "code"
     ]

@@ -32,9 +32,10 @@ LOADED = re.compile(
 """What a page or a style sheet loads from another host."""
 
 QUESTIONS = {
+    "getting started": "index.html",
     "install": "index.html#install",
     "write my own driver": "drivers.html#your-own",
-    "what is MOOBD": "tutorial.html#when-a-drive-fails-and-what-moobd-is",
+    "what is MOOBD": "index.html#when-a-drive-fails-and-what-moobd-is",
     "compare two versions of a driver": "comparing.html#two-versions-of-a-driver",
     "resume crash": "campaigns.html",
     "several computers": "cluster.html",
@@ -44,6 +45,8 @@ QUESTIONS = {
     "fail in CI": "command-line.html#ci",
     "same seed": "campaigns.html#same-seed-same-campaign",
     "failure real": "rerun.html",
+    "minimise": "minimising.html",
+    "reproduce the paper": "algorithm.html",
 }
 """What a new user searches for -> the page, or its part, that answers."""
 

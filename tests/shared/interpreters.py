@@ -53,8 +53,15 @@ class Ended:
 
     code: int
     """Its exit code; minus the signal's number if one ended it."""
-    output: str
-    """What it wrote to stdout and stderr."""
+    stdout: str
+    """What it wrote to stdout."""
+    stderr: str
+    """What it wrote to stderr."""
+
+    @property
+    def output(self) -> str:
+        """All that it wrote."""
+        return self.stdout + self.stderr
 
 
 class Interpreter:
@@ -78,10 +85,10 @@ class Interpreter:
             cwd=folder,
             env=os.environ | {"PYTHONPATH": str(folder)},
             stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
+            capture_output=True,
         )
-        return Ended(done.returncode, done.stdout.decode(errors="replace"))
+        written = (text.decode(errors="replace") for text in (done.stdout, done.stderr))
+        return Ended(done.returncode, *written)
 
 
 class WarmInterpreter(Interpreter):
@@ -102,11 +109,15 @@ class WarmInterpreter(Interpreter):
     def _run(self, job: dict[str, Any], folder: Path) -> Ended:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        with tempfile.NamedTemporaryFile() as output:
-            line = json.dumps(job | {"folder": str(folder), "output": output.name})
-            print(line, file=self._process.stdin, flush=True)
+        with tempfile.NamedTemporaryFile() as out, tempfile.NamedTemporaryFile() as err:
+            files = {"stdout": out.name, "stderr": err.name}
+            print(
+                json.dumps(job | {"folder": str(folder)} | files),
+                file=self._process.stdin,
+                flush=True,
+            )
             code = int(self._process.stdout.readline())
-            return Ended(code, output.read().decode(errors="replace"))
+            return Ended(code, *(file.read().decode(errors="replace") for file in (out, err)))
 
 
 @pytest.fixture(scope="session")
@@ -152,16 +163,16 @@ def _fork() -> int:
 
 def _do(
     folder: str,
-    output: str,
+    stdout: str,
+    stderr: str,
     arguments: list[str] | None = None,
     code: str | None = None,
     pictures: bool = True,
 ) -> NoReturn:
     """Becomes what an interpreter that was started for this job would be."""
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-    file = os.open(output, os.O_WRONLY | os.O_APPEND)
-    os.dup2(file, 1)
-    os.dup2(file, 2)
+    os.dup2(os.open(stdout, os.O_WRONLY | os.O_APPEND), 1)
+    os.dup2(os.open(stderr, os.O_WRONLY | os.O_APPEND), 2)
     os.chdir(folder)
     os.environ["PYTHONPATH"] = folder
     sys.path[0] = folder  # instead of this file's
