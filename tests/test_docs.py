@@ -28,7 +28,7 @@ LINK = re.compile(r"\]\((?!https?:)([^)#]+)")
 # Blocks of these kinds are shown, not run: a fragment of a user's own file, benchmarks, which take
 # data or time that a test does not have, Python (py) that needs what tests do not install, and the
 # client in JavaScript, which a test of its command runs.
-SHOWN = {"toml", "console", "py", "javascript"}
+SHOWN = {"toml", "console", "text", "py", "javascript"}
 # What a page may ask the reader to do beside running Frenetic: setting up. `.ci/run` does that.
 SET_UP = ("python3 -m venv", "git clone", ".venv/bin/", ".ci/run")
 # A reader searches until there is much to see. Here the same commands run, on fewer roads, but for
