@@ -145,7 +145,7 @@ def test_pages_fit_a_phone_and_the_readers_scheme(
         color_scheme="dark" if scheme == "dark" else "light",
     )
     page = context.new_page()
-    for name in ("index", "command-line", "bench-results", "api/campaign"):
+    for name in ("index", "command-line", "measures", "api/campaign"):
         page.goto(f"{address}{name}.html")
         assert page.evaluate("document.documentElement.scrollWidth") <= 390, name
         assert (background(page) > 600) == (scheme == "light"), name

@@ -1,7 +1,7 @@
 """The competition's own features of a failure, mistakes included, for comparison with its tables.
 
-They are computed as the published pipeline does it. docs/measures.md lists the mistakes and what to
-use instead. `Features` are the corrected form.
+They are computed as the published pipeline does it. research/measures.md lists the mistakes.
+`Features` are the corrected form.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Metrics of a campaign for comparisons: their meaning and measurement.
 
 The competition's measures are computed as its published code does it, mistakes included, and named
-so; beside them stand forms with published bounds. docs/measures.md gives the reasons.
+so; beside them stand forms with published bounds. research/measures.md gives the reasons.
 """
 
 from __future__ import annotations

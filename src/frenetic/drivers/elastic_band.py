@@ -11,7 +11,7 @@ plan's curvature, and the front of the car steers for a point ahead on the smoot
 middle of the lane, in m to the left, node ``j`` (at ``j * spacing / 2`` m of road) in place
 ``j % NODES``, and one more than the number of the last node. It starts as zeros.
 
-What is known of BeamNG.AI is in ``docs/beamng-ai.md``.
+What is known of BeamNG.AI is in ``research/beamng-ai.md``.
 """
 
 from __future__ import annotations
