@@ -18,8 +18,8 @@ from typing import Any, Final, Literal, TypeAlias
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.words import text_cell
-from frenetic.analysis.competition import competition_segment
-from frenetic.analysis.sparseness import competition_sparseness
+from frenetic.analysis.competition import failure_segment
+from frenetic.analysis.sparseness import MOST_COMPARED, competition_sparseness
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.drive import Drive
@@ -34,9 +34,6 @@ GROUND: Final = -28.0
 
 Sides: TypeAlias = Literal["geometry", "competition"]
 """Rule for the side of a departure in ``oob_stats.csv``: where the car was, or the official one."""
-
-MOST_COMPARED: Final = 2000
-"""Most failures for sparseness, whose time grows with their square."""
 
 _DIGITS: Final = 6  # decimals: micrometres
 
@@ -295,10 +292,7 @@ class _Statistics:
                 self._sides[str(departure.side)] += 1
             if by_geometry and not self._with_sparseness:
                 return
-            points = record.candidate.points
-            segment = competition_segment(
-                record.road.road_points if points is None else points, (departure.x, departure.y)
-            )
+            segment = failure_segment(record)
             if segment is None:
                 return
             if not by_geometry:
