@@ -114,7 +114,7 @@ def test_curves_are_thinned_and_have_bands_where_there_are_enough(tmp_path: Path
 def test_pairs_are_told_the_best_first(three: Comparison, tmp_path: Path) -> None:
     (block,) = blocks_of(three, tmp_path)["pairs"]
     by = block.data["measures"][0]
-    assert by["title"] == "distinct failures per 100 simulations"
+    assert by["title"] == "distinct failures"
     assert [(pair["first"].name, pair["second"].name) for pair in by["pairs"]] == [
         ("high", "low"),
         ("high", "never"),
@@ -239,11 +239,11 @@ def test_what_never_happened_has_an_end_of_its_own(page: Page) -> None:
 def test_pairs_change_with_the_measure(page: Page) -> None:
     shown = page.locator("#pairs [data-shown-by]:visible")
     expect(shown).to_contain_text("By distinct failures: more is better")
-    page.select_option("#pairs-by", label="simulations to first failure")
+    page.select_option("#pairs-by", label="lowest MOOBD (m)")
     expect(shown).to_have_count(1)
-    expect(shown).to_contain_text("By simulations to first failure: less is better")
+    expect(shown).to_contain_text("By lowest MOOBD (m): less is better")
     expect(shown.locator("tbody tr")).to_have_count(3)
-    expect(shown.locator("tbody tr").first).to_contain_text("the second has less")
+    expect(shown.locator("tbody tr").first).to_contain_text("the first has less")
 
 
 def test_dark_colours_follow_the_system(
