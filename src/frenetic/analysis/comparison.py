@@ -178,15 +178,11 @@ class MeasureComparison:
         """The groups by place, the best first."""
         return tuple(sorted(self.values, key=lambda name: self.places[name]))
 
-    def pairs_of(self, group: str) -> tuple[PairComparison, ...]:
-        """The pairs to which a group belongs."""
-        return tuple(pair for pair in self.pairs if group in (pair.first, pair.second))
-
     def worse_than(self, group: str) -> tuple[str, ...]:
         """The groups that are worse than another."""
         return tuple(
             pair.second if pair.first == group else pair.first
-            for pair in self.pairs_of(group)
+            for pair in self.pairs
             if pair.better == group
         )
 

@@ -37,14 +37,13 @@ class CompetitionSegment:
 
 
 def competition_segment(
-    road_points: npt.ArrayLike, position: tuple[float, float], reach: float = REACH
+    road_points: npt.ArrayLike, position: tuple[float, float]
 ) -> CompetitionSegment | None:
     """The segment around the place of a road that is nearest to a position.
 
     Args:
         road_points: (N, 2) m, the road as it was submitted.
         position: m, where the car was first out of its lane.
-        reach: m of road before and after the place.
 
     Returns:
         None where the competition's code breaks: for a place at the road's start, and for a road
@@ -61,8 +60,8 @@ def competition_segment(
     if len(near) == 0 or near[-1] == 0:
         return None
     i = int(near[-1])
-    before = _within(np.vstack([line[:i], place])[::-1], reach)[::-1]
-    after = _within(line[i:], reach)
+    before = _within(np.vstack([line[:i], place])[::-1])[::-1]
+    after = _within(line[i:])
     away = float(np.hypot(*(np.array(position) - place)))
     return CompetitionSegment(np.vstack([before, after]), "left" if away < _LEFT else "right")
 
@@ -107,12 +106,12 @@ def _foot(line: FloatArray, position: FloatArray) -> FloatArray:
     return foot
 
 
-def _within(points: FloatArray, reach: float) -> FloatArray:
-    """The points up to, not including, the one that is ``reach`` m or more along the line.
+def _within(points: FloatArray) -> FloatArray:
+    """The points up to, not including, the one that is `REACH` m or more along the line.
 
     A single point is no line and gives nothing.
     """
     if len(points) < 2:
         return np.empty((0, 2))
     along = np.cumsum(np.hypot(*np.diff(points, axis=0).T))
-    return points[: 1 + int(np.searchsorted(along, reach))]
+    return points[: 1 + int(np.searchsorted(along, REACH))]
