@@ -105,6 +105,7 @@ def test_more_failures_are_better_and_a_later_first_one_is_worse() -> None:
     assert pair.verdict is Verdict.SECOND_IS_BETTER
     by = turned.by("simulations_to_failure")
     assert by.said(pair) == "quick has less than slow"
+    assert by.places == {"slow": 2, "quick": 1}
 
 
 def test_never_failing_is_worse_than_any_failure() -> None:
@@ -150,6 +151,8 @@ def test_several_groups_are_corrected_for_being_several() -> None:
     assert found.pairs[2].verdict is Verdict.NOT_SHOWN
     assert found.p_overall is not None
     assert found.p_overall < 0.01
+    assert found.worse_than("a") == ("b", "c")
+    assert found.worse_than("b") == found.worse_than("c") == ()
 
 
 def test_a_group_is_placed_by_its_median_and_equal_ones_by_mean_rank() -> None:
@@ -172,12 +175,6 @@ def test_groups_that_rank_alike_share_a_place() -> None:
     assert found.order == ("a", "b", "c")
 
 
-def test_less_ranks_first_where_less_is_better() -> None:
-    quick, slow = (measures(3, first=2),), (measures(3, first=9),)
-    found = compare_measured({"slow": slow, "quick": quick}).by("simulations_to_failure")
-    assert found.places == {"slow": 2, "quick": 1}
-
-
 def test_no_sparseness_is_worse_than_any() -> None:
     some = tuple(measures(2, sparseness=10.0 * i) for i in range(5))
     none = tuple(measures(1) for _ in range(5))
@@ -197,13 +194,6 @@ def test_pairs_can_be_turned() -> None:
     turned = pair.turned
     assert (turned.first, turned.second, turned.a12) == ("b", "a", 0.0)
     assert (turned.better, str(turned)) == (pair.better, str(pair)) == ("a", "a is better than b")
-
-
-def test_those_that_are_shown_to_be_worse_are_known() -> None:
-    groups = {"a": group(9, 8, 7, 9, 8), "b": group(5, 4, 6, 5, 4), "c": group(5, 4, 6, 5, 3)}
-    found = compare_measured(groups).by("failures")
-    assert found.worse_than("a") == ("b", "c")
-    assert found.worse_than("b") == found.worse_than("c") == ()
 
 
 def test_too_many_groups_for_their_repeats_are_noted() -> None:

@@ -98,44 +98,37 @@ def test_mistakes_are_told(tmp_path: Path) -> None:
 # Sentences
 
 
-def test_two_that_differ() -> None:
+NEAR = [10, 12, 13, 14, 14]
+SEVERAL = {f"g{i}": [n + 10 * i for n in LOW] for i in range(6)}
+
+
+@pytest.mark.parametrize(
+    ("groups", "words"),
+    [
+        ({"a": LOW, "b": LOW}, "No difference in distinct failures is shown."),
+        ({"a": LOW[:4], "b": HIGH}, "Too few repeats to tell: at least 5 campaigns a group"),
+        (
+            {"a": LOW, "b": HIGH, "c": LOW},
+            "b finds more distinct failures than a and c, which is shown for each of them.",
+        ),
+        (
+            {"a": LOW, "b": HIGH, "c": NEAR},
+            "b comes first in distinct failures, shown to find more than a, not than c.",
+        ),
+        ({"a": LOW, "b": HIGH, "c": HIGH}, "No group is shown to find the most distinct failures"),
+        (SEVERAL, "No two groups are shown to differ in distinct failures, though not all"),
+    ],
+)
+def test_verdicts(groups: dict[str, list[int]], words: str) -> None:
+    assert verdict(groups_of(**groups)).startswith(words)
+
+
+def test_findings_tell_the_medians_of_the_best_and_the_last() -> None:
     assert findings(groups_of(low=LOW, high=HIGH)) == (
         "high finds more distinct failures than low (A12 1.00, large; p 0.0079)."
         " Median (quartiles) of distinct failures: high 13 (12 to 14); low 3 (2 to 4)."
     )
-
-
-def test_two_that_are_alike() -> None:
-    assert verdict(groups_of(a=LOW, b=LOW)) == "No difference in distinct failures is shown."
-
-
-def test_few_repeats() -> None:
-    assert verdict(groups_of(a=LOW[:4], b=HIGH)).startswith("Too few repeats to tell")
-
-
-def test_one_of_three_that_is_better_than_all() -> None:
-    assert verdict(groups_of(a=LOW, b=HIGH, c=LOW)) == (
-        "b finds more distinct failures than a and c, which is shown for each of them."
-    )
-
-
-def test_one_of_three_that_is_level_with_another() -> None:
-    near = [10, 12, 13, 14, 14]
-    assert verdict(groups_of(a=LOW, b=HIGH, c=near)) == (
-        "b comes first in distinct failures, shown to find more than a, not than c."
-    )
-
-
-def test_nobody_is_best_where_the_first_place_is_shared() -> None:
-    assert verdict(groups_of(a=LOW, b=HIGH, c=HIGH)).startswith(
-        "No group is shown to find the most"
-    )
-
-
-def test_groups_of_which_none_but_all_together_differ() -> None:
-    several = {f"g{i}": [n + 10 * i for n in LOW] for i in range(6)}
-    assert verdict(groups_of(**several)).startswith("No two groups are shown to differ")
-    assert "2 groups between" in findings(groups_of(**several))
+    assert "2 groups between" in findings(groups_of(**SEVERAL))
 
 
 def test_many_names_are_counted() -> None:

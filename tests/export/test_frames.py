@@ -247,15 +247,9 @@ def test_a_missing_or_damaged_trajectory_is_one_line(
 def test_what_there_is_not(campaign: Path) -> None:
     with pytest.raises(ValueError, match="one of tests, trajectories is needed"):
         data_frame(campaign, "roads")  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="GREAT"):
-        data_frame(campaign, outcomes=["GREAT"])
 
 
 def test_without_pandas_the_extra_is_named(campaign: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(FreneticError, match=r'pip install "\.\[tables\]"'):
-        data_frame(campaign)
-
-
-def test_the_package_knows_it() -> None:
-    assert frenetic.data_frame is data_frame
+        frenetic.data_frame(campaign)
