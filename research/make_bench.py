@@ -129,18 +129,17 @@ SHOWN: Final = {
     "distinct_failures": "distinct failures",
     "failures": "failures",
     "cells": "cells",
-    "pairwise_diversity": "diversity",
+    "unlike_roads": "unlike roads",
     "simulations_to_failure": "first failure",
     "min_moobd": "lowest MOOBD",
-    "competition_cells": "competition's cells",
     "competition_sparseness": "competition's sparseness",
-    "invalid_share": "refused",
+    "valid_share": "valid",
 }
 """Name of a measure -> heading of its column."""
 COMPARED: Final = (
     "distinct_failures",
     "cells",
-    "pairwise_diversity",
+    "unlike_roads",
     "simulations_to_failure",
     "min_moobd",
 )

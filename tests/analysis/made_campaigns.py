@@ -1,14 +1,17 @@
-"""Campaigns for the tests of measuring and comparing."""
+"""Campaigns, and measures of campaigns, for the tests of measuring and comparing."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from frenetic._support.json_value import JSONValue
+from frenetic.analysis.metrics import CampaignMeasures
 from frenetic.campaign import Budget, Campaign, CampaignStore, Test
+from frenetic.campaign.counts import Counts
 from frenetic.campaign.record import Attempt
 from frenetic.drivers import Driver, Planner
 from frenetic.oracle import Result
@@ -57,3 +60,25 @@ def store_of(
         if facts:
             store.finish(**facts)
     return folder
+
+
+def measures(
+    failures: int,
+    *,
+    first: int = 1,
+    simulations: int = 100,
+    invalid: int = 0,
+    min_moobd: float | None = None,
+    sparseness: float = -math.inf,
+) -> CampaignMeasures:
+    """Measures of a campaign with so many failures, one after the other, each unlike the others."""
+    curve = np.clip(np.arange(simulations + 1) - first + 1, 0, failures)
+    return CampaignMeasures(
+        folder=Path("made-up"),
+        seed=None,
+        counts=Counts(invalid=invalid, min_moobd=min_moobd),
+        failures_after=curve,
+        distinct_after=curve,
+        is_finished=True,
+        competition_sparseness=sparseness,
+    )

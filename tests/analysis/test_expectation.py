@@ -3,21 +3,14 @@
 from __future__ import annotations
 
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_campaigns import search
 
 from frenetic.analysis.expectation import RandomRoads
-from frenetic.analysis.failures import distinct_failures
-from frenetic.analysis.metrics import measure_campaign
 from frenetic.analysis.statistics import proportion_interval
-from frenetic.campaign import CampaignStore
-from frenetic.outcome import Outcome
-from frenetic.search import Frenetic2021, RandomSearch
 
 # Numbers of roads that found each distinct failure, and roads that found none.
 random_roads = st.builds(
@@ -87,20 +80,3 @@ def test_no_failure_leaves_as_many_open_as_failures() -> None:
     distinct = random.distinct_after([50, 100])
     assert distinct.value.tolist() == distinct.low.tolist() == [0.0, 0.0]
     assert distinct.high == pytest.approx(proportion_interval(0, 50)[1] * np.array([50, 100]))
-
-
-def test_a_campaign_expects_of_random_roads_what_its_own_found(tmp_path: Path) -> None:
-    drawn = measure_campaign(search(tmp_path / "drawn", RandomSearch(seed=1), 60))
-    assert drawn.expected_failures == pytest.approx(drawn.failures)
-    assert drawn.expected_distinct == pytest.approx(drawn.distinct_failures)
-    searched = measure_campaign(
-        search(tmp_path / "searched", Frenetic2021(seed=2, max_redraws=10), 120)
-    )
-    with CampaignStore.open(tmp_path / "searched") as store:
-        random = [one for one in store.tests() if one.candidate.origin.operator == "random"]
-        failing = {one.id for one in random if one.outcome is Outcome.FAIL}
-        found = [len(failing & set(one.ids)) for one in distinct_failures(store)]
-    assert searched.expected_failures == pytest.approx(120 * len(failing) / len(random))
-    assert searched.expected_distinct is not None
-    assert searched.expected_failures is not None
-    assert sum(map(bool, found)) < searched.expected_distinct <= searched.expected_failures

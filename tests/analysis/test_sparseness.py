@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise, permutations
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from frenetic._support.arrays import FloatArray
-from frenetic.analysis import Diversity, competition_sparseness, diversity, edit_distance
+from frenetic.analysis import competition_sparseness, edit_distance, unlike_lines
 
 Steps = Sequence[tuple[float, float]]
 
@@ -140,41 +140,30 @@ def test_competition_sparseness_misses_no_pair(lines: list[FloatArray]) -> None:
     assert competition_sparseness(lines).maxima == expected
 
 
-def test_diversity_worked_out_by_hand() -> None:
-    # Shares of the longer line: 2, 4 and 4 steps.
-    ab, ac, bc = AB / 2.0, AC / 4.0, BC / 4.0
-    found = diversity([A, B, C])
-    assert found.pairwise == pytest.approx((ab + ac + bc) / 3.0)
-    assert found.nearest == pytest.approx((min(ab, ac) + min(ab, bc) + min(ac, bc)) / 3.0)
+def test_lines_are_unlike_if_more_than_a_fifth_of_the_steps_needs_edits() -> None:
+    straight = ahead(10)
+    turning = [*straight[:5], (90.0, 1.0), *straight[6:]]  # 45/91 of an edit
+    longer, much_longer = ahead(12), ahead(13)  # 2 of 12 steps, 3 of 13
+    assert unlike_lines([line(steps) for steps in (straight, straight, turning, longer)]) == 1
+    assert unlike_lines([line(steps) for steps in (straight, much_longer, longer)]) == 2
+    assert unlike_lines([]) == 0
 
 
-def test_diversity_does_not_depend_on_the_order() -> None:
-    values = [diversity(order) for order in permutations([A, B, C, line(ahead(7))])]
-    for one in values[1:]:
-        assert one.nearest == pytest.approx(values[0].nearest)
-        assert one.pairwise == pytest.approx(values[0].pairwise)
-
-
-def test_doubles_have_no_nearest_distance() -> None:
-    assert diversity([A, B, A, B]).nearest == 0.0
-    assert diversity([A, A]) == Diversity(0.0, 0.0)
+@settings(max_examples=50)
+@given(st.lists(LINES, max_size=8))
+def test_unlike_lines_are_those_of_the_definition(lines: list[FloatArray]) -> None:
+    counted: list[FloatArray] = []
+    for new in lines:
+        shares = [edit_distance(new, old) / (max(len(new), len(old)) - 1) for old in counted]
+        if all(share > 0.2 for share in shares):
+            counted.append(new)
+    assert unlike_lines(lines) == len(counted)
 
 
 def test_fewer_than_two_failures_have_no_sparseness() -> None:
     for few in ([], [A]):
         assert competition_sparseness(few).mean is None
         assert competition_sparseness(few).maxima == ()
-        assert diversity(few) == Diversity(None, None)
-
-
-@settings(max_examples=50)
-@given(st.lists(LINES, min_size=2, max_size=6))
-def test_diversity_is_a_share(lines: list[FloatArray]) -> None:
-    found = diversity(lines)
-    assert found.nearest is not None
-    assert found.pairwise is not None
-    assert 0.0 <= found.nearest <= found.pairwise + 1e-12
-    assert found.pairwise <= 1.0
 
 
 @pytest.mark.parametrize("points", [[(0.0, 0.0)], [], [1.0, 2.0, 3.0]])

@@ -1,8 +1,9 @@
-"""Statistics against hand-computed cases, against brute force and against scipy."""
+"""Statistics against scipy, against brute force and, where it has none, published cases."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from itertools import combinations, permutations
 
 import numpy as np
@@ -31,19 +32,6 @@ from frenetic.analysis.statistics import (
 few = st.lists(st.integers(0, 6).map(float), min_size=1, max_size=6)
 
 
-# quartiles
-
-
-def test_quartiles_of_a_known_sample() -> None:
-    q = quartiles([7.0, 1.0, 3.0, 5.0])
-    assert (q.n, q.least, q.low, q.median, q.high, q.most) == (4, 1.0, 2.5, 4.0, 5.5, 7.0)
-
-
-def test_quartiles_of_one_value_are_that_value() -> None:
-    q = quartiles([2.0])
-    assert (q.least, q.low, q.median, q.high, q.most) == (2.0,) * 5
-
-
 def test_quartiles_next_to_infinity_are_infinite_and_never_nan() -> None:
     q = quartiles([10.0, math.inf, 20.0, math.inf])
     assert (q.least, q.low, q.median, q.high) == (10.0, 17.5, math.inf, math.inf)
@@ -58,18 +46,24 @@ def test_quartiles_agree_with_numpy(values: list[float]) -> None:
     assert np.allclose([q.least, q.low, q.median, q.high, q.most], expected)
 
 
-@pytest.mark.parametrize("values", [[], [1.0, math.nan], [[1.0], [2.0]]])
-def test_what_is_no_sample_is_refused(values: list[float]) -> None:
-    with pytest.raises(ValueError, match="numbers in a row"):
-        quartiles(values)
-
-
-# proportion_interval
-
-
-def test_interval_of_a_textbook_case() -> None:
-    low, high = proportion_interval(13, 20)
-    assert (round(low, 3), round(high, 3)) == (0.433, 0.819)
+@pytest.mark.parametrize(
+    ("ask", "words"),
+    [
+        (lambda: quartiles([]), "numbers in a row"),
+        (lambda: quartiles([1.0, math.nan]), "numbers in a row"),
+        (lambda: quartiles([[1.0], [2.0]]), "numbers in a row"),
+        (lambda: proportion_interval(0, 0), "at least one trial"),
+        (lambda: paired_share_difference([0.5, 1.0], [0.5]), "pairs of shares"),
+        (lambda: paired_share_difference([0.5, 1.0], [0.5, 1.5]), "pairs of shares"),
+        (lambda: paired_share_difference([0.5, 1.0], [0.5, -0.1]), "pairs of shares"),
+        (lambda: kruskal_wallis([[1.0, 2.0]]), "at least two"),
+        (lambda: mean_ranks([]), "at least one"),
+        (lambda: spearman([1.0, 1.0, 1.0], [1.0, 2.0, 3.0]), "that vary"),
+    ],
+)
+def test_what_is_no_sample_is_refused(ask: Callable[[], object], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        ask()
 
 
 @given(st.integers(1, 60).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
@@ -81,14 +75,8 @@ def test_interval_agrees_with_scipy(case: tuple[int, int]) -> None:
     )
 
 
-def test_interval_of_all_and_of_none_stay_within_a_share() -> None:
+def test_the_interval_of_all_stays_within_a_share() -> None:
     assert proportion_interval(20, 20)[1] == 1.0
-    assert proportion_interval(0, 20)[0] == 0.0
-
-
-def test_interval_of_nothing_is_refused() -> None:
-    with pytest.raises(ValueError, match="at least one trial"):
-        proportion_interval(0, 0)
 
 
 # paired_share_difference
@@ -148,8 +136,8 @@ def test_repeats_narrow_the_interval_but_not_below_that_of_so_many_trials() -> N
     assert found.high - found.low >= least
 
 
-@pytest.mark.parametrize("repeats", [1, 5])
-def test_the_interval_of_a_paired_difference_covers_it(repeats: int) -> None:
+def test_the_interval_of_a_paired_difference_covers_it() -> None:
+    repeats = 5
     rng = np.random.default_rng(2)
     missed = 0
     for _ in range(400):
@@ -158,12 +146,6 @@ def test_the_interval_of_a_paired_difference_covers_it(repeats: int) -> None:
         x, y = (rng.binomial(repeats, chance) / repeats for chance in chances)
         missed += paired_share_difference(x, y, repeats=repeats).sign != 0
     assert missed / 400 <= 0.05
-
-
-@pytest.mark.parametrize("second", [[0.5], [0.5, 1.5], [0.5, -0.1], [0.5, math.nan]])
-def test_what_is_no_pair_of_shares_is_refused(second: list[float]) -> None:
-    with pytest.raises(ValueError, match="needed"):
-        paired_share_difference([0.5, 1.0], second)
 
 
 # median_estimate
@@ -192,11 +174,6 @@ def test_few_values_have_no_interval() -> None:
 
 
 # a12
-
-
-def test_a12_by_hand() -> None:
-    # 3 beats 1 and 2; 2 beats 1 and ties with 2; 5 beats both: 5.5 of 6 pairs.
-    assert a12([3.0, 2.0, 5.0], [1.0, 2.0]) == pytest.approx(5.5 / 6.0)
 
 
 def test_a12_counts_infinite_values_as_larger_and_equal_to_each_other() -> None:
@@ -228,11 +205,6 @@ def test_magnitudes_begin_at_the_thresholds_in_both_directions() -> None:
 
 
 # mann_whitney
-
-
-def test_mann_whitney_of_five_and_five_that_do_not_overlap() -> None:
-    # One of the 252 ways to deal ten values is as extreme as this one, and one in the other way.
-    assert mann_whitney([1, 2, 3, 4, 5], [6, 7, 8, 9, 10]) == pytest.approx(2.0 / 252.0)
 
 
 def by_dealing(x: list[float], y: list[float]) -> float:
@@ -284,21 +256,6 @@ def test_kruskal_wallis_agrees_with_scipy(groups: list[list[float]]) -> None:
         assert kruskal_wallis(groups) == pytest.approx(stats.kruskal(*groups).pvalue)
 
 
-def test_kruskal_wallis_of_one_group_is_refused() -> None:
-    with pytest.raises(ValueError, match="at least two"):
-        kruskal_wallis([[1.0, 2.0]])
-
-
-# spearman
-
-
-def test_mean_ranks_by_hand() -> None:
-    # 1 2 2 4 inf have the ranks 1 2.5 2.5 4 5.
-    assert mean_ranks([[2.0, 4.0], [1.0], [2.0, math.inf]]) == [3.25, 1.0, 3.75]
-    with pytest.raises(ValueError, match="at least one"):
-        mean_ranks([])
-
-
 @given(st.lists(few, min_size=1, max_size=4))
 def test_mean_ranks_agree_with_scipy(groups: list[list[float]]) -> None:
     everything = [value for group in groups for value in group]
@@ -313,15 +270,6 @@ def test_places_are_shared() -> None:
     assert places([(2.0, 9.0), (1.0, 9.0), (2.0, 8.0)]) == [3, 1, 2]
 
 
-def test_spearman_by_hand() -> None:
-    # Ranks 1 2 3 4 5 and 2 1 4 3 5: the squared differences sum to 4, 1 - 6 * 4 / (5 * 24) = 0.8.
-    rho, _ = spearman([10.0, 20.0, 30.0, 40.0, 50.0], [0.2, 0.1, 0.4, 0.3, 0.9])
-    assert rho == pytest.approx(0.8)
-    # Two of the 120 orders of five are as close: the same and the opposite one.
-    opposite = spearman([1.0, 2.0, 3.0, 4.0, 5.0], [9.0, 8.0, 7.0, 6.0, 5.0])
-    assert opposite == pytest.approx((-1.0, 2 / 120))
-
-
 @given(st.integers(3, 5), st.integers(0, 999))
 def test_spearman_of_few_pairs_is_exact(n: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -330,6 +278,7 @@ def test_spearman_of_few_pairs_is_exact(n: int, seed: int) -> None:
         rho, p = spearman(x, y)
         every = [abs(stats.spearmanr(x, order).statistic) for order in permutations(y)]
         assert p == pytest.approx(np.mean([one >= abs(rho) - 1e-9 for one in every]))
+        assert rho == pytest.approx(stats.spearmanr(x, y).statistic)
 
 
 @given(st.integers(9, 30), st.integers(0, 999))
@@ -339,11 +288,6 @@ def test_spearman_agrees_with_scipy(n: int, seed: int) -> None:
     if np.ptp(x) > 0.0:
         expected = stats.spearmanr(x, y)
         assert spearman(x, y) == pytest.approx((expected.statistic, expected.pvalue), abs=1e-9)
-
-
-def test_spearman_of_a_column_that_does_not_vary_is_refused() -> None:
-    with pytest.raises(ValueError, match="that vary"):
-        spearman([1.0, 1.0, 1.0], [1.0, 2.0, 3.0])
 
 
 # holm

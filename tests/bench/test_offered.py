@@ -17,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from shapely.geometry import LineString, Point, Polygon, box
 
-from frenetic.analysis import competition, edit_distance
+from frenetic.analysis import edit_distance
 from frenetic.bench.hosting.offered.code_pipeline import test_analysis
 from frenetic.bench.hosting.offered.code_pipeline.beamng_executor import BeamngExecutor
 from frenetic.bench.hosting.offered.code_pipeline.executors import MockExecutor
@@ -218,10 +218,11 @@ def test_features_are_those_of_our_own_analysis() -> None:
     test = RoadTest(BEND, 1)
     line = [point[:2] for point in test.interpolated_points]
     test.execution_data = [moment(-2.0, 1.5), moment(0.0, 0.5), moment(2.0, -0.5)]
+    to_north = [math.acos((b[1] - a[1]) / math.dist(a, b)) for a, b in pairwise(line)]
     assert test.features == pytest.approx(
         {
             "MAX_CURV": 1.0 / validity.min_radius(line),
-            "DIR_COV": competition.direction_coverage(line),
+            "DIR_COV": len({math.degrees(angle) // 14.4 for angle in to_north}) / 26,
             "STD_SA": math.sqrt(8 / 3),
             "MEAN_LP": 0.5,
             "MAX_LP": 1.5,

@@ -30,7 +30,7 @@ def campaign(made_campaign: Path) -> Path:
     return made_campaign
 
 
-FIELDS = list(SimulationRecord.__dataclass_fields__)
+FIELDS = SimulationRecord._fields
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -81,7 +82,7 @@ def exported(
     return folder, {name: export_campaign(folder, name, tmp_path / name) for name in names}
 
 
-def plain_rows(frame: pd.DataFrame) -> list[dict[str, Any]]:
+def cells_of(frame: pd.DataFrame) -> list[dict[str, Any]]:
     def plain(value: Any) -> Any:
         if isinstance(value, np.ndarray):
             return value.tolist()
@@ -101,62 +102,49 @@ def from_text(text: str, value: Any) -> Any:
     return datetime.fromisoformat(text) if isinstance(value, datetime) else type(value)(text)
 
 
-def test_parquet_comes_back(exported: tuple[Path, dict[str, Path]]) -> None:
+@pytest.mark.parametrize("table", get_args(tables.Table))
+def test_every_format_gives_the_frame_back(
+    exported: tuple[Path, dict[str, Path]], table: tables.Table
+) -> None:
     folder, files = exported
-    for table in get_args(tables.Table):
-        read = pd.read_parquet(files["parquet"] / f"{table}.parquet")
-        for name in DICTIONARIES if table == "tests" else ():
-            texts = read[name].astype(object)
-            read[name] = texts.where(texts.notna(), None).map(json.loads, na_action="ignore")
-        pd.testing.assert_frame_equal(read, data_frame(folder, table), check_categorical=False)
+    frame = data_frame(folder, table)
+    read = pd.read_parquet(files["parquet"] / f"{table}.parquet")
+    for name in DICTIONARIES if table == "tests" else ():
+        texts = read[name].astype(object)
+        read[name] = texts.where(texts.notna(), None).map(json.loads, na_action="ignore")
+    pd.testing.assert_frame_equal(read, frame, check_categorical=False)
+    wanted = cells_of(frame)
+    with (files["csv"] / f"{table}.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [
+        {name: from_text(text, value[name]) for name, text in row.items()}
+        for row, value in zip(rows, wanted, strict=True)
+    ] == wanted
+    lines = (files["json"] / f"{table}.jsonl").read_bytes().splitlines()
+    documents = [json.loads(line) for line in lines]
+    for document in documents if table == "tests" else ():
+        document["finished_at"] = datetime.fromisoformat(document["finished_at"])
+    assert documents == wanted
 
 
-def test_parquet_knows_units(campaign: Path, tmp_path: Path) -> None:
-    folder = export_campaign(campaign, "parquet", tmp_path / "out")
+def test_parquet_knows_units(exported: tuple[Path, dict[str, Path]]) -> None:
     for table, columns in TABLES.items():
-        schema = pq.read_schema(folder / f"{table}.parquet")
+        schema = pq.read_schema(exported[1]["parquet"] / f"{table}.parquet")
         for column in columns:
             metadata = schema.field(column.name).metadata
             assert metadata[b"unit"].decode() == column.unit
             assert metadata[b"description"].decode() == column.about != ""
 
 
-def test_csv_comes_back(exported: tuple[Path, dict[str, Path]]) -> None:
-    folder, files = exported
-    for table in get_args(tables.Table):
-        wanted = plain_rows(data_frame(folder, table))
-        with (files["csv"] / f"{table}.csv").open(encoding="utf-8", newline="") as file:
-            rows = list(csv.DictReader(file))
-        assert [
-            {name: from_text(text, value[name]) for name, text in row.items()}
-            for row, value in zip(rows, wanted, strict=True)
-        ] == wanted
+READERS: dict[Any, Any] = {
+    "parquet": pd.read_parquet,
+    "csv": pd.read_csv,
+    "json": partial(pd.read_json, lines=True),
+}
 
 
-def test_json_comes_back(exported: tuple[Path, dict[str, Path]]) -> None:
-    folder, files = exported
-    wanted = plain_rows(data_frame(folder))
-    lines = (files["json"] / "tests.jsonl").read_text(encoding="utf-8").split("\n")[:-1]
-    with CampaignStore.open(folder) as store:
-        stored = list(store.tests(with_trajectory=True))
-    for line, row, test in zip(lines, wanted, stored, strict=True):
-        document = json.loads(line)
-        assert np.allclose(document.pop("road_points"), test.road.road_points, atol=1e-6)
-        trajectory = document.pop("trajectory")
-        document["finished_at"] = datetime.fromisoformat(document["finished_at"])
-        assert document == row
-        assert (trajectory is None) == (test.trajectory is None)
-        if test.trajectory is not None:
-            assert list(trajectory) == list(test.trajectory.names())
-            rows = np.array(list(trajectory.values())).T
-            assert np.array_equal(rows, test.trajectory.to_rows())
-    assert list(pd.read_json(files["json"] / "tests.jsonl", lines=True)["id"]) == [
-        row["id"] for row in wanted
-    ]
-
-
-@pytest.mark.parametrize("name", ["parquet", "csv"])
-@pytest.mark.parametrize("outcomes", [(), ("PASS", "FAIL"), ("PASS",)])
+@pytest.mark.parametrize("name", READERS)
+@pytest.mark.parametrize("outcomes", [("PASS", "FAIL"), ("PASS",)])
 @pytest.mark.parametrize("which", ["all", "failures", "none"])
 def test_only_some_outcomes_and_trajectories(
     campaign: Path, tmp_path: Path, name: Any, outcomes: tuple[str, ...], which: Any
@@ -164,25 +152,14 @@ def test_only_some_outcomes_and_trajectories(
     folder = export_campaign(
         campaign, name, tmp_path / "out", outcomes=outcomes, trajectories=which
     )
-    read: Any = {"parquet": pd.read_parquet, "csv": pd.read_csv}[name]
+    files = sorted(folder.iterdir())
     wanted = data_frame(campaign, outcomes=outcomes)
-    assert list(read(folder / f"tests.{name}")["id"]) == list(wanted["id"])
-    if which == "none":
-        assert [path.name for path in folder.iterdir()] == [f"tests.{name}"]
-        return
-    driven = wanted["outcome"].isin(["FAIL"] if which == "failures" else ["PASS", "FAIL"])
-    rows = read(folder / f"trajectories.{name}")
-    assert list(rows["id"].unique()) == list(wanted["id"][driven])
-
-
-def test_json_without_trajectories(campaign: Path, tmp_path: Path) -> None:
-    folder = export_campaign(campaign, "json", tmp_path / "none", trajectories="none")
-    for line in (folder / "tests.jsonl").read_text(encoding="utf-8").splitlines():
-        assert "trajectory" not in json.loads(line)
-    folder = export_campaign(campaign, "json", tmp_path / "some", trajectories="failures")
-    for line in (folder / "tests.jsonl").read_text(encoding="utf-8").splitlines():
-        test = json.loads(line)
-        assert (test["trajectory"] is not None) == (test["outcome"] == "FAIL")
+    assert list(READERS[name](files[0])["id"]) == list(wanted["id"])
+    assert [file.stem for file in files] == ["tests", "trajectories"][: 1 + (which != "none")]
+    if which != "none":
+        driven = wanted["outcome"].isin(["FAIL"] if which == "failures" else ["PASS", "FAIL"])
+        rows = READERS[name](files[1])
+        assert list(rows.get("id", pd.Series()).unique()) == list(wanted["id"][driven])
 
 
 def test_a_candidate_that_is_no_road_is_exported(
@@ -203,8 +180,6 @@ def test_a_candidate_that_is_no_road_is_exported(
     assert pd.isna(row["max_curvature"])
     for name in ("parquet", "csv", "json", "competition"):
         export_campaign(folder, name, tmp_path / name)
-    lines = (tmp_path / "json" / "tests.jsonl").read_text(encoding="utf-8").splitlines()
-    assert [json.loads(line)["road_points"] for line in lines].count(None) == 1
     path = tmp_path / "competition" / f"test.{invalid:04d}.json"
     assert json.loads(path.read_text(encoding="utf-8"))["road_points"] == []
 
@@ -387,13 +362,16 @@ def test_command(campaign: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert "exists already" in answer.err
 
 
-def test_command_writes_into_the_campaigns_folder_by_default(
+def test_command_writes_into_the_folder_by_default(
     told_anew: ToldAnew, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = told_anew(lambda test: test)
-    assert run(str(folder), "--format", "json") == 0
-    assert capsys.readouterr().out == f"{folder / campaigns.EXPORTS / 'json'}\n"
-    assert (folder / "exports" / "json" / "tests.jsonl").is_file()
+    for source in (folder, folder.parent):
+        assert run(str(source), "--format", "json") == 0
+        answer = capsys.readouterr()
+        assert answer.out == f"{source / 'exports' / 'json'}\n"
+        first = (source / "exports" / "json" / "tests.jsonl").read_text().splitlines()[0]
+        assert json.loads(first).get("campaign") == (None if source == folder else str(folder))
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from functools import cached_property
 from itertools import combinations
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -26,13 +26,11 @@ from frenetic.analysis.groups import differing_parts, parts_of, shared_parts
 from frenetic.analysis.metrics import (
     HEADLINE,
     MEASURES,
-    MOST_COMPARED,
-    MOST_PAIRED,
     CampaignMeasures,
-    Cell,
     Measure,
     measure_campaign,
 )
+from frenetic.analysis.sparseness import MOST_COMPARED
 from frenetic.analysis.statistics import (
     LEAST_REPEATS,
     SIGNIFICANT,
@@ -48,9 +46,6 @@ from frenetic.analysis.statistics import (
     quartiles,
 )
 from frenetic.errors import FreneticError
-
-_SAY_THE_SAME: Final = frozenset({"failures_per_100", "distinct_failures"})
-"""Measures that repeat another one if all campaigns have as many simulations."""
 
 
 class Verdict(StrEnum):
@@ -128,9 +123,9 @@ class MeasureComparison:
     values: Mapping[str, tuple[float, ...]]
     """Name of a group -> value of each of its campaigns."""
     pairs: tuple[PairComparison, ...]
-    """Each two groups; none if neither more nor less of the measure is better."""
+    """Each two groups."""
     p_overall: float | None
-    """The p of the Kruskal-Wallis test over all groups; None for two, or without pairs."""
+    """The p of the Kruskal-Wallis test over all groups; None for two."""
 
     def quartiles(self, group: str) -> Quartiles:
         """Quartiles of a group's values."""
@@ -152,11 +147,8 @@ class MeasureComparison:
     def mean_ranks(self) -> Mapping[str, float]:
         """Name of a group -> mean rank of its campaigns among all campaigns; 1 is the best.
 
-        Equal campaigns share the mean of their ranks, as in the Kruskal-Wallis test. Empty if
-        neither more nor less is better.
+        Equal campaigns share the mean of their ranks, as in the Kruskal-Wallis test.
         """
-        if self.measure.more_is_better is None:
-            return MappingProxyType({})
         sign = -1.0 if self.measure.more_is_better else 1.0
         found = mean_ranks([sign * np.array(values) for values in self.values.values()])
         return MappingProxyType(dict(zip(self.values, found, strict=True)))
@@ -175,39 +167,24 @@ class MeasureComparison:
         return MappingProxyType(dict(zip(self.mean_ranks, places(scores), strict=True)))
 
     def said(self, pair: PairComparison) -> str:
-        """The verdict on two groups in words of this measure, such as "a finds more than b"."""
+        """The verdict on two groups in words of this measure, such as "a has more than b"."""
         if pair.better is None:
             return str(pair)
         worse = pair.second if pair.better == pair.first else pair.first
-        return f"{pair.better} {self.measure.comparative} than {worse}"
+        return f"{pair.better} has {self.measure.better} than {worse}"
 
     @property
     def order(self) -> tuple[str, ...]:
         """The groups by place, the best first."""
-        return tuple(sorted(self.values, key=lambda name: self.places.get(name, 1)))
-
-    def pairs_of(self, group: str) -> tuple[PairComparison, ...]:
-        """The pairs to which a group belongs."""
-        return tuple(pair for pair in self.pairs if group in (pair.first, pair.second))
+        return tuple(sorted(self.values, key=lambda name: self.places[name]))
 
     def worse_than(self, group: str) -> tuple[str, ...]:
         """The groups that are worse than another."""
         return tuple(
             pair.second if pair.first == group else pair.first
-            for pair in self.pairs_of(group)
+            for pair in self.pairs
             if pair.better == group
         )
-
-
-@dataclass(frozen=True)
-class MapCoverage:
-    """The part of a feature map that a group of campaigns filled with failures."""
-
-    cells: int
-    """Cells that its campaigns filled together."""
-    share: float
-    """Mean of its campaigns' shares 0..1 of the cells that all campaigns of all groups filled: the
-    relative map coverage of the competition of 2023. 0 without any cell."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -230,28 +207,8 @@ class Comparison(Shown):
 
     @property
     def headline(self) -> MeasureComparison:
-        """The comparison by distinct failures per 100 simulations, which orders the groups."""
+        """The comparison by distinct failures, which orders the groups."""
         return self.by(HEADLINE)
-
-    @property
-    def simulations(self) -> int | None:
-        """Simulations of every campaign if all have as many; None otherwise."""
-        spent = {c.simulations for campaigns in self.groups.values() for c in campaigns}
-        return spent.pop() if len(spent) == 1 else None
-
-    @property
-    def telling(self) -> tuple[MeasureComparison, ...]:
-        """The measures of which more or less is better, without repetitions.
-
-        If all campaigns have as many simulations, a number of failures and that per 100 simulations
-        repeat each other.
-        """
-        left_out = frozenset() if self.simulations is None else _SAY_THE_SAME
-        return tuple(
-            one
-            for one in self.measures
-            if one.measure.more_is_better is not None and one.measure.name not in left_out
-        )
 
     def by(self, name: str) -> MeasureComparison:
         """The comparison by a measure.
@@ -264,23 +221,6 @@ class Comparison(Shown):
                 return comparison
         known = ", ".join(comparison.measure.name for comparison in self.measures)
         raise KeyError(f"no measure is called {name!r}: choose from {known}")
-
-    def map_coverage(self, *, as_competition: bool = False) -> dict[str, MapCoverage]:
-        """The part of the feature map, or of the competition's, that each group filled."""
-
-        def filled(campaign: CampaignMeasures) -> frozenset[Cell]:
-            return campaign.competition_filled if as_competition else campaign.filled
-
-        maps = {name: [filled(one) for one in group] for name, group in self.groups.items()}
-        together = {name: frozenset[Cell]().union(*found) for name, found in maps.items()}
-        union = len(frozenset[Cell]().union(*together.values()))
-        return {
-            name: MapCoverage(
-                cells=len(together[name]),
-                share=float(np.mean([len(cells) for cells in found])) / union if union else 0.0,
-            )
-            for name, found in maps.items()
-        }
 
 
 def compare(groups: Mapping[str, Iterable[Path | str]]) -> Comparison:
@@ -348,8 +288,6 @@ def _compare_by(
         if len(values[name]) < len(found):
             return None
     held = MappingProxyType(values)
-    if measure.more_is_better is None:
-        return MeasureComparison(measure, held, (), None)
     sign = 1.0 if measure.more_is_better else -1.0
     names = list(combinations(groups, 2))
     p_values = [mann_whitney(values[one], values[other]) for one, other in names]
@@ -415,16 +353,13 @@ def _notes(
     spent = {campaign.simulations for campaigns in measured.values() for campaign in campaigns}
     if max(spent) > 1.1 * min(spent):
         notes.append(
-            f"the campaigns have from {min(spent)} to {max(spent)} simulations: compare failures"
-            " per 100 simulations; distinct failures per 100 simulations fall with their number, as"
-            " what is new becomes rare, so look at the curves"
+            f"the campaigns have from {min(spent)} to {max(spent)} simulations, and more find more:"
+            " compare campaigns of equal length, or look at the curves"
         )
     most = max(campaign.failures for campaigns in measured.values() for campaign in campaigns)
-    if most > MOST_PAIRED:
-        sampled = f"the diversity of more than {MOST_PAIRED} failures is that of {MOST_PAIRED}"
-        if most > MOST_COMPARED:
-            sampled += (
-                f", the competition's sparseness of more than {MOST_COMPARED} that of so many"
-            )
-        notes.append(f"{sampled}, evenly spaced")
+    if most > MOST_COMPARED:
+        notes.append(
+            f"the competition's sparseness of more than {MOST_COMPARED} failures is that of so"
+            " many, evenly spaced"
+        )
     return notes

@@ -73,18 +73,12 @@ class RandomRoads:
         most = self.failures_after(numbers).high
         if not self.found:
             return Curve(np.zeros_like(most), np.zeros_like(most), most)
-        value = self.mean_distinct_after(numbers)
-        samples = self._samples()
-        terms = _terms(np.unique(np.concatenate(samples)), self.roads, numbers)
+        found, samples = np.array(self.found, dtype=np.int64), self._samples()
+        terms = _terms(np.unique(np.concatenate([found, *samples])), self.roads, numbers)
+        value = _accumulated(found, self.roads, numbers, terms)
         others = [_accumulated(sample, self.roads, numbers, terms) for sample in samples]
         half = _Z * np.std(others, axis=0)
         return Curve(value, np.maximum(value - half, 0.0), np.minimum(value + half, most))
-
-    def mean_distinct_after(self, roads: npt.ArrayLike) -> FloatArray:
-        """The same expected numbers without their intervals, which take much longer."""
-        numbers, found = np.asarray(roads, dtype=np.float64), np.array(self.found, dtype=np.int64)
-        terms = _terms(np.unique(found), self.roads, numbers)
-        return _accumulated(found, self.roads, numbers, terms)
 
     def _samples(self) -> list[npt.NDArray[np.int64]]:
         """Bootstrapped numbers of roads per distinct failure, those that nobody saw included."""

@@ -35,7 +35,7 @@ PARTS: Final = (
 
 
 def find_campaigns(place: Path | str) -> list[Path]:
-    """The campaigns in a place: the folder of one campaign, or a folder that holds several.
+    """The campaigns in a place: the folder of one campaign, of several, or of a bench.
 
     Raises:
         CampaignError: there is none.
@@ -46,14 +46,14 @@ def find_campaigns(place: Path | str) -> list[Path]:
     if not place.is_dir():
         raise CampaignError(f"{place} is no folder: that of a campaign, or of several, is needed")
     try:
-        found = sorted(child for child in place.iterdir() if (child / DATABASE).is_file())
+        for depth in ("*", "*/*"):
+            if found := sorted(file.parent for file in place.glob(f"{depth}/{DATABASE}")):
+                return found
     except OSError as error:
         raise CampaignError(f"cannot look into {place}: {error.strerror or error}") from None
-    if not found:
-        raise CampaignError(
-            f"{place} holds no campaign: the folder of one, or a folder of several, is needed"
-        )
-    return found
+    raise CampaignError(
+        f"{place} holds no campaign: the folder of one, or a folder of several, is needed"
+    )
 
 
 def group_campaigns(folders: Iterable[Path | str]) -> dict[str, list[Path]]:

@@ -19,7 +19,6 @@ from frenetic.drive import Drive
 from frenetic.oracle import Assessment, Finding, Side, assess
 from frenetic.outcome import Outcome
 from frenetic.road import Road
-from frenetic.road.geometry import sample_line
 
 REACH: Final = 30.0
 """Length of a failure's segment before and after its place, in m."""
@@ -59,11 +58,6 @@ class Segment:
         return self.assessment.lateral_offset[self.first : self.last]
 
     @property
-    def oob_distance(self) -> FloatArray:
-        """Oob distance record by record, (n,) in m."""
-        return self.assessment.oob_distance[self.first : self.last]
-
-    @property
     def speed(self) -> FloatArray:
         """Speed record by record, (n,) in m/s."""
         return self.drive.trajectory.speed[self.first : self.last]
@@ -86,27 +80,13 @@ class Segment:
         """The bends within the segment, cut at its ends, in order."""
         return find_bends(*self.curvature_samples)
 
-    def points(self, spacing: float = 1.0) -> FloatArray:
-        """The centre line in equal steps of ``spacing`` m or a little less, (n, 2) in m."""
-        steps = max(1, int(np.ceil(self.length / spacing - 1e-9)))
-        distances = np.linspace(self.start, self.end, steps + 1)
-        points: FloatArray = sample_line(self.road.table, self.road.sub_step, distances, 0.0)
-        return points
-
     def whole(self) -> Segment:
         """The whole road and the whole drive, with the same place."""
         n = len(self.assessment.distance)
         return replace(self, start=0.0, end=self.road.length, first=0, last=n)
 
 
-def segment_of(
-    road: Road,
-    drive: Drive,
-    departure: Finding | None,
-    *,
-    before: float = REACH,
-    after: float = REACH,
-) -> Segment:
+def segment_of(road: Road, drive: Drive, departure: Finding | None) -> Segment:
     """The segment of a drive around the place where the car left its lane.
 
     If it did not leave, the place is that of the minimum oob distance. The segment ends with the
@@ -116,8 +96,6 @@ def segment_of(
         road: the road where it was driven.
         drive: a drive that was judged PASS or FAIL.
         departure: from the oracle or the campaign.
-        before: m of road before the place.
-        after: m of road after it.
 
     Raises:
         ValueError: the drive has no records.
@@ -133,7 +111,7 @@ def segment_of(
         centre = int(np.argmin(seen.oob_distance))
         place = float(seen.distance[centre])
     place = min(max(place, 0.0), road.length)
-    start, end = max(place - before, 0.0), min(place + after, road.length)
+    start, end = max(place - REACH, 0.0), min(place + REACH, road.length)
     # A record beyond the road's end belongs to the segment that reaches that end.
     along = np.clip(seen.distance, 0.0, road.length)
     too_early = np.flatnonzero(along[:centre] < start)
@@ -170,10 +148,8 @@ def segments_of(
         CampaignError: the campaign is damaged.
     """
     for record in store.tests(outcome, order_by, limit, with_trajectory=True):
-        if record.outcome.is_driven:
-            test = record
-            if test.drive is not None:
-                yield record, segment_of(test.road, test.drive, record.departure)
+        if record.outcome.is_driven and record.drive is not None:
+            yield record, segment_of(record.road, record.drive, record.departure)
 
 
 def segment_profile(road: Road, place: float) -> FloatArray:

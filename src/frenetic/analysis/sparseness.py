@@ -22,6 +22,10 @@ SAME_ANGLE: Final = 0.3
 """Bound of the difference of two equal turns, in degrees."""
 SAME_LENGTH: Final = 0.2
 """Bound of the difference of two equal lengths, in m."""
+UNLIKE: Final = 0.2
+"""Share of the steps of two lines unlike each other that need edits, at least."""
+MOST_COMPARED: Final = 2000
+"""Most failures for the competition's sparseness, whose time grows with the square."""
 
 
 @dataclass(frozen=True)
@@ -34,19 +38,6 @@ class CompetitionSparseness:
     """Standard deviation of the population in edits; None for fewer than two failures."""
     maxima: tuple[float, ...]
     """Largest distance of each failure but the last, in edits."""
-
-
-@dataclass(frozen=True)
-class Diversity:
-    """Diversity of failures, independent of their order; see `diversity`."""
-
-    nearest: float | None
-    """Mean share 0..1 of a failure's steps that must change to give its nearest other.
-
-    0 if every failure has an exact double; None for fewer than two failures.
-    """
-    pairwise: float | None
-    """The same share 0..1, mean over all pairs; None for fewer than two failures."""
 
 
 def edit_distance(one: npt.ArrayLike, other: npt.ArrayLike) -> float:
@@ -84,26 +75,19 @@ def competition_sparseness(segments: Sequence[npt.ArrayLike]) -> CompetitionSpar
     )
 
 
-def diversity(segments: Sequence[npt.ArrayLike]) -> Diversity:
-    """Diversity of failures, independent of their order and number.
+def unlike_lines(lines: Sequence[npt.ArrayLike]) -> int:
+    """Number of lines that are unlike each other.
 
-    A distance is divided by the number of steps of the longer segment, which it cannot exceed.
+    A line counts if its edits to every one counted before it are more than `UNLIKE` of the steps of
+    the longer of both.
 
     Args:
-        segments: (n, 2) points each, about 1 m apart, see `frenetic.analysis.Segment.points`.
+        lines: (n, 2) points each, in equal steps.
 
     Raises:
-        ValueError: a segment has fewer than two points.
+        ValueError: a line has fewer than two points.
     """
-    k = len(segments)
-    if k < 2:
-        return Diversity(None, None)
-    rows = _summaries(*_words(segments))
-    return Diversity(float(rows[:, _NEAREST].mean()), float(rows[:, _SHARES].mean() / (k - 1)))
-
-
-# Columns of `_summaries`.
-_NEAREST, _SHARES = range(2)
+    return int(_unlike(*_words(lines))) if lines else 0
 
 
 def _words(
@@ -198,19 +182,30 @@ def _largest_later(
 
 
 @njit()
-def _summaries(
-    angles: FloatArray, lengths: FloatArray, starts: npt.NDArray[np.int64]
-) -> FloatArray:
-    """Nearest share and sum of the shares per segment, (k, 2)."""
-    k = len(starts) - 1
-    rows = np.zeros((k, 2))
-    rows[:, _NEAREST] = np.inf
-    for i in range(k):
-        for j in range(i + 1, k):
-            edits = _distance(angles, lengths, starts[i], starts[i + 1], starts[j], starts[j + 1])
-            share = edits / max(starts[i + 1] - starts[i], starts[j + 1] - starts[j])
-            rows[i, _NEAREST] = min(rows[i, _NEAREST], share)
-            rows[j, _NEAREST] = min(rows[j, _NEAREST], share)
-            rows[i, _SHARES] += share
-            rows[j, _SHARES] += share
-    return rows
+def _are_alike(
+    angles: FloatArray, lengths: FloatArray, i: int, i_end: int, j: int, j_end: int
+) -> bool:
+    """Whether two segments are not unlike each other."""
+    most = UNLIKE * max(i_end - i, j_end - j)
+    if abs((i_end - i) - (j_end - j)) > most:
+        return False
+    if _at_most(angles, lengths, i, i_end, j, j_end) <= most:
+        return True
+    return bool(_distance(angles, lengths, i, i_end, j, j_end) <= most)
+
+
+@njit()
+def _unlike(angles: FloatArray, lengths: FloatArray, starts: npt.NDArray[np.int64]) -> int:
+    """Number of segments that are unlike each other."""
+    counted = np.empty(len(starts) - 1, np.int64)
+    n = 0
+    for i in range(len(starts) - 1):
+        is_new = True
+        for j in counted[:n]:
+            if _are_alike(angles, lengths, starts[i], starts[i + 1], starts[j], starts[j + 1]):
+                is_new = False
+                break
+        if is_new:
+            counted[n] = i
+            n += 1
+    return n

@@ -1,51 +1,371 @@
-"""Statistics for few repeats, see `frenetic._support.statistics`."""
+"""Statistics for few repeats: intervals, effect sizes and tests that assume no distribution.
+
+The tests are scipy's, except for what it does not have: quartiles of infinite values, exact p
+values with ties, Holm's correction, and the difference of paired shares. Wilson's interval and
+ranks are a few lines of our own, because the import of `scipy.stats` takes as long as a tenth of a
+report.
+"""
 
 from __future__ import annotations
 
-from frenetic._support.statistics import (
-    LEAST_REPEATS,
-    MOST_EXACT,
-    MOST_PERMUTED,
-    SIGNIFICANT,
-    Estimate,
-    Magnitude,
-    Quartiles,
-    a12,
-    holm,
-    kruskal_wallis,
-    magnitude,
-    mann_whitney,
-    mean_ranks,
-    median_estimate,
-    paired_share_difference,
-    places,
-    proportion_interval,
-    quartiles,
-    rank_correlation,
-    ranks,
-    spearman,
-)
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import permutations
+from typing import Final
 
-__all__ = [
-    "LEAST_REPEATS",
-    "MOST_EXACT",
-    "MOST_PERMUTED",
-    "SIGNIFICANT",
-    "Estimate",
-    "Magnitude",
-    "Quartiles",
-    "a12",
-    "holm",
-    "kruskal_wallis",
-    "magnitude",
-    "mann_whitney",
-    "mean_ranks",
-    "median_estimate",
-    "paired_share_difference",
-    "places",
-    "proportion_interval",
-    "quartiles",
-    "rank_correlation",
-    "ranks",
-    "spearman",
-]
+import numpy as np
+import numpy.typing as npt
+
+from frenetic._support.arrays import FloatArray
+
+LEAST_REPEATS: Final = 5
+"""Fewest values per group for a verdict; 5 and 5 can give a p of 0.008."""
+SIGNIFICANT: Final = 0.05
+"""Largest p of a difference that counts as more than chance."""
+MOST_EXACT: Final = 80
+"""Most values in both groups together for an exact Mann-Whitney test."""
+MOST_PERMUTED: Final = 8
+"""Most pairs for an exact p of Spearman's rank correlation."""
+
+
+@dataclass(frozen=True)
+class Quartiles:
+    """Distribution of values, which may be infinite."""
+
+    n: int
+    least: float
+    low: float
+    """First quartile."""
+    median: float
+    high: float
+    """Third quartile."""
+    most: float
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """An estimated value with its interval."""
+
+    value: float
+    low: float
+    high: float
+
+    @property
+    def sign(self) -> int:
+        """1 or -1 if the whole interval lies above or below 0; 0 if it holds 0."""
+        return (self.low > 0.0) - (self.high < 0.0)
+
+
+class Magnitude(StrEnum):
+    """Size of an effect, by the thresholds of Vargha and Delaney (2000)."""
+
+    NEGLIGIBLE = "negligible"
+    SMALL = "small"
+    """A12 from 0.56."""
+    MEDIUM = "medium"
+    """A12 from 0.64."""
+    LARGE = "large"
+    """A12 from 0.71."""
+
+
+def quartiles(values: npt.ArrayLike) -> Quartiles:
+    """The quartiles of one or more values.
+
+    They are interpolated between values; next to an infinite value the quartile is infinite, too.
+
+    Raises:
+        ValueError: no values, or one that is not a number.
+    """
+    ordered = np.sort(_values(values))
+    low, median, high = (_quantile(ordered, share) for share in (0.25, 0.5, 0.75))
+    return Quartiles(len(ordered), float(ordered[0]), low, median, high, float(ordered[-1]))
+
+
+def _quantile(ordered: FloatArray, share: float) -> float:
+    place = share * (len(ordered) - 1)
+    below, above = float(ordered[math.floor(place)]), float(ordered[math.ceil(place)])
+    if math.isinf(above) or below == above:
+        return above
+    if math.isinf(below):
+        return below
+    return below + (place - math.floor(place)) * (above - below)
+
+
+def proportion_interval(
+    successes: int, trials: int, confidence: float = 0.95
+) -> tuple[float, float]:
+    """Wilson's score interval of a share: the shares 0..1 that agree with the counts.
+
+    Raises:
+        ValueError: no trials, or fewer than successes.
+    """
+    if not 0 <= successes <= trials or trials < 1:
+        raise ValueError(f"{successes} of {trials}: at least one trial is needed")
+    return _wilson(successes / trials, trials, confidence)
+
+
+def _wilson(share: float, trials: float, confidence: float) -> tuple[float, float]:
+    from scipy.special import ndtri  # takes its time, but less than scipy.stats
+
+    z = float(ndtri(0.5 + 0.5 * confidence))
+    scale = 1.0 + z * z / trials
+    centre = share + z * z / (2.0 * trials)
+    half = z * math.sqrt(share * (1.0 - share) / trials + z * z / (4.0 * trials * trials))
+    return max(0.0, (centre - half) / scale), min(1.0, (centre + half) / scale)
+
+
+def paired_share_difference(
+    first: npt.ArrayLike, second: npt.ArrayLike, *, repeats: int = 1, confidence: float = 0.95
+) -> Estimate:
+    """The mean of the second shares minus that of the first, with Newcombe's interval for pairs.
+
+    It is his square-and-add interval with a correction for continuity: method 10 of R. G. Newcombe,
+    "Improved confidence intervals for the difference between binomial proportions based on paired
+    data", Statistics in Medicine 17 (1998), one of those that Fagerland, Lydersen and Laake
+    recommend there (33, 2014). It joins Wilson's intervals of both means, with their correlation.
+
+    Where a share comes from several repeats, Wilson's interval is taken at the effective number of
+    trials, p (1 - p) over the variance of the mean.
+
+    Args:
+        first: (n,) shares 0..1, such as 0 and 1 for what passed and failed once.
+        second: (n,) shares of the same things.
+        repeats: number of trials behind each share.
+        confidence: 0..1.
+
+    Raises:
+        ValueError: no values, one that is no share, or another number of them in each.
+    """
+    x, y = _values(first), _values(second)
+    n = len(x)
+    both = np.concatenate([x, y])
+    if n != len(y) or both.min() < 0.0 or both.max() > 1.0:
+        raise ValueError(f"{n} and {len(y)} values: pairs of shares from 0 to 1 are needed")
+    p, q = float(x.mean()), float(y.mean())
+    covariance = float((x * y).mean()) - p * q
+    if covariance > 0.0:
+        covariance = max(0.0, covariance - 0.5 / n)
+    spread = float(x.std() * y.std())
+    correlation = max(-1.0, min(1.0, covariance / spread)) if spread > 0.0 else 0.0
+    (p_low, p_high), (q_low, q_high) = (
+        _wilson(share, _effective_trials(values, repeats), confidence)
+        for share, values in ((p, x), (q, y))
+    )
+
+    def together(one: float, other: float) -> float:
+        return math.sqrt(max(0.0, one * one - 2.0 * correlation * one * other + other * other))
+
+    difference = q - p
+    return Estimate(
+        difference,
+        difference - together(q - q_low, p_high - p),
+        difference + together(q_high - q, p - p_low),
+    )
+
+
+def _effective_trials(shares: FloatArray, repeats: int) -> float:
+    """Number of independent trials after which a mean of shares would vary as this one does."""
+    n, share, variance = len(shares), float(shares.mean()), float(shares.var())
+    if variance == 0.0:
+        return n
+    return min(n * share * (1.0 - share) / variance, n * repeats)
+
+
+def median_estimate(values: npt.ArrayLike, confidence: float = 0.95) -> Estimate:
+    """The median, with the interval between two of the values that is exact by the sign test.
+
+    It assumes no distribution. Below 6 values no interval holds at 95 %, so it is infinite.
+
+    Raises:
+        ValueError: no values, or one that is not a number.
+    """
+    from scipy.special import bdtr  # takes its time, but less than scipy.stats
+
+    ordered = np.sort(_values(values))
+    n = len(ordered)
+    # bdtr: the chance that at most k of n values lie below the true median.
+    left_out = int((2.0 * bdtr(np.arange(n // 2), n, 0.5) <= 1.0 - confidence).sum())
+    low, high = (
+        (float(ordered[left_out - 1]), float(ordered[n - left_out]))
+        if left_out
+        else (-math.inf, math.inf)
+    )
+    return Estimate(_quantile(ordered, 0.5), low, high)
+
+
+def a12(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
+    """Vargha and Delaney's A12: the chance 0..1 that a value of the first is larger.
+
+    Ties count half, so 0.5 is no difference.
+
+    Raises:
+        ValueError: no values, or one that is not a number.
+    """
+    x, y = _values(first), _values(second)
+    n = len(x)
+    larger = ranks(np.concatenate([x, y]))[:n].sum() - 0.5 * n * (n + 1)
+    return float(larger / (n * len(y)))
+
+
+def magnitude(effect: float) -> Magnitude:
+    """Size of an A12, in either direction."""
+    distance = abs(effect - 0.5) + 1e-12  # 0.56 is small, however it was rounded
+    if distance < 0.06:
+        return Magnitude.NEGLIGIBLE
+    if distance < 0.14:
+        return Magnitude.SMALL
+    return Magnitude.MEDIUM if distance < 0.21 else Magnitude.LARGE
+
+
+def mann_whitney(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
+    """The p of the two-sided Mann-Whitney U test that both come from one distribution.
+
+    Up to `MOST_EXACT` values it is exact, ties included: the share of all ways to deal the values
+    to the groups in which U differs as much from its mean. Above it is the normal approximation
+    with correction for ties and continuity.
+
+    Raises:
+        ValueError: no values, or one that is not a number.
+    """
+    x, y = _values(first), _values(second)
+    doubled = np.rint(2.0 * ranks(np.concatenate([x, y]))).astype(np.int64)
+    n, total = len(x), len(doubled)
+    seen = int(doubled[:n].sum())
+    mean = n * (total + 1)  # of the doubled rank sum
+    if total > MOST_EXACT:
+        return _mann_whitney_normal(x, y)
+    shares = _rank_sums(doubled, n)
+    sums = np.arange(len(shares))
+    return min(1.0, float(shares[np.abs(sums - mean) >= abs(seen - mean)].sum()))
+
+
+def _mann_whitney_normal(x: FloatArray, y: FloatArray) -> float:
+    from scipy.stats import mannwhitneyu  # takes its time
+
+    if len(np.unique(np.concatenate([x, y]))) == 1:
+        return 1.0
+    return float(mannwhitneyu(x, y, alternative="two-sided", method="asymptotic").pvalue)
+
+
+def _rank_sums(ranks: npt.NDArray[np.int64], n: int) -> FloatArray:
+    """(sum + 1,) share of the choices of n ranks that have each sum."""
+    # ways[k, s]: choices of k among the ranks so far with the sum s. A rank is taken or it is not.
+    ways = np.zeros((n + 1, int(ranks.sum()) + 1))
+    ways[0, 0] = 1.0
+    for i, rank in enumerate(ranks):
+        for k in range(min(i + 1, n), 0, -1):
+            ways[k, rank:] += ways[k - 1, : ways.shape[1] - rank]
+    shares: FloatArray = ways[n] / ways[n].sum()
+    return shares
+
+
+def kruskal_wallis(groups: Sequence[npt.ArrayLike]) -> float:
+    """The p of the Kruskal-Wallis test that all groups come from one distribution.
+
+    The chi-squared approximation, with correction for ties.
+
+    Raises:
+        ValueError: fewer than two groups, an empty one, or a value that is not a number.
+    """
+    from scipy.stats import kruskal  # takes its time
+
+    samples = [_values(group) for group in groups]
+    if len(samples) < 2:
+        raise ValueError(f"{len(samples)} groups: at least two are needed")
+    if len(np.unique(np.concatenate(samples))) == 1:
+        return 1.0
+    return float(kruskal(*samples).pvalue)
+
+
+def mean_ranks(groups: Sequence[npt.ArrayLike]) -> list[float]:
+    """Each group's mean rank among the values of all, as the Kruskal-Wallis test ranks them.
+
+    The smallest of all values has rank 1, equal ones share the mean of their ranks. If all groups
+    came from one distribution, each could expect (values + 1) / 2.
+
+    Raises:
+        ValueError: no group, an empty one, or a value that is not a number.
+    """
+    samples = [_values(group) for group in groups]
+    if not samples:
+        raise ValueError("0 groups: at least one is needed")
+    parts = np.split(
+        ranks(np.concatenate(samples)), np.cumsum([len(sample) for sample in samples])[:-1]
+    )
+    return [float(part.mean()) for part in parts]
+
+
+def places(scores: Sequence[tuple[float, ...]]) -> list[int]:
+    """Places from 1 by score, the lowest first; equal scores share the better place: 1, 1, 3.
+
+    Later numbers of a score count among those of equal earlier ones.
+    """
+    return [1 + sum(other < score for other in scores) for score in scores]
+
+
+def rank_correlation(first: npt.ArrayLike, second: npt.ArrayLike) -> float | None:
+    """Spearman's rank correlation -1..1 of two columns of equal length, without its p.
+
+    None if a column is constant.
+
+    Raises:
+        ValueError: another number in each column, none, or a value that is not a number.
+    """
+    x, y = ranks(_values(first)), ranks(_values(second))
+    if len(x) != len(y):
+        raise ValueError(f"{len(x)} and {len(y)} values: pairs are needed")
+    if np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
+        return None
+    return float(np.corrcoef(x, y)[0, 1])
+
+
+def spearman(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[float, float]:
+    """Spearman's rank correlation -1..1 of two columns of equal length, and its two-sided p.
+
+    p is exact up to 8 rows: the share of all orders of the second column that go with the first at
+    least as closely. Above, it follows from Student's t with n - 2 degrees of freedom.
+
+    Raises:
+        ValueError: fewer than 3 rows, another number in each column, a constant column, or a value
+            that is not a number.
+    """
+    from scipy.stats import spearmanr  # takes its time
+
+    x, y = ranks(_values(first)), ranks(_values(second))
+    n = len(x)
+    if n != len(y) or n < 3 or np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
+        raise ValueError(f"{n} and {len(y)} values: three or more pairs that vary are needed")
+    found = spearmanr(x, y)
+    if n > MOST_PERMUTED:
+        return float(found.statistic), float(found.pvalue)
+    orders = np.array(list(permutations(y - y.mean())))
+    products = np.abs(orders @ (x - x.mean()))
+    return float(found.statistic), float((products >= products[0] - 1e-9).mean())
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """The p values of several tests, corrected by Holm, in the same order."""
+    order = sorted(range(len(p_values)), key=lambda i: p_values[i])
+    corrected = [0.0] * len(p_values)
+    largest = 0.0
+    for place, i in enumerate(order):
+        largest = max(largest, min(1.0, (len(p_values) - place) * p_values[i]))
+        corrected[i] = largest
+    return corrected
+
+
+def _values(values: npt.ArrayLike) -> FloatArray:
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim != 1 or len(array) == 0 or np.isnan(array).any():
+        raise ValueError(f"values of shape {array.shape}: one or more numbers in a row are needed")
+    return array
+
+
+def ranks(values: FloatArray) -> FloatArray:
+    """(n,) ranks from 1; equal values share the mean of theirs."""
+    _, place, counts = np.unique(values, return_inverse=True, return_counts=True)
+    last = np.cumsum(counts)
+    ranks: FloatArray = (last - 0.5 * (counts - 1))[place.ravel()]
+    return ranks

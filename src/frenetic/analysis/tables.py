@@ -20,24 +20,22 @@ def comparison_table_csv(comparison: Comparison) -> str:
     """A row per group, the best by the headline measure first, as CSV with a header.
 
     Columns: ``group``, ``campaigns``, then for each measure its name (the median), the same with
-    ``_low`` and ``_high`` (the quartiles) and with ``_mean_rank``, which is left out where neither
-    more nor less is better. A cell is empty for an event that never happened. Names of groups are
-    texts as `text_cell` makes them.
+    ``_low`` and ``_high`` (the quartiles) and with ``_mean_rank``. A cell is empty for an event
+    that never happened. Names of groups are texts as `text_cell` makes them.
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     header = ["group", "campaigns"]
     for by in comparison.measures:
         name = by.measure.name
-        header += [name, f"{name}_low", f"{name}_high"]
-        header += [f"{name}_mean_rank"] if by.mean_ranks else []
+        header += [name, f"{name}_low", f"{name}_high", f"{name}_mean_rank"]
     writer.writerow(header)
     for group in comparison.headline.order:
         row = [text_cell(group), str(len(comparison.groups[group]))]
         for by in comparison.measures:
             found = by.quartiles(group)
-            row += [_number(value) for value in (found.median, found.low, found.high)]
-            row += [_number(by.mean_ranks[group])] if by.mean_ranks else []
+            numbers = (found.median, found.low, found.high, by.mean_ranks[group])
+            row += [_number(value) for value in numbers]
         writer.writerow(row)
     return text.getvalue()
 
@@ -45,14 +43,12 @@ def comparison_table_csv(comparison: Comparison) -> str:
 def comparison_table_markdown(comparison: Comparison) -> str:
     """A row per group, the best by the headline measure first, as a Markdown table.
 
-    Cells hold medians with quartiles. Columns are the measures that fit a page: see
-    `Measure.is_main`.
+    Cells hold medians with quartiles.
     """
-    shown = [by for by in comparison.measures if by.measure.is_main]
-    titles = ["group", "campaigns", *(by.measure.heading for by in shown)]
+    titles = ["group", "campaigns", *(by.measure.heading for by in comparison.measures)]
     lines = [titles, ["---", *["---:"] * (len(titles) - 1)]]
     for group in comparison.headline.order:
-        cells = [by.text(group) for by in shown]
+        cells = [by.text(group) for by in comparison.measures]
         lines.append([_escaped(group), str(len(comparison.groups[group])), *cells])
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 

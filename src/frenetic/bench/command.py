@@ -306,7 +306,7 @@ def _show_results(the_bench: Bench, ends: Sequence[RunState], log: Log, as_json:
         click.echo(f"Results: {the_bench.folder}")
     _end(the_bench, ends, states)
     runs = () if comparison is None else comparison.groups.values()
-    if not any(run.simulations > run.errors for group in runs for run in group):
+    if not any(run.simulations > run.counts.errors for group in runs for run in group):
         raise click.exceptions.Exit(1)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from frenetic._support.json_value import JSONValue
 from frenetic._support.scalars import take_numpy_scalars
-from frenetic.analysis.sparseness import competition_sparseness, diversity, edit_distance
+from frenetic.analysis.sparseness import competition_sparseness, unlike_lines
 from frenetic.bench.entrants import Entrant
 from frenetic.bench.generator import GeneratorProcess
 from frenetic.bench.hosting.messages import Assignment
@@ -337,8 +337,7 @@ def compile_measures() -> None:
     overlaps_itself(points, points + 4.0)
     segments = [points, 1.5 * points, points[:-4].copy()]
     competition_sparseness(segments)
-    diversity(segments)
-    edit_distance(segments[0], segments[1])
+    unlike_lines(segments)
 
 
 def _described(entrant: Entrant, seed: int) -> dict[str, JSONValue]:

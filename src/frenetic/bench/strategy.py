@@ -21,7 +21,7 @@ from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import RoadTester, road_through
 from frenetic.drive import Drive
 from frenetic.errors import RoadError
-from frenetic.export.competition import simulation_rows
+from frenetic.export.competition import simulation_records
 from frenetic.road import Road, check_validity
 from frenetic.search import Candidate, Evaluation, Origin, SearchEnded
 from frenetic.search.strategy import Ledger
@@ -248,7 +248,7 @@ class GeneratorStrategy(ObservingStrategy):
             return []
         simulator, width = self._tester.simulator, self._tester.lane_width
         road = Road(candidate.curvatures, candidate.step, attempt.pose, lane_width=width)
-        return simulation_rows(road, Drive(attempt.trajectory, simulator.car, simulator.rules))
+        return simulation_records(road, Drive(attempt.trajectory, simulator.car, simulator.rules))
 
 
 def _reason(attempt: Attempt | None) -> str:

@@ -54,7 +54,6 @@ _MOST_MEASURES: Final = 4
 @file_option(
     "--table", "Write medians and quartiles into this CSV or Markdown (.md) file.", type=NewFile()
 )
-@click.option("--all", "with_all", is_flag=True, help="Print all measures, and all pairs by each.")
 @part_choice("driver", "A new version of the driver of the one campaign named.")
 @as_option
 @count_option("--fresh", "Fresh random roads on which both versions drive.", default=200)
@@ -75,7 +74,6 @@ def compare(
     plot: Path | None,
     html: Path | None,
     table: Path | None,
-    with_all: bool,
     as_json: bool,
     fresh: int,
     seed: int | None,
@@ -91,7 +89,7 @@ def compare(
 
     Prints medians and quartiles of each group; for each pair the chance that a campaign of the one
     does better than one of the other (A12), and p of the Mann-Whitney test; and the order of the
-    groups by distinct failures per 100 simulations.
+    groups by distinct failures.
 
     With --driver or --as it says instead whether that driver is better than the one of the campaign
     named. Both drive on fresh random roads, on which the answer rests, and on those on which the
@@ -102,9 +100,9 @@ def compare(
     from frenetic.analysis.tables import table_form, write_table
 
     if new_driver := given_options(context):
-        others = [n for n in ("plot", "html", "table", "with_all") if was_given(context, n)]
+        others = [n for n in ("plot", "html", "table") if was_given(context, n)]
         if others or len(places) > 1:
-            what = f"leave out --{others[0].removeprefix('with_')}" if others else "name only that"
+            what = f"leave out --{others[0]}" if others else "name only that"
             raise click.UsageError(
                 f"--driver and --as compare another driver with that of one campaign: {what}"
             )
@@ -141,7 +139,7 @@ def compare(
     if as_json:
         click.echo(json.dumps(comparison_document(comparison)))
         return
-    print_comparison(comparison, with_all=with_all)
+    print_comparison(comparison)
     for what, path in (("Picture", plot), ("Page", html), ("Table", table)):
         if path is not None:
             click.echo(f"{what + ':':<8} {path}")
@@ -233,12 +231,10 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
     }
 
 
-def print_comparison(comparison: Comparison, *, with_all: bool = False) -> None:
-    """Prints the better group, medians with quartiles, and the verdict on each pair.
+def print_comparison(comparison: Comparison) -> None:
+    """Prints medians with quartiles, the verdict on each pair, and the better group.
 
-    Args:
-        comparison: of two or more groups.
-        with_all: whether to print all measures, and by each of them all pairs.
+    Of many groups the pairs are told apart by the headline measure only.
     """
     from frenetic.analysis.conclusions import verdict
     from frenetic.campaign.counts import Counts
@@ -247,18 +243,15 @@ def print_comparison(comparison: Comparison, *, with_all: bool = False) -> None:
     click.echo(f"Campaigns: {sizes}")
     for name, campaigns in comparison.groups.items():
         click.echo(f"{name}: {Counts.total(one.counts for one in campaigns).in_words()}")
-    shown = [one for one in comparison.measures if with_all or one.measure.is_main]
     if len(comparison.groups) <= _MOST_COLUMNS:
-        _print_by_measure(comparison, shown)
+        _print_by_measure(comparison)
     else:
-        _print_by_group(comparison, shown)
+        _print_by_group(comparison)
     if len(comparison.groups) < 2:
         return
-    telling = [one for one in comparison.telling if with_all or one.measure.is_main]
-    if len(comparison.groups) > _MOST_COLUMNS and not with_all:
-        telling = [comparison.headline]
-    _print_pairs(telling, several=len(comparison.groups) > 2)
     by = comparison.headline
+    few = len(comparison.groups) <= _MOST_COLUMNS
+    _print_pairs(comparison.measures if few else [by], several=len(comparison.groups) > 2)
     order = ", ".join(
         f"{by.places[n]}. {n} ({by.measure.text(by.quartiles(n).median)})" for n in by.order
     )
@@ -266,7 +259,7 @@ def print_comparison(comparison: Comparison, *, with_all: bool = False) -> None:
     click.echo(verdict(comparison))
 
 
-def _print_by_measure(comparison: Comparison, shown: Sequence[MeasureComparison]) -> None:
+def _print_by_measure(comparison: Comparison) -> None:
     """A row per measure."""
     from frenetic.analysis.statistics import LEAST_REPEATS
 
@@ -278,18 +271,18 @@ def _print_by_measure(comparison: Comparison, shown: Sequence[MeasureComparison]
             (
                 by.measure.heading,
                 *(by.text(name) for name in groups),
-                *(["" if by.p_overall is None else f"{by.p_overall:.2g}"] if has_p else []),
+                *([f"{by.p_overall:.2g}"] if has_p else []),
             )
-            for by in shown
+            for by in comparison.measures
         ],
         title="Median (quartiles)",
     )
 
 
-def _print_by_group(comparison: Comparison, shown: Sequence[MeasureComparison]) -> None:
+def _print_by_group(comparison: Comparison) -> None:
     """A row per group, with as many measures side by side as are readable."""
-    for start in range(0, len(shown), _MOST_MEASURES):
-        beside = shown[start : start + _MOST_MEASURES]
+    for start in range(0, len(comparison.measures), _MOST_MEASURES):
+        beside = comparison.measures[start : start + _MOST_MEASURES]
         print_table(
             ("", *(f">{by.measure.heading}" for by in beside)),
             [(name, *(by.text(name) for by in beside)) for name in comparison.headline.order],
@@ -297,7 +290,7 @@ def _print_by_group(comparison: Comparison, shown: Sequence[MeasureComparison]) 
         )
 
 
-def _print_pairs(telling: Sequence[MeasureComparison], *, several: bool) -> None:
+def _print_pairs(measures: Sequence[MeasureComparison], *, several: bool) -> None:
     from frenetic.analysis.comparison import Verdict
 
     print_table(
@@ -310,7 +303,7 @@ def _print_pairs(telling: Sequence[MeasureComparison], *, several: bool) -> None
                 str(pair.magnitude) if pair.verdict is not Verdict.TOO_FEW else None,
                 f"{pair.p_corrected:.2g}" if pair.verdict is not Verdict.TOO_FEW else None,
             )
-            for by in telling
+            for by in measures
             for i, pair in enumerate(by.pairs)
         ],
         title="Differences",

@@ -80,9 +80,10 @@ def export(
 ) -> None:
     """Write a campaign, or single roads, for other tools.
 
-    A CAMPAIGN alone becomes a folder of tables, for pandas, DuckDB and others (extra 'tables'), or
-    of the competition's files. The road of a test ID, where it lay on the map, or of a ROAD file
-    becomes a file of its own. Prints what was written, completely or not at all.
+    A CAMPAIGN alone, or a folder of several, such as a bench's, becomes a folder of tables, for
+    pandas, DuckDB and others (extra 'tables'). A campaign also becomes the competition's files. The
+    road of a test ID, where it lay on the map, or of a ROAD file becomes a file of its own. Prints
+    what was written, completely or not at all.
     """
     is_campaign = source.is_dir() and not test_ids
     formats = TABLES if is_campaign else ROADS
@@ -134,22 +135,25 @@ def _export_campaign(
     outcomes: tuple[str, ...],
     as_json: bool,
 ) -> None:
+    from frenetic.analysis.groups import find_campaigns
     from frenetic.campaign import CampaignStore
+    from frenetic.campaign.counts import Counts
     from frenetic.export import export_campaign
 
     log = Log()
-    with (
-        as_usage_error(),
-        CampaignStore.open(source) as store,
-        counted_progress(log, "Exporting") as show,
-    ):
-        counts = store.counts()
-        folder = export_campaign(store, name, out, outcomes=outcomes, on_progress=show, **options)
+    with as_usage_error(), counted_progress(log, "Exporting") as show:
+        campaigns = []
+        for place in find_campaigns(source):
+            with CampaignStore.open(place) as store:
+                campaigns.append(store.counts())
+        counts = Counts.total(campaigns)
+        folder = export_campaign(source, name, out, outcomes=outcomes, on_progress=show, **options)
     if as_json:
         document = {"folder": str(folder), "format": name, "outcomes": list(outcomes)}
         click.echo(json.dumps({**document, "campaign": counts.counts_json()}))
         return
-    log.print(f"The campaign holds {counts.in_words()}", markup=False)
+    whose = "The campaign holds" if len(campaigns) == 1 else f"{len(campaigns)} campaigns hold"
+    log.print(f"{whose} {counts.in_words()}", markup=False)
     click.echo(folder)
 
 

@@ -10,10 +10,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, Literal, TypeAlias, get_args
 
+from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import FreneticError
 from frenetic.export.competition import Sides, write_competition_folder
-from frenetic.export.tables import opened, write_tables
+from frenetic.export.tables import Place, opened, write_tables
 from frenetic.outcome import Outcome
 
 Format: TypeAlias = Literal["parquet", "csv", "json", "competition"]
@@ -24,7 +25,7 @@ EXPORTS: Final = "exports"
 
 
 def export_campaign(
-    campaign: CampaignStore | Path | str,
+    campaign: Place,
     format: Format,  # noqa: A002
     out: Path | str | None = None,
     *,
@@ -39,14 +40,14 @@ def export_campaign(
     | --- | --- | --- |
     | parquet | ``tests.parquet``, ``trajectories.parquet`` | pandas, DuckDB, Polars, R |
     | csv | ``tests.csv``, ``trajectories.csv`` | anything |
-    | json | ``tests.jsonl``: one object per line and test | pandas, DuckDB, jq |
+    | json | ``tests.jsonl``, ``trajectories.jsonl``: one object per line | pandas, DuckDB, jq |
     | competition | ``test.NNNN.json`` and its tables | the competition's tools |
 
     `frenetic.export.TABLES` lists the tables' columns. Memory does not grow with the campaign,
     which may be running: later results are left out.
 
     Args:
-        campaign: its folder, or the opened campaign.
+        campaign: as `data_frame` takes it; the format competition needs a single one.
         format: what to write.
         out: an empty or new folder; by default ``exports/FORMAT`` in the campaign's.
         outcomes: only tests of these, such as ``["FAIL"]``; all without any.
@@ -84,10 +85,11 @@ def export_campaign(
         "none": None,
     }[trajectories]
     notify = on_progress or (lambda *_: None)
-    with opened(campaign) as store:
-        target = store.folder / EXPORTS / format if out is None else Path(out)
-        with _whole_folder(target) as folder:
-            if format == "competition":
+    own = campaign.folder if isinstance(campaign, Campaign | CampaignStore) else Path(campaign)
+    target = own / EXPORTS / format if out is None else Path(out)
+    with _whole_folder(target) as folder:
+        if format == "competition":
+            with opened(campaign) as store:
                 total = sum(store.by_outcome().values())
                 write_competition_folder(
                     folder,
@@ -97,8 +99,8 @@ def export_campaign(
                     sides=sides,
                     on_test=lambda done: notify(done, total),
                 )
-            else:
-                write_tables(folder, store, format, wanted, driven, notify)
+        else:
+            write_tables(folder, campaign, format, wanted, driven, notify)
     return target
 
 

@@ -11,15 +11,15 @@ import json
 import math
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, fields
-from operator import attrgetter
 from pathlib import Path
-from typing import Any, Final, Literal, TypeAlias
+from typing import Any, Final, Literal, NamedTuple, TypeAlias
+
+import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.words import text_cell
-from frenetic.analysis.competition import competition_segment
-from frenetic.analysis.sparseness import competition_sparseness
+from frenetic.analysis.competition import failure_segment
+from frenetic.analysis.sparseness import MOST_COMPARED, competition_sparseness
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.drive import Drive
@@ -35,14 +35,10 @@ GROUND: Final = -28.0
 Sides: TypeAlias = Literal["geometry", "competition"]
 """Rule for the side of a departure in ``oob_stats.csv``: where the car was, or the official one."""
 
-MOST_COMPARED: Final = 2000
-"""Most failures for sparseness, whose time grows with their square."""
-
 _DIGITS: Final = 6  # decimals: micrometres
 
 
-@dataclass(frozen=True)
-class SimulationRecord:
+class SimulationRecord(NamedTuple):
     """One record of a drive; the fields have the competition's names and order."""
 
     timer: float
@@ -79,10 +75,6 @@ class SimulationRecord:
     """Lane half-width minus the distance to the lane's centre line, in m."""
     oob_percentage: float
     """Share 0..1 of the car's box outside its lane."""
-
-
-# `dataclasses.astuple` copies every value deeply, which takes longer than all the rest.
-_values = attrgetter(*(item.name for item in fields(SimulationRecord)))
 
 
 def simulation_records(road: Road, drive: Drive) -> list[SimulationRecord]:
@@ -128,17 +120,12 @@ def simulation_records(road: Road, drive: Drive) -> list[SimulationRecord]:
     return records
 
 
-def simulation_rows(road: Road, drive: Drive) -> list[tuple[Any, ...]]:
-    """The values of `simulation_records`, as they stand in a test's JSON document."""
-    return [_values(record) for record in simulation_records(road, drive)]
-
-
 def _rounded(x: float, y: float, z: float) -> tuple[float, float, float]:
     return round(x, _DIGITS), round(y, _DIGITS), round(z, _DIGITS)
 
 
 def competition_document(
-    road: Road,
+    road: Road | None,
     test_id: int,
     verdict: Verdict | None,
     *,
@@ -150,7 +137,7 @@ def competition_document(
     """A test as a JSON object with the competition's keys, in its order.
 
     Args:
-        road: where it lies on the map.
+        road: where it lies on the map; None if what was proposed is none.
         test_id: the test's number.
         verdict: whether the road is valid; None if unknown.
         outcome: of the test; without one, or dropped, the object has neither an outcome nor what
@@ -159,38 +146,47 @@ def competition_document(
         drive: None without one.
         points: (N, 2) m through which the road was laid, if it was given by points.
     """
-    road_points = road.road_points.round(_DIGITS) if points is None else points
+    if points is None:
+        points = np.empty((0, 2)) if road is None else road.road_points.round(_DIGITS)
     document: dict[str, Any] = {
         "id": test_id,
         "is_valid": None if verdict is None else verdict.valid,
         "validation_message": None if verdict is None else verdict.message,
-        "road_points": road_points.tolist(),
-        "interpolated_points": [
-            (x, y, GROUND, 2.0 * road.lane_width) for x, y in interpolate(road_points).tolist()
-        ],
+        "road_points": points.tolist(),
+        "interpolated_points": []
+        if road is None
+        else [(x, y, GROUND, 2.0 * road.lane_width) for x, y in interpolate(points).tolist()],
     }
     if outcome is not None and outcome.is_test:
         document |= {
             "test_outcome": str(outcome),
             "description": description,
-            "execution_data": [] if drive is None else simulation_rows(road, drive),
+            "execution_data": simulation_records(road, drive) if road and drive else [],
         }
     return document
 
 
 def stored_test_document(test: Test) -> dict[str, Any]:
     """A campaign's test as `competition_document` gives it."""
-    is_invalid = test.outcome is Outcome.INVALID
+    points, is_invalid = test.candidate.points, test.outcome is Outcome.INVALID
     verdict = Verdict(not is_invalid, test.reason if is_invalid else "")
     return competition_document(
-        test.road,
+        _road_of(test),
         test.id,
         verdict if test.outcome.is_test else None,
         outcome=test.outcome,
         description=test.reason,
         drive=test.drive,
-        points=test.candidate.points,
+        points=points,
     )
+
+
+def _road_of(test: Test) -> Road | None:
+    """The road of a test; None if what was proposed is none."""
+    try:
+        return test.road
+    except RoadError:
+        return None
 
 
 # The results folder
@@ -240,32 +236,10 @@ def write_competition_folder(
     _write_row(folder / "experiment_description.csv", _experiment(store))
 
 
-def _is_road(record: Test) -> bool:
-    """Whether there is a road; what was proposed may be none."""
-    try:
-        return record.road is not None
-    except RoadError:
-        return False
-
-
-def _write_test(folder: Path, record: Test) -> None:
-    document: Mapping[str, Any]
-    if _is_road(record):
-        document = stored_test_document(record)
-    else:
-        points = record.candidate.points
-        document = {
-            "id": record.candidate.id,
-            "is_valid": False,
-            "validation_message": record.reason,
-            "road_points": [] if points is None else points.tolist(),
-            "interpolated_points": [],
-            "test_outcome": str(record.outcome),
-            "description": record.reason,
-            "execution_data": [],
-        }
-    path = folder / f"test.{record.candidate.id:04d}.json"
-    path.write_text(json.dumps(document, allow_nan=False) + "\n", encoding="utf-8")
+def _write_test(folder: Path, test: Test) -> None:
+    path = folder / f"test.{test.id:04d}.json"
+    text = json.dumps(stored_test_document(test), allow_nan=False)
+    path.write_text(f"{text}\n", encoding="utf-8")
 
 
 class _Statistics:
@@ -288,17 +262,14 @@ class _Statistics:
             self._seconds += record.attempt.seconds
         self._elapsed = record.elapsed
         departure = record.departure
-        if record.outcome is Outcome.FAIL and departure is not None and _is_road(record):
+        if record.outcome is Outcome.FAIL and departure is not None:
             self._departures += 1
             by_geometry = self._rule == "geometry"
             if by_geometry:
                 self._sides[str(departure.side)] += 1
             if by_geometry and not self._with_sparseness:
                 return
-            points = record.candidate.points
-            segment = competition_segment(
-                record.road.road_points if points is None else points, (departure.x, departure.y)
-            )
+            segment = failure_segment(record)
             if segment is None:
                 return
             if not by_geometry:

@@ -1,15 +1,14 @@
-"""A campaign's tests and trajectories as tables: pandas data frames, and files made of these.
+"""Tests and trajectories of campaigns as tables: a pandas data frame, and files made of it.
 
-Files are written a batch of tests at a time, so memory does not grow with the campaign.
+Files are made of the frames of a batch of tests at a time, so memory does not grow with a campaign.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, ExitStack, nullcontext
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from datetime import datetime
-from functools import partial
 from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
@@ -20,18 +19,24 @@ from msgspec import to_builtins
 from msgspec.json import encode
 
 from frenetic._support.words import pip_install, simulated_time, text_cell
+from frenetic.analysis.groups import find_campaigns
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.record import FINISHED, Column, Test, value_at
 from frenetic.campaign.store import CampaignStore
 from frenetic.drive import Trajectory
-from frenetic.errors import FreneticError, RoadError
+from frenetic.errors import FreneticError
 from frenetic.oracle import Side
 from frenetic.outcome import Outcome
 
 if TYPE_CHECKING:
     import pandas as pd
+    import pyarrow as pa
 
 Table: TypeAlias = Literal["tests", "trajectories"]
+Place: TypeAlias = Campaign | CampaignStore | Path | str
+"""A campaign, its folder, or a folder of several, such as a bench's."""
+_Row: TypeAlias = tuple[str, int, Test]
+"""Folder of a campaign, number of results told before the test was asked, the test."""
 
 _DERIVED: Final = (
     Column("asked_after", "", "INTEGER", "number of results told when it was asked"),
@@ -72,7 +77,8 @@ TABLES: Final[Mapping[str, tuple[Column, ...]]] = MappingProxyType(
         ),
     }
 )
-"""Name of a table -> its columns."""
+"""Name of a table -> its columns; of several campaigns, `CAMPAIGN` comes first."""
+CAMPAIGN: Final = Column("campaign", "", "TEXT", "folder of the campaign")
 
 _DTYPES: Final = {
     "INTEGER": "int64",
@@ -88,89 +94,91 @@ _DTYPES: Final = {
 _CATEGORIES: Final[Mapping[str, tuple[str, ...]]] = {
     "outcome": tuple(map(str, Outcome)),
     "departure_side": get_args(Side),
-    "operator": (),
-    "worker": (),
 }
-"""Name of a column -> its categories; those that there are if none are given."""
+"""Name of a column -> its categories."""
 _DICTIONARIES: Final = ("conditions", "source", "notes", "fault")
 TESTS_AT_ONCE: Final = 1000
 """Tests of which a file's rows are in memory together."""
-_DIGITS: Final = 6  # decimals of road points: micrometres
 
 
 def data_frame(
-    campaign: Campaign | CampaignStore | Path | str,
+    source: Place | Iterable[Path | str],
     table: Table = "tests",
     *,
     outcomes: Collection[Outcome | str] = (),
 ) -> pd.DataFrame:
-    """A campaign's tests, or the trajectories of their drives, as a pandas data frame.
+    """The tests of campaigns, or the trajectories of their drives, as a pandas data frame.
 
-    The columns are those that ``frenetic export`` writes, see `frenetic.export.TABLES`. Tests come
-    in the order of telling. Outcomes, operators, sides and workers are categories; numbers that may
-    be missing are nullable (``Float64``); curvatures and parents are arrays; conditions, source,
-    notes and fault are dictionaries; ``finished_at`` is a time with its zone, UTC.
+    The columns are those that ``frenetic export`` writes, see `frenetic.export.TABLES`; of several
+    campaigns a column ``campaign`` with their folders comes first. Tests come in the order of
+    telling. Outcomes and sides are categories; numbers that may be missing are nullable
+    (``Float64``); curvatures and parents are arrays; conditions, source, notes and fault are
+    dictionaries; ``finished_at`` is a time with its zone, UTC.
 
     Args:
-        campaign: its folder, or the campaign, opened or not.
+        source: a campaign, opened or not, its folder, a folder of several, such as a bench's, or a
+            list of folders.
         table: ``tests``, one row per candidate that was told, or ``trajectories``, one row per
             record of a drive: 96 bytes each, 25 kB for an ordinary test.
         outcomes: only tests of these, such as ``["FAIL"]``; of all without any.
 
     Raises:
-        FreneticError: pandas or pyarrow is not installed, or the campaign cannot be read.
+        FreneticError: pandas or pyarrow is not installed, or a campaign cannot be read.
         ValueError: there is no such table or outcome.
     """
     if table not in TABLES:
         raise ValueError(f"table is {table!r}: one of {', '.join(TABLES)} is needed")
     wanted = tuple(Outcome(outcome) for outcome in outcomes) or tuple(Outcome)
     _require_extra("a data frame")
-    with opened(campaign) as store:
-        if table == "trajectories":
-            return _trajectories(_stored(store, wanted, with_trajectory=True))
-        return _tests(_stored(store, wanted), _places(store))
+    campaigns, named = _campaigns(source)
+    return _frame(table, _rows(campaigns, wanted, table == "trajectories"), named)
 
 
 def write_tables(
     folder: Path,
-    store: CampaignStore,
+    source: Place,
     format: Literal["csv", "json", "parquet"],  # noqa: A002
     outcomes: Collection[Outcome],
     driven: Collection[Outcome] | None,
     on_progress: Callable[[int, int], None],
 ) -> None:
-    """Writes the tables of a campaign as `export_campaign` describes.
+    """Writes the tables of campaigns as `export_campaign` describes.
 
     Args:
         folder: exists.
-        store: the campaign.
+        source: of the tests.
         format: of the files.
         outcomes: of the tests.
         driven: outcomes of the tests whose trajectories are written; None for no trajectories.
         on_progress: called with the number of tests written, and of all, after each batch.
 
     Raises:
-        FreneticError: pandas or pyarrow is not installed, or the campaign is damaged.
+        FreneticError: pandas or pyarrow is not installed, or a campaign is damaged.
         OSError: a file cannot be written.
     """
     _require_extra(f"the format {format}")
-    stored = _stored(store, outcomes, with_trajectory=driven is not None)
-    places, by_outcome = _places(store), store.by_outcome()
-    total = sum(by_outcome[outcome] for outcome in outcomes)
-
-    def batches() -> Iterator[tuple[list[Test], pd.DataFrame]]:
-        done, is_last = 0, False
-        while not is_last:
-            tests = list(islice(stored, TESTS_AT_ONCE))
-            yield tests, _tests(tests, places)
-            done += len(tests)
+    campaigns, named = _campaigns(source)
+    done = total = 0
+    for campaign in campaigns:
+        with opened(campaign) as store:
+            total += sum(number for o, number in store.by_outcome().items() if o in outcomes)
+    rows = _rows(campaigns, outcomes, driven is not None)
+    writers: dict[Table, Callable[[pd.DataFrame], object]] = {}
+    with ExitStack() as files:
+        while True:
+            batch = list(islice(rows, TESTS_AT_ONCE))
+            parts: dict[Table, list[_Row]] = {"tests": batch}
+            if driven is not None:
+                parts["trajectories"] = [row for row in batch if row[-1].outcome in driven]
+            for table, part in parts.items():
+                frame = _frame(table, part, named)
+                if table not in writers:
+                    writers[table] = files.enter_context(_writer(folder, table, format, frame))
+                writers[table](frame)
+            done += len(batch)
             on_progress(done, total)
-            is_last = len(tests) < TESTS_AT_ONCE
-
-    if format == "json":
-        _write_json(folder / "tests.jsonl", batches(), driven)
-    else:
-        _write_frames(folder, format, batches(), driven)
+            if len(batch) < TESTS_AT_ONCE:
+                return
 
 
 def _require_extra(what: str) -> None:
@@ -189,12 +197,10 @@ def _require_extra(what: str) -> None:
         ) from error
 
 
-# From a campaign to frames
+# From campaigns to a frame
 
 
-def opened(
-    campaign: Campaign | CampaignStore | Path | str,
-) -> AbstractContextManager[CampaignStore]:
+def opened(campaign: Place) -> AbstractContextManager[CampaignStore]:
     """A campaign, opened unless it is."""
     if isinstance(campaign, Campaign):
         campaign = campaign.folder
@@ -203,31 +209,48 @@ def opened(
     return CampaignStore.open(campaign)
 
 
-def _stored(
-    store: CampaignStore, outcomes: Collection[Outcome], *, with_trajectory: bool = False
-) -> Iterator[Test]:
+def _campaigns(source: Place | Iterable[Path | str]) -> tuple[Sequence[Place], bool]:
+    """The campaigns of a source, and whether a column names them."""
+    if isinstance(source, Campaign | CampaignStore):
+        return [source], False
+    if isinstance(source, Path | str):
+        folders = find_campaigns(source)
+        return folders, folders != [Path(source)]
+    return [folder for place in source for folder in find_campaigns(place)], True
+
+
+def _rows(
+    campaigns: Iterable[Place], outcomes: Collection[Outcome], with_trajectory: bool
+) -> Iterator[_Row]:
     only = next(iter(outcomes)) if len(outcomes) == 1 else None
-    tests = store.tests(only, with_trajectory=with_trajectory)
-    return (test for test in tests if test.outcome in outcomes)
+    for campaign in campaigns:
+        with opened(campaign) as store:
+            tests = store.tests(only, with_trajectory=with_trajectory)
+            asked_after = dict(store.rows("SELECT id, asked_after FROM test"))
+            name = store.folder.as_posix()
+            for test in tests:
+                if test.outcome in outcomes:
+                    yield name, asked_after[test.id], test
 
 
-def _places(store: CampaignStore) -> dict[int, int]:
-    """Id of a test -> the number of results told before it was asked."""
-    return dict(store.rows("SELECT id, asked_after FROM test"))
+def _frame(table: Table, rows: Iterable[_Row], named: bool) -> pd.DataFrame:
+    frame = _tests(rows) if table == "tests" else _trajectories(rows)
+    return frame if named else frame.drop(columns=CAMPAIGN.name)
 
 
-def _tests(tests: Iterable[Test], places: Mapping[int, int]) -> pd.DataFrame:
+def _tests(rows: Iterable[_Row]) -> pd.DataFrame:
     import pandas as pd  # an extra
 
-    columns = TABLES["tests"]
+    columns = (CAMPAIGN, *TABLES["tests"])
     values: dict[str, list[Any]] = {column.name: [] for column in columns}
     paths = [(values[column.name], column.path.split(".")) for column in columns if column.path]
-    for test in tests:
+    for campaign, asked_after, test in rows:
+        values["campaign"].append(campaign)
+        values["asked_after"].append(asked_after)
         for found, path in paths:
             found.append(value_at(test, path))
     roads = values["curvatures"]
     values |= {
-        "asked_after": [places[number] for number in values["id"]],
         "curvature_count": [len(road) for road in roads],
         "length": [
             max(len(road) - 1, 0) * step for road, step in zip(roads, values["step"], strict=True)
@@ -239,86 +262,61 @@ def _tests(tests: Iterable[Test], places: Mapping[int, int]) -> pd.DataFrame:
         **{n: [simulated_time(t) for t in values[n]] for n in ("duration", "departure_time")},
         **{n: [to_builtins(value) or None for value in values[n]] for n in _DICTIONARIES},
     }
-    dtypes = {column.name: _DTYPES.get(column.name, _DTYPES[column.kind]) for column in columns}
-    for name, known in _CATEGORIES.items():
-        dtypes[name] = pd.CategoricalDtype(known or sorted({*values[name]} - {None}))
+    dtypes: dict[str, Any] = {c.name: _DTYPES.get(c.name, _DTYPES[c.kind]) for c in columns}
+    dtypes |= {name: pd.CategoricalDtype(known) for name, known in _CATEGORIES.items()}
     return pd.DataFrame({n: pd.Series(values[n], dtype=dtype) for n, dtype in dtypes.items()})
 
 
-def _trajectories(tests: Iterable[Test]) -> pd.DataFrame:
+def _trajectories(rows: Iterable[_Row]) -> pd.DataFrame:
     import pandas as pd  # an extra
 
-    driven = [(test.id, test.trajectory) for test in tests if test.trajectory is not None]
-    records = [len(trajectory) for _, trajectory in driven]
-    ids = np.array([number for number, _ in driven], np.int64)
+    driven = [(name, t.id, t.trajectory) for name, _, t in rows if t.trajectory is not None]
+    records = np.array([len(path) for *_, path in driven], np.int64)
+    names = pd.Series([name for name, *_ in driven], dtype="string")
+    ids = np.array([number for _, number, _ in driven], np.int64)
     columns = {
-        name: np.concatenate([np.empty(0), *(getattr(path, name) for _, path in driven)])
+        name: np.concatenate([np.empty(0), *(getattr(path, name) for *_, path in driven)])
         for name in Trajectory.names()
     }
-    return pd.DataFrame({"id": np.repeat(ids, np.array(records, np.int64)), **columns})
+    campaigns = names.repeat(records).reset_index(drop=True)
+    return pd.DataFrame({CAMPAIGN.name: campaigns, "id": np.repeat(ids, records), **columns})
 
 
-# From frames to files
+# From a frame to a file
 
 
-def _write_json(
-    path: Path,
-    batches: Iterable[tuple[list[Test], pd.DataFrame]],
-    driven: Collection[Outcome] | None,
-) -> None:
-    with path.open("wb") as file:
-        for tests, frame in batches:
-            columns = [_plain(frame[name]) for name in frame]
-            for test, *row in zip(tests, *columns, strict=True):
-                line = dict(zip(frame, row, strict=True)) | {"road_points": _road_points(test)}
-                if driven is not None:
-                    line["trajectory"] = _trajectory(test) if test.outcome in driven else None
-                file.write(encode(line) + b"\n")
-
-
-def _road_points(test: Test) -> list[list[float]] | None:
-    """Points of the road in its place, in m; None if it is no road."""
-    try:
-        points: list[list[float]] = test.road.road_points.round(_DIGITS).tolist()
-    except RoadError:
-        return None
-    return points
-
-
-def _trajectory(test: Test) -> dict[str, list[float]] | None:
-    if test.trajectory is None:
-        return None
-    return {name: getattr(test.trajectory, name).tolist() for name in Trajectory.names()}
-
-
-def _write_frames(
+@contextmanager
+def _writer(
     folder: Path,
-    format: Literal["csv", "parquet"],  # noqa: A002
-    batches: Iterable[tuple[list[Test], pd.DataFrame]],
-    driven: Collection[Outcome] | None,
-) -> None:
+    table: Table,
+    format: str,  # noqa: A002
+    first: pd.DataFrame,
+) -> Iterator[Callable[[pd.DataFrame], object]]:
+    """A function that adds frames like the first one to a table's file."""
     from pyarrow.csv import CSVWriter  # an extra
     from pyarrow.parquet import ParquetWriter  # an extra
 
-    with ExitStack() as files:
-        writers: dict[str, Any] = {}
-        for tests, frame in batches:
-            frames = {"tests": frame}
-            if driven is not None:
-                frames["trajectories"] = _trajectories(t for t in tests if t.outcome in driven)
-            for table, rows in frames.items():
-                found = _texts(rows) if format == "csv" else _columns(rows, TABLES[table])
-                if table not in writers:
-                    make = (
-                        CSVWriter if format == "csv" else partial(ParquetWriter, compression="zstd")
-                    )
-                    path = folder / f"{table}.{format}"
-                    writers[table] = files.enter_context(make(path, found.schema))
-                writers[table].write_table(found)
+    if format == "json":
+        with (folder / f"{table}.jsonl").open("wb") as lines:
+            yield lambda frame: lines.writelines(_lines(frame))
+    elif format == "csv":
+        with CSVWriter(folder / f"{table}.csv", _texts(first).schema) as file:
+            yield lambda frame: file.write_table(_texts(frame))
+    else:
+        schema = _described(first, table).schema
+        with ParquetWriter(folder / f"{table}.parquet", schema, compression="zstd") as file:
+            yield lambda frame: file.write_table(_described(frame, table))
 
 
-def _texts(frame: pd.DataFrame) -> Any:
-    """A frame for CSV: what is no number as text."""
+def _lines(frame: pd.DataFrame) -> Iterator[bytes]:
+    """A JSON object per row."""
+    names = list(frame)
+    for row in zip(*(_plain(frame[name]) for name in names), strict=True):
+        yield encode(dict(zip(names, row, strict=True))) + b"\n"
+
+
+def _texts(frame: pd.DataFrame) -> pa.Table:
+    """A frame for CSV: what is no number as a text that no spreadsheet takes for a formula."""
     import pandas as pd  # an extra
     import pyarrow as pa  # an extra
 
@@ -326,21 +324,21 @@ def _texts(frame: pd.DataFrame) -> Any:
     return pa.Table.from_pandas(_with_texts(frame, others), preserve_index=False)
 
 
-def _columns(frame: pd.DataFrame, columns: Iterable[Column]) -> Any:
-    """A frame for Parquet, its fields with descriptions and units."""
+def _described(frame: pd.DataFrame, table: Table) -> pa.Table:
+    """A frame for Parquet: fields have descriptions and units."""
     import pyarrow as pa  # an extra
 
     frame = _with_texts(frame, [name for name in _DICTIONARIES if name in frame])
     found = pa.Schema.from_pandas(frame, preserve_index=False)
     lists = {"curvatures": pa.list_(pa.float64()), "parents": pa.list_(pa.int64())}
-    own = lists | dict.fromkeys(_CATEGORIES, pa.dictionary(pa.int32(), pa.string()))
     fields = [
         pa.field(
             column.name,
-            own.get(column.name, found.field(column.name).type),
+            lists.get(column.name, found.field(column.name).type),
             metadata={"description": column.about, "unit": column.unit},
         )
-        for column in columns
+        for column in (CAMPAIGN, *TABLES[table])
+        if column.name in frame
     ]
     return pa.Table.from_pandas(frame, pa.schema(fields), preserve_index=False)
 

@@ -52,7 +52,7 @@ def draw_comparison(comparison: Comparison, path: Path | str) -> None:
 
 
 def _page(comparison: Comparison) -> Figure:
-    shown = comparison.telling
+    shown = comparison.measures
     rows = math.ceil(len(shown) / _COLUMNS)
     panel = _ROW * len(comparison.groups) + 0.1
     pitch = panel + 1.02

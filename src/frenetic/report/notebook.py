@@ -137,7 +137,7 @@ def _comparison(comparison: Comparison) -> str:
         draw_curves(axes, comparison)
         axes.legend(loc="upper left", frameon=False, fontsize=8.5)
         picture = _image(page, "Failures found over simulations")
-    shown = [by for by in comparison.measures if by.measure.is_main]
+    shown = comparison.measures
     rows = [
         (
             html.escape(group),

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.statistics import a12, rank_correlation
+from frenetic.analysis.statistics import a12, rank_correlation
 from frenetic.outcome import Outcome
 from frenetic.search.approach import approaches, is_near
 from frenetic.search.archive import FAR, Archive, Place, places_of

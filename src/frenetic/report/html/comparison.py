@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from itertools import groupby
 from pathlib import Path
 from typing import Final
 from urllib.parse import quote
@@ -190,16 +189,15 @@ def _range(numbers: Sequence[int]) -> str:
 
 
 def _definitions(comparison: Comparison) -> Iterator[Block]:
-    for topic, measures in groupby(comparison.measures, lambda one: one.measure.topic):
-        yield Facts(tuple(_definition(one.measure) for one in measures), capitalised(topic))
+    measured = tuple(_definition(one.measure) for one in comparison.measures)
+    yield Facts(measured, "Measures")
     yield Facts(_STATISTICS, "Statistics")
 
 
 def _definition(measure: Measure) -> Fact:
-    better = "" if measure.more_is_better is None else f"{capitalised(measure.better)} is better; "
-    bounds = f"{better}{measure.bounds}"
     unit = f" {measure.unit}" if measure.unit else ""
-    return Fact(measure.title, f"{measure.definition} {capitalised(bounds)}{unit}.")
+    better = f"{capitalised(measure.better)} is better"
+    return Fact(measure.title, f"{measure.definition} {better}; {measure.bounds}{unit}.")
 
 
 def _campaigns(comparison: Comparison, folder: Path) -> Table:
@@ -227,8 +225,8 @@ def _campaigns(comparison: Comparison, folder: Path) -> Table:
                 str(campaign.simulations),
                 str(campaign.failures),
                 str(campaign.distinct_failures),
-                str(campaign.invalid),
-                str(campaign.errors),
+                str(campaign.counts.invalid),
+                str(campaign.counts.errors),
                 "yes" if campaign.is_finished else "no",
             )
             for group, campaign in campaigns

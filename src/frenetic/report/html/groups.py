@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -13,20 +12,17 @@ from frenetic._support.arrays import evenly
 from frenetic._support.words import capitalised
 from frenetic.analysis.comparison import Comparison, MeasureComparison, PairComparison
 from frenetic.analysis.conclusions import p_text
-from frenetic.analysis.metrics import Curve, Measure, Topic, curves
+from frenetic.analysis.metrics import Curve, Measure, curves
 from frenetic.analysis.statistics import LEAST_REPEATS
-from frenetic.report.html.blocks import Chart, Part, Scale, Series, percent
+from frenetic.report.html.blocks import Chart, Part, Scale, Series
 
 POINTS: Final = 400
 """Most points of a curve."""
-COLUMNS: Final = 8
-"""Columns of a table that are shown at first."""
 _COLOURS: Final = 8
 _SHADES: Final = 5
 _CURVES: Final[tuple[tuple[Curve, str], ...]] = (
     ("distinct_after", "distinct failures"),
     ("failures_after", "failures"),
-    ("cells_after", "cells of the feature map"),
 )
 
 
@@ -64,7 +60,7 @@ def groups_of(comparison: Comparison) -> tuple[Group, ...]:
 
 
 def group_tables(comparison: Comparison, groups: tuple[Group, ...]) -> Iterator[Part]:
-    """Medians, ranks, and filled cells of the feature maps."""
+    """Medians and ranks."""
     varying, constant = _varying(comparison)
     alike = ", ".join(f"{one.measure.title} {one.measure.text(value)}" for one, value in constant)
     yield _table(
@@ -89,7 +85,6 @@ def group_tables(comparison: Comparison, groups: tuple[Group, ...]) -> Iterator[
     )
     if len(groups) > 1:
         yield _ranks(comparison, groups, varying)
-    yield _maps(comparison, groups)
 
 
 def _table(
@@ -99,29 +94,19 @@ def _table(
     caption: str,
 ) -> Part:
     """A row per group: value, a small text under it, and a shade from 0 in each column."""
-    styled: list[dict[str, Any]] = []
-    for i, column in enumerate(columns):
-        begins = i in (0, COLUMNS) or column["topic"] != columns[i - 1]["topic"]
-        style = f"{'begins' if begins else ''} {'rest' if i >= COLUMNS else ''}".strip()
-        styled.append({**column, "begins": begins, "is_rest": i >= COLUMNS, "style": style})
-    # A title over neighbouring columns of one topic.
-    firsts = [i for i, column in enumerate(styled) if column["begins"]]
-    for first, last in pairwise([*firsts, len(styled)]):
-        styled[first]["span"] = last - first
     return Part(
         "groupTable",
-        {"title": title, "columns": styled, "rows": rows, "caption": caption},
+        {"title": title, "columns": columns, "rows": rows, "caption": caption},
     )
 
 
 def _ranks(
     comparison: Comparison, groups: tuple[Group, ...], varying: Sequence[MeasureComparison]
 ) -> Part:
-    ranked = [by for by in varying if by.measure.more_is_better is not None]
     number = len(groups)
     return _table(
         "Ranks",
-        [_column(by.measure) for by in ranked],
+        [_column(by.measure) for by in varying],
         [
             (
                 group,
@@ -131,7 +116,7 @@ def _ranks(
                         f"{by.mean_ranks[group.name]:.1f}",
                         round(_SHADES * (number - by.places[group.name]) / (number - 1)),
                     )
-                    for by in ranked
+                    for by in varying
                 ],
             )
             for group in groups
@@ -148,8 +133,7 @@ def _varying(
     """The measures that differ between campaigns, and the constant ones with their value."""
     varying: list[MeasureComparison] = []
     constant: list[tuple[MeasureComparison, float]] = []
-    shown = [by for by in comparison.measures if by.measure.name != "failures_per_100"]
-    for by in comparison.measures if comparison.simulations is None else shown:
+    for by in comparison.measures:
         values = {value for group in by.values.values() for value in group}
         if len(values) == 1:
             constant.append((by, values.pop()))
@@ -163,7 +147,6 @@ def _column(measure: Measure) -> dict[str, str]:
     return {
         "title": f"{measure.short}{unit}",
         "better": measure.better,
-        "topic": str(measure.topic),
         "text": f"{capitalised(measure.title)}: {measure.definition}",
     }
 
@@ -175,39 +158,6 @@ def _quartiles(by: MeasureComparison, group: str) -> str:
     if low == high:
         return ""
     return between if "-" in between else f"{low}–{high}"  # a dash before a minus is unreadable
-
-
-def _maps(comparison: Comparison, groups: tuple[Group, ...]) -> Part:
-    maps = (
-        ("feature map", comparison.map_coverage()),
-        (str(Topic.COMPETITION), comparison.map_coverage(as_competition=True)),
-    )
-    titles = (
-        ("cells together", "Cells that the group's campaigns filled together"),
-        ("mean share", "Of the cells that any campaign of any group filled"),
-    )
-    return _table(
-        "Feature maps",
-        [
-            {"title": title, "better": "more", "topic": topic, "text": text}
-            for topic, _ in maps
-            for title, text in titles
-        ],
-        [
-            (
-                group,
-                [
-                    (text, "", 0)
-                    for _, found in maps
-                    for text in (str(found[group.name].cells), percent(found[group.name].share))
-                ],
-            )
-            for group in groups
-        ],
-        "Mean share: of the cells that any campaign of any group filled with a failure, what one of"
-        " the group's campaigns filled, mean; the competition's relative map coverage. It depends"
-        " on who takes part.",
-    )
 
 
 def group_curves(comparison: Comparison, groups: tuple[Group, ...]) -> Iterator[Chart]:
@@ -223,7 +173,7 @@ def group_curves(comparison: Comparison, groups: tuple[Group, ...]) -> Iterator[
     )
     caption = (
         f"Median of each group; {band}. A curve reaches as far as all campaigns of its group. A"
-        " distinct failure counts from the first of those alike, a cell from its first failure."
+        " distinct failure counts from the first of those alike."
     )
     for i, (what, title) in enumerate(_CURVES):
         lines = tuple(_curve(comparison, group, what) for group in groups)
@@ -257,7 +207,7 @@ def group_spreads(comparison: Comparison, groups: tuple[Group, ...]) -> Part:
     return Part(
         "spreads",
         {
-            "panels": [_spread_panel(by, groups) for by in comparison.telling],
+            "panels": [_spread_panel(by, groups) for by in comparison.measures],
             "caption": "A point is a campaign, the line in the box the median, the box reaches"
             " from the first to the third quartile.",
         },
@@ -320,7 +270,7 @@ def group_pairs(comparison: Comparison, groups: tuple[Group, ...]) -> Part:
                     "note": f"{by.measure.better} is better{_overall(by)}",
                     "pairs": [_pair(by, pair, known) for pair in _in_order(by, groups)],
                 }
-                for by in comparison.telling
+                for by in comparison.measures
             ],
             "caption": "A12: the chance that a campaign of the first group does better than one of"
             " the second."
@@ -346,7 +296,7 @@ def _pair(by: MeasureComparison, pair: PairComparison, known: dict[str, Group]) 
     said = str(pair.verdict)
     if pair.better is not None:
         which = "first" if pair.better == pair.first else "second"
-        said = f"the {which} {by.measure.comparative}"
+        said = f"the {which} has {by.measure.better}"
     enough = min(pair.repeats) >= LEAST_REPEATS
     return {
         "first": known[pair.first],

@@ -157,13 +157,11 @@ def timeline_of(tests: Sequence[TestSummary], clusters: Clusters) -> Timeline | 
 def _expectation(random: RandomRoads | None, counts: npt.NDArray[np.int64]) -> Expectation | None:
     if random is None:
         return None
-    share = random.failures / random.roads
-    low, high = proportion_interval(random.failures, random.roads)
-    distinct = random.distinct_after(counts)
-    return Expectation(
-        np.multiply.outer([share, low, high], counts),
-        np.array([distinct.value, distinct.low, distinct.high]),
+    failures, distinct = (
+        np.array([curve.value, curve.low, curve.high])
+        for curve in (random.failures_after(counts), random.distinct_after(counts))
     )
+    return Expectation(failures, distinct)
 
 
 def _distinct(

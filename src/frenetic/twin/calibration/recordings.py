@@ -257,12 +257,10 @@ def _files(place: Path, files: Sequence[Path]) -> _Source:
 
 
 def _table(place: Path, table: Path) -> _Source:
-    suffix = table.suffix.lower()
-
     def drives(terms: Terms) -> Iterator[RecordedDrive | None]:
         paths: Mapping[str, Mapping[str, list[float]]] = {}
         beside = table.with_name(f"trajectories{table.suffix}")
-        if suffix in (".csv", ".parquet") and beside.is_file():
+        if beside.is_file() and beside != table:
             paths = _trajectories(_rows(beside))
         for i, row in enumerate(_rows(table), start=1):
             if i > MAX_ROWS:
