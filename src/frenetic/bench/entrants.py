@@ -19,6 +19,8 @@ RESERVED = frozenset(
     | {f"{port}{number}" for port in ("com", "lpt") for number in range(10)}
 )
 """Names of a bench's own files, and those that Windows reserves; with any suffix."""
+_PIPELINE = ("code_pipeline/executors.py", "self_driving/simulation_data.py")
+"""Files by which the pipeline is known."""
 LONGEST_NAME = 60
 """Letters of an entrant's name."""
 
@@ -84,6 +86,19 @@ class Entrant:
     def class_name(self) -> str:
         """Name of a generator's class."""
         return self.spec.rpartition(":")[2]
+
+    @property
+    def pipeline(self) -> Path | None:
+        """Folder with a generator's own modules of the pipeline; None if it comes without them.
+
+        It is that of the generator or one around it; RILaST's is one below.
+        """
+        place = self.path or self.copy or Path(self.module).parent
+        above = (place.resolve(), *place.resolve().parents)
+        for folder in (*above, *sorted(child for child in place.glob("*") if child.is_dir())):
+            if all((folder / module).is_file() for module in _PIPELINE):
+                return folder
+        return None
 
     def as_json(self) -> dict[str, Any]:
         """The entrant as a JSON object."""

@@ -15,7 +15,7 @@ from frenetic.registry import hint
 _SBFT: Final = "sbft-cps-tool-competition/cps-tool-competition, branch tools24"
 _SBST: Final = "se2p/tool-competition-av, pull request {}"
 _FRENETIC: Final = ("pandas==1.3.5",)
-_ADAPTERS: Final = Path(__file__).parent / "hosting" / "offered"
+_ADAPTERS: Final = Path(__file__).parent / "hosting" / "adapters"
 _PICT: Final = "Microsoft's PICT as a program for this system: pict MODEL /o:N /r /e:SEEDS"
 
 
@@ -254,7 +254,7 @@ RECIPES: Final[Mapping[str, Recipe]] = MappingProxyType(
                     *("tqdm", "similaritymeasures", "PyYAML"),
                 ),
                 note="Python 3.10; it does not run as published: what is mended in its process"
-                " stands in frenetic/bench/hosting/offered/rilast_generator.py",
+                " stands in frenetic/bench/hosting/adapters/rilast_generator.py",
             ),
         )
     }

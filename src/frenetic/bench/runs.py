@@ -355,10 +355,12 @@ def assignment(
     rules = terms.simulator.rules
     size = terms.map_size
     is_file = entrant.module.endswith(".py")
+    pipeline = entrant.pipeline
     return Assignment(
         module=_copied(Path(entrant.module), entrant, work) if is_file else entrant.module,
         class_name=entrant.class_name,
         path=None if entrant.path is None else _copied(entrant.path.resolve(), entrant, work),
+        pipeline=None if pipeline is None else _copied(pipeline, entrant, work),
         seed=seed % 2**32,  # more bits than those no generator of numbers takes
         map_size=int(size) if size == int(size) else size,
         time_budget=terms.budget,

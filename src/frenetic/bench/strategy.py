@@ -35,6 +35,10 @@ MOST_DISMISSALS: Final = 100
 """Tests that a generator may ask for after its budget is spent, before it is ended."""
 
 
+WRONG_TYPE: Final = "Wrong type"
+"""The pipeline's message about what is no road test, or has no points."""
+
+
 class End(StrEnum):
     """End of a generator."""
 
@@ -168,10 +172,9 @@ class GeneratorStrategy(ObservingStrategy):
         self._clock.executed += evaluation.outcome.is_simulated
         answer = Answer(
             outcome=str(evaluation.outcome),
-            description=_reason(attempt),
+            description=WRONG_TYPE if evaluation.candidate.points is None else _reason(attempt),
             records=self._records(evaluation, attempt),
             spent=self._clock.spent,
-            simulated=(attempt.result.duration if attempt else None) or 0.0,
         )
         self._since = time.monotonic()
         with suppress(GeneratorLostError):  # its last words may still wait to be received
