@@ -11,10 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-from frenetic.bench.hosting.executor import HostedExecutor, VirtualClock
 from frenetic.bench.hosting.loader import takes_time_budget
-from frenetic.bench.hosting.messages import Assignment
 from frenetic.bench.hosting.offered.code_pipeline.executors import (
     AbstractTestExecutor,
     SharedReference,
@@ -23,6 +20,9 @@ from frenetic.bench.hosting.offered.code_pipeline.tests_generation import (
     RoadTest,
     RoadTestFactory,
 )
+
+from frenetic.bench.hosting.executor import HostedExecutor, VirtualClock
+from frenetic.bench.hosting.messages import Assignment
 
 # --- the clock ---------------------------------------------------------------------------------
 

@@ -13,11 +13,6 @@ from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from shapely.geometry import LineString, Point, Polygon, box
-
-from frenetic.analysis import competition, edit_distance
 from frenetic.bench.hosting.offered.code_pipeline import test_analysis
 from frenetic.bench.hosting.offered.code_pipeline.beamng_executor import BeamngExecutor
 from frenetic.bench.hosting.offered.code_pipeline.executors import MockExecutor
@@ -44,6 +39,11 @@ from frenetic.bench.hosting.offered.self_driving.road_points import (
 )
 from frenetic.bench.hosting.offered.self_driving.road_polygon import RoadPolygon
 from frenetic.bench.hosting.offered.self_driving.simulation_data import SimulationDataRecord
+from hypothesis import given
+from hypothesis import strategies as st
+from shapely.geometry import LineString, Point, Polygon, box
+
+from frenetic.analysis import competition, edit_distance
 from frenetic.errors import FreneticError, RoadError
 from frenetic.road import Road, check_validity, validity
 from frenetic.road.validity import interpolate

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
+from frenetic import trust
 from frenetic._support.words import part_word
 from frenetic.errors import FreneticError
 
@@ -107,12 +108,23 @@ class Entrant:
             recorded.pop("copy", None)
         return recorded | {"source": self.source()}
 
-    def words(self) -> list[str]:
-        """Its options of `frenetic bench`."""
+    @property
+    def kind(self) -> str:
+        """``strategy`` or ``generator``."""
+        return "strategy" if self.is_strategy else "generator"
+
+    @property
+    def word(self) -> str:
+        """The entrant as on the command line."""
         places = {name: getattr(self, name) for name in ("path", "copy", "python")}
         options = {name: str(path) for name, path in places.items() if path is not None}
-        word = part_word(self.spec, {**options, **self.options, "name": self.name})
-        return ["--strategy" if self.is_strategy else "--generator", word]
+        return part_word(self.spec, {**options, **self.options, "name": self.name})
+
+    @property
+    def code(self) -> tuple[str, Mapping[str, Any]]:
+        """What `frenetic.trust` knows it by."""
+        one = self.absolute()
+        return one.spec, one.options if one.is_strategy else {"source": one.source()}
 
     def absolute(self) -> Entrant:
         """The same entrant for any folder; a generator's modules may lie in the current one."""
@@ -153,6 +165,23 @@ class Entrant:
             return msgspec.convert(value, cls, dec_hook=read_path)
         except msgspec.ValidationError as error:
             raise FreneticError(f"{value!r} is no entrant ({error})"[:300]) from None
+
+
+def require_trusted(
+    entrants: Iterable[Entrant], source: object, named: Collection[str] = ()
+) -> None:
+    """Checks that entrants that a file names may be made, see `frenetic.trust`.
+
+    Args:
+        entrants: of the file and the command.
+        source: the file.
+        named: kinds that the command names itself.
+
+    Raises:
+        FreneticError: one may not.
+    """
+    for entrant in entrants:
+        trust.require({entrant.kind: entrant.code}, source, named)
 
 
 def read_path(kind: type, value: str) -> Path:

@@ -186,9 +186,7 @@ class _Hosted:
 
         """
         if os.getpid() != self._process:  # where nobody would hear the answer
-            raise RuntimeError(
-                "the executor only works in the process that the bench has started"
-            )
+            raise RuntimeError("the executor only works in the process that the bench has started")
         with self._lock:
             if self._parent.has_spoken:  # unasked: it says so when the budget is spent
                 self._parent.receive()

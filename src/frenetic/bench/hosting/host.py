@@ -121,7 +121,9 @@ def _make_way(folders: list[str], module: str) -> None:
     All that this process needs of ours is imported before.
     """
     spec = importlib.machinery.PathFinder.find_spec("frenetic", folders)
-    if spec is None or (spec.origin is not None and Path(spec.origin).resolve().parent == _FRENETIC):
+    if spec is None or (
+        spec.origin is not None and Path(spec.origin).resolve().parent == _FRENETIC
+    ):
         return
     # A folder without __init__.py may also be a clone of ours.
     if spec.origin is None and not _holds(spec.submodule_search_locations, module):

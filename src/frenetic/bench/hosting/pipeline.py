@@ -23,7 +23,7 @@ class Unused(MetaPathFinder, Loader):
     Every name of such a module is an empty class. Installed packages come first.
     """
 
-    def find_spec(self, name: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
+    def find_spec(self, name: str, *_: Any) -> ModuleSpec | None:
         """Return a module's spec, None for all that is used."""
         unused = name.partition(".")[0] in _UNUSED
         return ModuleSpec(name, self, is_package=True) if unused else None
@@ -65,4 +65,4 @@ def quicken() -> None:
     """Replace the self-intersection test of the pipeline's modules imported so far by ours."""
     for name, module in list(sys.modules.items()):
         if name.endswith("self_driving.road_polygon"):
-            module.RoadPolygon.is_valid = overlaps_not  # type: ignore[attr-defined]
+            module.RoadPolygon.is_valid = overlaps_not

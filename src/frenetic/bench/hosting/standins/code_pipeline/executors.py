@@ -72,7 +72,7 @@ class AbstractTestExecutor(ABC):
         is_valid, description = self.validate_test(the_test)
         if isinstance(the_test, RoadTest):
             the_test.set_validity(is_valid, description)
-        outcome, records = "INVALID", []
+        outcome, records = "INVALID", list[Any]()
         if is_valid:
             stats.test_valid += 1
             outcome, description, records = self._execute(the_test)
