@@ -41,7 +41,7 @@ SUB_TURN = 0.5
 # Nodes and weights of the Gauss-Legendre rule with five points on [0, 1]. On a sub-step, which
 # turns by SUB_TURN at most, its error is below 1e-11 m.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
-GAUSS = tuple(zip((0.5 * (_NODES + 1.0)).tolist(), (0.5 * _WEIGHTS).tolist(), strict=True))
+GAUSS = tuple(zip((0.5 * (_NODES + 1.0)).tolist(), (0.5 * _WEIGHTS).tolist()))  # noqa: B905
 
 
 @njit()

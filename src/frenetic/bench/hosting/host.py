@@ -59,9 +59,7 @@ def run(assignment: Assignment, parent: Parent) -> End:
         _prepare(assignment)
         kind = _load_class(assignment)
         pipeline.quicken()
-        number = takes_time_budget(kind)
-        executor = make_executor(assignment, parent, clock, remaining_as_number=number)
-        generator = _build(kind, executor, assignment)
+        generator = _build(kind, assignment, parent, clock)
     except GeneratorError as error:
         if error.__cause__ is not None:
             _print(error.__cause__)
@@ -186,18 +184,20 @@ def takes_time_budget(kind: Callable[..., Any]) -> bool:
     return parameter is not None and parameter.kind in by_name
 
 
-def _build(kind: Callable[..., Any], executor: Any, assignment: Assignment) -> Any:
-    """A generator, built as the pipeline of its year does it.
+def _build(
+    kind: Callable[..., Any], assignment: Assignment, parent: Parent, clock: VirtualClock
+) -> Any:
+    """A generator with its executor, built as the pipeline of its year does it.
 
     Raises:
         GeneratorError: Building it fails, or it cannot be started.
 
     """
-    arguments = {"executor": executor, "map_size": assignment.map_size}
-    if takes_time_budget(kind):
-        arguments["time_budget"] = assignment.time_budget
+    of_2021 = takes_time_budget(kind)
+    more = {"time_budget": assignment.time_budget} if of_2021 else {}
     try:
-        generator = kind(**arguments)
+        executor = make_executor(assignment, parent, clock, remaining_as_number=of_2021)
+        generator = kind(executor=executor, map_size=assignment.map_size, **more)
     except BaseException as error:
         raise GeneratorError(
             f"building {assignment.class_name} fails: {_reason(error, assignment)}"
