@@ -19,6 +19,7 @@ import numpy as np
 import pids
 import pytest
 from bench_parts import Frail, Reluctant
+from clones import make_2021
 from pids import LIMIT, descendants, until_gone
 
 from frenetic._support.child_processes import PRELOADED
@@ -91,9 +92,7 @@ def everybody(tmp_path_factory: pytest.TempPathFactory) -> tuple[Bench, dict[str
         tmp_path_factory.mktemp("everybody") / "bench",
         generator("random_roads:RandomRoads"),
         generator("stats_reader:StatsReader"),
-        generator("polygon_user:PolygonUser"),
         generator("bookkeeper:Bookkeeper"),
-        generator("bookkeeper:StatsBreaker"),
         generator("crashing:Crashing"),
         generator("exiting:Exiting"),
         generator("never_returning:NeverReturning"),
@@ -132,8 +131,9 @@ def test_a_generator_works_in_a_copy_of_its_folder(
     assert not (GENERATORS / "own_files" / "tool" / "outcomes.txt").exists()
     entrant = next(one for one in bench.entrants if one.name == "AtHome")
     assert Entrant.from_json(entrant.as_json()) == entrant
-    word = f"{entrant.spec},path={entrant.path},copy={entrant.copy},name={entrant.name}"
-    assert entrant.words() == ["--generator", word]
+    assert entrant.word == (
+        f"{entrant.spec},path={entrant.path},copy={entrant.copy},name={entrant.name}"
+    )
 
 
 @pytest.mark.parametrize("workers", [0, -1, 1.5, True])
@@ -166,9 +166,7 @@ def test_a_copy_leaves_out_what_holds_it(tmp_path: Path) -> None:
     [
         ("RandomRoads", End.OVER, "", SIMULATIONS),
         ("StatsReader", End.OVER, "", SIMULATIONS),
-        ("PolygonUser", End.OVER, "", SIMULATIONS),
         ("Bookkeeper", End.OVER, "", SIMULATIONS),
-        ("StatsBreaker", End.OVER, "", SIMULATIONS),
         ("Crashing", End.CRASHED, "", 3),
         ("Exiting", End.EXIT, "exit code 7", None),
         ("NeverReturning", End.HUNG, "no test for 8 s, with 288 s of its budget left", 2),
@@ -207,6 +205,19 @@ def test_how_each_of_them_ends(
     assert facts["bench"] == ending.as_json()
     assert facts["interrupted"] is False
     assert len(list((folder / "competition").glob("test.*.json"))) == counts.tests
+
+
+def test_tests_that_are_none_come_back_invalid(everybody: tuple[Bench, dict[str, RunEnd]]) -> None:
+    work = everybody[1]["OddTests"].run.folder / "work"
+    seen = json.loads((work / "seen.json").read_text(encoding="utf-8"))
+    assert [row[:2] for row in seen[:7]] == [
+        *[["INVALID", "Not enough road points."]] * 2,
+        ["INVALID", "The road is not long enough."],
+        ["INVALID", "Two consecutive road points are the same"],
+        *[["INVALID", "Wrong type"]] * 3,
+    ]
+    assert seen[7][0] == "PASS"
+    assert seen[8:] == [["INVALID", "Wrong type", []]] * 2
 
 
 def test_threads_that_are_left_are_told(everybody: tuple[Bench, dict[str, RunEnd]]) -> None:
@@ -271,7 +282,7 @@ def test_all_of_them_are_compared(everybody: tuple[Bench, dict[str, RunEnd]]) ->
     bench, ends = everybody
     comparison = bench.comparison()
     assert set(comparison.groups) == set(ends)
-    page = write_results(bench, comparison, command="frenetic bench")
+    page = write_results(bench, comparison)
     text = page.read_text(encoding="utf-8")
     assert "NeverReturning" in text
     with (bench.folder / "table.csv").open(newline="") as file:
@@ -442,6 +453,29 @@ def test_libraries_of_a_generator_take_one_thread_unless_the_user_wants_more(
     messages = first_messages(spec, tmp_path, log=tmp_path / "log")
     assert messages[1] is not None
     assert messages[1]["detail"] == f"ValueError: {seen}"
+
+
+@pytest.mark.parametrize("edition", [2021, 2022])
+def test_a_clone_of_the_pipeline_changes_no_road_and_no_verdict(
+    edition: int, tmp_path: Path
+) -> None:
+    clone = tmp_path / "clone"
+    shutil.copytree(GENERATORS / "clone", clone)
+    if edition == 2021:
+        make_2021(clone)
+    for name in ("random_roads.py", "roads.py"):
+        shutil.copy(GENERATORS / name, clone / "tool")
+    inside = Entrant(name="inside", spec="random_roads:RandomRoads", path=clone / "tool")
+    copied = replace(inside, name="copied", copy=clone)
+    beside = replace(generator("random_roads:RandomRoads", "beside"), pipeline=clone)
+    assert inside.own_pipeline == clone.resolve()
+    lone = generator("random_roads:RandomRoads", "lone")
+    assert lone.own_pipeline is None
+    ends = ran(bench_of(tmp_path / "bench", inside, copied, beside, lone))
+    results = {name: results_of(end.run.folder) for name, end in ends.items()}
+    assert results["inside"] == results["copied"] == results["beside"] == results["lone"]
+    assert {end.ending for end in ends.values()} == {Ending(End.OVER)}
+    assert len(results["lone"]) >= SIMULATIONS
 
 
 def test_a_seed_repeats_a_run(tmp_path: Path) -> None:

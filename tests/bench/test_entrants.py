@@ -54,7 +54,7 @@ def test_two_of_one_name_are_refused() -> None:
         ({"path": Path("nowhere")}, "there is no folder 'nowhere'"),
         ({"python": Path("nopython")}, "there is no interpreter 'nopython'"),
         ({"options": {"a": 1}}, "only strategies have options"),
-        ({"is_strategy": True, "path": Path()}, "takes no path, no copy and no"),
+        ({"is_strategy": True, "path": Path()}, "takes no path and no copy and"),
     ],
 )
 def test_what_cannot_take_part(given: dict[str, object], why: str) -> None:

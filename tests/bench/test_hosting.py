@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from clones import make_2021
 from old_python import too_new, too_new_in
 from pids import ending, until, until_gone
 
@@ -297,7 +298,7 @@ def test_a_generator_runs_in_its_own_pipeline(edition: int, tmp_path: Path) -> N
     shutil.copytree(CLONE, clone)
     if edition == 2021:
         make_2021(clone)
-    places = {"path": str(clone / "tool"), "pipeline": str(clone)}
+    places: Message = {"path": str(clone / "tool"), "pipeline": str(clone)}
     done = run("winding:Winding", tmp_path, bench=Bench(all_pass=True), **places)
     assert done.end["how"] == "over", done.end
     seen = done.seen()
@@ -311,18 +312,11 @@ def test_a_generator_runs_in_its_own_pipeline(edition: int, tmp_path: Path) -> N
     assert drives == [f"sim_{number:05d}" for number in range(1, 11)]
 
 
-def make_2021(clone: Path) -> None:
-    """Gives a clone the executor and records of 2021."""
-    (clone / "code_pipeline" / "executors_2021.py").replace(clone / "code_pipeline/executors.py")
-    records = clone / "self_driving" / "simulation_data.py"
-    records.write_text(records.read_text("utf-8").replace(" oob_percentage", ""), "utf-8")
-
-
 def test_a_pipeline_that_lacks_a_library_says_so(tmp_path: Path) -> None:
     shutil.copytree(CLONE, tmp_path / "clone")
     executors = tmp_path / "clone" / "code_pipeline" / "executors.py"
     executors.write_text("import no_such_thing")
-    places = {"path": str(tmp_path / "clone" / "tool"), "pipeline": str(tmp_path / "clone")}
+    places: Message = {"path": str(tmp_path / "clone/tool"), "pipeline": str(tmp_path / "clone")}
     done = run("winding:Winding", tmp_path, **places)
     assert "importing the pipeline in" in done.end["detail"]
     assert "No module named 'no_such_thing'; install it for" in done.end["detail"]

@@ -7,6 +7,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -22,6 +23,7 @@ from frenetic.cli.options import (
     count_option,
     folder_option,
     json_option,
+    objective_option,
 )
 from frenetic.cli.parts import given_options, names_of, part_choices, was_given
 from frenetic.errors import FreneticError
@@ -42,8 +44,8 @@ _ENTRIES: Final = ("generator", "strategy", "simulations", "repeats", "seed")
     multiple=True,
     metavar="GENERATOR",
     help="A generator: package.module:Class, file.py:Class or one that --list lists. With options:"
-    " path=DIR of its modules, copy=DIR for each run to work in, python=FILE to run it, name=N"
-    " in tables. May be repeated.",
+    " path=DIR of its modules, copy=DIR for each run to work in, pipeline=DIR of the competition's"
+    " modules if they are not around it, python=FILE to run it, name=N in tables. May be repeated.",
 )
 @click.option(
     "--strategy",
@@ -57,6 +59,7 @@ _ENTRIES: Final = ("generator", "strategy", "simulations", "repeats", "seed")
 @count_option("--repeats", "Runs of each. [default: 10]")
 @count_option("--seed", "Of the first run of each. [default: 1]", least=0)
 @part_choices
+@objective_option
 @click.option(
     "--workers",
     type=WORKERS,
@@ -89,7 +92,7 @@ def bench(
     Generators of the SBST/SBFT competition's pipeline run unmodified, each run in its own process
     and folder, beside our strategies. Every run is a campaign with a folder for the competition's
     tools. FILE.toml says what the options say and more, such as time, seconds_per_test,
-    count_computing, patience, objective and speed_limit; bench.toml in every bench's folder is one.
+    count_computing, patience and speed_limit; bench.toml in every bench's folder is one.
     Options given beside it win.
     """
     from frenetic.bench import Bench
@@ -121,12 +124,16 @@ def _begun(context: click.Context, path: Path | None, out: Path | None) -> tuple
     from frenetic.run_file import read_file
 
     given = {n: context.params[n] for n in _ENTRIES if was_given(context, n)}
-    driving = given_options(context)
+    driving, objective = given_options(context), context.params["objective"]
     entries = BenchFile()
     spec = entries.spec()
     if path is not None:
         spec, entries = read_file(path, BenchFile, "a bench")
-        spec.require_trusted(path, [kind for kind in ("driver", "simulator") if kind in driving])
+    named = [*driving]
+    if was_given(context, "objective"):
+        spec, named = replace(spec, objective=objective), [*named, "objective"]
+    if path is not None:
+        spec.require_trusted(path, named)
     if "simulations" in given:
         given["time"] = None
     entries = structs.replace(entries, **given)
@@ -141,7 +148,7 @@ def _refuse_given(context: click.Context, why: str) -> None:
     """Refuses what begins a bench."""
     for parameter in context.command.params:
         name = parameter.name or ""
-        if name in ("file", *_ENTRIES, *drive_options()) and was_given(context, name):
+        if name in ("file", "objective", *_ENTRIES, *drive_options()) and was_given(context, name):
             raise click.UsageError(f"{parameter.opts[0]} cannot be given here: {why}")
 
 

@@ -14,7 +14,7 @@ from typing import Any, Final
 from frenetic._support.bounds import Count, Index, Positive
 from frenetic._support.words import parse_duration, read_part
 from frenetic.bench.bench import Bench
-from frenetic.bench.entrants import Entrant
+from frenetic.bench.entrants import PLACES, Entrant
 from frenetic.bench.recipes import find_recipe
 from frenetic.bench.runs import Terms
 from frenetic.errors import FreneticError
@@ -23,8 +23,6 @@ from frenetic.run_file import DriveFile
 from frenetic.spec import Spec
 
 SIMULATIONS: Final = 200
-_PLACES: Final = ("path", "copy", "python")
-"""Options of a generator."""
 
 
 class BenchFile(DriveFile, kw_only=True):
@@ -60,7 +58,7 @@ class BenchFile(DriveFile, kw_only=True):
         entrants = (*map(self._generator, self.generator), *map(_strategy, self.strategy))
         return entrants or tuple(_built_in())
 
-    def bench(self, spec: Spec, folder: Path) -> Bench:
+    def bench(self, spec: Spec, folder: Path | str) -> Bench:
         """The bench of a spec, in a folder.
 
         Raises:
@@ -82,25 +80,25 @@ class BenchFile(DriveFile, kw_only=True):
             ),
             repeats=self.repeats,
             seed=self.seed,
-            folder=folder,
+            folder=Path(folder),
         )
 
     def _generator(self, text: str) -> Entrant:
         """A generator by its class, or a published one by its name."""
         spec, options, name = _read(text)
-        if unknown := [option for option in options if option not in _PLACES]:
+        if unknown := [option for option in options if option not in PLACES]:
             raise ValueError(
-                f"{spec} has no option {unknown[0]!r}: a generator takes {', '.join(_PLACES)} and"
+                f"{spec} has no option {unknown[0]!r}: a generator takes {', '.join(PLACES)} and"
                 " name"
             )
         places: dict[str, Any] = {k: Path(str(v)).expanduser() for k, v in options.items()}
         if set(spec) & set(":./\\"):
             return Entrant(name=name or spec.rpartition(":")[2], spec=spec, **places)
         recipe = find_recipe(spec)
-        if "path" not in places or "copy" in places:
+        if "path" not in places or {"copy", "pipeline"} & set(places):
             raise FreneticError(
-                f"{recipe.title} is a published generator: say where its files are, without copy,"
-                f" as in {spec},path=FOLDER; they are those of {recipe.source}"
+                f"{recipe.title} is a published generator: say where its files are, no more, as in"
+                f" {spec},path=FOLDER; they are those of {recipe.source}"
             )
         recipe.check(self.seconds_per_test)
         return recipe.entrant(places["path"], python=places.get("python"), name=name)

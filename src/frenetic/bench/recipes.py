@@ -37,6 +37,8 @@ class Recipe:
     """Folder on the module path, in that one."""
     copy: str | None = None
     """Folder that each run works in a copy of, likewise."""
+    pipeline: str | None = None
+    """Folder with the pipeline's modules if it is none around the generator, likewise."""
     packages: tuple[str, ...] = ()
     """What it needs beside numpy, scipy, shapely and matplotlib, in the versions that ran."""
     files: Mapping[str, str] = field(default_factory=dict)
@@ -73,6 +75,7 @@ class Recipe:
             spec=str(_ADAPTERS / self.adapter) if self.adapter else self.spec,
             path=folder / self.path,
             copy=None if self.copy is None else folder / self.copy,
+            pipeline=None if self.pipeline is None else folder / self.pipeline,
             python=None if python is None else Path(python),
         )
 

@@ -355,7 +355,7 @@ def assignment(
     rules = terms.simulator.rules
     size = terms.map_size
     is_file = entrant.module.endswith(".py")
-    pipeline = entrant.pipeline
+    pipeline = entrant.own_pipeline
     return Assignment(
         module=_copied(Path(entrant.module), entrant, work) if is_file else entrant.module,
         class_name=entrant.class_name,

@@ -271,7 +271,7 @@ def _reason(error: BaseException, assignment: Assignment) -> str:
         if str(error.name).partition(".")[0] in pipeline.PACKAGES:
             return (
                 f"{reason}; the bench has stand-ins for the pipeline's most used modules only: give"
-                " the folder of a clone of the pipeline as path"
+                " the folder of a clone of the pipeline as pipeline"
             )
         return f"{reason}; install it for {sys.executable}, or name another interpreter"
     if isinstance(error, ImportError) and "relative import" in reason and assignment.is_file:

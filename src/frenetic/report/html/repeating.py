@@ -83,7 +83,9 @@ def _generator(config: Mapping[str, JSONValue]) -> Mapping[str, Any] | None:
 
 def _bench_words(entrant: Mapping[str, Any], spec: Spec) -> list[str]:
     """A command beside the file of the bench."""
-    places = {name: entrant[name] for name in ("path", "copy", "python") if entrant.get(name)}
+    places = {
+        name: entrant[name] for name in ("path", "copy", "pipeline", "python") if entrant.get(name)
+    }
     generator = part_word(entrant["spec"], places)
     words = ["frenetic", "bench", "../../bench.toml", "--generator", generator]
     return [*words, "--repeats", "1", "--seed", str(spec.seed)]
