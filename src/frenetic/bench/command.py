@@ -25,7 +25,15 @@ from frenetic.cli.options import (
     json_option,
     objective_option,
 )
-from frenetic.cli.parts import given_options, names_of, part_choices, was_given
+from frenetic.cli.parts import (
+    AS,
+    as_option,
+    given_options,
+    names_of,
+    part_choices,
+    was_given,
+    with_given,
+)
 from frenetic.errors import FreneticError
 from frenetic.spec import drive_options
 
@@ -58,6 +66,7 @@ _ENTRIES: Final = ("generator", "strategy", "simulations", "repeats", "seed")
 @count_option("--simulations", "Budget of each run, in drives. [default: 200]")
 @count_option("--repeats", "Runs of each. [default: 10]")
 @count_option("--seed", "Of the first run of each. [default: 1]", least=0)
+@as_option
 @part_choices
 @objective_option
 @click.option(
@@ -129,7 +138,7 @@ def _begun(context: click.Context, path: Path | None, out: Path | None) -> tuple
     spec = entries.spec()
     if path is not None:
         spec, entries = read_file(path, BenchFile, "a bench")
-    named = [*driving]
+    named = [*driving, *(("driver", "simulator") if AS in driving else ())]
     if was_given(context, "objective"):
         spec, named = replace(spec, objective=objective), [*named, "objective"]
     if path is not None:
@@ -141,14 +150,17 @@ def _begun(context: click.Context, path: Path | None, out: Path | None) -> tuple
         if path is not None:
             require_trusted(entries.entrants(), path, [*given])
         folder = new_folder() if out is None else out
-        return entries.bench(spec.replaced(driving).with_limit(), folder), entries.workers
+        spec = with_given(spec, driving, has_roads=False).with_limit()
+        return entries.bench(spec, folder), entries.workers
 
 
 def _refuse_given(context: click.Context, why: str) -> None:
     """Refuses what begins a bench."""
     for parameter in context.command.params:
         name = parameter.name or ""
-        if name in ("file", "objective", *_ENTRIES, *drive_options()) and was_given(context, name):
+        if name in ("file", AS, "objective", *_ENTRIES, *drive_options()) and was_given(
+            context, name
+        ):
             raise click.UsageError(f"{parameter.opts[0]} cannot be given here: {why}")
 
 
