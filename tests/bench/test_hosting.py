@@ -194,16 +194,6 @@ def test_a_generator_spends_its_budget_and_returns(tmp_path: Path) -> None:
     assert "PASS (Successful test), 2 records" in done.log
 
 
-def test_the_seed_makes_the_roads(tmp_path: Path) -> None:
-    roads = []
-    for name, seed in (("a", 5), ("b", 5), ("c", 2**32 + 6)):
-        bench = Bench()
-        (tmp_path / name).mkdir()
-        run("random_roads:RandomRoads", tmp_path / name, bench=bench, seed=seed)
-        roads.append(bench.roads)
-    assert roads[0] == roads[1] != roads[2]
-
-
 @pytest.mark.parametrize("path", [None, GENERATORS.parent])
 def test_a_generator_may_be_a_file(path: Path | None, tmp_path: Path) -> None:
     file = "generators/random_roads.py" if path else str(GENERATORS / "random_roads.py")

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from frenetic.bench.entrants import Entrant
     from frenetic.bench.file import BenchFile
     from frenetic.bench.recipes import RECIPES, Recipe, find_recipe
-    from frenetic.bench.runs import Run, RunEnd, RunState, Terms, run_entrant
+    from frenetic.bench.runs import Run, RunState, Terms, run_entrant
     from frenetic.bench.strategy import End, Ending
 
 __getattr__ = lazy_names(
@@ -25,7 +25,7 @@ __getattr__ = lazy_names(
         "frenetic.bench.entrants": ("Entrant",),
         "frenetic.bench.file": ("BenchFile",),
         "frenetic.bench.recipes": ("RECIPES", "Recipe", "find_recipe"),
-        "frenetic.bench.runs": ("Run", "RunEnd", "RunState", "Terms", "run_entrant"),
+        "frenetic.bench.runs": ("Run", "RunState", "Terms", "run_entrant"),
         "frenetic.bench.strategy": ("End", "Ending"),
     },
 )
@@ -40,7 +40,6 @@ __all__ = [
     "Entrant",
     "Recipe",
     "Run",
-    "RunEnd",
     "RunState",
     "Terms",
     "find_recipe",

@@ -363,9 +363,7 @@ def unusual_endings(states: Sequence[RunState]) -> dict[str, str]:
     found: dict[str, str] = {}
     for name, runs in _by_entrant(states).items():
         reasons = Counter(
-            "not run" if state.ending is None else str(state.ending)
-            for state in runs
-            if state.ending is None or state.ending.end is not End.OVER
+            str(state.ending or "not run") for state in runs if str(state.ending) != End.OVER
         )
         told = [f"{count} of {len(runs)} runs {why}" for why, count in reasons.most_common(3)]
         if threads := sum(state.ending.threads for state in runs if state.ending is not None):

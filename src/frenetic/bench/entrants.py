@@ -153,18 +153,6 @@ class Entrant:
         except OSError:
             return None
 
-    @classmethod
-    def from_json(cls, value: Mapping[str, Any]) -> Entrant:
-        """The entrant of a JSON object that `as_json` made.
-
-        Raises:
-            FreneticError: it is none.
-        """
-        try:
-            return msgspec.convert(value, cls, dec_hook=read_path)
-        except msgspec.ValidationError as error:
-            raise FreneticError(f"{value!r} is no entrant ({error})"[:300]) from None
-
 
 def require_trusted(
     entrants: Iterable[Entrant], source: object, named: Collection[str] = ()

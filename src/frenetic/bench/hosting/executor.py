@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Final, NoReturn
 
 from frenetic.bench.hosting.messages import Answer, Assignment, Parent
-from frenetic.bench.hosting.validity import road_points_of
+from frenetic.bench.hosting.validity import pairs_of
 
 OVER: Final = 123
 """Exit code by which the pipeline ends a generator whose budget is spent."""
@@ -192,8 +192,8 @@ class _Hosted:
                 self._parent.receive()
                 self._refuse()
             seconds = self._clock.stop()
-            points = road_points_of(the_test)
-            sent = None if points is None else points[:MOST_POINTS]
+            points = pairs_of(getattr(the_test, "road_points", None))
+            sent = None if points is None else points[:MOST_POINTS].tolist()
             message = self._parent.ask({"kind": "test", "road_points": sent, "seconds": seconds})
             if message.get("over"):
                 self._clock.start()

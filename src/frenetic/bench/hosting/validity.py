@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from frenetic._support.arrays import FloatArray
+
 
 @cache
 def validity() -> ModuleType:
@@ -21,18 +23,17 @@ def validity() -> ModuleType:
     return validity
 
 
-def road_points_of(the_test: Any) -> list[list[float]] | None:
-    """Return a test's road points, x, y in m; None if they are no pairs of finite numbers."""
+def pairs_of(points: Any) -> FloatArray | None:
+    """Return road points as (N, 2) m; None if they are no pairs of finite numbers."""
     try:
-        points = np.array(the_test.road_points, dtype=np.float64)
-    except (AttributeError, TypeError, ValueError, OverflowError):
+        array = np.array(points, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
         return None
-    if points.shape == (0,):
-        return []
-    if points.ndim != 2 or points.shape[1] != 2 or not np.isfinite(points).all():
+    if array.shape == (0,):
+        return np.empty((0, 2))
+    if array.ndim != 2 or array.shape[1] != 2 or not np.isfinite(array).all():
         return None
-    rows: list[list[float]] = points.tolist()
-    return rows
+    return array
 
 
 def overlaps_not(polygon: Any) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any, ClassVar, Final
 
-from frenetic.bench.hosting.validity import road_points_of, validity
+from frenetic.bench.hosting.validity import pairs_of, validity
 
 from .tests_generation import RoadTest
 
@@ -29,7 +29,7 @@ class TestValidator:
 
     def validate_test(self, the_test: Any) -> tuple[bool, str]:
         """Return whether a test is valid, and the first rule that it breaks."""
-        points = road_points_of(the_test) if isinstance(the_test, RoadTest) else None
+        points = pairs_of(the_test.road_points) if isinstance(the_test, RoadTest) else None
         if points is None:
             return False, WRONG_TYPE
         verdict = validity().check_validity(points, self.map_size)
