@@ -1,5 +1,7 @@
 """A run as a TOML file: what the options of `frenetic run` say, by the same names and grammar.
 
+A bench has such a file, too (`frenetic.bench.file`).
+
 Every campaign with named parts keeps one beside its database, `NAME`. It is a copy for people: the
 database is the record, and an edited copy is another run.
 """
@@ -7,9 +9,10 @@ database is the record, and an edited copy is another run.
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import tomli_w
 from msgspec import Struct, ValidationError, convert, field
@@ -25,12 +28,11 @@ NAME: Final = "campaign.toml"
 _PARTS: Final = ("strategy", "driver", "simulator")
 
 
-class RunFile(Struct, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
-    """The entries of a file; those that are left out are as for the command line."""
+class DriveFile(Struct, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
+    """How a file says that roads are driven; what is left out is as for the command line."""
 
-    strategy: str | None = None
-    """A part with its options, such as ``"planner,aggression=1.2"``, as on the command line."""
     driver: str | None = None
+    """A part with its options, such as ``"planner,aggression=1.2"``, as on the command line."""
     simulator: str | None = None
     conditions: dict[str, Finite] = field(name="with", default_factory=dict)
     speed_limit: Positive | None = None
@@ -38,13 +40,43 @@ class RunFile(Struct, forbid_unknown_fields=True, omit_defaults=True, kw_only=Tr
     wall_limit: Positive | None = None
     """s of wall time that a drive may take; a worker is replaced after 1.5 times that and 10 s."""
     map_size: Positive | None = None
+    objective: str | None = None
+
+    def spec(self, usual: str | None = None) -> Spec:
+        """The spec, with the defaults of the command line.
+
+        Args:
+            usual: strategy, if the file says none.
+
+        Raises:
+            ValueError: a part is none.
+            FreneticError: a rule is out of range.
+        """
+        given: dict[str, Any] = {
+            "layers": self.conditions,
+            "speed_limit": self.speed_limit,
+            "oob_tolerance": self.oob_tolerance,
+            "wall_limit": self.wall_limit,
+        }
+        for kind in _PARTS:
+            if isinstance(text := getattr(self, kind, None), str):
+                name, options = read_part(text)
+                given |= {kind: name, f"{kind}_options": options}
+        others = {name: getattr(self, name) for name in ("map_size", "objective")}
+        spec = Spec(strategy=Part(usual)).replaced(given)
+        return replace(spec, **{name: value for name, value in others.items() if value is not None})
+
+
+class RunFile(DriveFile, kw_only=True):
+    """The entries of a run's file."""
+
+    strategy: str | None = None
     margin: NotNegative | None = None
     lane_width: Positive | None = None
     simulations: Count | None = None
     time: Positive | str | None = None
     """s, or a text such as ``"8h"``."""
     failures: Count | None = None
-    objective: str | None = None
     start_from: list[str] = field(name="from", default_factory=list)
     seed: Index | None = None
     lookahead: Index | None = None
@@ -52,11 +84,43 @@ class RunFile(Struct, forbid_unknown_fields=True, omit_defaults=True, kw_only=Tr
     workers: Count | str | None = None
     """Roads driven at once, or the address of a Dask scheduler."""
 
+    def spec(self, usual: str | None = "frenetic") -> Spec:
+        """The spec; it has a budget, seed and lookahead only as far as the file says them."""
+        limits: dict[str, Any] = {
+            "simulations": self.simulations,
+            "time": parse_duration(self.time) if self.time is not None else None,
+            "failures": self.failures,
+        }
+        others: dict[str, Any] = {
+            name: value
+            for name in ("margin", "lane_width", "seed")
+            if (value := getattr(self, name)) is not None
+        }
+        if any(limits.values()):
+            others["budget"] = Budget(**limits)
+        others["start_from"] = tuple(EarlierCampaign(folder) for folder in self.start_from)
+        return replace(DriveFile.spec(self, usual), **others, lookahead=self.lookahead or None)
+
+
+AnyFile = TypeVar("AnyFile", bound=DriveFile)
+
 
 def read_run_file(path: Path | str) -> tuple[Spec, RunFile]:
+    """The spec of a run's file, with the defaults of the command line, and its entries.
+
+    Raises:
+        FreneticError: there is no such file, or it is wrong; the message names the place in it.
+    """
+    return read_file(path, RunFile, "a run")
+
+
+def read_file(path: Path | str, kind: type[AnyFile], what: str) -> tuple[Spec, AnyFile]:
     """The spec of a file, with the defaults of the command line, and its entries.
 
-    The spec has a budget, seed and lookahead only as far as the file says them.
+    Args:
+        path: of the file.
+        kind: of its entries.
+        what: it says, for messages.
 
     Raises:
         FreneticError: there is no such file, or it is wrong; the message names the place in it.
@@ -67,42 +131,16 @@ def read_run_file(path: Path | str) -> tuple[Spec, RunFile]:
             data = stream.read(MAX_BYTES + 1)
         if len(data) > MAX_BYTES:
             raise FreneticError(f"{path} is too large: it has more than {MAX_BYTES} bytes")
-        entries = convert(tomllib.loads(data.decode("utf-8")), RunFile)
-        time = parse_duration(entries.time) if entries.time is not None else None
-        limits: dict[str, Any] = {
-            "simulations": entries.simulations,
-            "time": time,
-            "failures": entries.failures,
-        }
-        given: dict[str, Any] = {
-            "layers": entries.conditions,
-            "speed_limit": entries.speed_limit,
-            "oob_tolerance": entries.oob_tolerance,
-            "wall_limit": entries.wall_limit,
-        }
-        for kind in _PARTS:
-            if (text := getattr(entries, kind)) is not None:
-                name, options = read_part(text)
-                given |= {kind: name, f"{kind}_options": options}
-        others: dict[str, Any] = {
-            name: value
-            for name in ("map_size", "margin", "lane_width", "seed", "objective")
-            if (value := getattr(entries, name)) is not None
-        }
-        if any(limits.values()):
-            others["budget"] = Budget(**limits)
-        others["start_from"] = tuple(EarlierCampaign(folder) for folder in entries.start_from)
-        others["lookahead"] = entries.lookahead or None
-        spec = replace(Spec(strategy=Part("frenetic")).replaced(given), **others)
+        entries = convert(tomllib.loads(data.decode("utf-8")), kind)
+        return entries.spec(), entries
     except FileNotFoundError:
         raise FreneticError(f"there is no file {path}") from None
     except OSError as error:
         raise FreneticError(f"{path} cannot be read: {error.strerror or error}") from None
     except (ValidationError, ValueError, RecursionError) as error:
-        raise FreneticError(f"{path} does not say a run: {error}") from None
+        raise FreneticError(f"{path} does not say {what}: {error}") from None
     except FreneticError as error:
         raise FreneticError(f"{path}: {error}") from None
-    return spec, entries
 
 
 def write_run_file(spec: Spec, folder: Path) -> None:
@@ -111,27 +149,44 @@ def write_run_file(spec: Spec, folder: Path) -> None:
     Raises:
         FreneticError: it cannot be written.
     """
-    parts = {kind: getattr(spec, kind) for kind in _PARTS}
-    is_whole = all(part.name is not None for part in parts.values())
+    is_whole = all(getattr(spec, kind).name is not None for kind in _PARTS)
     if not is_whole or spec.budget is None or not isinstance(spec.seed, int | None):
         return
     entries: dict[str, Any] = {
-        **{kind: part_word(part.name, part.options) for kind, part in parts.items()},
-        "with": dict(spec.layers),
-        "speed_limit": spec.rules.speed_limit,
-        "oob_tolerance": spec.rules.oob_tolerance,
-        "wall_limit": spec.wall_limit,
-        "map_size": spec.map_size,
+        "strategy": part_word(spec.strategy.name, spec.strategy.options),
+        **drive_entries(spec),
         "margin": spec.margin,
         "lane_width": spec.lane_width,
         **asdict(spec.budget),
-        "objective": spec.objective,
         "from": [earlier.folder for earlier in spec.start_from],
         "seed": spec.seed,
         "lookahead": spec.lookahead or 0,
         "workers": spec.cluster or spec.workers,
     }
+    what = f"What ran in this folder; 'frenetic run {NAME}' does it again in another."
+    write_entries(entries, folder / NAME, what)
+
+
+def drive_entries(spec: Spec) -> dict[str, Any]:
+    """The entries of a file that say how a spec drives roads; its parts need names."""
+    return {
+        "driver": part_word(spec.driver.name, spec.driver.options),
+        "simulator": part_word(spec.simulator.name, spec.simulator.options),
+        "with": dict(spec.layers),
+        "speed_limit": spec.rules.speed_limit,
+        "oob_tolerance": spec.rules.oob_tolerance,
+        "wall_limit": spec.wall_limit,
+        "map_size": spec.map_size,
+        "objective": spec.objective,
+    }
+
+
+def write_entries(entries: Mapping[str, Any], path: Path, what: str) -> None:
+    """Writes a file, but for entries that say nothing, under a line about it.
+
+    Raises:
+        FreneticError: it cannot be written.
+    """
     kept = {name: value for name, value in entries.items() if value not in (None, {}, [])}
-    text = tomli_w.dumps(kept)
-    text = f"# What ran in this folder; 'frenetic run {NAME}' does it again in another.\n{text}"
-    write_file(folder / NAME, text, remedy="make room, or let it be written")
+    text = f"# {what}\n{tomli_w.dumps(kept)}"
+    write_file(path, text, remedy="make room, or let it be written")

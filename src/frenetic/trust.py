@@ -97,7 +97,9 @@ def _key(kind: str, name: str, options: Mapping[str, Any]) -> str | None:
 
     Empty for code that cannot be read, which is never remembered.
     """
-    registry = REGISTRIES[kind]
+    registry = REGISTRIES.get(kind)
+    if registry is None:  # a bench's generator: its options are its source
+        return _digest([name, dict(options)]) if all(options.values()) else ""
     started = {k: str(options[k]) for k in _STARTING if kind == "simulator" and k in options}
     place = name.rpartition(":")[0] or name
     code: object = place

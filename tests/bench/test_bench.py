@@ -19,10 +19,11 @@ import numpy as np
 import pids
 import pytest
 from bench_parts import Frail, Reluctant
+from clones import make_2021
 from pids import LIMIT, descendants, until_gone
 
 from frenetic._support.child_processes import PRELOADED
-from frenetic.bench import Bench, End, Ending, Entrant, RunEnd, Terms
+from frenetic.bench import Bench, End, Ending, Entrant, RunState, Terms
 from frenetic.bench.bench import BenchProgress, endings_in_short, unusual_endings
 from frenetic.bench.generator import GeneratorProcess
 from frenetic.bench.processes import RUNS_PRELOADED
@@ -63,7 +64,7 @@ def bench_of(folder: Path, *entrants: Entrant, repeats: int = 1, **terms: object
     )
 
 
-def ran(bench: Bench, workers: int = 2) -> dict[str, RunEnd]:
+def ran(bench: Bench, workers: int = 2) -> dict[str, RunState]:
     """What came of the first run of each entrant."""
     ends = bench.run(workers=workers)
     return {end.run.entrant.name: end for end in ends if end.run.repeat == 1}
@@ -77,7 +78,7 @@ def results_of(folder: Path) -> list[tuple[Outcome, bytes]]:
 def first_messages(spec: str, folder: Path, *, log: Path) -> list[dict[str, Any] | None]:
     """The first two of a generator's process; they are all, if it asks for no test."""
     bench = bench_of(folder, Entrant(name="it", spec=spec))
-    told = assignment(bench.entrants[0], bench.terms, 1, folder, folder)
+    told = assignment(bench.runs[0], bench.terms)
     with GeneratorProcess(told, folder=folder / "work", log=log) as process:
         return [process.receive(LIMIT), process.receive(LIMIT)]
 
@@ -86,14 +87,12 @@ def first_messages(spec: str, folder: Path, *, log: Path) -> list[dict[str, Any]
 
 
 @pytest.fixture(scope="module")
-def everybody(tmp_path_factory: pytest.TempPathFactory) -> tuple[Bench, dict[str, RunEnd]]:
+def everybody(tmp_path_factory: pytest.TempPathFactory) -> tuple[Bench, dict[str, RunState]]:
     bench = bench_of(
         tmp_path_factory.mktemp("everybody") / "bench",
         generator("random_roads:RandomRoads"),
         generator("stats_reader:StatsReader"),
-        generator("polygon_user:PolygonUser"),
         generator("bookkeeper:Bookkeeper"),
-        generator("bookkeeper:StatsBreaker"),
         generator("crashing:Crashing"),
         generator("exiting:Exiting"),
         generator("never_returning:NeverReturning"),
@@ -116,7 +115,7 @@ def everybody(tmp_path_factory: pytest.TempPathFactory) -> tuple[Bench, dict[str
     return bench, ran(bench)
 
 
-def test_a_copied_executor_is_the_executor(everybody: tuple[Bench, dict[str, RunEnd]]) -> None:
+def test_a_copied_executor_is_the_executor(everybody: tuple[Bench, dict[str, RunState]]) -> None:
     work = everybody[1]["Copying"].run.folder / "work"
     names = (work / "folders.txt").read_text(encoding="utf-8").split()
     assert len(names) == len(set(names)) == SIMULATIONS  # a folder of each drive, the latest last
@@ -124,16 +123,16 @@ def test_a_copied_executor_is_the_executor(everybody: tuple[Bench, dict[str, Run
 
 
 def test_a_generator_works_in_a_copy_of_its_folder(
-    everybody: tuple[Bench, dict[str, RunEnd]],
+    everybody: tuple[Bench, dict[str, RunState]],
 ) -> None:
     bench, ends = everybody
     work = ends["AtHome"].run.folder / "work"
     assert (work / "tool" / "outcomes.txt").read_text(encoding="utf-8") == "PASS\n" * 3
     assert not (GENERATORS / "own_files" / "tool" / "outcomes.txt").exists()
     entrant = next(one for one in bench.entrants if one.name == "AtHome")
-    assert Entrant.from_json(entrant.as_json()) == entrant
-    word = f"{entrant.spec},path={entrant.path},copy={entrant.copy},name={entrant.name}"
-    assert entrant.words() == ["--generator", word]
+    assert entrant.word == (
+        f"{entrant.spec},path={entrant.path},copy={entrant.copy},name={entrant.name}"
+    )
 
 
 @pytest.mark.parametrize("workers", [0, -1, 1.5, True])
@@ -166,9 +165,7 @@ def test_a_copy_leaves_out_what_holds_it(tmp_path: Path) -> None:
     [
         ("RandomRoads", End.OVER, "", SIMULATIONS),
         ("StatsReader", End.OVER, "", SIMULATIONS),
-        ("PolygonUser", End.OVER, "", SIMULATIONS),
         ("Bookkeeper", End.OVER, "", SIMULATIONS),
-        ("StatsBreaker", End.OVER, "", SIMULATIONS),
         ("Crashing", End.CRASHED, "", 3),
         ("Exiting", End.EXIT, "exit code 7", None),
         ("NeverReturning", End.HUNG, "no test for 8 s, with 288 s of its budget left", 2),
@@ -184,7 +181,7 @@ def test_a_copy_leaves_out_what_holds_it(tmp_path: Path) -> None:
     ],
 )
 def test_how_each_of_them_ends(
-    everybody: tuple[Bench, dict[str, RunEnd]],
+    everybody: tuple[Bench, dict[str, RunState]],
     name: str,
     end: End | None,
     detail: str,
@@ -209,7 +206,22 @@ def test_how_each_of_them_ends(
     assert len(list((folder / "competition").glob("test.*.json"))) == counts.tests
 
 
-def test_threads_that_are_left_are_told(everybody: tuple[Bench, dict[str, RunEnd]]) -> None:
+def test_tests_that_are_none_come_back_invalid(
+    everybody: tuple[Bench, dict[str, RunState]],
+) -> None:
+    work = everybody[1]["OddTests"].run.folder / "work"
+    seen = json.loads((work / "seen.json").read_text(encoding="utf-8"))
+    assert [row[:2] for row in seen[:7]] == [
+        *[["INVALID", "Not enough road points."]] * 2,
+        ["INVALID", "The road is not long enough."],
+        ["INVALID", "Two consecutive road points are the same"],
+        *[["INVALID", "Wrong type"]] * 3,
+    ]
+    assert seen[7][0] == "PASS"
+    assert seen[8:] == [["INVALID", "Wrong type", []]] * 2
+
+
+def test_threads_that_are_left_are_told(everybody: tuple[Bench, dict[str, RunState]]) -> None:
     ending = everybody[1]["Threads"].ending
     assert ending is not None
     assert ending.threads == 2
@@ -217,7 +229,7 @@ def test_threads_that_are_left_are_told(everybody: tuple[Bench, dict[str, RunEnd
 
 
 def test_who_ended_before_the_budget_is_told_in_one_line(
-    everybody: tuple[Bench, dict[str, RunEnd]],
+    everybody: tuple[Bench, dict[str, RunState]],
 ) -> None:
     states = everybody[0].states()
     told = unusual_endings(states)
@@ -232,14 +244,7 @@ def test_who_ended_before_the_budget_is_told_in_one_line(
     assert endings_in_short([one for one in states if one.run.entrant.name == "random"]) == ""
 
 
-def test_a_phase_of_a_fifth_of_the_budget_is_exactly_that(
-    everybody: tuple[Bench, dict[str, RunEnd]],
-) -> None:
-    work = everybody[1]["Phases"].run.folder / "work"
-    assert (work / "first_phase.txt").read_text() == str(SIMULATIONS // 5)
-
-
-def test_everybody_has_a_folder_of_its_own(everybody: tuple[Bench, dict[str, RunEnd]]) -> None:
+def test_everybody_has_a_folder_of_its_own(everybody: tuple[Bench, dict[str, RunState]]) -> None:
     written = {
         name: sorted(file.name for file in (end.run.folder / "work").glob("*") if file.is_file())
         for name, end in everybody[1].items()
@@ -249,7 +254,7 @@ def test_everybody_has_a_folder_of_its_own(everybody: tuple[Bench, dict[str, Run
     assert written["RandomRoads"] == []
 
 
-def test_who_ends_early_has_not_finished(everybody: tuple[Bench, dict[str, RunEnd]]) -> None:
+def test_who_ends_early_has_not_finished(everybody: tuple[Bench, dict[str, RunState]]) -> None:
     groups = everybody[0].comparison().groups
     (crashed,), (hung,), (whole,) = (
         groups[name] for name in ("Crashing", "NeverReturning", "RandomRoads")
@@ -258,16 +263,16 @@ def test_who_ends_early_has_not_finished(everybody: tuple[Bench, dict[str, RunEn
     assert ended == [(3, False), (2, False), (SIMULATIONS, True)]
 
 
-def test_a_traceback_is_in_the_log(everybody: tuple[Bench, dict[str, RunEnd]]) -> None:
+def test_a_traceback_is_in_the_log(everybody: tuple[Bench, dict[str, RunState]]) -> None:
     log = everybody[1]["Crashing"].run.folder / "generator.log"
     assert "Traceback" in log.read_text()
 
 
-def test_all_of_them_are_compared(everybody: tuple[Bench, dict[str, RunEnd]]) -> None:
+def test_all_of_them_are_compared(everybody: tuple[Bench, dict[str, RunState]]) -> None:
     bench, ends = everybody
     comparison = bench.comparison()
     assert set(comparison.groups) == set(ends)
-    page = write_results(bench, comparison, command="frenetic bench")
+    page = write_results(bench, comparison)
     text = page.read_text(encoding="utf-8")
     assert "NeverReturning" in text
     with (bench.folder / "table.csv").open(newline="") as file:
@@ -275,7 +280,7 @@ def test_all_of_them_are_compared(everybody: tuple[Bench, dict[str, RunEnd]]) ->
 
 
 def test_the_results_folder_is_the_competitions(
-    everybody: tuple[Bench, dict[str, RunEnd]],
+    everybody: tuple[Bench, dict[str, RunState]],
 ) -> None:
     folder = everybody[1]["RandomRoads"].run.folder / "competition"
     tables = {}
@@ -384,7 +389,7 @@ def test_a_generator_goes_on_when_its_log_cannot_be_written(tmp_path: Path) -> N
 
 
 def test_points_are_kept_as_they_were_handed_over(
-    everybody: tuple[Bench, dict[str, RunEnd]],
+    everybody: tuple[Bench, dict[str, RunState]],
 ) -> None:
     folder = everybody[1]["RandomRoads"].run.folder
     with CampaignStore.open(folder) as store:
@@ -440,6 +445,29 @@ def test_libraries_of_a_generator_take_one_thread_unless_the_user_wants_more(
     assert messages[1]["detail"] == f"ValueError: {seen}"
 
 
+@pytest.mark.parametrize("edition", [2021, 2022])
+def test_a_clone_of_the_pipeline_changes_no_road_and_no_verdict(
+    edition: int, tmp_path: Path
+) -> None:
+    clone = tmp_path / "clone"
+    shutil.copytree(GENERATORS / "clone", clone)
+    if edition == 2021:
+        make_2021(clone)
+    for name in ("random_roads.py", "roads.py"):
+        shutil.copy(GENERATORS / name, clone / "tool")
+    inside = Entrant(name="inside", spec="random_roads:RandomRoads", path=clone / "tool")
+    copied = replace(inside, name="copied", copy=clone)
+    beside = replace(generator("random_roads:RandomRoads", "beside"), pipeline=clone)
+    assert inside.own_pipeline == clone.resolve()
+    lone = generator("random_roads:RandomRoads", "lone")
+    assert lone.own_pipeline is None
+    ends = ran(bench_of(tmp_path / "bench", inside, copied, beside, lone))
+    results = {name: results_of(end.run.folder) for name, end in ends.items()}
+    assert results["inside"] == results["copied"] == results["beside"] == results["lone"]
+    assert {end.ending for end in ends.values()} == {Ending(End.OVER)}
+    assert len(results["lone"]) >= SIMULATIONS
+
+
 def test_a_seed_repeats_a_run(tmp_path: Path) -> None:
     runs = []
     for name in ("one", "other"):
@@ -493,27 +521,13 @@ def test_the_time_of_a_strategy_can_count(tmp_path: Path) -> None:
 # Mistakes and accidents
 
 
-@pytest.mark.parametrize(
-    ("spec", "why"),
-    [
-        ("nowhere:Nobody", "Nobody cannot be built.*nowhere"),
-        ("random_roads:Random", "Random cannot be built.*RandomRoads"),
-        ("broken.py:Broken", "Broken cannot be built.*SyntaxError"),
-        ("raising.py:Raising", "Raising cannot be built.*ValueError: I will not"),
-    ],
-)
-def test_a_generator_that_cannot_be_built_is_said_at_once(
-    tmp_path: Path, spec: str, why: str
-) -> None:
-    (tmp_path / "broken.py").write_text("class Broken(:\n")
+def test_a_generator_that_cannot_be_built_is_said_at_once(tmp_path: Path) -> None:
     (tmp_path / "raising.py").write_text(
         "class Raising:\n    def __init__(self, executor=None, map_size=None):\n"
         "        raise ValueError('I will not')\n    def start(self): pass\n"
     )
-    folder = GENERATORS if ".py" not in spec else tmp_path
-    entrant = Entrant(name=spec.rpartition(":")[2], spec=spec, path=folder)
-    bench = bench_of(tmp_path / "bench", entrant)
-    with pytest.raises(FreneticError, match=why):
+    bench = bench_of(tmp_path / "bench", Entrant(name="it", spec=f"{tmp_path}/raising.py:Raising"))
+    with pytest.raises(FreneticError, match=r"it cannot be built.*ValueError: I will not"):
         bench.run()
     assert not bench.folder.exists()
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import re
+import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
+from frenetic.campaign import CampaignStore
 from frenetic.campaign.check import check_campaign
 
 if TYPE_CHECKING:
@@ -106,9 +108,9 @@ def test_json(frenetic: Frenetic) -> None:
 
 def test_a_run_of_a_strategy_is_that_of_the_command_run(frenetic: Frenetic) -> None:
     frenetic("bench", "--strategy", "frenetic", *SMALL)
-    Path("bench.toml").write_text("lookahead = 0\n")
+    Path("run.toml").write_text("lookahead = 0\n")
     frenetic(
-        *("run", "bench.toml", "--simulations", "12", "--seed", "2", "--workers", "1"),
+        *("run", "run.toml", "--simulations", "12", "--seed", "2", "--workers", "1"),
         *("--out", "alone"),
     )
     exported = []
@@ -173,7 +175,10 @@ def test_published_generators_are_listed_with_what_they_need(frenetic: Frenetic)
         (["--generator", "nowhere.py:One"], ["One cannot be built", "nowhere.py"]),
         (["--generator", "nowhere:One"], ["One cannot be built", "nowhere"]),
         (["--generator", "wiggly.py:Wigly"], ["Wigly cannot be built", "Wiggly"]),
-        (["--generator", "wiggly.py:Wiggly,a=1"], ["no option 'a'", "takes path, copy, python"]),
+        (
+            ["--generator", "wiggly.py:Wiggly,a=1"],
+            ["no option 'a'", "takes path, copy, pipeline, python"],
+        ),
         (["--generator", "src.wiggly"], ["'src.wiggly' is not package.module:Class", "the class"]),
         (["--generator", "wiggly"], ["no published generator 'wiggly'", "package.module:Class"]),
         (["--strategy", "random,copy=."], ["has no option 'copy'"]),
@@ -182,12 +187,10 @@ def test_published_generators_are_listed_with_what_they_need(frenetic: Frenetic)
         (["--generator", "optangle-2024"], ["say where its files are", "branch tools24"]),
         (["--generator", "optangle-2024,path=."], ["optangle.py is not there"]),
         (["--generator", "rigaa-2023,path=."], ["make a test cost 40 s or more"]),
-        (["--generator", "crag-2024,path=.,copy=."], ["without copy"]),
-        (["--simulations", "5", "--time", "2h"], ["--simulations and --time exclude"]),
-        (["--time", "10s"], ["allows 0.278 tests", "1 to 10000000"]),
+        (["--generator", "crag-2024,path=.,copy=."], ["say where its files are, no more"]),
         (["--list", "--strategy", "random"], ["--list without --out"]),
-        (["--seconds-per-test", "1e-300", "--time", "1h"], ["1 to 10000000"]),
-        (["--seconds-per-test", "0"], ["seconds_per_test is 0", "positive"]),
+        (["--simulations", "0"], ["--simulations", "0 is not in the range x>=1"]),
+        (["nothing.toml"], ["there is no file nothing.toml"]),
         (["--resume"], ["--resume needs the folder of a bench"]),
         (["--resume", "--out", "nothing"], ["holds no bench"]),
         (["--list", "--out", "nothing"], ["holds no bench"]),
@@ -219,14 +222,87 @@ def test_a_bench_goes_on_as_it_was_begun(frenetic: Frenetic) -> None:
         assert asked.refuses(f"bench.json has format {version}", "reads format 2"), asked
 
 
-def test_strategies_are_compared_by_an_objective(frenetic: Frenetic) -> None:
-    how = ("--strategy", "random", "--objective", "oob-share", "--simulations", "3")
-    assert frenetic("bench", *how, "--repeats", "1", "--out", "b").code == 0
-    assert json.loads(Path("b/bench.json").read_text())["objective"] == "oob-share"
-    assert frenetic("show", "b/random/01", "--json").json["config"]["objective"] == "oob-share"
-    page = Path("b/index.html").read_text(encoding="utf-8")
-    assert "--objective oob-share" in re.sub("<[^>]+>", "", page)
-    refused = frenetic("bench", *how[:2], "--objective", "speed", "--out", "c")
-    assert refused.code == 2
-    assert "unknown objective 'speed'" in refused.err
-    assert not Path("c").exists()
+FILE = """
+generator = ["wiggly.py:Wiggly,name=theirs"]
+strategy = ["random", "frenetic,threshold=-0.2"]
+time = "2m"
+seconds_per_test = 40
+count_computing = false
+patience = "1m"
+repeats = 1
+seed = 4
+workers = 2
+driver = "planner,aggression=1.1"
+with = {delay = 0.05}
+speed_limit = 60
+oob_tolerance = 0.9
+map_size = 220
+objective = "oob-share"
+"""
+
+
+def results_of(folder: str) -> dict[str, object]:
+    """What a bench has found, by run."""
+    results: dict[str, object] = {}
+    for path in sorted(Path(folder).glob("*/*")):
+        if path.is_dir():
+            with CampaignStore.open(path) as store:
+                tests = [(test.outcome, test.moobd) for test in store.tests()]
+                results[str(path.relative_to(folder))] = tests, store.config["objective"]
+    return results
+
+
+def test_a_bench_is_a_file_and_every_bench_keeps_one(frenetic: Frenetic, wiggly: str) -> None:
+    Path("mine.toml").write_text(FILE, encoding="utf-8")
+    refused = frenetic("bench", "mine.toml", "--out", "a")
+    assert refused.refuses("mine.toml names the generator", "if you trust it"), refused
+    assert frenetic("bench", "--generator", wiggly, *LEAST).code == 0  # its code is known now
+    assert frenetic("bench", "mine.toml", "--out", "a").code == 0
+    kept = tomllib.loads(Path("a/bench.toml").read_text(encoding="utf-8"))
+    given = tomllib.loads(FILE)
+    same = given.keys() - {"generator", "strategy", "time", "patience", "workers"}
+    assert {name: kept[name] for name in same} == {name: given[name] for name in same}
+    assert (kept["time"], kept["patience"]) == (120.0, 60.0)
+    page = re.sub("<[^>]+>", "", Path("a/index.html").read_text(encoding="utf-8"))
+    assert "frenetic bench a/bench.toml" in page
+    assert frenetic("bench", "a/bench.toml", "--out", "again").code == 0
+    assert results_of("again") == results_of("a")
+    assert len(results_of("a")) == 3
+    # Options given beside it win.
+    beside = ("--strategy", "random", "--simulations", "2", "--driver", "aggression=1.2")
+    twice = ("--objective", "moobd", "--repeats", "2", "--out", "b2")
+    assert frenetic("bench", "mine.toml", *beside, *twice).code == 0
+    kept = tomllib.loads(Path("b2/bench.toml").read_text(encoding="utf-8"))
+    assert (kept["strategy"], kept["repeats"]) == (["random,name=random"], 2)
+    assert (kept["time"], kept["driver"]) == (80.0, "planner,aggression=1.2")
+    assert kept["objective"] == "moobd"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("generators = ['a.py:B']", ["unknown field `generators`", "does not say a bench"]),
+        ("simulations = 0", ["Expected `int` >= 1 - at `$.simulations`"]),
+        ("time = '10s'", ["allows 0.278 tests", "1 to 10000000"]),
+        ("seconds_per_test = 1e-300\ntime = '1h'", ["1 to 10000000"]),
+        ("seconds_per_test = 0", ["Expected `float` > 0.0 - at `$.seconds_per_test`"]),
+        ("time = 'soon'", ["'soon' is not a time"]),
+        ("simulations = 5\ntime = '2h'", ["simulations and time exclude each other"]),
+        ("objective = 'x.py:f'", ["names the objective 'x.py:f'"]),
+        ("strategy = ['x.py:Mine']", ["names the strategy 'x.py:Mine'"]),
+        ("driver = 'x.py:Mine'", ["names the driver 'x.py:Mine'"]),
+        ("margin = 3.0", ["unknown field `margin`"]),
+    ],
+)
+def test_mistakes_in_a_file(frenetic: Frenetic, text: str, words: list[str]) -> None:
+    Path("mine.toml").write_text(text, encoding="utf-8")
+    answer = frenetic("bench", "mine.toml", "--out", "b")
+    assert answer.refuses(*words), answer
+    assert not Path("b").exists()
+
+
+def test_a_bench_of_a_stranger_runs_no_code_of_his(frenetic: Frenetic, wiggly: str) -> None:
+    frenetic("bench", "--generator", wiggly, *LEAST)
+    source = Path("wiggly.py")
+    source.write_text(source.read_text() + "# changed\n", encoding="utf-8")
+    assert frenetic("bench", "--resume", "--out", "b").refuses("b names the generator")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
@@ -54,28 +53,12 @@ def test_two_of_one_name_are_refused() -> None:
         ({"path": Path("nowhere")}, "there is no folder 'nowhere'"),
         ({"python": Path("nopython")}, "there is no interpreter 'nopython'"),
         ({"options": {"a": 1}}, "only strategies have options"),
-        ({"is_strategy": True, "path": Path()}, "takes no path, no copy and no"),
+        ({"is_strategy": True, "path": Path()}, "takes no path and no copy and"),
     ],
 )
 def test_what_cannot_take_part(given: dict[str, object], why: str) -> None:
     with pytest.raises(FreneticError, match=why):
         Entrant(**{"name": "one", "spec": "module:Class", **given})  # type: ignore[arg-type]
-
-
-def test_an_entrant_comes_back_from_json(tmp_path: Path) -> None:
-    python = tmp_path / "python"
-    python.touch()
-    for entrant in (
-        Entrant(name="one", spec="a.b:C", path=tmp_path, python=python),
-        Entrant(name="two", spec="frenetic", is_strategy=True, options={"threshold": -0.2}),
-    ):
-        assert Entrant.from_json(json.loads(json.dumps(entrant.as_json()))) == entrant
-
-
-@pytest.mark.parametrize("value", [{}, [], "x", {"name": 3, "spec": "a:B"}, None])
-def test_json_that_is_no_entrant(value: object) -> None:
-    with pytest.raises(FreneticError, match="is no entrant"):
-        Entrant.from_json(value)  # type: ignore[arg-type]
 
 
 def test_a_file_is_looked_for_here_and_then_in_the_path(

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import os
+import shutil
 import subprocess
 import sys
 import threading
@@ -16,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from clones import make_2021
 from old_python import too_new, too_new_in
 from pids import ending, until, until_gone
 
 import frenetic
-from frenetic.bench.hosting import offered
 from frenetic.errors import RoadError
 from frenetic.road import check_validity
 
@@ -52,6 +51,7 @@ class Bench:
     computing: float = 0.0
     """s that the generator says it took."""
     counts_computing: bool = False
+    all_pass: bool = False
 
     def answer(self, message: Message) -> Message:
         road_points = message["road_points"]
@@ -69,7 +69,7 @@ class Bench:
         outcome, description, records = "INVALID", reason, []
         if valid:
             self.executed += 1
-            failed = self.executed % 3 == 0
+            failed = self.executed % 3 == 0 and not self.all_pass
             outcome = "FAIL" if failed else "PASS"
             description = "Car drove out of the lane to the left" if failed else "Successful test"
             records = [record(0.0, 2.0), record(0.05, -0.5 if failed else 1.0)]
@@ -78,7 +78,6 @@ class Bench:
             "description": description,
             "records": records,
             "spent": self.executed * self.seconds_per_test + self.computing,
-            "simulated": 4.5 if valid else 0.0,
         }
 
 
@@ -106,6 +105,7 @@ def assignment(spec: str, bench: Bench, folder: Path, **changes: Any) -> Message
         "module": module,
         "class_name": name,
         "path": str(GENERATORS),
+        "pipeline": None,
         "map_size": 200,
         "seed": 5,
         "time_budget": bench.budget,
@@ -185,23 +185,13 @@ def test_a_generator_spends_its_budget_and_returns(tmp_path: Path) -> None:
     assert done.messages[0] == {"kind": "ready"}
     end = dict(done.end)
     assert end.pop("seconds") >= 0.0
-    assert end == {"kind": "end", "how": "over", "detail": "", "traceback": "", "threads": 0}
+    assert end == {"kind": "end", "how": "over", "detail": "", "threads": 0}
     assert done.code == 0
     assert bench.executed == 200
     assert bench.refused == 0
     # Its prints go to the log, whole.
     assert f"test {len(bench.roads)}: " in done.log
     assert "PASS (Successful test), 2 records" in done.log
-
-
-def test_the_seed_makes_the_roads(tmp_path: Path) -> None:
-    roads = []
-    for name, seed in (("a", 5), ("b", 5), ("c", 2**32 + 6)):
-        bench = Bench()
-        (tmp_path / name).mkdir()
-        run("random_roads:RandomRoads", tmp_path / name, bench=bench, seed=seed)
-        roads.append(bench.roads)
-    assert roads[0] == roads[1] != roads[2]
 
 
 @pytest.mark.parametrize("path", [None, GENERATORS.parent])
@@ -211,94 +201,6 @@ def test_a_generator_may_be_a_file(path: Path | None, tmp_path: Path) -> None:
     done = run(f"{file}:RandomRoads", tmp_path, bench=bench, path=path and str(path))
     assert done.end["how"] == "over"
     assert bench.executed == 10
-
-
-def test_what_is_validated_first_is_counted_when_it_is_executed(tmp_path: Path) -> None:
-    done = run("stats_reader:StatsReader", tmp_path)
-    assert done.end["how"] == "over", done.end
-    seen = done.seen()
-    times = seen.pop("test_generation_real_times")
-    assert len(times) == 10
-    assert all(seconds >= 0.0 for seconds in times)
-    assert seen.pop("kept_back") >= 0
-    assert seen == {
-        "test_generated": 10,
-        "test_valid": 10,
-        "test_invalid": 0,
-        "test_passed": 7,
-        "test_failed": 3,
-        "test_in_error": 0,
-        "obes": 3,
-        "test_execution_real_times": [36.0] * 10,
-        "test_execution_simulation_times": [4.5] * 10,
-    }
-
-
-def test_roads_have_areas(tmp_path: Path) -> None:
-    done = run("polygon_user:PolygonUser", tmp_path)
-    assert done.end["how"] == "over", done.end
-    assert done.seen() == ["PASS", "PASS", "FAIL"] * 3 + ["PASS"]
-
-
-def test_a_generator_keeps_books(tmp_path: Path) -> None:
-    done = run("bookkeeper:Bookkeeper", tmp_path)
-    assert done.end["how"] == "over", done.end
-    rows = list(csv.DictReader(io.StringIO((tmp_path / "tests.csv").read_text(encoding="utf-8"))))
-    assert [float(row["remaining"]) for row in rows] == [360.0 - 36.0 * k for k in range(1, 11)]
-    assert [float(row["min_oob_distance"]) for row in rows[:3]] == [1.0, 1.0, -0.5]
-
-
-def test_a_generator_may_break_the_counts(tmp_path: Path) -> None:
-    bench = Bench()
-    done = run("bookkeeper:StatsBreaker", tmp_path, bench=bench)
-    assert done.end["how"] == "over", done.end
-    assert bench.executed == 10
-
-
-def test_a_crash_is_told_and_printed(tmp_path: Path) -> None:
-    bench = Bench()
-    done = run("crashing:Crashing", tmp_path, bench=bench)
-    assert done.end["how"] == "crashed"
-    assert done.end["detail"] == "ValueError: no more ideas after three tests"
-    assert "crashing.py" in done.end["traceback"]
-    assert done.end["traceback"].splitlines()[-1] == "after three tests"
-    assert done.end["traceback"] in done.log
-    assert bench.executed == 3
-
-
-def test_a_generator_that_never_returns_ends_with_its_bench(tmp_path: Path) -> None:
-    bench = Bench()
-    done = run(
-        "never_returning:NeverReturning",
-        tmp_path,
-        bench=bench,
-        stop=lambda bench: bench.executed == 2,
-    )
-    assert [message["kind"] for message in done.messages] == ["ready", "test", "test"]
-    assert done.code == 3
-
-
-def test_a_generator_that_goes_on_is_refused_every_time(tmp_path: Path) -> None:
-    bench = Bench()
-    done = run(
-        "never_returning:Unstoppable", tmp_path, bench=bench, stop=lambda bench: bench.refused == 5
-    )
-    assert len(bench.roads) == 10
-    assert done.log.count("went on after SystemExit(123)") >= 4
-    assert done.code == 3
-
-
-def test_a_generator_may_notice_late_that_the_budget_is_spent(tmp_path: Path) -> None:
-    bench = Bench()
-    done = run("never_returning:Stubborn", tmp_path, bench=bench)
-    assert done.end["how"] == "over"
-    assert (bench.executed, bench.refused) == (10, 3)
-
-
-def test_a_generator_may_end_its_process(tmp_path: Path) -> None:
-    done = run("exiting:Exiting", tmp_path)
-    assert done.end["how"] == "exit"
-    assert done.end["detail"] == "exit code 7"
 
 
 def test_a_generator_may_end_its_process_when_no_test_fits_any_more(tmp_path: Path) -> None:
@@ -326,28 +228,6 @@ def test_computing_is_counted_alike_on_both_sides(tmp_path: Path) -> None:
     assert bench.computing + 3 * 36.0 == pytest.approx(spent)
 
 
-def test_the_time_in_which_a_generator_is_built_is_not_its_own(tmp_path: Path) -> None:
-    (tmp_path / "mine.py").write_text("import time\ntime.sleep(0.01)\nraise OSError", "utf-8")
-    done = run("mine:Mine", tmp_path, path=str(tmp_path))
-    assert done.end["how"] == "crashed"
-    assert done.end["seconds"] == 0.0
-
-
-def test_threads_execute_tests_and_may_be_left_running(tmp_path: Path) -> None:
-    bench = Bench()
-    done = run("threads:Threads", tmp_path, bench=bench)
-    assert done.end["how"] == "returned"
-    assert done.end["threads"] == 2
-    assert bench.executed == 4
-    assert done.code == 0
-
-
-def test_in_2021_time_is_a_number(tmp_path: Path) -> None:
-    done = run("old_2021:Old2021", tmp_path)
-    assert done.end["how"] == "returned", done.end
-    assert done.seen() == [0.0, 36.0, 72.0, 108.0, 144.0]
-
-
 @pytest.mark.parametrize(("budget", "tests", "phase"), [(7200.0, 200, 40), (7219.0, 200, 41)])
 def test_a_fifth_of_the_budget_is_exactly_that(
     budget: float, tests: int, phase: int, tmp_path: Path
@@ -358,39 +238,6 @@ def test_a_fifth_of_the_budget_is_exactly_that(
     assert (tmp_path / "first_phase.txt").read_text(encoding="utf-8") == str(phase)
     assert bench.executed == tests
     assert bench.refused == 1
-
-
-def test_tests_that_are_none_come_back_invalid(tmp_path: Path) -> None:
-    bench = Bench()
-    done = run("odd_tests:OddTests", tmp_path, bench=bench)
-    assert done.end["how"] == "returned", done.end
-    *seen, stats = done.seen()
-    assert [row[0] for row in seen[:8]] == [*["INVALID"] * 7, "PASS"]
-    assert [row[1] for row in seen[:7]] == [
-        "Not enough road points.",
-        "Not enough road points.",
-        "The road is not long enough.",
-        "Two consecutive road points are the same",
-        *["Wrong type"] * 3,
-    ]
-    assert [row[2] for row in seen[:8]] == [0] * 7 + [2]
-    assert [row[3] for row in seen[:8]] == list(range(1, 9))
-    assert [row[4] for row in seen[:8]] == [False] * 7 + [True]
-    assert seen[8:] == [["INVALID", "Wrong type", []], [False, "Wrong type"]] * 2
-    assert (stats["test_generated"], stats["test_invalid"], stats["test_passed"]) == (10, 9, 1)
-    # What the bench was sent.
-    assert bench.roads[4:7] == [None] * 3
-    assert bench.roads[7] == [[50.0, 20.0], [50.0, 50.0], [50.0, 90.0]]
-    assert bench.roads[8:] == [None, None]
-
-
-def test_a_copy_of_the_pipeline_gives_only_what_the_bench_does_not_have(tmp_path: Path) -> None:
-    done = run("helped:Helped", tmp_path, path=str(GENERATORS / "own_pipeline"))
-    assert done.end["how"] == "returned", done.end
-    outcome, name, is_one = done.seen()
-    assert outcome == "PASS"
-    assert name.endswith("hosting.offered.code_pipeline.tests_generation")
-    assert is_one
 
 
 @pytest.mark.parametrize("spec", ["frenetic:Frenetic", "frenetic.py:Frenetic"])
@@ -414,8 +261,8 @@ def test_a_folder_with_the_generator_may_have_the_name_of_ours(tmp_path: Path) -
         "        self.executor = pickle.loads(pickle.dumps(executor))\n"
         "    def start(self):\n"
         "        test = RoadTestFactory.create_road_test(POINTS)\n"
-        "        assert self.executor.execute_test(test)[0] == 'PASS'\n"
-        "        assert test.get_road_polygon() and test.features\n",
+        "        assert self.executor.validate_test(test) == (True, '')\n"
+        "        assert self.executor.execute_test(test)[0] == 'PASS'\n",
         encoding="utf-8",
     )
     spec = "frenetic.generators.straight:Straight"
@@ -423,38 +270,46 @@ def test_a_folder_with_the_generator_may_have_the_name_of_ours(tmp_path: Path) -
     assert done.end["how"] == "returned", done.end
 
 
-def test_a_clone_of_ours_beside_a_generator_is_not_taken_for_it(tmp_path: Path) -> None:
-    (tmp_path / "frenetic" / "src").mkdir(parents=True)
-    (tmp_path / "mine.py").write_text(
-        "class Mine:\n"
-        "    def __init__(self, executor, map_size):\n"
-        "        self.executor = executor\n"
-        "    def start(self):\n"
-        "        from frenetic.bench.hosting.executor import HostedExecutor\n"
-        "        assert isinstance(self.executor, HostedExecutor)\n",
-        encoding="utf-8",
-    )
-    done = run("mine:Mine", tmp_path, path=str(tmp_path))
-    assert done.end["how"] == "returned", done.end
-
-
-def test_our_own_generators_run_as_in_the_pipeline(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("FRENETIC_SEED", "5")
-    monkeypatch.setenv("FRENETIC_COMMAND", f'"{sys.executable}" -m frenetic')
-    bench = Bench()
-    done = run("frenetic.competition:Frenetic", tmp_path, bench=bench, path=None)
-    assert done.end["how"] == "over", done.end
-    assert bench.executed == len(bench.roads) == 10
-    assert "Frenetic starts: seed 5" in done.log
-
-
 def test_processes_that_a_generator_spawns_know_the_pipeline(tmp_path: Path) -> None:
     bench = Bench()
     done = run("parallel:Parallel", tmp_path, bench=bench)
     assert done.end["how"] == "returned", done.end
     assert bench.executed == 2
+
+
+# --- in a clone of the pipeline ----------------------------------------------------------------
+
+CLONE = GENERATORS / "clone"
+
+
+@pytest.mark.parametrize("edition", [2021, 2022])
+def test_a_generator_runs_in_its_own_pipeline(edition: int, tmp_path: Path) -> None:
+    clone = tmp_path / "clone"
+    shutil.copytree(CLONE, clone)
+    if edition == 2021:
+        make_2021(clone)
+    places: Message = {"path": str(clone / "tool"), "pipeline": str(clone)}
+    done = run("winding:Winding", tmp_path, bench=Bench(all_pass=True), **places)
+    assert done.end["how"] == "over", done.end
+    seen = done.seen()
+    assert seen["outcomes"] == ["PASS"] * 10
+    if edition == 2022:
+        assert seen["generation"] == {"time-budget": 0.0}
+        assert seen["test_execution_real_times"] == [36.0] * 10
+        assert min(seen["test_generation_real_times"]) >= 0.0
+    assert not (tmp_path / "results").exists()  # its tests are the bench's
+    drives = sorted(path.name for path in (tmp_path / "simulations/beamng_executor").iterdir())
+    assert drives == [f"sim_{number:05d}" for number in range(1, 11)]
+
+
+def test_a_pipeline_that_lacks_a_library_says_so(tmp_path: Path) -> None:
+    shutil.copytree(CLONE, tmp_path / "clone")
+    executors = tmp_path / "clone" / "code_pipeline" / "executors.py"
+    executors.write_text("import no_such_thing")
+    places: Message = {"path": str(tmp_path / "clone/tool"), "pipeline": str(tmp_path / "clone")}
+    done = run("winding:Winding", tmp_path, **places)
+    assert "importing the pipeline in" in done.end["detail"]
+    assert "No module named 'no_such_thing'; install it for" in done.end["detail"]
 
 
 # --- generators that cannot be started ---------------------------------------------------------
@@ -473,9 +328,9 @@ BROKEN = {
         "mine:Mine",
         "import no_such_thing",
     ),
-    "No module named 'code_pipeline.tests_evaluation'; the bench offers code_pipeline.": (
+    "No module named 'code_pipeline.visualization'; the bench has stand-ins for": (
         "mine:Mine",
-        "import code_pipeline.tests_evaluation",
+        "import code_pipeline.visualization",
     ),
     "importing mine fails: it ends its process with exit code 2": (
         "mine:Mine",
@@ -493,10 +348,6 @@ BROKEN = {
         "class Mine:\n    def __init__(self, executor, map_size): ...",
     ),
     "building Mine fails: TypeError": ("mine:Mine", "class Mine:\n    def start(self): ..."),
-    "BeamngExecutor cannot be built, as this is Frenetic's bench": (
-        "mine:Mine",
-        "from code_pipeline.beamng_executor import BeamngExecutor\nBeamngExecutor(200)",
-    ),
 }
 
 
@@ -524,7 +375,7 @@ class Meddler:
         os.write(1, b"to descriptor 1\\n")
         os.system("echo from another program")
         assert sys.stdin.read() == ""
-        assert "hosting" not in sys.path[0]
+        assert not any(entry.endswith("hosting") for entry in sys.path)
         print("\\N{GREEK SMALL LETTER KAPPA} \\udc80")
 
     def start(self):
@@ -640,8 +491,8 @@ NOTHING_ELSE = """
 import importlib.abc
 import sys
 
-ALLOWED = {*sys.stdlib_module_names, "code_pipeline", "frenetic", "numpy", "polygon_user",
-           "random_roads", "roads", "scipy", "self_driving"}
+ALLOWED = {*sys.stdlib_module_names, "code_pipeline", "frenetic", "numpy", "random_roads", "roads",
+           "scipy", "self_driving"}
 
 
 class NothingElse(importlib.abc.MetaPathFinder):
@@ -675,15 +526,8 @@ def test_numpy_and_scipy_suffice(tmp_path: Path) -> None:
     assert bench.roads == other.roads
 
 
-def test_without_shapely_one_line_says_what_brings_it(tmp_path: Path) -> None:
-    done = run("polygon_user:PolygonUser", tmp_path, command=sparsely())
-    assert done.end["how"] == "crashed"
-    assert "pip install shapely" in done.end["detail"]
-    assert "\n" not in done.end["detail"]
-
-
 IMPORTED = f"""{NOTHING_ELSE}
-from frenetic.bench.hosting import session, validity
+from frenetic.bench.hosting import host, validity
 
 validity.validity()
 print(*(m.__file__ for name, m in sys.modules.items() if name.startswith("frenetic")), sep="\\n")
@@ -693,19 +537,13 @@ print(*(m.__file__ for name, m in sys.modules.items() if name.startswith("frenet
 def test_python_3_9_can_run_what_it_imports() -> None:
     command = [sys.executable, "-c", IMPORTED]
     files = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()
-    assert {"session.py", "validity.py", "compiled.py"} <= {Path(file).name for file in files}
+    assert {"host.py", "validity.py", "compiled.py"} <= {Path(file).name for file in files}
     for file in files:
         assert too_new_in(Path(file)) == [], file
 
 
 PACKAGE = HOSTING.parents[1]
 FILES = [PACKAGE / "__init__.py", HOSTING.parent / "__init__.py", *sorted(HOSTING.rglob("*.py"))]
-
-
-def test_all_files_are_looked_at() -> None:
-    names = {file.name for file in FILES}
-    assert {"main.py", "executor.py", "road_polygon.py"} <= names
-    assert {Path(str(module.__file__)) for module in offered.MODULES} <= set(FILES)
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(PACKAGE)))

@@ -5,6 +5,7 @@ What stands for RILaST here has the gaps of the published one, and no search.
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from textwrap import dedent
 
@@ -89,6 +90,17 @@ def test_it_searches_with_the_benchs_executor_and_seed(tmp_path: Path) -> None:
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(dedent(text), encoding="utf-8")
     (package.parent / "model.pt").touch()
+    pipeline = package.parent / "beamng_sim"
+    shutil.copytree(Path(__file__).parent / "generators" / "clone", pipeline)
+    for file in pipeline.rglob("*.py"):
+        text = file.read_text("utf-8")
+        for name in ("code_pipeline", "self_driving"):
+            text = text.replace(f"from {name}", f"from beamng_sim.{name}")
+        file.write_text(text, "utf-8")
+    (pipeline / "code_pipeline" / "beamng_executor.py").write_text("class BeamngExecutor: ...\n")
+    (pipeline / "code_pipeline" / "test_analysis.py").write_text(
+        "def compute_all_features(test, records): assert records\n"
+    )
     configuration = package / "test_generators" / "configs" / "latent_lkas_test_generator.yaml"
     configuration.parent.mkdir()
     configuration.write_text('{"nDim": 8, "model_path": "model.pt"}', encoding="utf-8")

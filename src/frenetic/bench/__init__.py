@@ -13,8 +13,9 @@ from frenetic._support.public_names import lazy_names
 if TYPE_CHECKING:
     from frenetic.bench.bench import Bench, BenchProgress, new_folder, read_bench
     from frenetic.bench.entrants import Entrant
+    from frenetic.bench.file import BenchFile
     from frenetic.bench.recipes import RECIPES, Recipe, find_recipe
-    from frenetic.bench.runs import Run, RunEnd, RunState, Terms, run_entrant
+    from frenetic.bench.runs import Run, RunState, Terms, run_entrant
     from frenetic.bench.strategy import End, Ending
 
 __getattr__ = lazy_names(
@@ -22,8 +23,9 @@ __getattr__ = lazy_names(
     {
         "frenetic.bench.bench": ("Bench", "BenchProgress", "new_folder", "read_bench"),
         "frenetic.bench.entrants": ("Entrant",),
+        "frenetic.bench.file": ("BenchFile",),
         "frenetic.bench.recipes": ("RECIPES", "Recipe", "find_recipe"),
-        "frenetic.bench.runs": ("Run", "RunEnd", "RunState", "Terms", "run_entrant"),
+        "frenetic.bench.runs": ("Run", "RunState", "Terms", "run_entrant"),
         "frenetic.bench.strategy": ("End", "Ending"),
     },
 )
@@ -31,13 +33,13 @@ __getattr__ = lazy_names(
 __all__ = [
     "RECIPES",
     "Bench",
+    "BenchFile",
     "BenchProgress",
     "End",
     "Ending",
     "Entrant",
     "Recipe",
     "Run",
-    "RunEnd",
     "RunState",
     "Terms",
     "find_recipe",

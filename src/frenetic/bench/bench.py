@@ -15,20 +15,21 @@ from typing import Any, Final, Self
 import msgspec
 from filelock import FileLock
 
+from frenetic import trust
 from frenetic._support.files import write_file
 from frenetic._support.words import counted, format_duration
 from frenetic.analysis.comparison import Comparison, compare, compare_measured
 from frenetic.analysis.metrics import measure_campaign
-from frenetic.bench.entrants import Entrant, folder_names, read_path
+from frenetic.bench.entrants import Entrant, folder_names, read_path, require_trusted
 from frenetic.bench.processes import run_all
 from frenetic.bench.runs import Run, RunState, Terms, compile_measures, ending_of, try_out
 from frenetic.bench.strategy import End
 from frenetic.campaign import campaign
 from frenetic.campaign.lock import lock_file
-from frenetic.campaign.objective import MOOBD
 from frenetic.campaign.summary import Summary
 from frenetic.errors import FreneticError
 from frenetic.registry import STRATEGIES
+from frenetic.run_file import drive_entries, write_entries
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.spec import Spec, decode_command, describe, require_count
 from frenetic.versions import differences, package_versions
@@ -38,6 +39,8 @@ BENCHES: Final = Path("benches")
 BENCH: Final = "bench.json"
 """Name of the file in a bench's folder that describes it."""
 LOCK: Final = "bench.lock"
+FILE: Final = "bench.toml"
+"""Name of the file in it that repeats it, see `frenetic.bench.file`."""
 VERSION: Final = 2
 """Version of the file's form."""
 TERMS: Final = (
@@ -127,6 +130,7 @@ class Bench:
             raise _damaged(path, f"its command: {error}") from None
         spec = Spec.from_options({**command, "map_size": recorded.map_size})
         spec.require_trusted(folder)
+        require_trusted(recorded.entrants, folder)
         return cls(
             entrants=recorded.entrants,
             terms=Terms.of(spec, **{name: getattr(recorded, name) for name in TERMS}),
@@ -204,6 +208,7 @@ class Bench:
             for entrant in self.entrants:
                 if entrant in to_do and not entrant.is_strategy:
                     try_out(entrant, self.terms, self.seed)
+                trust.remember(entrant.kind, *entrant.code)
             stack.enter_context(_locked(self.folder))
             if not resume:
                 self._write()
@@ -265,17 +270,10 @@ class Bench:
         short = endings_in_short(self.states())
         return replace(comparison, notes=(*([short] if short else []), *comparison.notes))
 
-    def words(self) -> list[str]:
-        """The command line that repeats the bench; its driver and simulator need names."""
-        terms = self.terms
-        words = ["frenetic", "bench", *(word for one in self.entrants for word in one.words())]
-        words += ["--time", f"{terms.budget!r}s"]
-        words += ["--seconds-per-test", f"{terms.seconds_per_test!r}"]
-        words += ["--count-computing"] if terms.counts_computing else []
-        words += ["--patience", f"{terms.patience!r}s"]
-        words += ["--objective", terms.objective] if terms.objective != MOOBD else []
-        words += ["--repeats", str(self.repeats), "--seed", str(self.seed)]
-        return words if terms.spec is None else words + terms.spec.drive_words()
+    @property
+    def file(self) -> Path | None:
+        """Its file; None for parts without names, which came from Python."""
+        return None if self.terms.spec is None else self.folder / FILE
 
     def as_json(self) -> dict[str, Any]:
         """The description for the bench's folder."""
@@ -335,6 +333,29 @@ class Bench:
             remedy="choose another place",
             durable=True,
         )
+        if self.file is not None:
+            assert self.terms.spec is not None
+            write_entries(
+                self._entries(self.terms.spec),
+                self.file,
+                f"What ran in this folder; 'frenetic bench {FILE}' does it again in another.",
+            )
+
+    def _entries(self, spec: Spec) -> dict[str, Any]:
+        """The entries of its file."""
+        terms = self.terms
+        return {
+            "generator": [one.word for one in self.entrants if not one.is_strategy],
+            "strategy": [one.word for one in self.entrants if one.is_strategy],
+            **drive_entries(spec),
+            "objective": terms.objective,
+            "time": terms.budget,
+            "seconds_per_test": terms.seconds_per_test,
+            "count_computing": terms.counts_computing,
+            "patience": terms.patience,
+            "repeats": self.repeats,
+            "seed": self.seed,
+        }
 
 
 def unusual_endings(states: Sequence[RunState]) -> dict[str, str]:
@@ -342,9 +363,7 @@ def unusual_endings(states: Sequence[RunState]) -> dict[str, str]:
     found: dict[str, str] = {}
     for name, runs in _by_entrant(states).items():
         reasons = Counter(
-            "not run" if state.ending is None else str(state.ending)
-            for state in runs
-            if state.ending is None or state.ending.end is not End.OVER
+            str(state.ending or "not run") for state in runs if str(state.ending) != End.OVER
         )
         told = [f"{count} of {len(runs)} runs {why}" for why, count in reasons.most_common(3)]
         if threads := sum(state.ending.threads for state in runs if state.ending is not None):

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import json
-import shlex
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
+from msgspec import structs
 
-from frenetic._support.words import read_part
 from frenetic.cli.compare import comparison_document, print_comparison
 from frenetic.cli.console import Log, announced_compilation, live_line, print_table, shell
 from frenetic.cli.options import (
     WORKERS,
-    Duration,
     GroupedCommand,
     as_usage_error,
     count_option,
@@ -26,75 +25,35 @@ from frenetic.cli.options import (
     json_option,
     objective_option,
 )
-from frenetic.cli.parts import AS, asked_spec, driver_options, names_of, was_given
+from frenetic.cli.parts import (
+    AS,
+    as_option,
+    given_options,
+    names_of,
+    part_choices,
+    was_given,
+    with_given,
+)
 from frenetic.errors import FreneticError
 from frenetic.spec import drive_options
 
 if TYPE_CHECKING:
     from frenetic.analysis.comparison import Comparison
-    from frenetic.bench import Bench, BenchProgress, Entrant, RunState
+    from frenetic.bench import Bench, BenchProgress, RunState
 
-SIMULATIONS: Final = 200
-SECONDS_PER_TEST: Final = 36.0
-REPEATS: Final = 10
-SEED: Final = 1
-
-_PLACES: Final = ("path", "copy", "python")
-"""Options of a generator."""
-_FIXED: Final = (
-    *("generator", "strategy", "simulations", "seconds", "repeats", "seed"),
-    *("seconds_per_test", "count_computing", "patience", "objective"),
-)
-"""Options that begin a bench and stay when it is resumed."""
-
-
-def _entrants(asked: Mapping[str, Any], cost: float) -> Iterator[Entrant]:
-    """The entrants of a command line, in which a drive costs so much virtual time."""
-    from frenetic.bench import Entrant
-
-    for kind in ("generator", "strategy"):
-        for text in asked[kind]:
-            spec, options = read_part(text)
-            if spec is None:
-                raise ValueError(f"--{kind} {text}: a name is needed before the options")
-            name = options.pop("name", None)
-            if kind == "generator":
-                yield _generator(spec, options, name, cost)
-                continue
-            settings = [f"{key}={json.dumps(value)}" for key, value in options.items()]
-            auto = ",".join([spec.rpartition(":")[2], *settings])
-            yield Entrant(name=str(name or auto), spec=spec, is_strategy=True, options=options)
-
-
-def _generator(spec: str, options: Mapping[str, Any], name: Any, cost: float) -> Entrant:
-    """A generator by its class, or a published one by its name."""
-    from frenetic.bench import Entrant, find_recipe
-
-    if unknown := [option for option in options if option not in _PLACES]:
-        raise ValueError(
-            f"{spec} has no option {unknown[0]!r}: a generator takes {', '.join(_PLACES)} and name"
-        )
-    places = {option: Path(str(path)).expanduser() for option, path in options.items()}
-    if set(spec) & set(":./\\"):
-        return Entrant(name=str(name or spec.rpartition(":")[2]), spec=spec, **places)  # type: ignore[arg-type]
-    recipe = find_recipe(spec)
-    if "path" not in places or "copy" in places:
-        raise FreneticError(
-            f"{recipe.title} is a published generator: say where its files are, without copy, as"
-            f" in {spec},path=FOLDER; they are those of {recipe.source}"
-        )
-    recipe.check(cost)
-    return recipe.entrant(places["path"], python=places.get("python"), name=name and str(name))
+_ENTRIES: Final = ("generator", "strategy", "simulations", "repeats", "seed")
+"""Options that are entries of a file, too, beside those that say how roads are driven."""
 
 
 @click.command(cls=GroupedCommand)
+@click.argument("file", type=click.Path(path_type=Path), required=False, metavar="[FILE.toml]")
 @click.option(
     "--generator",
     multiple=True,
     metavar="GENERATOR",
     help="A generator: package.module:Class, file.py:Class or one that --list lists. With options:"
-    " path=DIR of its modules, copy=DIR for each run to work in, python=FILE to run it, name=N"
-    " in tables. May be repeated.",
+    " path=DIR of its modules, copy=DIR for each run to work in, pipeline=DIR of the competition's"
+    " modules if they are not around it, python=FILE to run it, name=N in tables. May be repeated.",
 )
 @click.option(
     "--strategy",
@@ -104,35 +63,12 @@ def _generator(spec: str, options: Mapping[str, Any], name: Any, cost: float) ->
     help="A search strategy: frenetic-2021,threshold=-0.2. May be repeated. [default: all built-in"
     " ones]",
 )
-@click.option(
-    "--simulations",
-    type=click.IntRange(1),
-    metavar="N",
-    help=f"Budget of each run, in drives. [default: {SIMULATIONS}]",
-)
-@click.option(
-    "--time", "seconds", type=Duration(), help="Budget of each run, in virtual time, such as 2h."
-)
-@click.option(
-    "--seconds-per-test",
-    type=float,
-    default=SECONDS_PER_TEST,
-    show_default=True,
-    metavar="S",
-    help="Virtual time that a drive costs.",
-)
-@click.option("--count-computing", is_flag=True, help="A generator's own time costs budget, too.")
+@count_option("--simulations", "Budget of each run, in drives. [default: 200]")
+@count_option("--repeats", "Runs of each. [default: 10]")
+@count_option("--seed", "Of the first run of each. [default: 1]", least=0)
+@as_option
+@part_choices
 @objective_option
-@count_option("--repeats", "Runs of each.", default=REPEATS)
-@count_option("--seed", "Of the first run of each.", least=0, default=SEED)
-@click.option(
-    "--patience",
-    type=Duration(),
-    default="10m",
-    show_default=True,
-    help="End a generator that asks for no test so long.",
-)
-@driver_options
 @click.option(
     "--workers",
     type=WORKERS,
@@ -152,18 +88,21 @@ def _generator(spec: str, options: Mapping[str, Any], name: Any, cost: float) ->
 def bench(
     context: click.Context,
     /,
+    file: Path | None,
     workers: int | None,
     out: Path | None,
     resume: bool,
     as_list: bool,
     as_json: bool,
-    **asked: Any,
+    **_: Any,
 ) -> None:
     """Compare road generators on the same driver, with repeats.
 
     Generators of the SBST/SBFT competition's pipeline run unmodified, each run in its own process
     and folder, beside our strategies. Every run is a campaign with a folder for the competition's
-    tools.
+    tools. FILE.toml says what the options say and more, such as time, seconds_per_test,
+    count_computing, patience and speed_limit; bench.toml in every bench's folder is one.
+    Options given beside it win.
     """
     from frenetic.bench import Bench
 
@@ -179,52 +118,49 @@ def bench(
         with as_usage_error():
             the_bench = Bench.open(out)
     else:
-        the_bench = _begun(context, out, asked)
+        the_bench, of_file = _begun(context, file, out)
+        workers = workers or of_file
     if as_list:
         _list_runs(the_bench.states(), as_json)
         return
     _run(the_bench, resume, workers, as_json)
 
 
-def _begun(context: click.Context, out: Path | None, asked: Mapping[str, Any]) -> Bench:
-    """The bench of a command line."""
-    from frenetic.bench import Bench, Entrant, Terms, new_folder
-    from frenetic.registry import STRATEGIES
+def _begun(context: click.Context, path: Path | None, out: Path | None) -> tuple[Bench, int | None]:
+    """The bench of a command line, and the workers that its file wants."""
+    from frenetic.bench import BenchFile, new_folder
+    from frenetic.bench.entrants import require_trusted
+    from frenetic.run_file import read_file
 
-    if asked["simulations"] is not None and asked["seconds"] is not None:
-        raise click.UsageError("--simulations and --time exclude each other: both are the budget")
-    cost = asked["seconds_per_test"]
+    given = {n: context.params[n] for n in _ENTRIES if was_given(context, n)}
+    driving, objective = given_options(context), context.params["objective"]
+    entries = BenchFile()
+    spec = entries.spec()
+    if path is not None:
+        spec, entries = read_file(path, BenchFile, "a bench")
+    named = [*driving, *(("driver", "simulator") if AS in driving else ())]
+    if was_given(context, "objective"):
+        spec, named = replace(spec, objective=objective), [*named, "objective"]
+    if path is not None:
+        spec.require_trusted(path, named)
+    if "simulations" in given:
+        given["time"] = None
+    entries = structs.replace(entries, **given)
     with as_usage_error():
-        entrants = tuple(_entrants(asked, cost))
-    if not entrants:
-        entrants = tuple(
-            Entrant(name=entry.name, spec=entry.name, is_strategy=True)
-            for entry in STRATEGIES.entries()
-            if set(STRATEGIES.needs(STRATEGIES.load(entry.name))) <= {"seed", "map_size"}
-        )
-    spec = asked_spec(context).with_limit()
-    with as_usage_error():
-        return Bench(
-            entrants=entrants,
-            terms=Terms.of(
-                spec,
-                budget=asked["seconds"] or (asked["simulations"] or SIMULATIONS) * cost,
-                seconds_per_test=cost,
-                counts_computing=asked["count_computing"],
-                patience=asked["patience"],
-                objective=asked["objective"],
-            ),
-            repeats=asked["repeats"],
-            seed=asked["seed"],
-            folder=new_folder() if out is None else out,
-        )
+        if path is not None:
+            require_trusted(entries.entrants(), path, [*given])
+        folder = new_folder() if out is None else out
+        spec = with_given(spec, driving, has_roads=False).with_limit()
+        return entries.bench(spec, folder), entries.workers
 
 
 def _refuse_given(context: click.Context, why: str) -> None:
-    """Refuses the options that begin a bench."""
-    for name in (*_FIXED, AS, *drive_options()):
-        if was_given(context, name):
-            parameter = next(p for p in context.command.params if p.name == name)
+    """Refuses what begins a bench."""
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        if name in ("file", AS, "objective", *_ENTRIES, *drive_options()) and was_given(
+            context, name
+        ):
             raise click.UsageError(f"{parameter.opts[0]} cannot be given here: {why}")
 
 
@@ -292,7 +228,7 @@ def _show_results(the_bench: Bench, ends: Sequence[RunState], log: Log, as_json:
         for note in comparison.notes:
             log.print(f"Note: {note}", markup=False)
         with log.status("Writing the page"):
-            page = write_results(the_bench, comparison, command=shlex.join(the_bench.words()))
+            page = write_results(the_bench, comparison)
     if as_json:
         groups = {} if comparison is None else comparison_document(comparison)
         click.echo(json.dumps({**groups, "runs": [state.as_json() for state in states]}))

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
+from frenetic import trust
 from frenetic._support.words import part_word
 from frenetic.errors import FreneticError
 
@@ -19,6 +20,10 @@ RESERVED = frozenset(
     | {f"{port}{number}" for port in ("com", "lpt") for number in range(10)}
 )
 """Names of a bench's own files, and those that Windows reserves; with any suffix."""
+PLACES = ("path", "copy", "pipeline", "python")
+"""Options of a generator."""
+_PIPELINE = ("code_pipeline/executors.py", "self_driving/simulation_data.py")
+"""Files by which the pipeline is known."""
 LONGEST_NAME = 60
 """Letters of an entrant's name."""
 
@@ -38,13 +43,15 @@ class Entrant:
     copy: Path | None = None
     """Folder of which every run of a generator gets a copy as its working directory. A path or file
     in it stands for its copy."""
+    pipeline: Path | None = None
+    """Folder with the pipeline's modules; by default that of the generator or one around it."""
     python: Path | None = None
     """The interpreter of a generator; by default the current one."""
     options: Mapping[str, Any] = field(default_factory=dict)
     """Options of a strategy."""
 
     def __post_init__(self) -> None:
-        for name in ("path", "copy", "python"):
+        for name in PLACES:
             if (given := getattr(self, name)) is not None:
                 object.__setattr__(self, name, Path(given))
         if not self.name.strip() or len(self.name) > LONGEST_NAME or not self.name.isprintable():
@@ -58,13 +65,11 @@ class Entrant:
                 f"the generator {self.spec!r} is not package.module:Class or path/to/file.py:Class"
                 + ("" if colon else ": add the class, such as file.py:Class")
             )
-        if self.is_strategy and not (self.path is self.copy is self.python is None):
-            raise FreneticError(
-                f"{self.name} is a strategy: it takes no path, no copy and no interpreter"
-            )
+        if self.is_strategy and any(getattr(self, name) is not None for name in PLACES):
+            raise FreneticError(f"{self.name} is a strategy: it takes no {' and no '.join(PLACES)}")
         if not self.is_strategy and self.options:
             raise FreneticError(f"{self.name} is a generator: only strategies have options")
-        for folder in (self.path, self.copy):
+        for folder in (self.path, self.copy, self.pipeline):
             if folder is not None and not folder.is_dir():
                 raise FreneticError(f"{self.name}: there is no folder {str(folder)!r}")
         if self.python is not None and not self.python.is_file():
@@ -85,19 +90,39 @@ class Entrant:
         """Name of a generator's class."""
         return self.spec.rpartition(":")[2]
 
+    @property
+    def own_pipeline(self) -> Path | None:
+        """Folder with a generator's modules of the pipeline; None if it has none of its own."""
+        if self.pipeline is not None:
+            return self.pipeline
+        place = (self.path or self.copy or Path(self.module).parent).resolve()
+        for folder in (place, *place.parents):
+            if all((folder / module).is_file() for module in _PIPELINE):
+                return folder
+        return None
+
     def as_json(self) -> dict[str, Any]:
         """The entrant as a JSON object."""
         recorded: dict[str, Any] = msgspec.to_builtins(self, enc_hook=str)  # a path as a text
-        if self.copy is None:  # as before there was the option
-            recorded.pop("copy", None)
         return recorded | {"source": self.source()}
 
-    def words(self) -> list[str]:
-        """Its options of `frenetic bench`."""
-        places = {name: getattr(self, name) for name in ("path", "copy", "python")}
+    @property
+    def kind(self) -> str:
+        """``strategy`` or ``generator``."""
+        return "strategy" if self.is_strategy else "generator"
+
+    @property
+    def word(self) -> str:
+        """The entrant as on the command line."""
+        places = {name: getattr(self, name) for name in PLACES}
         options = {name: str(path) for name, path in places.items() if path is not None}
-        word = part_word(self.spec, {**options, **self.options, "name": self.name})
-        return ["--strategy" if self.is_strategy else "--generator", word]
+        return part_word(self.spec, {**options, **self.options, "name": self.name})
+
+    @property
+    def code(self) -> tuple[str, Mapping[str, Any]]:
+        """What `frenetic.trust` knows it by."""
+        one = self.absolute()
+        return one.spec, one.options if one.is_strategy else {"source": one.source()}
 
     def absolute(self) -> Entrant:
         """The same entrant for any folder; a generator's modules may lie in the current one."""
@@ -110,6 +135,7 @@ class Entrant:
             spec=f"{self.module}:{self.class_name}" if is_file else self.spec,
             path=None if path is None else path.resolve(),
             copy=None if self.copy is None else self.copy.resolve(),
+            pipeline=None if self.pipeline is None else self.pipeline.resolve(),
             # Not resolved: the interpreter of a virtual environment must stay a link.
             python=None if self.python is None else self.python.absolute(),
         )
@@ -127,17 +153,22 @@ class Entrant:
         except OSError:
             return None
 
-    @classmethod
-    def from_json(cls, value: Mapping[str, Any]) -> Entrant:
-        """The entrant of a JSON object that `as_json` made.
 
-        Raises:
-            FreneticError: it is none.
-        """
-        try:
-            return msgspec.convert(value, cls, dec_hook=read_path)
-        except msgspec.ValidationError as error:
-            raise FreneticError(f"{value!r} is no entrant ({error})"[:300]) from None
+def require_trusted(
+    entrants: Iterable[Entrant], source: object, named: Collection[str] = ()
+) -> None:
+    """Checks that entrants that a file names may be made, see `frenetic.trust`.
+
+    Args:
+        entrants: of the file and the command.
+        source: the file.
+        named: kinds that the command names itself.
+
+    Raises:
+        FreneticError: one may not.
+    """
+    for entrant in entrants:
+        trust.require({entrant.kind: entrant.code}, source, named)
 
 
 def read_path(kind: type, value: str) -> Path:

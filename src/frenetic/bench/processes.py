@@ -88,6 +88,4 @@ class _Runner:
                 said = time.monotonic()
                 report(progress)
 
-        folder, terms = run.folder, self._terms
-        ending = run_entrant(run.entrant, terms, seed=run.seed, folder=folder, on_progress=say)
-        return RunState(run, ending)
+        return RunState(run, run_entrant(run, self._terms, say))

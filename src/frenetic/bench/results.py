@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
@@ -17,13 +18,12 @@ PAGE: Final = "index.html"
 TABLES: Final = ("table.csv", "table.md")
 
 
-def write_results(bench: Bench, comparison: Comparison, *, command: str | None = None) -> Path:
+def write_results(bench: Bench, comparison: Comparison) -> Path:
     """Writes the page and the tables into a bench's folder; returns the page.
 
     Args:
         bench: whose folder it is.
         comparison: of its entrants.
-        command: the command line that repeats the bench.
 
     Raises:
         FreneticError: a file cannot be written.
@@ -37,7 +37,7 @@ def write_results(bench: Bench, comparison: Comparison, *, command: str | None =
         title=f"Bench of {number} generators",
         lead=f"{bench.runs_in_words} each.",
         facts=list(_terms(bench)),
-        command=command,
+        command=None if bench.file is None else shlex.join(["frenetic", "bench", str(bench.file)]),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -21,11 +22,11 @@ from frenetic.bench.entrants import Entrant
 from frenetic.bench.generator import GeneratorProcess
 from frenetic.bench.hosting.messages import Assignment
 from frenetic.bench.strategy import (
+    ROUNDING,
     End,
     Ending,
     GeneratorStrategy,
     VirtualTime,
-    most_simulations,
 )
 from frenetic.campaign.asking import ask, tell
 from frenetic.campaign.campaign import Campaign
@@ -107,7 +108,7 @@ class Terms:
             value = getattr(self, name)
             if not 0.0 < value < float("inf"):
                 raise FreneticError(f"{name} is {value}: a positive number of seconds is needed")
-        if not 1.0 <= self.budget / self.seconds_per_test * (1.0 + 1e-12) <= MOST_SIMULATIONS:
+        if not 1.0 <= self.budget / self.seconds_per_test * ROUNDING <= MOST_SIMULATIONS:
             raise FreneticError(
                 f"a budget of {self.budget:g} s of tests of {self.seconds_per_test:g} s allows"
                 f" {self.budget / self.seconds_per_test:.3g} tests: 1 to {MOST_SIMULATIONS} are"
@@ -117,7 +118,13 @@ class Terms:
     @property
     def simulations(self) -> int:
         """Number of tests that the budget allows."""
-        return most_simulations(self.budget, self.seconds_per_test)
+        return math.floor(self.budget / self.seconds_per_test * ROUNDING)
+
+    def clock(self) -> VirtualTime:
+        """A new clock of the budget."""
+        return VirtualTime(
+            self.budget, self.seconds_per_test, counts_computing=self.counts_computing
+        )
 
     def tester(self) -> RoadTester:
         """Tests roads on these terms."""
@@ -161,64 +168,45 @@ class RunState:
         }
 
 
-RunEnd = RunState
-"""The state in which `Bench.run` leaves a run."""
-
-
-def run_entrant(
-    entrant: Entrant,
-    terms: Terms,
-    *,
-    seed: int,
-    folder: Path | str,
-    on_progress: OnProgress | None = None,
-) -> Ending:
+def run_entrant(run: Run, terms: Terms, on_progress: OnProgress | None = None) -> Ending:
     """Runs an entrant until its budget is spent, or until it ends otherwise.
 
     The folder becomes a campaign's, with the competition's results folder in it. An interrupted run
     begins again.
 
     Args:
-        entrant: a generator or strategy.
+        run: the entrant, its seed, and a folder of this run alone.
         terms: those of the bench.
-        seed: of the entrant; a generator's process seeds `random` and numpy with it.
-        folder: of this run alone.
         on_progress: called after every test.
 
     Raises:
         FreneticError: the simulator does not start, or the folder cannot be written.
     """
-    folder = Path(folder)
-    _clear(folder)
-    clock = VirtualTime(
-        terms.budget, terms.seconds_per_test, counts_computing=terms.counts_computing
-    )
-    if entrant.is_strategy:
-        ending = _search(_campaign_of_strategy(entrant, terms, clock, seed, folder), on_progress)
+    _clear(run.folder)
+    clock = terms.clock()
+    if run.entrant.is_strategy:
+        ending = _search(_campaign_of_strategy(run, terms, clock), on_progress)
         if clock.is_over:
             ending = None
     else:
-        results = folder.absolute() / WORK / RESULTS
-        results.mkdir(parents=True, exist_ok=True)
-        with hosted(entrant, terms, clock, seed, folder, results) as strategy:
-            campaign = _campaign(entrant, terms, strategy, seed, folder)
-            campaign.description["strategy"] = _described(entrant, seed)
+        with hosted(run, terms, clock) as strategy:
+            campaign = _campaign(run, terms, strategy)
+            campaign.description["strategy"] = _described(run)
             ending = _search(campaign, on_progress)
             if ending is None or ending.end is not End.GAVE_UP:
                 ending = strategy.dismiss()
     ending = ending or Ending(End.OVER)
-    own_time = {} if entrant.is_strategy else {"strategy_seconds": round(clock.computing, 4)}
-    with CampaignStore.open(folder, readonly=False) as store:
-        store.finish(
-            finished_at=store.facts["finished_at"],
-            seconds_per_test=terms.seconds_per_test,
-            **own_time,
-        )
-    export_campaign(folder, "competition", folder / COMPETITION, trajectories="failures")
-    with CampaignStore.open(folder, readonly=False) as store:
-        # Last, since it marks the run as complete.
-        store.finish(finished_at=store.facts["finished_at"], **{FACT: ending.as_json()})
+    own_time = {} if run.entrant.is_strategy else {"strategy_seconds": round(clock.computing, 4)}
+    _note(run.folder, seconds_per_test=terms.seconds_per_test, **own_time)
+    export_campaign(run.folder, "competition", run.folder / COMPETITION, trajectories="failures")
+    _note(run.folder, **{FACT: ending.as_json()})  # last, since it marks the run as complete
     return ending
+
+
+def _note(folder: Path, **facts: Any) -> None:
+    """Adds facts to a finished campaign."""
+    with CampaignStore.open(folder, readonly=False) as store:
+        store.finish(finished_at=store.facts["finished_at"], **facts)
 
 
 def ending_of(folder: Path) -> Ending | None:
@@ -249,13 +237,10 @@ def _clear(folder: Path) -> None:
         ) from None
 
 
-def _campaign_of_strategy(
-    entrant: Entrant, terms: Terms, clock: VirtualTime, seed: int, folder: Path
-) -> Campaign:
-    strategy: Strategy = STRATEGIES.make_from(
-        entrant.spec, entrant.options, {"seed": seed, "map_size": terms.map_size}
-    )
-    campaign = _campaign(entrant, terms, strategy, seed, folder)
+def _campaign_of_strategy(run: Run, terms: Terms, clock: VirtualTime) -> Campaign:
+    available = {"seed": run.seed, "map_size": terms.map_size}
+    strategy: Strategy = STRATEGIES.make_from(run.entrant.spec, run.entrant.options, available)
+    campaign = _campaign(run, terms, strategy)
     if clock.counts_computing:
         campaign.description["strategy"] = describe(strategy)
         campaign.strategy = _Clocked(strategy, clock)
@@ -263,34 +248,31 @@ def _campaign_of_strategy(
 
 
 @contextmanager
-def hosted(
-    entrant: Entrant, terms: Terms, clock: VirtualTime, seed: int, folder: Path, results: Path
-) -> Iterator[GeneratorStrategy]:
+def hosted(run: Run, terms: Terms, clock: VirtualTime) -> Iterator[GeneratorStrategy]:
     """A generator in its own process; its ``ending`` tells if it could not be built.
 
     Args:
-        entrant: the generator.
+        run: the generator, the seed of `random` and numpy in its process, and the folder for its
+            working directory and output.
         terms: those of the bench.
         clock: of its budget.
-        seed: of `random` and numpy in its process.
-        folder: for its working directory and output.
-        results: folder that it sees as the pipeline's results folder.
 
     Raises:
         OSError: its folder cannot be copied, or its process cannot be started.
     """
-    work = folder.absolute() / WORK
-    if entrant.copy is not None:
-        _copy(entrant.copy, work)
+    work = run.folder.absolute() / WORK
+    if run.entrant.copy is not None:
+        _copy(run.entrant.copy, work)
+    (work / RESULTS).mkdir(parents=True, exist_ok=True)
     process = GeneratorProcess(
-        assignment(entrant, terms, seed, results, work),
+        assignment(run, terms),
         folder=work,
-        log=folder / GENERATOR_LOG,
-        python=entrant.python,
+        log=run.folder / GENERATOR_LOG,
+        python=run.entrant.python,
     )
     with process:
         strategy = GeneratorStrategy(
-            process, terms.tester(), clock, patience=terms.patience, seed=seed
+            process, terms.tester(), clock, patience=terms.patience, seed=run.seed
         )
         strategy.start()
         yield strategy
@@ -302,11 +284,10 @@ def try_out(entrant: Entrant, terms: Terms, seed: int) -> None:
     Raises:
         FreneticError: it cannot be built.
     """
-    clock = VirtualTime(terms.budget, terms.seconds_per_test, counts_computing=False)
     with TemporaryDirectory(prefix="frenetic-bench-", ignore_cleanup_errors=True) as place:
         folder = Path(place)
         try:
-            with hosted(entrant, terms, clock, seed, folder, folder / COMPETITION) as strategy:
+            with hosted(Run(entrant, 1, seed, folder), terms, terms.clock()) as strategy:
                 ending = strategy.ending
         except OSError as error:
             why = str(error.strerror or error)[:300]  # copying lists every file
@@ -340,40 +321,41 @@ def compile_measures() -> None:
     unlike_lines(segments)
 
 
-def _described(entrant: Entrant, seed: int) -> dict[str, JSONValue]:
+def _described(run: Run) -> dict[str, JSONValue]:
     """A generator as a campaign records its strategy."""
+    entrant = run.entrant
     module = Path(entrant.module).name if entrant.module.endswith(".py") else entrant.module
     path: dict[str, JSONValue] = {} if entrant.path is None else {"path": str(entrant.path)}
-    return {"class": f"{module}:{entrant.class_name}", "options": {**path, "seed": seed}}
+    return {"class": f"{module}:{entrant.class_name}", "options": {**path, "seed": run.seed}}
 
 
-def assignment(
-    entrant: Entrant, terms: Terms, seed: int, result_folder: Path, work: Path
-) -> Assignment:
-    """The assignment of a generator's process, which has a working directory."""
-    rules = terms.simulator.rules
-    size = terms.map_size
+def assignment(run: Run, terms: Terms) -> Assignment:
+    """The assignment of a generator's process."""
+    entrant, rules, size = run.entrant, terms.simulator.rules, terms.map_size
+    work = run.folder.absolute() / WORK
+    path, pipeline = entrant.path, entrant.own_pipeline
     is_file = entrant.module.endswith(".py")
     return Assignment(
-        module=_copied(Path(entrant.module), entrant, work) if is_file else entrant.module,
+        module=str(_copied(Path(entrant.module), entrant, work)) if is_file else entrant.module,
         class_name=entrant.class_name,
-        path=None if entrant.path is None else _copied(entrant.path.resolve(), entrant, work),
-        seed=seed % 2**32,  # more bits than those no generator of numbers takes
+        path=None if path is None else str(_copied(path.resolve(), entrant, work)),
+        pipeline=None if pipeline is None else str(_copied(pipeline, entrant, work)),
+        seed=run.seed % 2**32,  # more bits than those no generator of numbers takes
         map_size=int(size) if size == int(size) else size,
         time_budget=terms.budget,
         seconds_per_test=terms.seconds_per_test,
         counts_computing=terms.counts_computing,
         oob_tolerance=rules.oob_tolerance,
         speed_limit=rules.speed_limit,
-        result_folder=str(result_folder),
+        result_folder=str(work / RESULTS),
     )
 
 
-def _copied(place: Path, entrant: Entrant, work: Path) -> str:
+def _copied(place: Path, entrant: Entrant, work: Path) -> Path:
     """A generator's file or folder, in the copy if there is one of it."""
     if entrant.copy is not None and place.is_relative_to(entrant.copy.resolve()):
         place = work / place.relative_to(entrant.copy.resolve())
-    return str(place)
+    return place
 
 
 def _copy(source: Path, target: Path) -> None:
@@ -395,33 +377,22 @@ def _copy(source: Path, target: Path) -> None:
     )
 
 
-def _campaign(
-    entrant: Entrant,
-    terms: Terms,
-    strategy: Strategy,
-    seed: int,
-    folder: Path,
-) -> Campaign:
-    described: dict[str, JSONValue] = {
-        "seed": seed,
-        "entrant": {
-            **entrant.as_json(),
-            "budget": {"time": terms.budget, "seconds_per_test": terms.seconds_per_test},
-        },
-    }
+def _campaign(run: Run, terms: Terms, strategy: Strategy) -> Campaign:
+    budget: JSONValue = {"time": terms.budget, "seconds_per_test": terms.seconds_per_test}
+    entrant: JSONValue = {**run.entrant.as_json(), "budget": budget}
     campaign = Campaign(
         strategy=strategy,
         simulator=terms.simulator,
         driver=terms.driver,
         budget=Budget(simulations=terms.simulations),
-        folder=folder,
+        folder=run.folder,
         map_size=terms.map_size,
         objective=terms.objective,
-        description=described,
+        description={"seed": run.seed, "entrant": entrant},
     )
     if terms.spec is not None:
-        strategy_part = Part(entrant.spec, entrant.options)
-        campaign.named = replace(terms.spec, strategy=strategy_part, seed=seed)
+        part = Part(run.entrant.spec, run.entrant.options)
+        campaign.named = replace(terms.spec, strategy=part, seed=run.seed)
     return campaign
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Mapping
 from contextlib import suppress
@@ -16,6 +15,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.json_value import JSONValue
 from frenetic.bench.generator import GeneratorLostError, GeneratorProcess
 from frenetic.bench.hosting.messages import Answer
+from frenetic.bench.hosting.validity import pairs_of
 from frenetic.campaign.asking import ObservingStrategy
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import RoadTester, road_through
@@ -26,6 +26,8 @@ from frenetic.road import Road, check_validity
 from frenetic.search import Candidate, Evaluation, Origin, SearchEnded
 from frenetic.search.strategy import Ledger
 
+ROUNDING: Final = 1.0 + 1e-12
+"""Factor by which rounding may exceed a budget."""
 OPERATOR: Final = "generator"
 """Operator in the origin of a generator's roads."""
 
@@ -33,6 +35,10 @@ CLOSING_LIMIT: Final = 60.0
 """Time that a generator has to end after its budget is spent, in s."""
 MOST_DISMISSALS: Final = 100
 """Tests that a generator may ask for after its budget is spent, before it is ended."""
+
+
+WRONG_TYPE: Final = "Wrong type"
+"""The pipeline's message about what is no road test, or has no points."""
 
 
 class End(StrEnum):
@@ -96,7 +102,7 @@ class VirtualTime:
     @property
     def is_over(self) -> bool:
         """Whether another test would exceed the budget, so that it does not count."""
-        return self.spent + self.seconds_per_test > self.budget * (1.0 + 1e-12)
+        return self.spent + self.seconds_per_test > self.budget * ROUNDING
 
 
 class GeneratorStrategy(ObservingStrategy):
@@ -149,7 +155,7 @@ class GeneratorStrategy(ObservingStrategy):
         if self.ending is None:
             message = self._receive()
             if message is not None:
-                points = _points(message.get("road_points"))
+                points = pairs_of(message.get("road_points"))
                 # A refused road costs nothing, even if nothing is left.
                 if not self._clock.is_over or not self._is_valid(points):
                     return self._candidate(points)
@@ -168,10 +174,9 @@ class GeneratorStrategy(ObservingStrategy):
         self._clock.executed += evaluation.outcome.is_simulated
         answer = Answer(
             outcome=str(evaluation.outcome),
-            description=_reason(attempt),
+            description=WRONG_TYPE if evaluation.candidate.points is None else _reason(attempt),
             records=self._records(evaluation, attempt),
             spent=self._clock.spent,
-            simulated=(attempt.result.duration if attempt else None) or 0.0,
         )
         self._since = time.monotonic()
         with suppress(GeneratorLostError):  # its last words may still wait to be received
@@ -261,21 +266,3 @@ def _seconds(message: Mapping[str, Any], most: float) -> float:
     """Time that a generator reports for itself, in s, at most the time that passed here."""
     told = message.get("seconds")
     return min(max(float(told), 0.0), most) if isinstance(told, (int, float)) else 0.0
-
-
-def _points(value: object) -> FloatArray | None:
-    """Road points as (N, 2) m; None if they are no finite numbers."""
-    try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        return None
-    if array.shape == (0,):
-        return np.empty((0, 2))
-    if array.ndim != 2 or array.shape[1] != 2 or not np.isfinite(array).all():
-        return None
-    return array
-
-
-def most_simulations(budget: float, seconds_per_test: float) -> int:
-    """Number of tests that fit into a virtual budget."""
-    return math.floor(budget / seconds_per_test * (1.0 + 1e-12))

@@ -147,6 +147,31 @@ as_option: Final = click.option(
 )
 
 
+def _shown(default: object, is_recorded: bool) -> bool | str:
+    return f"as recorded, or {default}" if is_recorded and default is not None else True
+
+
+def part_choices(command: Callable[P, R], *, is_recorded: bool = False) -> Callable[P, R]:
+    """The options that choose a driver, its conditions and a simulator; as for `driver_options`."""
+    options: list[Decorator] = [
+        part_choice(
+            "driver",
+            "Who drives: a name ('frenetic list drivers'), package.module:Class, file.py:Class or"
+            " model.onnx.",
+            Spec.driver.name,
+            show_default=_shown(Spec.driver.name, is_recorded),
+        ),
+        _with_option,
+        part_choice(
+            "simulator",
+            "What moves the car ('frenetic list simulators').",
+            Spec.simulator.name,
+            show_default=_shown(Spec.simulator.name, is_recorded),
+        ),
+    ]
+    return with_options(options, command)
+
+
 def driver_options(command: Callable[P, R], *, is_recorded: bool = False) -> Callable[P, R]:
     """The options that choose a driver, a simulator and the rules.
 
@@ -154,37 +179,17 @@ def driver_options(command: Callable[P, R], *, is_recorded: bool = False) -> Cal
         command: takes them.
         is_recorded: whether a road's file or campaign may say them; the help then says so.
     """
-
-    def shown(default: object) -> bool | str:
-        return f"as recorded, or {default}" if is_recorded and default is not None else True
-
-    options: list[Decorator] = [
-        part_choice(
-            "driver",
-            "Who drives: a name ('frenetic list drivers'), package.module:Class, file.py:Class or"
-            " model.onnx.",
-            Spec.driver.name,
-            show_default=shown(Spec.driver.name),
-        ),
-        _with_option,
-        part_choice(
-            "simulator",
-            "What moves the car ('frenetic list simulators').",
-            Spec.simulator.name,
-            show_default=shown(Spec.simulator.name),
-        ),
-        *(
-            click.option(
-                _option(number.name),
-                type=float,
-                default=number.default,
-                show_default=shown(number.default),
-                help=number.help,
-            )
-            for number in NUMBERS
-        ),
+    numbers: list[Decorator] = [
+        click.option(
+            _option(number.name),
+            type=float,
+            default=number.default,
+            show_default=_shown(number.default, is_recorded),
+            help=number.help,
+        )
+        for number in NUMBERS
     ]
-    return with_options([as_option, *options], command)
+    return as_option(part_choices(with_options(numbers, command), is_recorded=is_recorded))
 
 
 def recorded_options(command: Callable[P, R]) -> Callable[P, R]:

@@ -33,21 +33,3 @@ class Bookkeeper:
                 }
             )
             pd.DataFrame(rows).to_csv("tests.csv", index=False)
-
-
-class StatsBreaker(Bookkeeper):
-    """Puts what is no count in the place of counts."""
-
-    def start(self):
-        self.executor.stats.test_generated = "many"
-        self.executor.stats.test_generation_real_times = None
-        del self.executor.stats.test_passed
-        for _ in range(3):
-            self.executor.execute_test(
-                RoadTestFactory.create_road_test(winding_road(self.map_size, turn=0.05))
-            )
-        self.executor.stats = None
-        while not self.executor.is_over():
-            self.executor.execute_test(
-                RoadTestFactory.create_road_test(winding_road(self.map_size, turn=0.05))
-            )

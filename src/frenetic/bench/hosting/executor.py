@@ -1,36 +1,23 @@
-"""The executor of a hosted generator: the pipeline's interface, with the bench behind it.
+"""The executor of a hosted generator: the pipeline's own, whose tests the bench executes.
 
 Its time is virtual.
 """
 
 from __future__ import annotations
 
+import inspect
 import itertools
 import os
 import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
 from frenetic.bench.hosting.messages import Answer, Assignment, Parent
-from frenetic.bench.hosting.offered.code_pipeline.executors import (
-    ELSEWHERE,
-    AbstractTestExecutor,
-    Shared,
-)
-from frenetic.bench.hosting.offered.code_pipeline.tests_generation import (
-    RoadTest,
-    TestGenerationStatistic,
-)
-from frenetic.bench.hosting.offered.code_pipeline.validation import (
-    WRONG_TYPE,
-    TestValidator,
-    points_of,
-)
-from frenetic.bench.hosting.offered.self_driving.simulation_data import SimulationDataRecord
+from frenetic.bench.hosting.validity import pairs_of
 
 OVER: Final = 123
 """Exit code by which the pipeline ends a generator whose budget is spent."""
@@ -39,13 +26,15 @@ MOST_POINTS: Final = 10_000
 
 DRIVES: Final = Path("simulations", "beamng_executor")
 """Folder in which the pipeline leaves a folder of every drive."""
+EXECUTORS: Final = "code_pipeline.executors"
+"""The pipeline's module of that name."""
 
-_COUNTERS: Final = {"PASS": "test_passed", "FAIL": "test_failed", "ERROR": "test_in_error"}
 _TIME_BUDGET: Final = "time-budget"
 _ROUNDING: Final = 1e-12  # share of the budget that rounding may leave
+_NAME: Final = "hosted"
 
 
-class VirtualClock(Shared):
+class VirtualClock:
     """The spent part of a budget, as the bench counts it, which decides whether a test fits.
 
     Where computing counts, the time since the bench's last answer is added. The bench gets that
@@ -66,29 +55,28 @@ class VirtualClock(Shared):
         timer: Callable[[], float] = time.monotonic,
     ) -> None:
         self.budget = budget
+        self.is_held = False
+        """Whether a test is being executed that the bench has found to fit."""
+        self.was_ended = False
+        """Whether a test was refused because it no longer fitted."""
         self._counts_computing = counts_computing
         self._timer = timer
         self._settled = 0.0
         self._since: float | None = None  # when the generator began to compute
-        self._ended = False
 
-    @property
-    def spent(self) -> float:
-        """Budget in virtual s."""
-        return self._settled + (self._own_time() if self._counts_computing else 0.0)
+    def __deepcopy__(self, memo: dict[int, Any]) -> VirtualClock:
+        return self
 
-    @property
     def remaining(self) -> float:
-        """Virtual s, at least 0."""
-        return 0.0 if self._ended else max(0.0, self.budget - self.spent)
+        """Return virtual s, at least 0.
 
-    @property
-    def is_over(self) -> bool:
-        """Whether nothing remains.
-
-        A remainder too small for a test does not count as spent: the next test then ends the run.
+        A remainder too small for a test is one: the next test then ends the run.
         """
-        return self.remaining <= _ROUNDING * self.budget
+        spent = self._settled + (self._own_time() if self._counts_computing else 0.0)
+        left = 0.0 if self.was_ended else self.budget - spent
+        if left <= _ROUNDING * self.budget:
+            return _ROUNDING * self.budget if self.is_held else 0.0
+        return left
 
     def start(self) -> None:
         """Count the generator's time from now on."""
@@ -112,10 +100,6 @@ class VirtualClock(Shared):
         self._settled = spent
         self.start()
 
-    def end(self) -> None:
-        """Leave nothing of the budget."""
-        self._ended = True
-
     def _own_time(self) -> float:
         since = self._since  # which another thread may set to None
         return 0.0 if since is None else self._timer() - since
@@ -132,98 +116,68 @@ class RemainingTime(float):
         return float(self)
 
 
-class TimeBudget(Shared):
-    """The executor's view of the budget.
-
-    Args:
-        clock: of the budget.
-        as_number: whether the remaining time is a number, as in 2021, or a dictionary.
-
-    """
-
-    generation_budget = None
-    """There is one budget, for generating and executing together."""
-    execution_budget = None
-
-    def __init__(self, clock: VirtualClock, *, as_number: bool) -> None:
-        self._clock = clock
-        self._as_number = as_number
-        self.time_budget = clock.budget
-        """Budget in virtual s."""
-
-    def is_over(self) -> bool:
-        """Return whether nothing remains."""
-        return self._clock.is_over
-
-    def can_run_a_test(self) -> bool:
-        """Return whether anything remains; a test that needs more ends the run."""
-        return not self._clock.is_over
-
-    def get_remaining_real_time(self) -> float:
-        """Return virtual s, which here are the real ones."""
-        return self._clock.remaining
-
-    def get_remaining_time(self) -> Any:
-        """Return virtual s: a dictionary, or a number as in 2021."""
-        remaining = self._clock.remaining
-        return RemainingTime(remaining) if self._as_number else {_TIME_BUDGET: remaining}
-
-
-class HostedExecutor(Shared, AbstractTestExecutor):
-    """Has tests executed by the bench, one at a time, from any thread.
+def make_executor(
+    assignment: Assignment,
+    parent: Parent,
+    clock: VirtualClock,
+    *,
+    remaining_as_number: bool,
+) -> Any:
+    """Return an executor of the pipeline that is on the module path.
 
     Args:
         assignment: the terms.
         parent: the bench.
+        clock: of the budget.
         remaining_as_number: whether `get_remaining_time` gives a number, as in 2021.
-        timer: tells s of wall time.
 
     """
+    pipeline = import_module(EXECUTORS)
+    base = pipeline.AbstractTestExecutor
+    kind = type("HostedExecutor", (_Hosted, base), {"__module__": EXECUTORS})
+    terms = {
+        "result_folder": assignment.result_folder,
+        "map_size": assignment.map_size,
+        "time_budget": assignment.time_budget,
+    }
+    known = inspect.signature(base).parameters  # 2021 knows no folder
+    executor = kind(**{name: value for name, value in terms.items() if name in known})
+    budget: Any = executor.time_budget
+    if hasattr(budget, "get_remaining_real_time"):  # a number in 2021
+        budget.get_remaining_real_time = clock.remaining
+        if remaining_as_number:
+            budget.get_remaining_time = lambda: RemainingTime(clock.remaining())
+    executor.map_size = assignment.map_size
+    executor.oob_tolerance = assignment.oob_tolerance
+    executor.speed_limit = assignment.speed_limit
+    executor._join(parent, clock, assignment.seconds_per_test)
+    setattr(pipeline, _NAME, executor)
+    return executor
 
-    def __init__(
-        self,
-        assignment: Assignment,
-        parent: Parent,
-        *,
-        remaining_as_number: bool,
-        timer: Callable[[], float] = time.monotonic,
-    ) -> None:
+
+class _Hosted:
+    """What the bench puts in the place of a pipeline's own methods: one test at a time."""
+
+    stats: Any
+    timeout_forced: bool
+
+    def _join(self, parent: Parent, clock: VirtualClock, seconds_per_test: float) -> None:
         self._parent = parent
-        self._seconds_per_test = assignment.seconds_per_test
-        self._clock = VirtualClock(
-            assignment.time_budget, counts_computing=assignment.counts_computing, timer=timer
-        )
-        self._timer = timer
+        self._clock = clock
+        self._seconds_per_test = seconds_per_test
         self._lock = threading.Lock()
-        self._was_ended = False
         self._process = os.getpid()
         self._drives = Path.cwd() / DRIVES
         self._numbers = itertools.count(1)
-        self.map_size = assignment.map_size
-        self.oob_tolerance = assignment.oob_tolerance
-        self.speed_limit = assignment.speed_limit
-        self.result_folder = assignment.result_folder
-        self.time_budget = TimeBudget(self._clock, as_number=remaining_as_number)
-        self.stats = TestGenerationStatistic()
-        self.test_validator = TestValidator(assignment.map_size)
-        self.road_visualizer = None
-        self.start_generation_time: float | None = timer()
+        self._record = import_module("self_driving.simulation_data").SimulationDataRecord
+        self._test: Any = None  # that is being executed
+        self._answer: Answer | None = None
 
-    def start(self) -> None:
-        """Let the budget begin."""
-        self._clock.start()
-        self.start_generation_time = self._timer()
+    def __reduce__(self) -> str:
+        """Return its name in the pipeline's module: copies of it are itself."""
+        return _NAME
 
-    def stop(self) -> float:
-        """Stop the time for good; return s since the bench last got any."""
-        return self._clock.stop()
-
-    @property
-    def has_spent_the_budget(self) -> bool:
-        """Whether nothing remains, or a test was refused because it no longer fitted."""
-        return self._was_ended or self._clock.is_over
-
-    def execute_test(self, the_test: Any) -> tuple[str, str, list[SimulationDataRecord]]:
+    def execute_test(self, the_test: Any) -> tuple[str, str, Any]:
         """Return outcome, description and records of a test; an invalid one has no records.
 
         Raises:
@@ -232,97 +186,70 @@ class HostedExecutor(Shared, AbstractTestExecutor):
 
         """
         if os.getpid() != self._process:  # where nobody would hear the answer
-            raise RuntimeError(ELSEWHERE)
+            raise RuntimeError("the executor only works in the process that the bench has started")
         with self._lock:
-            points = points_of(the_test)
             if self._parent.has_spoken:  # unasked: it says so when the budget is spent
                 self._parent.receive()
                 self._refuse()
             seconds = self._clock.stop()
-            sent = None if points is None else points[:MOST_POINTS]
+            points = pairs_of(getattr(the_test, "road_points", None))
+            sent = None if points is None else points[:MOST_POINTS].tolist()
             message = self._parent.ask({"kind": "test", "road_points": sent, "seconds": seconds})
             if message.get("over"):
                 self._clock.start()
                 self._refuse()
-            answer = Answer(**message)
-            if points is None:
-                answer = replace(answer, description=WRONG_TYPE)
-            records = [_record(row) for row in answer.records]
-            if isinstance(the_test, RoadTest):
-                _note(the_test, answer, records)
-            self._count(answer, seconds)
+            answer = self._answer = Answer(**message)
+            self._test, self._clock.is_held = the_test, True
+            try:
+                result: tuple[str, str, Any] = super().execute_test(the_test)  # type: ignore[misc]
+            finally:
+                self._test, self._clock.is_held = None, False
+                self._clock.settle(answer.spent)
+            self._correct("test_generation_real_times", seconds)
             if answer.is_executed:
-                self._leave_folder()
-            self._clock.settle(answer.spent)
-            self.start_generation_time = self._timer()
-            return answer.outcome, answer.description, records
+                self._correct("test_execution_real_times", self._seconds_per_test)
+            return result
 
     def validate_test(self, the_test: Any) -> tuple[bool, str]:
         """Return whether a test is valid, and if not, why; costs nothing."""
-        return self.test_validator.validate_test(the_test)
+        if self._answer is not None and the_test is self._test:
+            invalid = not self._answer.is_executed
+            return not invalid, self._answer.description if invalid else ""
+        verdict: tuple[bool, str] = super().validate_test(the_test)  # type: ignore[misc]
+        return verdict
+
+    def get_elapsed_time(self) -> float:
+        """Return virtual s; the pipeline of 2021 asks for them."""
+        return self._clock.budget - self._clock.remaining()
 
     def is_over(self) -> bool:
         """Return whether nothing remains of the budget."""
-        return self._clock.is_over
+        return self._clock.remaining() == 0.0
 
-    def get_remaining_time(self) -> Any:
-        """Return virtual s: a dictionary with ``time-budget``, or a number as in 2021."""
-        return self.time_budget.get_remaining_time()
+    def store_test(self, the_test: Any) -> None:
+        """Do nothing: the bench keeps the tests."""
 
-    def get_stats(self) -> TestGenerationStatistic:
-        """Return the counts so far."""
-        return self.stats
+    def _execute(self, _: Any) -> tuple[str, str, list[Any]]:
+        """What the bench has answered; some generators note the name of the latest folder."""
+        assert self._answer is not None
+        folder = self._drives / f"sim_{next(self._numbers):05d}"
+        with suppress(OSError):
+            folder.mkdir(parents=True, exist_ok=True)
+        size = len(self._record._fields)  # one less in 2021
+        records = [
+            self._record(*(tuple(v) if isinstance(v, list) else v for v in row[:size]))
+            for row in self._answer.records
+        ]
+        return self._answer.outcome, self._answer.description, records
 
-    def is_force_timeout(self) -> bool:
-        """Return False: no test is made to time out here."""
-        return False
-
-    def close(self) -> None:
+    def _close(self) -> None:
         """Do nothing: the bench ends the process."""
 
+    def _correct(self, name: str, seconds: float) -> None:
+        """Puts the bench's time for the last test in the place of the pipeline's."""
+        if times := getattr(self.stats, name, None):
+            times[-1] = seconds
+
     def _refuse(self) -> NoReturn:
-        self._was_ended = True
-        self._clock.end()
+        self._clock.was_ended = self.timeout_forced = True
         raise SystemExit(OVER)
-
-    def _count(self, answer: Answer, generation_time: float) -> None:
-        """Adds a test to `stats`.
-
-        The generator shares and may replace them: a value that cannot be counted stays as it is.
-        """
-        names = ["test_generated", "test_valid" if answer.is_executed else "test_invalid"]
-        if answer.outcome in _COUNTERS:
-            names.append(_COUNTERS[answer.outcome])
-        if answer.description.startswith("Car drove out of the lane "):
-            names.append("obes")
-        times = {"test_generation_real_times": generation_time}
-        if answer.is_executed:
-            times["test_execution_real_times"] = self._seconds_per_test
-            times["test_execution_simulation_times"] = answer.simulated
-        for name in names:
-            with suppress(Exception):
-                setattr(self.stats, name, getattr(self.stats, name) + 1)
-        for name, seconds in times.items():
-            with suppress(Exception):
-                getattr(self.stats, name).append(seconds)
-
-    def _leave_folder(self) -> None:
-        """Leaves a drive's folder; some generators note the name of the latest."""
-        with suppress(OSError):
-            number = next(self._numbers)
-            (self._drives / f"sim_{number:05d}").mkdir(parents=True, exist_ok=True)
-
-
-def _note(test: RoadTest, answer: Answer, records: list[SimulationDataRecord]) -> None:
-    """Writes what became of a test into it."""
-    test.set_validity(answer.is_executed, "" if answer.is_executed else answer.description)
-    if answer.is_executed:
-        test.execution_data = records
-        test.test_outcome = answer.outcome
-        test.description = answer.description
-        vars(test).pop("features", None)  # of an earlier drive
-
-
-def _record(row: list[Any]) -> SimulationDataRecord:
-    values: list[Any] = [tuple(v) if isinstance(v, list) else v for v in row]
-    return SimulationDataRecord(*values)

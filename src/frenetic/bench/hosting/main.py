@@ -19,7 +19,7 @@ def main() -> None:
     """Take the streams, then follow the bench."""
     incoming, outgoing = take_streams()
     import_frenetic()
-    from frenetic.bench.hosting.session import serve  # only now can it be found
+    from frenetic.bench.hosting.host import serve  # only now can it be found
 
     serve(incoming, outgoing)
 
@@ -59,6 +59,6 @@ if __name__ == "__main__":
     main()
 elif __name__ == "__mp_main__":  # a process that a generator has started with multiprocessing
     import_frenetic()
-    from frenetic.bench.hosting import offered
+    from frenetic.bench.hosting.pipeline import Unused
 
-    offered.install()
+    sys.meta_path.append(Unused())

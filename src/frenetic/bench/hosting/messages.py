@@ -33,6 +33,8 @@ class Assignment:
     class_name: str
     path: str | None
     """Folder that is put on the module path."""
+    pipeline: str | None
+    """Folder with the pipeline's own modules; None for a generator that comes without them."""
     seed: int
     """Seed of `random` and of numpy's global generator."""
     map_size: float
@@ -66,8 +68,6 @@ class Answer:
     """Record of the drive: rows with the values of `SimulationDataRecord`."""
     spent: float
     """Virtual s of the budget so far."""
-    simulated: float
-    """Simulated time, in s."""
 
     @property
     def is_executed(self) -> bool:
@@ -84,17 +84,12 @@ class End:
     that; ``crashed``: it raised."""
     detail: str = ""
     """One line."""
-    traceback: str = ""
-    """Its last lines."""
     seconds: float = 0.0
     """Wall time since ``start`` was called or the bench last got any, in s."""
     threads: int = 0
     """Number of threads that it left running."""
     kind: str = "end"
     """Kind of the message."""
-
-
-# The connection with the parent process
 
 
 class Parent:

@@ -12,7 +12,7 @@ from frenetic._support.words import part_word
 from frenetic.errors import CampaignError
 from frenetic.report.html.blocks import Block, Command, Fact, Facts, Paragraph, Section
 from frenetic.run_file import NAME
-from frenetic.spec import Spec, number_word
+from frenetic.spec import Spec
 
 
 def repeat_section(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValue]) -> Section:
@@ -82,11 +82,13 @@ def _generator(config: Mapping[str, JSONValue]) -> Mapping[str, Any] | None:
 
 
 def _bench_words(entrant: Mapping[str, Any], spec: Spec) -> list[str]:
-    places = {name: entrant[name] for name in ("path", "python") if entrant.get(name)}
-    words = ["frenetic", "bench", "--generator", part_word(entrant["spec"], places)]
-    for name, value in entrant["budget"].items():
-        words += [f"--{name.replace('_', '-')}", number_word(value)]
-    return [*words, "--repeats", "1", "--seed", str(spec.seed), *spec.drive_words()]
+    """A command beside the file of the bench."""
+    places = {
+        name: entrant[name] for name in ("path", "copy", "pipeline", "python") if entrant.get(name)
+    }
+    generator = part_word(entrant["spec"], places)
+    words = ["frenetic", "bench", "../../bench.toml", "--generator", generator]
+    return [*words, "--repeats", "1", "--seed", str(spec.seed)]
 
 
 def repeatability(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValue]) -> str:

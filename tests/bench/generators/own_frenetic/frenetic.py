@@ -1,7 +1,6 @@
 """A generator in a module that has the name of ours."""
 
 from code_pipeline.tests_generation import RoadTestFactory
-from self_driving.road_polygon import RoadPolygon
 
 
 class Frenetic:
@@ -15,5 +14,5 @@ class Frenetic:
         while not self.executor.is_over():
             test = RoadTestFactory.create_road_test([(50.0, 20.0), (60.0, 60.0), (60.0, 90.0)])
             assert self.executor.validate_test(test) == (True, "")
-            assert RoadPolygon.from_nodes(test.interpolated_points).is_valid()
+            assert test.get_road_length() > 70.0
             self.executor.execute_test(test)

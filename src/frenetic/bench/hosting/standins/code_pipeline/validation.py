@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any, ClassVar, Final
 
-from frenetic.bench.hosting.offered.code_pipeline.tests_generation import RoadTest
-from frenetic.bench.hosting.offered.given_points import number_pairs
-from frenetic.bench.hosting.validity import validity
+from frenetic.bench.hosting.validity import pairs_of, validity
+
+from .tests_generation import RoadTest
 
 WRONG_TYPE: Final = "Wrong type"
 """Message for an object that is no road test, or whose points are no pairs of finite numbers."""
@@ -29,16 +29,11 @@ class TestValidator:
 
     def validate_test(self, the_test: Any) -> tuple[bool, str]:
         """Return whether a test is valid, and the first rule that it breaks."""
-        points = points_of(the_test)
+        points = pairs_of(the_test.road_points) if isinstance(the_test, RoadTest) else None
         if points is None:
             return False, WRONG_TYPE
         verdict = validity().check_validity(points, self.map_size)
         return verdict.valid, verdict.message
-
-
-def points_of(the_test: Any) -> list[tuple[float, float]] | None:
-    """Return a test's road points, x, y in m; None if it, or they, have the wrong type."""
-    return number_pairs(the_test.road_points) if isinstance(the_test, RoadTest) else None
 
 
 def min_radius(points: Iterable[Sequence[float]]) -> float:

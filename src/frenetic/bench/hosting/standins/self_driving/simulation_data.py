@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from frenetic.bench.hosting.offered.placeholder import Placeholder
-
 Vector = tuple[float, float, float]
 
 
@@ -43,10 +41,3 @@ class SimulationDataRecord(NamedTuple):
     """Lane half-width minus the distance to the lane's centre line, in m."""
     oob_percentage: float
     """Share 0..1 of the car's box outside its lane."""
-
-
-SimulationDataRecords = list[SimulationDataRecord]
-
-
-class SimulationData(Placeholder):
-    """The pipeline's record of a whole drive in BeamNG.tech."""

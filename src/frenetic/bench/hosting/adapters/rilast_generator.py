@@ -4,8 +4,8 @@ RILaST (GitHub: swat-lab-optimization/RILaST) is no generator of the competition
 its own: a genetic algorithm in the latent space of an autoencoder that was trained on roads of much
 curvature. Here its ``LatentLKASTestGenerator`` searches with its own model, dataset and
 configuration and the settings of its README (``ga``, ``sbx``, ``pm``). None of its files is
-changed. In its process, the bench's executor stands for its own, the bench's ``code_pipeline`` for
-its copy, the bench's seed for the clock's, and this system's paths for those of Windows.
+changed. In its process, the bench's executor stands for its own, the bench's seed for the clock's,
+and this system's paths for those of Windows. It has the pipeline in its folder ``beamng_sim``.
 
 No commit of its repository runs as it is. The latest, f92df1c, lacks a module that it imports and
 does not use, reads ``nDim`` before it sets it, assigns to a property, and expects its algorithm as
@@ -27,7 +27,6 @@ UNUSED = {
     "aerialist.px4.drone_test": "DroneTest",
     "rilast.problems.lkas_vae_problem": "LKASVAEProblem",
 }
-PIPELINE = ("tests_generation", "test_analysis", "beamng_executor")
 FILES = ("dataset_path", "model_path")
 
 
@@ -43,9 +42,6 @@ class RILaST:
         for name, unused in UNUSED.items():
             sys.modules[name] = ModuleType(name)
             setattr(sys.modules[name], unused, type(unused, (), {}))
-        for name in PIPELINE:
-            pipeline = importlib.import_module(f"code_pipeline.{name}")
-            sys.modules[f"beamng_sim.code_pipeline.{name}"] = pipeline
         configurations = _rilast("common.load_config")
         configurations.load_config = lambda name: _configuration(name, configurations)
         _rilast("test_generators.abstract_test_generator").get_random_seed = _seed

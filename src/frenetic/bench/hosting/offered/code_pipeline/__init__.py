@@ -1,1 +1,0 @@
-"""The pipeline's package of that name."""

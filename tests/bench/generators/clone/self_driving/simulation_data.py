@@ -1,0 +1,7 @@
+from collections import namedtuple
+
+FIELDS = (
+    "timer pos dir vel steering steering_input brake brake_input throttle throttle_input wheelspeed"
+    " vel_kmh is_oob oob_counter max_oob_percentage oob_distance oob_percentage"
+)
+SimulationDataRecord = namedtuple("SimulationDataRecord", FIELDS)

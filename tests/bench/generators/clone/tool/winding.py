@@ -1,0 +1,26 @@
+"""Draws roads in the pipeline that lies around it, and checks what that gives it."""
+
+import copy
+import json
+import pickle
+import random
+from pathlib import Path
+
+import code_pipeline
+from code_pipeline.tests_generation import RoadTestFactory
+
+
+class Winding:
+    def __init__(self, executor=None, map_size=None):
+        self.executor = pickle.loads(pickle.dumps(copy.deepcopy(executor)))
+        assert self.executor is executor
+        assert Path(code_pipeline.__file__).parents[1] == Path(__file__).parents[1]
+
+    def start(self):
+        while not self.executor.is_over():
+            points = [(100.0 + random.uniform(-6.0, 6.0), 15.0 * i) for i in range(1, 10)]
+            test = RoadTestFactory.create_road_test(points)
+            assert self.executor.validate_test(test)[0]
+            assert self.executor.execute_test(test)[0] == "PASS" or not test.verdict[0]
+        stats = {**vars(self.executor.stats), "generation": self.executor.get_remaining_time()}
+        Path("seen.json").write_text(json.dumps(stats), encoding="utf-8")
