@@ -47,10 +47,10 @@ def campaign(folder: Path, simulations: int = 60, **options: Any) -> Campaign:
 
 
 class Scripted(Strategy):
-    """Asks for the given roads, over and over."""
+    """Asks for the given roads, over and over; of the usual ones the third fails."""
 
     def __init__(self, *roads: list[float]) -> None:
-        self.roads = roads
+        self.roads = roads or (STRAIGHT, LOOP, BENT)
         self.asked = 0
         self.told: list[tuple[int, Outcome, float]] = []
 
@@ -62,3 +62,9 @@ class Scripted(Strategy):
     def tell(self, evaluation: Evaluation) -> None:
         share = round(evaluation.budget_spent, 6)
         self.told.append((evaluation.candidate.id, evaluation.outcome, share))
+
+
+def scripted(folder: Path, budget: Budget | None, **options: Any) -> Campaign:
+    """A campaign with a `Scripted` strategy whose bent roads fail."""
+    parts = {"strategy": Scripted(), "simulator": DummySimulator(fails_when_bent)}
+    return campaign(folder, budget=budget, **(parts | options))
