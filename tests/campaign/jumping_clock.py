@@ -34,11 +34,11 @@ if __name__ == "__main__":
         datetime.datetime = Jumping  # type: ignore[misc]
         time.time = lambda: real() + next(jumps)
 
+    from campaigns import campaign
     from faulty import bend
 
-    from frenetic.campaign import Budget, Campaign
-    from frenetic.search import Frenetic2021
-    from frenetic.testing import DummyDriver, DummySimulator
+    from frenetic.campaign import Budget
+    from frenetic.testing import DummySimulator
 
     class Timed(DummySimulator):
         drives = 0
@@ -49,13 +49,5 @@ if __name__ == "__main__":
 
     simulator = Timed(bend)
     time.perf_counter = lambda: 0.01 * simulator.drives
-    summary = Campaign(
-        strategy=Frenetic2021(
-            seed=4, random_budget=0.1, cross_freq=10, cross_num=6, max_redraws=10
-        ),
-        simulator=simulator,
-        driver=DummyDriver(),
-        budget=Budget(time=0.505),
-        folder=Path(folder),
-    ).run()
+    summary = campaign(Path(folder), simulator=simulator, budget=Budget(time=0.505)).run()
     print(summary.simulations)  # noqa: T201

@@ -17,42 +17,19 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from campaigns import campaign
 from contents import contents
 from events import on_result
-from faulty import FaultySimulator
 
-from frenetic.campaign import Budget, Campaign, CampaignStore, Summary
+from frenetic.campaign import Campaign, CampaignStore, Summary
 from frenetic.errors import CampaignError
-from frenetic.search import Frenetic2021
-from frenetic.testing import DummyDriver
 
 ROOM = 500_000
 """Bytes that are left on the full disk."""
 
 
-def campaign(folder: Path, workers: int) -> Campaign:
-    marks = Path(__file__).parent / "nowhere"
-    return Campaign(
-        strategy=Frenetic2021(
-            seed=4, random_budget=0.1, cross_freq=10, cross_num=6, max_redraws=10
-        ),
-        simulator=Quiet(marks),
-        driver=DummyDriver(),
-        budget=Budget(simulations=200),
-        folder=folder,
-        workers=workers,
-        ordered=True,
-    )
-
-
-class Quiet(FaultySimulator):
-    """Leaves no marks."""
-
-    def __enter__(self):  # type: ignore[no-untyped-def]
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
+def search(folder: Path, workers: int) -> Campaign:
+    return campaign(folder, 200, workers=workers, ordered=True)
 
 
 class Bounded(sqlite3.Connection):
@@ -66,7 +43,7 @@ class Bounded(sqlite3.Connection):
         return super().execute(sql, *parameters)
 
 
-def attempt(search: Any, seen: list[int] | None = None) -> str:
+def attempt(go_on: Any, seen: list[int] | None = None) -> str:
     """The message of the error with which a campaign ends, or how many simulations it has."""
 
     def report(progress: Summary) -> None:
@@ -74,7 +51,7 @@ def attempt(search: Any, seen: list[int] | None = None) -> str:
             seen.append(progress.tests + progress.dropped)
 
     try:
-        return str(search(on_event=on_result(report)).simulations)
+        return str(go_on(on_event=on_result(report)).simulations)
     except CampaignError as error:
         return str(error)
 
@@ -84,7 +61,7 @@ def full(folder: Path, mounted: bool) -> dict[str, object]:
     connect = sqlite3.connect
     for workers in (1, 2):
         whole, short = (folder / f"{name}-{workers}" for name in ("whole", "short"))
-        campaign(whole, 1).run()
+        search(whole, 1).run()
         expected = contents(whole)
         for left_over in whole.iterdir():
             left_over.unlink()
@@ -96,15 +73,15 @@ def full(folder: Path, mounted: bool) -> dict[str, object]:
             Bounded.pages = 40
             sqlite3.connect = lambda *a, **k: connect(*a, **k, factory=Bounded)  # type: ignore
         reported: list[int] = []
-        messages = [attempt(campaign(short, workers).run, reported)]
+        messages = [attempt(search(short, workers).run, reported)]
         with CampaignStore.open(short) as store:
             stored = store.counts().told
-        messages.append(attempt(campaign(short, workers).resume))
+        messages.append(attempt(search(short, workers).resume))
         if mounted:
             ballast.unlink()
         else:
             Bounded.pages = None
-        ended = attempt(campaign(short, workers).resume)
+        ended = attempt(search(short, workers).resume)
         seen[str(workers)] = {
             "messages": messages,
             "reported": reported[-1],
@@ -118,7 +95,7 @@ def full(folder: Path, mounted: bool) -> dict[str, object]:
 
 def readonly(folder: Path, mounted: bool) -> dict[str, object]:
     old, new = folder / "old", folder / "new"
-    campaign(old, 1).run()
+    search(old, 1).run()
     before = {path.name: path.read_bytes() for path in old.iterdir()}
     if mounted:
         subprocess.run(["mount", "-o", "remount,ro", str(folder)], check=True)
@@ -128,7 +105,7 @@ def readonly(folder: Path, mounted: bool) -> dict[str, object]:
         if os.geteuid() == 0:
             os.seteuid(65534)  # whom permissions bind
     try:
-        messages = [attempt(campaign(new, 1).run), attempt(campaign(old, 2).resume)]
+        messages = [attempt(search(new, 1).run), attempt(search(old, 2).resume)]
         with CampaignStore.open(old) as store:  # reading is possible
             stored = store.counts().simulations
         after = {path.name: path.read_bytes() for path in old.iterdir()}

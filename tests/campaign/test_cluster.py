@@ -58,7 +58,7 @@ from frenetic.simulators import Simulator
 from frenetic.spec import driver_of
 from frenetic.testing import DummyDriver, DummySimulator
 
-pytest_plugins = ["marked"]
+pytest_plugins = ["campaign_fixtures"]
 
 
 @pytest.fixture(scope="module")

@@ -39,7 +39,7 @@ from frenetic.testing import DummyDriver, DummySimulator
 
 HERE = Path(__file__).parent
 
-pytest_plugins = ["marked"]
+pytest_plugins = ["campaign_fixtures"]
 
 posix_only = pytest.mark.skipif(sys.platform == "win32", reason="by POSIX signals and groups")
 

@@ -44,7 +44,7 @@ from frenetic.testing import DummyDriver, DummySimulator
 ROAD = Road([0.0, 0.03, 0.05, 0.0, -0.05, -0.04, 0.0, 0.0])
 OTHER = Road([0.0, 0.01, 0.02, 0.03, 0.0, 0.0])
 
-pytest_plugins = ["marked"]
+pytest_plugins = ["campaign_fixtures"]
 
 posix_only = pytest.mark.skipif(sys.platform == "win32", reason="by POSIX means")
 

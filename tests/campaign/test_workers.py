@@ -55,7 +55,7 @@ from frenetic.simulators import Drive, Simulator
 from frenetic.testing import DummyDriver, DummySimulator
 from frenetic.worker import Worker
 
-pytest_plugins = ["marked"]
+pytest_plugins = ["campaign_fixtures"]
 
 posix_only = pytest.mark.skipif(sys.platform == "win32", reason="by POSIX signals and groups")
 linux_only = pytest.mark.skipif(sys.platform != "linux", reason="workers are forked on Linux only")

@@ -1,4 +1,4 @@
-"""The folder in which the processes of a test leave marks."""
+"""Fixtures of several files: a finished campaign, and a folder for the marks of processes."""
 
 from __future__ import annotations
 
@@ -7,8 +7,17 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from campaigns import campaign
 from faulty import Marks
 from pids import ending
+
+
+@pytest.fixture(scope="session")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a finished campaign of the usual parts; nobody changes it."""
+    folder = tmp_path_factory.mktemp("finished") / "c"
+    campaign(folder).run()
+    return folder
 
 
 @pytest.fixture
