@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from faulty import bend
 
 from frenetic.campaign import Budget, Campaign
+from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.search import Candidate, Evaluation, Frenetic2021, Origin, Strategy
@@ -44,6 +48,14 @@ def campaign(folder: Path, simulations: int = 60, **options: Any) -> Campaign:
         "budget": Budget(simulations=simulations),
     }
     return Campaign(folder=folder, **(parts | options))
+
+
+@contextmanager
+def refused(why: str) -> Iterator[pytest.ExceptionInfo[CampaignError]]:
+    """What is done within is refused in one line."""
+    with pytest.raises(CampaignError, match=why) as caught:
+        yield caught
+    assert "\n" not in str(caught.value)
 
 
 class Scripted(Strategy):
