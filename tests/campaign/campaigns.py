@@ -51,9 +51,11 @@ def campaign(folder: Path, simulations: int = 60, **options: Any) -> Campaign:
 
 
 @contextmanager
-def refused(why: str) -> Iterator[pytest.ExceptionInfo[CampaignError]]:
+def refused(
+    why: str | None = None, kind: type[Exception] = CampaignError
+) -> Iterator[pytest.ExceptionInfo[Exception]]:
     """What is done within is refused in one line."""
-    with pytest.raises(CampaignError, match=why) as caught:
+    with pytest.raises(kind, match=why) as caught:
         yield caught
     assert "\n" not in str(caught.value)
 
@@ -78,5 +80,5 @@ class Scripted(Strategy):
 
 def scripted(folder: Path, budget: Budget | None, **options: Any) -> Campaign:
     """A campaign with a `Scripted` strategy whose bent roads fail."""
-    parts = {"strategy": Scripted(), "simulator": DummySimulator(fails_when_bent)}
+    parts: dict[str, Any] = {"strategy": Scripted(), "simulator": DummySimulator(fails_when_bent)}
     return campaign(folder, budget=budget, **(parts | options))

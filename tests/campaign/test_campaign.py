@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from campaigns import BENT, LOOP, STRAIGHT, Scripted, campaign, scripted
+from campaigns import BENT, LOOP, STRAIGHT, Scripted, campaign, refused, scripted
 from contents import contents
 from events import on_result, on_test
 
@@ -29,7 +29,7 @@ from frenetic.campaign.objective import objectives
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.workers.workers import InProcessWorker
 from frenetic.drivers import Delayed, Planner
-from frenetic.errors import CampaignError, StrategyError
+from frenetic.errors import StrategyError
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.search import (
@@ -93,7 +93,7 @@ def test_a_strategy_that_ends_the_search(tmp_path: Path, options: dict[str, int]
         assert store.facts["strategy_seconds"] >= 0.0  # type: ignore[operator]
     assert check_campaign(tmp_path).findings == ()
     sooner = scripted(tmp_path, Budget(simulations=3), strategy=Listed(STRAIGHT), **options)
-    with pytest.raises(CampaignError, match="proposes another road as candidate 2"):
+    with refused("proposes another road as candidate 2"):
         sooner.resume()
     longer = Listed(STRAIGHT, LOOP, BENT, STRAIGHT)
     more = scripted(tmp_path, Budget(simulations=3), strategy=longer, **options)
@@ -122,7 +122,7 @@ def test_campaign_that_only_proposes_refused_roads_gives_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("frenetic.campaign.loop.MAX_INVALID_IN_A_ROW", 25)
-    with pytest.raises(CampaignError, match=r"last 25 roads were refused.*self-intersecting"):
+    with refused(r"last 25 roads were refused.*self-intersecting"):
         scripted(tmp_path, Budget(simulations=1), strategy=Scripted(LOOP)).run()
 
 
@@ -177,11 +177,10 @@ def test_a_strategy_searches_for_one_campaign(tmp_path: Path, kind: Callable[[],
     first = scripted(tmp_path / "first", None, strategy=kind())
     first.run(2)
     second = scripted(tmp_path / "second", None, strategy=first.strategy)
-    with pytest.raises(CampaignError, match="was asked before: make a new one") as refused:
+    with refused("was asked before: make a new one"):
         second.run(2)
-    assert "\n" not in str(refused.value)
     assert not (tmp_path / "second").exists()
-    with pytest.raises(CampaignError, match="was asked before"):
+    with refused("was asked before"):
         first.resume()
     assert first.run(1).simulations == 3
     fresh = scripted(tmp_path / "first", Budget(simulations=4), strategy=kind())
@@ -191,7 +190,7 @@ def test_a_strategy_searches_for_one_campaign(tmp_path: Path, kind: Callable[[],
 def test_a_built_in_strategy_knows_that_it_was_asked(tmp_path: Path) -> None:
     strategy = RandomSearch(seed=1)
     strategy.ask()
-    with pytest.raises(CampaignError, match="RandomSearch was asked before"):
+    with refused("RandomSearch was asked before"):
         campaign(tmp_path, strategy=strategy).run(1)
 
 
@@ -277,7 +276,7 @@ def test_an_error_in_a_callback_is_raised_and_loses_nothing(
 
 def test_the_best_test_is_the_worst_for_the_driver(tmp_path: Path) -> None:
     search = scripted(tmp_path / "a", None)
-    with pytest.raises(CampaignError, match="the folder of a campaign is needed"):
+    with refused("the folder of a campaign is needed"):
         _ = search.best_test
     search.run(2)
     best = search.best_test
@@ -302,7 +301,7 @@ def test_calls_that_make_no_sense(tmp_path: Path) -> None:
     assert not (tmp_path / "campaign.sqlite").exists()
     search.run(1)
     scripted(tmp_path, Budget(simulations=2)).resume()
-    with pytest.raises(CampaignError, match="written by another process since"):
+    with refused("written by another process since"):
         search.run(1)
 
 
@@ -377,7 +376,6 @@ def test_a_strategy_that_breaks_ends_the_campaign_with_one_line(
     with pytest.raises(StrategyError) as caught:
         scripted(tmp_path, Budget(simulations=9), strategy=strategy).run()
     assert str(caught.value).startswith(complaint)
-    assert "\n" not in str(caught.value)
     with CampaignStore.open(tmp_path) as store:
         assert store.counts().told == kept
 
@@ -403,7 +401,7 @@ def test_a_strategy_that_observes_sees_each_drive_before_it_is_told(tmp_path: Pa
         (1, Outcome.INVALID, False),
         (2, Outcome.FAIL, True),
     ]
-    with pytest.raises(CampaignError, match="observes drives, which are not kept exactly"):
+    with refused("observes drives, which are not kept exactly"):
         scripted(tmp_path / "c", Budget(simulations=3), strategy=Observing()).resume()
     with pytest.raises(ValueError, match="needs one worker"):
         scripted(tmp_path / "d", budget, strategy=strategy, workers=2)
@@ -432,9 +430,8 @@ def test_a_strategy_that_observes_sees_each_drive_before_it_is_told(tmp_path: Pa
 def test_options_are_checked_before_anything_is_written(
     tmp_path: Path, option: str, value: object, words: str
 ) -> None:
-    with pytest.raises(ValueError, match=f"^{words}") as refused:
-        campaign(tmp_path / "c", strategy=RandomSearch(seed=1), **{option: value})
-    assert "\n" not in str(refused.value)
+    with refused(f"^{words}", ValueError):
+        campaign(tmp_path / "c", **{"strategy": RandomSearch(seed=1), option: value})  # type: ignore[arg-type]
     assert not (tmp_path / "c").exists()
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import killing
 import numpy as np
 import pytest
-from campaigns import Scripted, campaign, quick_search
+from campaigns import Scripted, campaign, quick_search, refused
 from contents import contents
 from events import on_result
 from faulty import FaultySimulator, Marks, bend
@@ -27,7 +27,6 @@ from frenetic.campaign.campaign import LOOKAHEAD
 from frenetic.campaign.check import check_campaign
 from frenetic.drivers import Driver, Planner
 from frenetic.drivers.loading import load_driver
-from frenetic.errors import CampaignError
 from frenetic.road import Road
 from frenetic.search import Candidate, Evaluation, Frenetic, Frenetic2021, RandomSearch
 from frenetic.simulators import Drive, EmbeddedSimulator, Rules
@@ -128,8 +127,9 @@ def test_strategy_that_replays_differently_is_noticed(tmp_path: Path, finished: 
 
     Changed.__module__, Changed.__qualname__ = Frenetic2021.__module__, Frenetic2021.__qualname__
     shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
-    changed = Changed(**quick_search().options)
-    with pytest.raises(CampaignError, match="another road as candidate 9 than it did"):
+    options: dict[str, Any] = quick_search().options
+    changed = Changed(**options)
+    with refused("another road as candidate 9 than it did"):
         campaign(tmp_path, strategy=changed, simulations=90).resume()
     assert contents(tmp_path) == contents(finished)
 
@@ -188,11 +188,10 @@ def test_a_campaign_goes_on_with_the_parts_that_it_was_made_with(
     before = contents(folder)
 
     def refusal(**options: object) -> str:
-        with pytest.raises(CampaignError) as refused, with_parts(folder, 10, **options) as edited:
+        with refused() as caught, with_parts(folder, 10, **options) as edited:
             edited.resume()
         assert contents(folder) == before
-        assert "\n" not in str(refused.value)
-        return str(refused.value)
+        return str(caught.value)
 
     message = refusal(comfort=1.0)
     assert "made with another driver: driver Mpc: comfort is 1.0, it was 2.0; restore" in message
@@ -227,7 +226,7 @@ def test_other_terms_are_refused_and_nothing_is_changed(
 ) -> None:
     shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
     usual = {"strategy": Scripted()} if "map_size" in changed else {}
-    with pytest.raises(CampaignError, match=f"was made with another {term}: "):
+    with refused(f"was made with another {term}: "):
         campaign(tmp_path, 90, **(usual | changed)).resume()
     assert contents(tmp_path) == contents(finished)
 
