@@ -92,7 +92,7 @@ WorkersOf: TypeAlias = Callable[[Simulator], AbstractContextManager[Workers]]
 
 
 class WorkersContract:
-    """What is asked of workers of every kind; the fixture ``workers_of`` makes two, or this process."""
+    """What is asked of all workers; the fixture ``workers_of`` makes two, or this process."""
 
     def test_each_road_comes_back_as_if_tested_here(self, workers_of: WorkersOf) -> None:
         samples = [8, 2, 12, 40, 9, 8, 10, 11]  # some are refused

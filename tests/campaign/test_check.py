@@ -325,7 +325,7 @@ def flipped(stored: Any) -> Any:
 
 
 def test_one_changed_bit_is_found_in_each_stored_value(tmp_path: Path) -> None:
-    make_campaign(tmp_path, 12).run()
+    make_campaign(tmp_path, 12, objective="oob-share").run()
     whole = (tmp_path / DATABASE).read_bytes()
     failure = f"= (SELECT min(id) FROM test WHERE outcome = '{Outcome.FAIL}')"
     unnoticed, cases = [], 0

@@ -13,13 +13,13 @@ from pathlib import Path
 import faulty
 import numpy as np
 import pytest
-from campaigns import refused
+from campaigns import campaign, refused
 from contents import contents
 from faulty import Deed, Fault, FaultyDriver, FaultySimulator, Marks
 from numba.core.registry import CPUDispatcher
 from pids import LIMIT, until_gone
 
-from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.campaign import CampaignStore
 from frenetic.campaign.log import LOG
 from frenetic.drivers import (
     Controls,
@@ -35,8 +35,7 @@ from frenetic.errors import FreneticError
 from frenetic.outcome import Outcome
 from frenetic.registry import DRIVERS
 from frenetic.road import Road
-from frenetic.search import Frenetic2021
-from frenetic.simulators import EmbeddedSimulator, Simulator
+from frenetic.simulators import EmbeddedSimulator
 from frenetic.simulators.isolated import BrokenDriveError, IsolatedSimulator, isolated
 from frenetic.simulators.worlds import in_conditions
 from frenetic.spec import describe
@@ -75,19 +74,6 @@ def ready_kernels() -> set[tuple[str, str]]:
     }
 
 
-def search(folder: Path, simulator: Simulator, driver: Driver, **options: object) -> Campaign:
-    return Campaign(
-        strategy=Frenetic2021(
-            seed=4, random_budget=0.2, cross_freq=10, cross_num=6, max_redraws=10
-        ),
-        simulator=simulator,
-        driver=driver,
-        budget=Budget(simulations=40),
-        folder=folder,
-        **options,  # type: ignore[arg-type]
-    )
-
-
 def test_the_same_drives_come_out() -> None:
     plain = EmbeddedSimulator(friction=0.8)
     with IsolatedSimulator(EmbeddedSimulator(friction=0.8)) as apart:
@@ -103,8 +89,9 @@ def test_a_campaign_is_the_same_bit_for_bit(tmp_path: Path, ordered: bool) -> No
     """Each proposal knows the result before it, as without a process of its own."""
     driver = Delayed(PythonPlanner(), seconds=0.1)
     apart = IsolatedSimulator(EmbeddedSimulator())
-    search(tmp_path / "apart", apart, driver, ordered=ordered).run()
-    search(tmp_path / "here", EmbeddedSimulator(), driver, ordered=ordered).run()
+    for name, simulator in (("apart", apart), ("here", EmbeddedSimulator())):
+        parts = {"simulator": simulator, "driver": driver}
+        campaign(tmp_path / name, 40, ordered=ordered, **parts).run()
     assert contents(tmp_path / "apart") == contents(tmp_path / "here")
     with (
         CampaignStore.open(tmp_path / "apart") as one,
@@ -218,7 +205,7 @@ def test_a_simulator_that_raised_is_ended_in_order_and_started_again(
 ) -> None:
     fault = Fault(faulty.raise_error, marks.folder, times=1)
     simulator = IsolatedSimulator(FaultySimulator(marks.folder, drive=fault))
-    summary = search(tmp_path / "c", simulator, DummyDriver()).run()
+    summary = campaign(tmp_path / "c", simulator=simulator).run()
     assert summary.errors == 0
     assert marks.numbers("start") == marks.numbers("end") == [1, 2]
     log = (tmp_path / "c" / LOG).read_text().splitlines()

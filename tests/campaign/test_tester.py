@@ -108,6 +108,14 @@ def test_simulator_that_raises_is_an_error_of_its_test() -> None:
     )
     assert 'raise ConnectionError("lost the\\nsimulator")' in tested.result.reason
     assert "in drive\n" in tested.traceback
+    fault = tested.result.fault
+    assert fault is not None
+    assert (fault.part, fault.kind, fault.file) == (
+        "simulator",
+        "ConnectionError",
+        "test_tester.py",
+    )
+    assert f"(test_tester.py:{fault.line}:" in tested.result.reason
     assert tested.trajectory is None
 
 
