@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import os
+import sqlite3
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
 from campaigns import campaign
 from faulty import Marks
 from pids import ending
+from small_disk import Breaking
 
 
 @pytest.fixture(scope="session")
@@ -18,6 +21,14 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("finished") / "c"
     campaign(folder).run()
     return folder
+
+
+@pytest.fixture
+def breaking(monkeypatch: pytest.MonkeyPatch) -> type[Breaking]:
+    """The kind of all databases that are opened from now on."""
+    kind = type("Breaking", (Breaking,), {})
+    monkeypatch.setattr(sqlite3, "connect", partial(sqlite3.connect, factory=kind))
+    return kind
 
 
 @pytest.fixture

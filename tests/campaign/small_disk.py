@@ -14,6 +14,7 @@ import os
 import sqlite3
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,33 @@ from frenetic.errors import CampaignError
 
 ROOM = 500_000
 """Bytes that are left on the full disk."""
+
+
+class Breaking(sqlite3.Connection):
+    """Raises an error once, before or after one of the next statements of a transaction."""
+
+    left = 0
+    """Until that statement."""
+    is_after = True
+    error: BaseException = KeyboardInterrupt()
+
+    def execute(self, sql: str, *values: Any) -> sqlite3.Cursor:
+        return self._count(super().execute, sql, *values)
+
+    def executemany(self, sql: str, *values: Any) -> sqlite3.Cursor:
+        return self._count(super().executemany, sql, *values)
+
+    def _count(self, run: Callable[..., sqlite3.Cursor], sql: str, *values: Any) -> sqlite3.Cursor:
+        kind, breaks = type(self), False
+        if kind.left and sql.startswith(("BEGIN", "INSERT", "COMMIT")):
+            kind.left -= 1
+            breaks = kind.left == 0
+        if breaks and not self.is_after:
+            raise self.error
+        cursor = run(sql, *values)
+        if breaks:
+            raise self.error
+        return cursor
 
 
 def search(folder: Path, workers: int) -> Campaign:

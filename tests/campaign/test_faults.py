@@ -24,7 +24,7 @@ from driving import events
 from events import on_result
 from faulty import Fault, FaultySimulator, Forking, Marks, refuse_connection
 from pids import LIMIT, descendants, ending, is_running, until, until_gone
-from small_disk import Bounded
+from small_disk import Bounded, Breaking
 
 from frenetic.campaign import CampaignStore
 from frenetic.campaign.check import check_campaign
@@ -375,47 +375,19 @@ def test_workers_of_a_killed_campaign_end_with_all_they_started(
 # Ctrl-C within a write
 
 
-class Interrupted(sqlite3.Connection):
-    """Ctrl-C is noticed after the nth statement of a transaction, once."""
-
-    left: int | None = None
-
-    def _count(self) -> None:
-        cls = type(self)
-        if cls.left is not None:
-            cls.left -= 1
-            if cls.left == 0:
-                cls.left = None
-                raise KeyboardInterrupt
-
-    def execute(self, sql: str, *parameters: Any) -> sqlite3.Cursor:
-        done = super().execute(sql, *parameters)
-        if sql.startswith(("BEGIN", "INSERT", "COMMIT")):
-            self._count()
-        return done
-
-    def executemany(self, sql: str, *parameters: Any) -> sqlite3.Cursor:
-        done = super().executemany(sql, *parameters)
-        self._count()
-        return done
-
-
 @pytest.mark.parametrize("statement", range(1, 12))
 def test_a_second_ctrl_c_within_a_write_loses_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, statement: int, finished: Path
+    tmp_path: Path, finished: Path, breaking: type[Breaking], statement: int
 ) -> None:
-    connect = sqlite3.connect
-    monkeypatch.setattr(sqlite3, "connect", lambda *a, **k: connect(*a, **k, factory=Interrupted))
-    monkeypatch.setattr(Interrupted, "left", None)
     reported: list[int] = []
 
     def report(progress: Any) -> None:
         reported.append(progress.tests)
         if len(reported) == 20:
-            Interrupted.left = statement
+            breaking.left = statement
 
     summary = campaign(tmp_path).run(on_event=on_result(report))
-    assert Interrupted.left is None
+    assert breaking.left == 0
     assert summary.interrupted
     with CampaignStore.open(tmp_path) as store:
         assert len(reported) <= store.counts().told == summary.tests <= len(reported) + 1

@@ -9,7 +9,7 @@ from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ from checksums import execute
 from contents import plain
 from msgspec import to_builtins
 from permissions import bound_by_permissions
-from small_disk import Bounded
+from small_disk import Bounded, Breaking
 
 from frenetic._support.json_value import JSONValue
 from frenetic.campaign.database import APPLICATION_ID, DATABASE, FORMAT
@@ -31,6 +31,8 @@ from frenetic.oracle import Finding, Result
 from frenetic.outcome import Outcome
 from frenetic.road import Pose
 from frenetic.search.records import Candidate, Origin, Source
+
+pytest_plugins = ["campaign_fixtures"]
 
 SETTING = Setting(4.0, 200.0, 1.0, Rules(), CarBody())
 CONFIG: dict[str, JSONValue] = {"strategy": "frenetic", "seed": 7, **to_builtins(SETTING)}
@@ -688,69 +690,33 @@ def test_closing_on_a_full_disk_still_closes_and_hides_no_other_error(
         assert list(again.candidates()) == []
 
 
-class Breaking(sqlite3.Connection):
-    """Raises an error once, before or after a statement that begins so."""
-
-    statement: ClassVar[str] = ""
-    is_after: ClassVar[bool] = False
-    error: ClassVar[BaseException] = KeyboardInterrupt()
-
-    def execute(self, sql: str, *values: Any) -> sqlite3.Cursor:
-        return self.breaking(super().execute, sql, *values)
-
-    def executemany(self, sql: str, *values: Any) -> sqlite3.Cursor:
-        return self.breaking(super().executemany, sql, *values)
-
-    def breaking(
-        self, run: Callable[..., sqlite3.Cursor], sql: str, *values: Any
-    ) -> sqlite3.Cursor:
-        breaks = bool(self.statement) and sql.startswith(self.statement)
-        if breaks:
-            Breaking.statement = ""
-        if breaks and not self.is_after:
-            raise self.error
-        cursor = run(sql, *values)
-        if breaks:
-            raise self.error
-        return cursor
-
-
-@pytest.mark.parametrize("error", [sqlite3.OperationalError("disk I/O error"), KeyboardInterrupt()])
+@pytest.mark.parametrize("statement", range(1, 5))
 @pytest.mark.parametrize(
-    ("statement", "is_after"),
+    ("is_after", "error"),
     [
-        ("BEGIN", False),
-        ("BEGIN", True),
-        ("INSERT OR", True),
-        ("INSERT INTO finding", False),
-        ("INSERT INTO finding", True),
-        ("COMMIT", False),
-        ("COMMIT", True),
+        (False, sqlite3.OperationalError("disk I/O error")),
+        (False, KeyboardInterrupt()),
+        (True, KeyboardInterrupt()),
     ],
 )
 def test_a_write_that_breaks_off_is_all_or_nothing_and_can_be_tried_again(
     folder: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    statement: str,
+    breaking: type[Breaking],
+    statement: int,
     is_after: bool,
     error: BaseException,
 ) -> None:
-    is_written = is_after and statement == "COMMIT"
-    if is_written:  # what SQLite has committed, it does not call an error
-        error = KeyboardInterrupt()
-    monkeypatch.setattr(sqlite3, "connect", partial(sqlite3.connect, factory=Breaking))
-    for name, value in (("statement", ""), ("is_after", is_after), ("error", error)):
-        monkeypatch.setattr(Breaking, name, value)
+    breaking.is_after, breaking.error = is_after, error
     with CampaignStore.create(folder, CONFIG) as store, CampaignStore.open(folder) as reader:
         tell(store, 1)
         for id in (2, 3, 4):  # noqa: A001
             store.asked(make_candidate(id))
             store.told(make_test(id))
-        Breaking.statement = statement
+        breaking.left = statement
         with pytest.raises((CampaignError, KeyboardInterrupt)):
             store.write()
-        assert not Breaking.statement
-        assert reader.stored() == (4 if is_written else 1)
+        assert breaking.left == 0
+        assert reader.stored() == (4 if is_after and statement == 4 else 1)  # the last commits
         tell(store, 5)
         for id in range(1, 6):  # noqa: A001
             assert plain(reader.test(id)) == as_read(make_test(id))
