@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import random
 import shlex
+import shutil
 import signal
 import sqlite3
 import subprocess
 import sys
 import time
 from collections.abc import Callable
+from datetime import datetime, tzinfo
 from pathlib import Path
 from typing import Any
 
@@ -22,16 +25,21 @@ from campaigns import campaign, refused
 from contents import contents, everything
 from driving import events
 from events import on_result
-from faulty import Fault, FaultySimulator, Forking, Marks, refuse_connection
+from faulty import Fault, FaultySimulator, Forking, Marks, bend, refuse_connection
 from pids import LIMIT, descendants, ending, is_running, until, until_gone
 from small_disk import Bounded, Breaking
 
-from frenetic.campaign import CampaignStore
+from frenetic._support import words
+from frenetic.campaign import Budget, CampaignStore
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.workers.local import AHEAD
 from frenetic.cli import main
+from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
+from frenetic.road import Road
+from frenetic.simulators import Drive
+from frenetic.testing import DummySimulator
 
 HERE = Path(__file__).parent
 
@@ -94,29 +102,27 @@ def test_a_second_process_is_refused(tmp_path: Path, finished: Path) -> None:
 
 
 def on_a_small_disk(folder: Path, what: str) -> dict[str, Any]:
-    """Runs `small_disk`, on a file system of its own where one can be mounted."""
+    """What `small_disk` sees on a file system of its own."""
     folder.mkdir()
-    script = [sys.executable, str(HERE / "small_disk.py"), str(folder), what]
-    mount = "mount -t tmpfs -o size=64m none {} && exec {}"
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(HERE), *sys.path])}
-    possible = False
-    if sys.platform == "linux":
-        probe = ["unshare", "-rm", "sh", "-c", mount.format(f"'{folder}'", "true")]
-        try:
-            possible = subprocess.run(probe, capture_output=True, check=False).returncode == 0
-        except OSError:  # there is no such command
-            possible = False
-    if possible:
-        rest = mount.format(f"'{folder}'", '"$@"')
-        command = ["unshare", "-rm", "sh", "-c", rest, "sh", *script, "mounted"]
-    else:
-        if os.name == "posix" and os.geteuid() == 0:
-            for parent in folder.parents:  # others are to get there
-                if not parent.stat().st_mode & 0o001:
-                    parent.chmod(parent.stat().st_mode | 0o011)
-        command = [*script, "plain"]
+    mount = f"mount -t tmpfs -o size=64m none '{folder}'"
+    apart = ["unshare", "-rm", "sh", "-c"]
+    if not shutil.which("unshare") or subprocess.run([*apart, mount], check=False).returncode:
+        pytest.skip("no file system can be mounted here")
     done = subprocess.run(
-        command, capture_output=True, text=True, check=False, timeout=2 * LIMIT, env=environment
+        [
+            *apart,
+            f'{mount} && exec "$@"',
+            "sh",
+            sys.executable,
+            HERE / "small_disk.py",
+            folder,
+            what,
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=2 * LIMIT,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(HERE), *sys.path])},
     )
     assert done.returncode == 0, done.stderr
     seen: dict[str, Any] = json.loads(done.stdout)
@@ -133,6 +139,31 @@ def test_a_full_disk_loses_nothing_and_the_campaign_goes_on(tmp_path: Path) -> N
         assert seen["reported"] == seen["stored"] > 0
         assert seen["ended"] == "200"
         assert seen["same"]
+
+
+@pytest.mark.parametrize("what", ["folder", "database", "replaced"])
+def test_a_removed_database_ends_the_campaign(
+    what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It does not search into nothing."""
+    monkeypatch.setattr("frenetic.campaign.loop.PROGRESS_INTERVAL", 0.0)
+    folder = tmp_path / "campaign"
+    seen = 0
+
+    def remove(_: object) -> None:
+        nonlocal seen
+        seen += 1
+        if seen == 5:
+            if what == "folder":
+                shutil.rmtree(folder)
+            else:
+                (folder / DATABASE).rename(folder / "elsewhere")
+            if what == "replaced":
+                (folder / DATABASE).write_bytes(b"another file")
+
+    with refused("was removed or replaced while it was written"):
+        campaign(folder).run(on_event=on_result(remove))
+    assert seen < 20
 
 
 @posix_only
@@ -186,19 +217,39 @@ def test_a_damaged_database_is_refused_and_left_as_it_is(
 # Clocks
 
 
-def test_a_clock_that_jumps_changes_nothing(tmp_path: Path) -> None:
+class Timed(DummySimulator):
+    """Counts its drives."""
+
+    drives = 0
+
+    def drive(self, road: Road, driver: Driver) -> Drive:
+        self.drives += 1
+        return super().drive(road, driver)
+
+
+def test_a_clock_that_jumps_changes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Budgets are measured by `time.perf_counter`, which is taken to go on steadily."""
-    allowed = {}
-    for kind in ("steady", "jumping"):
-        done = subprocess.run(
-            [sys.executable, str(HERE / "jumping_clock.py"), str(tmp_path / kind), kind],
-            capture_output=True,
-            text=True,
-            check=True,
-            timeout=LIMIT,
-        )
-        allowed[kind] = int(done.stdout)
-    assert allowed["jumping"] == allowed["steady"] > 20
+    jumps, real = itertools.cycle([0.0, -3600.0, 24 * 3600.0, 25 * 3600.0]), time.time
+
+    class Jumping(datetime):
+        """An hour back, a day on."""
+
+        @classmethod
+        def now(cls, tz: tzinfo | None = None) -> Jumping:
+            return cls.fromtimestamp(real() + next(jumps), tz)
+
+    allowed = []
+    for name in ("steady", "jumping"):
+        simulator = Timed(bend)
+        monkeypatch.setattr(time, "perf_counter", lambda: 0.01 * simulator.drives)  # noqa: B023
+        search = campaign(tmp_path / name, simulator=simulator, budget=Budget(time=0.505))
+        allowed.append(search.run().simulations)
+        monkeypatch.setattr(time, "time", lambda: real() + next(jumps))
+        monkeypatch.setattr(words, "datetime", Jumping)
+    monkeypatch.undo()
+    assert allowed[0] == allowed[1] > 20
     assert contents(tmp_path / "jumping") == contents(tmp_path / "steady")
     with CampaignStore.open(tmp_path / "jumping") as store:
         elapsed = [record.elapsed or 0.0 for record in store.tests()]
