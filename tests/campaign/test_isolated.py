@@ -192,14 +192,6 @@ def test_a_simulator_that_does_not_start_says_why(marks: Marks) -> None:
     until_gone(marks.pids())
 
 
-def test_a_simulator_is_left_as_it_was_entered(marks: Marks) -> None:
-    with IsolatedSimulator(FaultySimulator(marks.folder)) as simulator:
-        simulator.drive(ROAD, DummyDriver())
-        assert os.getpid() not in marks.pids()
-    assert marks.numbers("start") == marks.numbers("end") == [1]
-    until_gone(marks.pids())
-
-
 def test_a_simulator_that_raised_is_ended_in_order_and_started_again(
     tmp_path: Path, marks: Marks
 ) -> None:
@@ -207,6 +199,7 @@ def test_a_simulator_that_raised_is_ended_in_order_and_started_again(
     simulator = IsolatedSimulator(FaultySimulator(marks.folder, drive=fault))
     summary = campaign(tmp_path / "c", simulator=simulator).run()
     assert summary.errors == 0
+    assert os.getpid() not in marks.pids()
     assert marks.numbers("start") == marks.numbers("end") == [1, 2]
     log = (tmp_path / "c" / LOG).read_text().splitlines()
     retried = [line for line in log if "test_retried" in line]
