@@ -32,6 +32,20 @@ from frenetic.outcome import Outcome
 from frenetic.simulators import Simulator
 from frenetic.testing import DummyDriver, DummySimulator
 
+MINE = """
+from {helper} import STEERING
+from frenetic.testing import DummyDriver
+
+class Mine(DummyDriver):
+    def __init__(self):
+        super().__init__(steering=STEERING)
+
+    def reset(self, setup):
+        assert self.controls.steering == STEERING == 0.125
+        open({was_there!r}, "w").close()
+"""
+"""A driver of a user's file, with another file beside it."""
+
 
 def events(folder: Path) -> list[dict[str, Any]]:
     """Lines of a campaign's log."""

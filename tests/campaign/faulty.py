@@ -325,6 +325,18 @@ class FaultySimulator(DummySimulator):
         return super().drive(road, driver)
 
 
+class Stumbling(FaultySimulator):
+    """Kills its process in a drive; the next start after that fails."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder, drive=Fault(kill, folder, times=1))
+
+    def __enter__(self) -> Self:
+        if self.marks.are_there("kill-0") and self.marks.make("stumbled"):
+            refuse_connection(self.marks)
+        return super().__enter__()
+
+
 class NoDrive(DummySimulator):
     """Returns nothing."""
 

@@ -14,7 +14,6 @@ from contextlib import ExitStack, contextmanager
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Self
 
 import cloudpickle
 import pytest
@@ -23,6 +22,7 @@ from clusters import HERE, ONE_SEAT, Cluster, end, go_on, pause
 from contents import contents
 from distributed import Client
 from driving import (
+    MINE,
     WorkersContract,
     WorkersOf,
     await_attempts,
@@ -133,20 +133,6 @@ def test_what_a_driver_logs_comes_back(cluster: Cluster, tmp_path: Path, marks: 
     assert line["logger"] == "frenetic.driver"
 
 
-MINE = """
-from {name}_helper import STEERING
-from frenetic.testing import DummyDriver
-
-class Mine(DummyDriver):
-    def __init__(self):
-        super().__init__(steering=STEERING)
-
-    def reset(self, setup):
-        assert self.controls.steering == STEERING == 0.125
-        open({was_there!r}, "w").close()
-"""
-
-
 @pytest.mark.parametrize("made", [DRIVERS.make, partial(driver_of, options={}, layers={})])
 @pytest.mark.parametrize("spec", ["{folder}/filed.py:Mine", "placed:Mine"])
 def test_workers_need_no_copy_of_a_users_file(
@@ -160,7 +146,7 @@ def test_workers_need_no_copy_of_a_users_file(
     was_there = tmp_path / "was-there"
     for file, text in (
         (f"{name}_helper.py", "STEERING = 0.125"),
-        (f"{name}.py", MINE.format(name=name, was_there=str(was_there))),
+        (f"{name}.py", MINE.format(helper=f"{name}_helper", was_there=str(was_there))),
     ):
         (tmp_path / file).write_text(text)
     monkeypatch.setattr(sys, "path", list(sys.path))
@@ -230,18 +216,6 @@ def test_what_cannot_be_packed_is_one_line(cluster: Cluster, tmp_path: Path) -> 
 
 
 # What goes wrong with workers
-
-
-class Stumbling(FaultySimulator):
-    """Kills its process in a drive; the next start after that fails."""
-
-    def __init__(self, folder: Path) -> None:
-        super().__init__(folder, drive=Fault(kill, folder, times=1))
-
-    def __enter__(self) -> Self:
-        if self.marks.are_there("kill-0") and self.marks.make("stumbled"):
-            refuse_connection(self.marks)
-        return super().__enter__()
 
 
 def test_a_worker_that_dies_costs_one_attempt_and_comes_back(

@@ -18,6 +18,7 @@ import faulty
 import pytest
 from campaigns import refused
 from driving import (
+    MINE,
     WorkersContract,
     WorkersOf,
     await_all,
@@ -35,6 +36,7 @@ from faulty import (
     FaultySimulator,
     Marks,
     Straight,
+    Stumbling,
     await_go,
     fork,
     fork_and_leave,
@@ -323,19 +325,6 @@ def test_those_that_start_do_the_work_of_those_that_do_not(marks: Marks, tmp_pat
     assert all(attempt.failure is None for attempt in attempts.values())
 
 
-class Stumbling(FaultySimulator):
-    """Kills its process in the first drive, and does not start the second time."""
-
-    def __init__(self, folder: Path) -> None:
-        super().__init__(folder, drive=Fault(kill, folder, times=1))
-
-    def __enter__(self) -> Self:
-        super().__enter__()
-        if self.marks.numbers("start") == [1, 2]:
-            refuse_connection(self.marks)
-        return self
-
-
 def test_a_worker_that_once_worked_gets_further_chances_to_start(
     marks: Marks, tmp_path: Path
 ) -> None:
@@ -519,24 +508,12 @@ class Untravelled(DummyDriver):
         raise ValueError("Untravelled\nstays at home")
 
 
-MINE = """
-from helper import STEERING
-from frenetic.testing import DummyDriver
-
-class Mine(DummyDriver):
-    def __init__(self):
-        super().__init__(steering=STEERING)
-
-    def reset(self, setup):
-        assert self.controls.steering == STEERING == 0.125
-        open({folder!r} + "/was-there", "w").close()
-"""
-
-
 def test_a_driver_from_a_users_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "path", list(sys.path))
     (tmp_path / "helper.py").write_text("STEERING = 0.125")
-    (tmp_path / "mine.py").write_text(MINE.format(folder=str(tmp_path)))
+    (tmp_path / "mine.py").write_text(
+        MINE.format(helper="helper", was_there=str(tmp_path / "was-there"))
+    )
     driver = DRIVERS.make(f"{tmp_path / 'mine.py'}:Mine")
     try:
         with local(DummySimulator(), driver, folder=tmp_path, count=2) as workers:
