@@ -307,10 +307,14 @@ class Running:
     def press_ctrl_c(self) -> None:
         os.killpg(self.process.pid, signal.SIGINT)
 
-    def ends(self) -> int:
-        code = self.process.wait(LIMIT)
+    def ends(self, code: int = 130) -> None:
+        """It ends so, with all that it started, and leaves a sound campaign, if any."""
+        assert self.process.wait(LIMIT) == code, self.err.read_text()
         until_gone({*self.family, *self.marks.pids()})
-        return code
+        assert "Traceback" not in self.err.read_text()
+        assert "EOFError" not in self.err.read_text()
+        if self.folder.exists():
+            assert check_campaign(self.folder).findings == ()
 
     def told(self) -> int:
         with CampaignStore.open(self.folder) as store:
@@ -324,12 +328,10 @@ def test_ctrl_c_finishes_what_runs(tmp_path: Path, marks: Marks) -> None:
         running.press_ctrl_c()
         running.until(lambda: "Finishing what runs" in running.err.read_text(), "it is noticed")
         marks.make("go")
-        assert running.ends() == 130, running.err.read_text()
+        running.ends()
     # Five, the two that waited, and what quick workers had got ahead of time.
     assert 7 <= running.told() <= 5 + 2 * AHEAD
     assert f"Interrupted: {running.told()} simulations" in running.out.read_text()
-    assert "Traceback" not in running.err.read_text()
-    assert check_campaign(running.folder).findings == ()
     assert events(running.folder)[-1]["event"] == "interrupted"
     assert len(marks.numbers("end")) == 2  # the simulators were ended in peace
 
@@ -344,12 +346,10 @@ def test_ctrl_c_twice_leaves_at_once_and_loses_nothing(tmp_path: Path, marks: Ma
         running.until(lambda: "Finishing what runs" in running.err.read_text(), "it is noticed")
         start = time.monotonic()
         running.press_ctrl_c()
-        assert running.ends() == 130, running.err.read_text()
+        running.ends()
         assert time.monotonic() - start < 0.5 * LIMIT
     assert "Interrupted: 5 simulations" in running.out.read_text()
-    assert "Traceback" not in running.err.read_text()
     assert running.told() == 5
-    assert check_campaign(running.folder).findings == ()
 
 
 @posix_only
@@ -360,11 +360,9 @@ def test_ctrl_c_while_simulators_start(tmp_path: Path, marks: Marks, presses: in
         start = time.monotonic()
         for _ in range(presses):
             running.press_ctrl_c()
-        assert running.ends() == 130, running.err.read_text()
+        running.ends()
         assert time.monotonic() - start < 0.5 * LIMIT
-    assert "Traceback" not in running.err.read_text()
     assert running.told() == 0
-    assert check_campaign(running.folder).findings == ()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="workers are forked from a server there only")
@@ -393,9 +391,7 @@ def test_ctrl_c_while_the_server_of_the_workers_starts(
             running.press_ctrl_c()
             if presses == 2 and not is_named:
                 running.until(lambda: "Finishing" in running.err.read_text(), "it is noticed")
-        assert running.ends() == 130, running.err.read_text()
-    assert "Traceback" not in running.err.read_text()
-    assert "EOFError" not in running.err.read_text()
+        running.ends()
     if is_named:
         assert not running.folder.exists()
     else:
@@ -418,9 +414,8 @@ def test_workers_of_a_killed_campaign_end_with_all_they_started(
         running.until(lambda: len(marks.pids()) == wanted, "all are there")
         assert all(is_running(pid) for pid in marks.pids())
         running.process.kill()
-        assert running.ends() == -signal.SIGKILL
+        running.ends(-signal.SIGKILL)
     assert running.told() == 4
-    assert check_campaign(running.folder).findings == ()
 
 
 # Ctrl-C within a write
