@@ -33,19 +33,6 @@ from frenetic.search import Frenetic2021, RandomSearch
 from frenetic.simulators import EmbeddedSimulator, Trajectory
 from frenetic.testing import DummySimulator
 
-COMMAND_LINE: dict[str, Any] = {
-    "strategy": "frenetic",
-    "strategy_options": {"max_redraws": 0},
-    "driver": "planner",
-    "driver_options": {},
-    "layers": {},
-    "simulator": "embedded",
-    "simulator_options": {},
-    "speed_limit": 70.0,
-    "oob_tolerance": 0.95,
-    "wall_limit": 60.0,
-}
-
 
 def make_campaign(folder: Path, simulations: int, **options: Any) -> Campaign:
     """One whose tests end in every way but ERROR."""
@@ -54,7 +41,6 @@ def make_campaign(folder: Path, simulations: int, **options: Any) -> Campaign:
         "simulator": EmbeddedSimulator(),
         "driver": Planner(),
         "ordered": True,
-        "description": {"command": COMMAND_LINE},
     }
     return campaign(folder, simulations, **(usual | options))
 
@@ -300,7 +286,6 @@ def test_damage_that_no_reader_meets(folder: Path) -> None:
         (lambda config: config.pop("map_size"), "missing required field `map_size`"),
         (lambda config: config["rules"].update(oob_tolerance=1.5), "oob_tolerance is 1.5"),
         (lambda config: config["car"].update(width="wide"), "at `$.car.width`"),
-        (lambda config: config["command"].pop("wall_limit"), "wall_limit"),
     ],
 )
 def test_faults_of_the_configuration(
