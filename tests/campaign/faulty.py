@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import faulthandler
 import gc
+import itertools
 import logging
 import os
 import signal
@@ -13,11 +14,10 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -301,9 +301,7 @@ class FaultySimulator(DummySimulator):
             fault.strike(samples)
 
     def _count(self, name: str) -> None:
-        n = 1
-        while not self.marks.make(f"{name}-{n}"):
-            n += 1
+        next(n for n in itertools.count(1) if self.marks.make(f"{name}-{n}"))
 
     def __enter__(self) -> Self:
         self.marks.make(f"pid-{os.getpid()}")
@@ -311,18 +309,25 @@ class FaultySimulator(DummySimulator):
         self._strike(0)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._count("end")
         self._strike(2)
 
     def drive(self, road: Road, driver: Driver) -> Drive:
         self._strike(1, len(road.curvatures))
         return super().drive(road, driver)
+
+
+class Stumbling(FaultySimulator):
+    """Kills its process in a drive; the next start after that fails."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder, drive=Fault(kill, folder, times=1))
+
+    def __enter__(self) -> Self:
+        if self.marks.are_there("kill-0") and self.marks.make("stumbled"):
+            refuse_connection(self.marks)
+        return super().__enter__()
 
 
 class NoDrive(DummySimulator):
@@ -417,14 +422,7 @@ class Straight(Strategy):
     def __init__(self, *samples: int) -> None:
         self.samples = samples
         self.told: list[Evaluation] = []
-        self._ids = self._numbers()
-
-    @staticmethod
-    def _numbers() -> Iterator[int]:
-        n = 0
-        while True:
-            n += 1
-            yield n
+        self._ids = itertools.count(1)
 
     def ask(self) -> Candidate:
         number = next(self._ids)

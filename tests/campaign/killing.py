@@ -15,17 +15,16 @@ from pathlib import Path
 from typing import Any, Literal
 from unittest.mock import patch
 
+from campaigns import campaign
 from events import on_result
 from faulty import FaultySimulator
 from pids import LIMIT
 
 from frenetic import worker
 from frenetic._support.child_processes import process_context
-from frenetic.campaign import Budget, Campaign, Summary
+from frenetic.campaign import Summary
 from frenetic.campaign.database import DATABASE
 from frenetic.errors import CampaignError
-from frenetic.search import Frenetic2021
-from frenetic.testing import DummyDriver
 
 SIMULATIONS = 600
 
@@ -56,20 +55,6 @@ def exit_code_of(target: Callable[..., object], *arguments: object) -> int | Non
         process.join()
 
 
-def campaign(folder: Path, marks: Path, *, workers: int = 1, ordered: bool = False) -> Campaign:
-    return Campaign(
-        strategy=Frenetic2021(
-            seed=4, random_budget=0.1, cross_freq=10, cross_num=6, max_redraws=10
-        ),
-        simulator=FaultySimulator(marks),
-        driver=DummyDriver(),
-        budget=Budget(simulations=SIMULATIONS),
-        folder=folder,
-        workers=workers,
-        ordered=ordered,
-    )
-
-
 def go_on(folder: Path, marks: Path, workers: int, ordered: bool, blow: Blow | None) -> None:
     """Runs or resumes a campaign until it ends or the blow comes; each result leaves a byte."""
     if sys.platform == "linux":
@@ -77,7 +62,8 @@ def go_on(folder: Path, marks: Path, workers: int, ordered: bool, blow: Blow | N
         worker.process_context = lambda _: multiprocessing.get_context("fork")  # type: ignore
     killer = _Killer(blow)
     sqlite3.connect = killer.connect  # type: ignore[assignment]
-    one = campaign(folder, marks, workers=workers, ordered=ordered)
+    simulator = FaultySimulator(marks)
+    one = campaign(folder, SIMULATIONS, simulator=simulator, workers=workers, ordered=ordered)
     reported = os.open(marks / "reported", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
 
     def report(progress: Summary) -> None:
@@ -99,7 +85,7 @@ def run_until(place: str, folder: Path, arguments: Sequence[str]) -> None:
 
 def write_refusals(folder: Path, answers: Path) -> None:
     """Tries to run and to resume a campaign, and writes down a line for each refusal."""
-    one = campaign(folder, folder)
+    one = campaign(folder)
     refusals = []
     for go_on in (one.run, one.resume):
         try:

@@ -14,15 +14,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from campaigns import campaign
 from events import on_test
 
-from frenetic.campaign import Budget, Campaign, CampaignStore, Summary
+from frenetic.campaign import Campaign, CampaignStore, Summary
 from frenetic.campaign.log import LOG, CampaignLog, LogEvent
-from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.search import RandomSearch
-from frenetic.testing import DummyDriver, DummySimulator
+from frenetic.testing import DummySimulator
 
 
 def drift(road: Road) -> float:
@@ -33,14 +33,9 @@ def drift(road: Road) -> float:
     return 4.0 if sharpest > 0.05 else 0.5
 
 
-def campaign(folder: Path, *, seed: int = 2, simulations: int = 40) -> Campaign:
-    return Campaign(
-        strategy=RandomSearch(seed=seed),
-        simulator=DummySimulator(drift),
-        driver=DummyDriver(),
-        budget=Budget(simulations=simulations),
-        folder=folder,
-    )
+def search(folder: Path, *, seed: int = 2, simulations: int = 40) -> Campaign:
+    strategy, simulator = RandomSearch(seed=seed), DummySimulator(drift)
+    return campaign(folder, simulations, strategy=strategy, simulator=simulator)
 
 
 def lines(folder: Path) -> list[dict[str, Any]]:
@@ -64,7 +59,7 @@ def stored(folder: Path, outcome: Outcome) -> dict[int, float | None]:
 
 def test_a_campaign_tells_its_events(tmp_path: Path) -> None:
     before = datetime.now(UTC) - timedelta(milliseconds=1)
-    summary = campaign(tmp_path).run()
+    summary = search(tmp_path).run()
     assert summary.failed > 0
     assert summary.errors > 0
     written = lines(tmp_path)
@@ -88,40 +83,12 @@ def test_a_campaign_tells_its_events(tmp_path: Path) -> None:
         assert line["traceback"].startswith("Traceback (most recent call last)")
     assert len(of(LogEvent.TEST_RETRIED, tmp_path)) == len(broken)
     assert (progress["event"], progress["budget_spent"], progress["running"]) == ("progress", 1, 0)
+    (worker,) = of(LogEvent.PROGRESS, tmp_path)[0]["workers"]
+    assert (worker["name"], worker["state"], worker["tests"]) == ("this process", "idle", 0)
     assert (progress["tests"], progress["min_moobd"]) == (summary.tests, summary.min_moobd)
     assert end["event"] == "finished"
     expected = json.loads(json.dumps(summary.as_json()))
     assert {name: end[name] for name in expected} == expected
-
-
-def test_progress_names_the_workers(tmp_path: Path) -> None:
-    one = campaign(tmp_path)
-    one.run(10)
-    first = of(LogEvent.PROGRESS, tmp_path)[0]
-    (worker,) = first["workers"]
-    assert (worker["name"], worker["state"], worker["tests"]) == ("this process", "idle", 0)
-
-
-def test_an_interrupted_campaign_and_its_resumption_are_told(tmp_path: Path) -> None:
-    first = campaign(tmp_path)
-    first.run(on_event=on_test(lambda test: first.stop()))
-    campaign(tmp_path).resume()
-    told = [line["event"] for line in lines(tmp_path)]
-    kinds = ("started", "interrupted", "resumed", "finished")
-    assert [event for event in told if event in kinds] == list(kinds)
-
-
-def test_a_campaign_that_gives_up_says_why(tmp_path: Path) -> None:
-    def always(road: Road) -> float:
-        raise RuntimeError("no power")
-
-    one = campaign(tmp_path)
-    one.tester.simulator.drift = always  # type: ignore[attr-defined]
-    with pytest.raises(CampaignError, match="drives broke"):
-        one.run()
-    last = lines(tmp_path)[-1]
-    assert (last["event"], last["level"]) == ("gave_up", "error")
-    assert "no power" in last["message"]
 
 
 def test_messages_of_the_library_become_lines_while_it_runs(tmp_path: Path) -> None:
@@ -135,7 +102,7 @@ def test_messages_of_the_library_become_lines_while_it_runs(tmp_path: Path) -> N
         except ValueError:
             logger.exception("it broke")
 
-    campaign(tmp_path, simulations=1).run(on_event=on_test(complain))
+    search(tmp_path, simulations=1).run(on_event=on_test(complain))
     logger.warning("too late")
     flat, broke = (line for line in lines(tmp_path) if line.get("logger") == logger.name)
     assert (flat["level"], flat["event"], flat["message"]) == (
@@ -166,9 +133,7 @@ def test_two_campaigns_in_two_threads_do_not_mix(tmp_path: Path) -> None:
 
     def run(seed: int) -> None:
         # Their results alternate.
-        campaign(tmp_path / str(seed), seed=seed).run(
-            on_event=on_test(lambda test: both.wait(60.0))
-        )
+        search(tmp_path / str(seed), seed=seed).run(on_event=on_test(lambda test: both.wait(60.0)))
 
     threads = [threading.Thread(target=run, args=(seed,)) for seed in (1, 2)]
     for thread in threads:
@@ -213,7 +178,7 @@ def run_with(folder: Path, mishap: Callable[[], object]) -> Summary:
         if test.told == 10:
             mishap()
 
-    return campaign(folder).run(on_event=on_test(report))
+    return search(folder).run(on_event=on_test(report))
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="an open file cannot be removed")
@@ -227,17 +192,15 @@ def test_a_log_that_somebody_removed_is_begun_anew(tmp_path: Path) -> None:
 @pytest.mark.skipif(sys.platform == "win32", reason="an open file cannot be removed")
 def test_a_log_that_cannot_be_opened_any_more_costs_its_lines_only(tmp_path: Path) -> None:
     def replace() -> None:
-        (tmp_path / "c" / LOG).unlink()
-        (tmp_path / "c" / LOG).mkdir()
+        (tmp_path / LOG).unlink()
+        (tmp_path / LOG).mkdir()
 
-    summary = run_with(tmp_path / "c", replace)
-    assert summary.failed == campaign(tmp_path / "whole").run().failed
-    assert (tmp_path / "c" / LOG).is_dir()
+    assert run_with(tmp_path, replace).simulations == 40
+    assert (tmp_path / LOG).is_dir()
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux's always full disk")
 def test_a_full_disk_costs_its_lines_only(tmp_path: Path) -> None:
-    (tmp_path / "c").mkdir()
-    (tmp_path / "c" / LOG).symlink_to("/dev/full")
-    assert campaign(tmp_path / "c").run().failed == campaign(tmp_path / "whole").run().failed
+    (tmp_path / LOG).symlink_to("/dev/full")
+    assert search(tmp_path).run().simulations == 40
     assert logging.getLogger("frenetic").handlers == []

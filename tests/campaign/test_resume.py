@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import random
+import shutil
 import signal
 import sys
 from collections.abc import Iterator
@@ -14,72 +15,47 @@ from typing import Any
 import killing
 import numpy as np
 import pytest
+from campaigns import Scripted, campaign, quick_search, refused
 from contents import contents
 from events import on_result
-from faulty import Marks
+from faulty import FaultySimulator, Marks, bend
 from pids import until_gone
-from test_campaign import Scripted
 from user_modules import own_modules
 
-from frenetic.campaign import Budget, Campaign, CampaignStore, Summary
+from frenetic.campaign import Campaign, CampaignStore, Summary
 from frenetic.campaign.campaign import LOOKAHEAD
 from frenetic.campaign.check import check_campaign
-from frenetic.drivers import Planner
+from frenetic.drivers import Driver, Planner
 from frenetic.drivers.loading import load_driver
-from frenetic.errors import CampaignError
+from frenetic.road import Road
 from frenetic.search import Candidate, Evaluation, Frenetic, Frenetic2021, RandomSearch
-from frenetic.simulators import EmbeddedSimulator, Rules
-from frenetic.testing import DummyDriver, DummySimulator
+from frenetic.simulators import Drive, EmbeddedSimulator, Rules
+from frenetic.testing import DummySimulator
 
-SIMULATIONS = 160
-
-
-def drift(road) -> float:  # type: ignore[no-untyped-def]
-    """More in sharper bends, so that there is something to learn."""
-    return 70.0 * float(abs(road.curvatures).max()) - 1.2
-
-
-def campaign(folder: Path, strategy=None, simulator=None, simulations=SIMULATIONS) -> Campaign:  # type: ignore[no-untyped-def]
-    return Campaign(
-        strategy=strategy or Frenetic2021(seed=4, cross_freq=10, cross_num=6, max_redraws=10),
-        simulator=simulator or DummySimulator(drift),
-        driver=DummyDriver(),
-        budget=Budget(simulations=simulations),
-        folder=folder,
-    )
+pytest_plugins = ["campaign_fixtures"]
 
 
 class Stopping(DummySimulator):
     """Is interrupted in its nth drive."""
 
     def __init__(self, drives: int) -> None:
-        super().__init__(drift)
+        super().__init__(bend)
         self.left = drives
 
-    def drive(self, road, driver):  # type: ignore[no-untyped-def]
+    def drive(self, road: Road, driver: Driver) -> Drive:
         self.left -= 1
         if self.left < 0:
             raise KeyboardInterrupt
         return super().drive(road, driver)
 
 
-@pytest.fixture(scope="module")
-def uninterrupted(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[tuple[object, ...]]]:
-    folder = tmp_path_factory.mktemp("whole")
-    campaign(folder).run()
-    return contents(folder)
-
-
 def test_interrupted_again_and_again_it_ends_as_if_it_had_not_been(
-    tmp_path: Path, uninterrupted: dict[str, list[tuple[object, ...]]]
+    tmp_path: Path, finished: Path
 ) -> None:
     assert campaign(tmp_path, simulator=Stopping(7)).run().interrupted
-    for _ in range(100):
-        summary = campaign(tmp_path, simulator=Stopping(23)).resume()
-        if not summary.interrupted:
-            break
-    assert summary.simulations == SIMULATIONS
-    assert contents(tmp_path) == uninterrupted
+    while campaign(tmp_path, simulator=Stopping(11)).resume().interrupted:
+        pass
+    assert contents(tmp_path) == contents(finished)
 
 
 @pytest.mark.endurance
@@ -90,7 +66,8 @@ def test_killed_at_random_moments_it_ends_as_if_it_had_not_been(
 ) -> None:
     marks, folder, whole = (tmp_path / name for name in ("marks", "campaign", "whole"))
     marks.mkdir()
-    killing.campaign(whole, marks, ordered=ordered).run()
+    simulator = FaultySimulator(marks)
+    campaign(whole, killing.SIMULATIONS, simulator=simulator, ordered=ordered).run()
     rng = random.Random(11 + workers)
     together = LOOKAHEAD if ordered else 1  # results in one transaction at most
     for kills in range(1, (25 if endurance else 5) + 1):
@@ -140,30 +117,7 @@ def told(folder: Path) -> int:
         return store.counts().told
 
 
-def test_extended_budget_goes_on_from_where_it_ended(tmp_path: Path) -> None:
-    campaign(tmp_path, simulations=40).run()
-    first = contents(tmp_path)
-    summary = campaign(tmp_path, simulations=70).resume()
-    assert summary.simulations == 70
-    extended = contents(tmp_path)
-    assert extended["test"][: len(first["test"])] == first["test"]
-
-
-def test_other_parts_are_refused_and_nothing_is_changed(tmp_path: Path) -> None:
-    campaign(tmp_path, simulator=Stopping(20)).run()
-    before = contents(tmp_path)
-    for other in (
-        campaign(
-            tmp_path, strategy=Frenetic2021(seed=5, cross_freq=10, cross_num=6, max_redraws=10)
-        ),
-        campaign(tmp_path, strategy=RandomSearch(seed=4)),
-    ):
-        with pytest.raises(CampaignError, match="was made with another strategy"):
-            other.resume()
-    assert contents(tmp_path) == before
-
-
-def test_strategy_that_replays_differently_is_noticed(tmp_path: Path) -> None:
+def test_strategy_that_replays_differently_is_noticed(tmp_path: Path, finished: Path) -> None:
     class Changed(Frenetic2021):
         def ask(self) -> Candidate:
             asked = super().ask()
@@ -172,24 +126,21 @@ def test_strategy_that_replays_differently_is_noticed(tmp_path: Path) -> None:
             return asked
 
     Changed.__module__, Changed.__qualname__ = Frenetic2021.__module__, Frenetic2021.__qualname__
-    campaign(tmp_path, simulator=Stopping(20)).run()
-    before = contents(tmp_path)
-    changed = Changed(seed=4, cross_freq=10, cross_num=6, max_redraws=10)
-    with pytest.raises(CampaignError, match="another road as candidate 9 than it did"):
-        campaign(tmp_path, strategy=changed, simulator=Stopping(99)).resume()
-    assert contents(tmp_path) == before
+    shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
+    options: dict[str, Any] = quick_search().options
+    changed = Changed(**options)
+    with refused("another road as candidate 9 than it did"):
+        campaign(tmp_path, strategy=changed, simulations=90).resume()
+    assert contents(tmp_path) == contents(finished)
 
 
-def test_there_has_to_be_a_campaign(tmp_path: Path) -> None:
-    with pytest.raises(CampaignError, match="holds no campaign"):
-        campaign(tmp_path).resume()
-
-
-def test_killed_after_its_budget_was_extended_it_goes_on_to_that_budget(tmp_path: Path) -> None:
-    campaign(tmp_path, simulations=40).run()
+def test_killed_after_its_budget_was_extended_it_goes_on_to_that_budget(
+    tmp_path: Path, finished: Path
+) -> None:
+    shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
 
     def end(progress: Summary) -> None:
-        if progress.simulations == 60:
+        if progress.simulations == 65:
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
@@ -219,12 +170,10 @@ def worst(road, drive):
 def with_parts(folder: Path, simulations: int, **options: object) -> Iterator[Campaign]:
     """A campaign with a driver and an objective of a file beside it, loaded anew."""
     with own_modules():
-        yield Campaign(
-            strategy=RandomSearch(seed=4),
-            simulator=DummySimulator(drift),
+        yield campaign(
+            folder,
+            simulations,
             driver=load_driver(f"{folder.parent}/parts.py:Mpc", options),
-            budget=Budget(simulations=simulations),
-            folder=folder,
             objective=f"{folder.parent}/parts.py:worst",
         )
 
@@ -239,11 +188,10 @@ def test_a_campaign_goes_on_with_the_parts_that_it_was_made_with(
     before = contents(folder)
 
     def refusal(**options: object) -> str:
-        with pytest.raises(CampaignError) as refused, with_parts(folder, 10, **options) as edited:
+        with refused() as caught, with_parts(folder, 10, **options) as edited:
             edited.resume()
         assert contents(folder) == before
-        assert "\n" not in str(refused.value)
-        return str(refused.value)
+        return str(caught.value)
 
     message = refusal(comfort=1.0)
     assert "made with another driver: driver Mpc: comfort is 1.0, it was 2.0; restore" in message
@@ -268,23 +216,19 @@ def test_a_campaign_goes_on_with_the_parts_that_it_was_made_with(
         ("lane width", {"lane_width": 3.5}),
         ("lookahead", {"ordered": True}),
         ("objective", {"objective": "oob-share"}),
-        ("rules", {"simulator": DummySimulator(drift, rules=Rules(speed_limit=50.0))}),
+        ("rules", {"simulator": DummySimulator(bend, rules=Rules(speed_limit=50.0))}),
+        ("strategy", {"strategy": RandomSearch(seed=4)}),
+        ("strategy", {"strategy": quick_search(seed=5)}),
     ],
 )
-def test_other_terms_are_refused(tmp_path: Path, term: str, changed: dict[str, Any]) -> None:
-    def search(simulations: int, **options: Any) -> Campaign:
-        parts: dict[str, Any] = {"simulator": DummySimulator(drift), "driver": DummyDriver()}
-        return Campaign(
-            strategy=Scripted([0.0] * 8),
-            budget=Budget(simulations=simulations),
-            folder=tmp_path,
-            **(parts | options),
-        )
-
-    search(3).run()
-    with pytest.raises(CampaignError, match=f"was made with another {term}: "):
-        search(6, **changed).resume()
-    assert search(6).resume().simulations == 6
+def test_other_terms_are_refused_and_nothing_is_changed(
+    tmp_path: Path, finished: Path, term: str, changed: dict[str, Any]
+) -> None:
+    shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
+    usual = {"strategy": Scripted()} if "map_size" in changed else {}
+    with refused(f"was made with another {term}: "):
+        campaign(tmp_path, 90, **(usual | changed)).resume()
+    assert contents(tmp_path) == contents(finished)
 
 
 class Watching(Frenetic):
@@ -303,20 +247,10 @@ class Watching(Frenetic):
 
 
 def test_a_resumed_strategy_is_told_of_drives_what_it_was_told(tmp_path: Path) -> None:
-    def watched(simulations: int) -> tuple[Watching, Campaign]:
-        strategy = Watching(seed=4)
-        return strategy, Campaign(
-            strategy=strategy,
-            simulator=EmbeddedSimulator(),
-            driver=Planner(aggression=1.3),
-            budget=Budget(simulations=simulations),
-            folder=tmp_path,
-        )
-
-    strategy, first = watched(60)
-    first.run()
-    resumed, second = watched(62)
-    second.resume()
+    strategy, resumed = Watching(seed=4), Watching(seed=4)
+    parts = {"simulator": EmbeddedSimulator(), "driver": Planner(aggression=1.3)}
+    campaign(tmp_path, 60, strategy=strategy, **parts).run()
+    campaign(tmp_path, 62, strategy=resumed, **parts).resume()
     assert len(strategy.told[0]) == 7
     assert {told[1] for told in strategy.told} == {"left", "right", None}
     assert resumed.told[: len(strategy.told)] == strategy.told

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from campaigns import refused
 from events import on_test
 from paced import campaign, paced
 
@@ -17,7 +18,6 @@ from frenetic.campaign.lock import lock_file
 from frenetic.campaign.log import LOG, CampaignLog, LogEvent, WorkerState
 from frenetic.campaign.state import KEPT, CampaignState, Follower, Status
 from frenetic.campaign.summary import Summary
-from frenetic.errors import CampaignError
 from frenetic.road import Road
 
 
@@ -112,7 +112,7 @@ def test_a_campaign_that_gave_up(tmp_path: Path) -> None:
 
     one = campaign(tmp_path)
     one.tester.simulator.drift = break_down  # type: ignore[attr-defined]
-    with pytest.raises(CampaignError):
+    with refused():
         one.run()
     state = look(tmp_path)
     assert state.status is Status.GAVE_UP
@@ -240,15 +240,13 @@ def test_a_folder_without_a_campaign_is_one_line(
     tmp_path: Path, make: Callable[[Path], None]
 ) -> None:
     make(tmp_path / "c")
-    with pytest.raises(CampaignError) as caught:
+    with refused():
         Follower(tmp_path / "c")
-    assert "\n" not in str(caught.value)
 
 
 def test_a_damaged_database_is_one_line(finished: Path) -> None:
     follower = Follower(finished)
     CampaignStore.open(finished).close()
     (finished / DATABASE).write_bytes(b"no database at all" * 500)
-    with pytest.raises(CampaignError) as caught:
+    with refused():
         follower.look()
-    assert "\n" not in str(caught.value)
