@@ -159,24 +159,3 @@ def test_two_versions_of_one_file_are_told_apart(
     edited.write_text(edited.read_text() + "\n# better\n")
     answer = frenetic("compare", old, "--driver", "v2/v2.py:Mine", *FEW)
     assert answer.code == 0, "the old version drives as the campaign has kept it"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("c", "--driver", "planner"), ("both versions are the same",)),
-        (("c", "--driver", "missing.py:Mine"), ("there is no file 'missing.py'",)),
-        (("c", "--driver", "agression=1"), ("did you mean 'aggression'?",)),
-        (("c", "--driver", "stanley", "--seed", "3"), ("seed 3 is that of the campaign",)),
-        (("c", "d", "--driver", "stanley"), ("that of one campaign: name only that",)),
-        (("c", "--driver", "stanley", "--html", "p.html"), ("leave out --html",)),
-        (("elsewhere", "--driver", "stanley"), ("elsewhere does not exist",)),
-        (("c", "d", "--fresh", "3"), ("--fresh is for a new version of a driver: add --driver",)),
-    ],
-)
-def test_mistakes(
-    frenetic: Frenetic, campaign: str, arguments: tuple[str, ...], words: tuple[str, ...]
-) -> None:
-    assert campaign == "c"
-    assert frenetic("compare", *arguments).refuses(*words)
-    assert not Path(campaign, "fresh").exists(), "nothing is half-written"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -46,8 +45,3 @@ def test_doctor_of_a_users_own_simulator(frenetic: Frenetic) -> None:
         "straight road, Stanley",
         "curve, Stanley",
     ]
-
-
-def test_options_need_a_simulator(frenetic: Frenetic) -> None:
-    assert frenetic("doctor", "--simulator", "friction=0.2").refuses("needs a name before")
-    assert json.loads(frenetic("doctor", "--simulator", "embedded", "--json").out)
