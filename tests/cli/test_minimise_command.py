@@ -27,6 +27,12 @@ pytest_plugins = ["command_line"]
 
 # One that the default driver leaves to the right.
 FAILING = [0.0, 0.01, 0.0, 0.0, 0.01, 0.012, -0.03, -0.036, -0.05, 0.0, 0.0, 0.0, 0.02, 0.02]
+# One that it no longer leaves with all curvatures 2 % smaller or larger.
+EDGE = [
+    *(0.043, 0.009, 0.037, 0.035, 0.028, -0.02, -0.054, -0.05, -0.009, -0.028, -0.01, -0.003),
+    *(0.007, -0.015, -0.016, -0.02, 0.029, 0.007, -0.005, -0.017, -0.035, 0.002, -0.019, 0.025),
+    *(0.022, -0.022, 0.013, 0.05),
+]
 
 
 @pytest.fixture(scope="module")
@@ -149,6 +155,19 @@ def test_road_file_is_minimised_beside_it(frenetic: Frenetic) -> None:
         assert Path(name).stat().st_size > 500
     assert frenetic("drive", "bend.min.json", "--json").json["outcome"] == "FAIL"
     assert json.loads(Path("bend.json").read_text()) == {"curvatures": FAILING}  # as it was
+    few = frenetic("minimise", "bend.json", "--max-drives", "5", "--out", "least.json")
+    assert few.code == 0
+    assert "5 drives, all drives are spent" in few.out
+    assert Path("least.json").is_file()
+
+
+def test_a_road_that_fails_only_as_it_is_says_so(frenetic: Frenetic) -> None:
+    Path("edge.json").write_text(json.dumps({"curvatures": EDGE}), encoding="utf-8")
+    answer = frenetic("minimise", "edge.json")
+    (item,) = frenetic("minimise", "edge.json", "--json").json
+    assert item["guard"] == 0.0
+    assert "2 % smaller" in item["note"]
+    assert item["note"] in answer.out.splitlines()
 
 
 def test_ctrl_c_keeps_the_smallest_road(frenetic: Frenetic) -> None:

@@ -98,6 +98,12 @@ def test_a_summary_comes_first_and_the_tests_that_were_named(
     turned = frenetic("rerun", campaign, ids[1], ids[0], "--times", "1", "--json").json
     assert [str(one["test"]) for one in turned["tests"]] == [ids[1], ids[0]]
     assert "1 test, 1 drive of each" in frenetic("rerun", campaign, ids[0], "--times", "1").out
+    with CampaignStore.open(campaign) as store:
+        passed = str(next(iter(store.tests(Outcome.PASS))).id)
+    no_failure = frenetic("rerun", campaign, passed, "--times", "10").out
+    assert "0 of 10" in no_failure
+    assert "passes again" in no_failure
+    assert "robust" not in no_failure
 
 
 def test_other_campaigns(frenetic: Frenetic) -> None:
@@ -244,7 +250,11 @@ def test_the_exit_code_and_the_junit_file_say_what_became_of_them(
 
     answer, numbers, messages = driven("--driver", "mine.py:Crashing")
     assert (answer.code, numbers) == (1, [count, 0, count])
-    assert frenetic("rerun", campaign, "--driver", "mine.py:Crashing").code == 1
+    broke = frenetic("rerun", campaign, "--times", "2", "--driver", "mine.py:Crashing")
+    assert broke.code == 1, "also without --fail-on-failure"
+    assert f"{2 * count} drives could not be judged" in broke.out
+    assert "ValueError" in broke.out
+    assert "unclear" not in broke.out
     assert "not judged" in answer.out
     assert all("ValueError: <not> finished & \\x07 done" in message for message in messages)
     assert not list(Path().glob("*.part"))
@@ -273,3 +283,5 @@ def test_what_is_given_takes_the_place_of_what_is_recorded(
     drives = [test["drives"][0] for test in document["tests"]]
     reasons = [drive["reason"] for drive in drives if drive["outcome"] == "FAIL"]
     assert all("50% tolerated" in reason for reason in reasons if "lane" in reason)
+    bare = frenetic("rerun", campaign, "--top", "1", "--with", "delay=0", "--json").json
+    assert bare["driver"]["class"].endswith(":Planner")

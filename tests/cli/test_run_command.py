@@ -227,6 +227,7 @@ def test_a_drivers_error_comes_with_its_place_and_traceback(
     where = f'mydriver.py", line {number}, in act\n'
     assert sum(where in record.getMessage() for record in caplog.records) == 3
     assert f"ERROR  {reason}" in frenetic("show", "c", "1").out
+    assert "the first: the driver raised ValueError: lost" in frenetic("show", "c").out
     log = [json.loads(line) for line in Path("c/campaign.log").read_text().splitlines()]
     broken = [line for line in log if line["event"] == "test_error"]
     assert [line["reason"] for line in broken] == [reason] * 3
