@@ -149,13 +149,3 @@ def test_the_same_command_goes_on_after_ctrl_c(
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     again = frenetic("compare", old, "--driver", "v2/v2.py:Stopping", *FEW)
     assert f"Interrupted: {first - 1} drives to go" in again.err
-
-
-def test_two_versions_of_one_file_are_told_apart(
-    frenetic: Frenetic, versions: tuple[str, str]
-) -> None:
-    old, _ = versions
-    edited = Path("v1/v1.py")
-    edited.write_text(edited.read_text() + "\n# better\n")
-    answer = frenetic("compare", old, "--driver", "v2/v2.py:Mine", *FEW)
-    assert answer.code == 0, "the old version drives as the campaign has kept it"
