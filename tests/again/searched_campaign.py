@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -24,3 +25,9 @@ def searched_campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
         folder=folder,
     ).run()
     return folder
+
+
+@pytest.fixture
+def campaign(searched_campaign: Path, tmp_path: Path) -> Path:
+    """A copy of it, which may be written to."""
+    return Path(shutil.copytree(searched_campaign, tmp_path / "c"))

@@ -7,10 +7,9 @@ import signal
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
+from repeats import Counting, driven_in, failures_in, redriven
 from repeats import recorded as recorded_test
-from repeats import redriven
 
 from frenetic.again.paired import (
     BackToBack,
@@ -35,18 +34,25 @@ from frenetic.campaign import CampaignStore, Event
 from frenetic.drivers import Controls, Driver, DriveSetup, Noisy, Observation, Planner
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
-from frenetic.road import Road
-from frenetic.simulators import Drive, EmbeddedSimulator
+from frenetic.simulators import EmbeddedSimulator, Simulator
 
 pytest_plugins = ["searched_campaign"]
 
 FRESH = 30
 
 
-@pytest.fixture
-def campaign(searched_campaign: Path, tmp_path: Path) -> Path:
-    """A campaign of the planner, which may be written to."""
-    return Path(shutil.copytree(searched_campaign, tmp_path / "old"))
+def compared(folder: Path, simulator: Simulator | None = None, **how: Any) -> BackToBack:
+    """The planner beside a calmer one, unless other versions are given."""
+    old, new = how.pop("old", Planner()), how.pop("new", Planner(aggression=0.9))
+    return back_to_back(
+        folder, simulator or EmbeddedSimulator(), old, new, **{"fresh": FRESH, **how}
+    )
+
+
+@pytest.fixture(scope="module")
+def found(searched_campaign: Path, tmp_path_factory: pytest.TempPathFactory) -> BackToBack:
+    """What comes of it in one process, unbroken; nothing in its folders may be changed."""
+    return compared(Path(shutil.copytree(searched_campaign, tmp_path_factory.mktemp("v") / "c")))
 
 
 def driven_by(found: BackToBack) -> list[Any]:
@@ -55,82 +61,49 @@ def driven_by(found: BackToBack) -> list[Any]:
     return [roads["tests"] for roads in sets]
 
 
-class Counting(EmbeddedSimulator):
-    """Counts the roads that it drives."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.driven = 0
-
-    def drive(self, road: Road, driver: Driver) -> Drive:
-        self.driven += 1
-        return super().drive(road, driver)
-
-
 # What is driven
 
 
-def test_both_versions_drive_the_same_roads(campaign: Path) -> None:
-    found = back_to_back(
-        campaign, EmbeddedSimulator(), Planner(), Planner(aggression=1.1), fresh=FRESH
-    )
-    assert [roads.roads for roads in found.sets] == [RoadSet.FRESH, RoadSet.OLD]
+def test_both_versions_drive_fresh_random_roads_and_the_failing_ones(
+    found: BackToBack, searched_campaign: Path
+) -> None:
     fresh, old = found.sets
-    assert len(fresh.pairs) == FRESH
-    with CampaignStore.open(campaign) as store:
-        failing = {record.id: record.moobd for record in store.tests(Outcome.FAIL)}
-    own = {pair.record.id: pair.drives(Version.OLD)[0] for pair in old.pairs}
-    assert {i: drive.moobd for i, drive in own.items()} == failing, "drives repeat exactly"
-    for pair in (pair for roads in found.sets for pair in roads.pairs):
-        assert len(pair.old) == len(pair.new) == 1
+    assert [roads.roads for roads in found.sets] == [RoadSet.FRESH, RoadSet.OLD]
+    failing = {test.id: test.moobd for test in failures_in(searched_campaign)}
+    own = {pair.record.id: pair.drives(Version.OLD)[0].moobd for pair in old.pairs}
+    assert own == failing, "drives repeat exactly"
     assert old.failing(Version.OLD) == len(old.pairs)
-
-
-def test_fresh_roads_are_those_of_a_random_search_that_nobody_has_chosen(campaign: Path) -> None:
-    found = back_to_back(
-        campaign, EmbeddedSimulator(), Planner(), Planner(aggression=0.9), fresh=FRESH, seed=5
-    )
-    again = back_to_back(
-        campaign, EmbeddedSimulator(), Planner(), Planner(aggression=0.8), fresh=FRESH, seed=5
-    )
-    assert found.fresh.folder == again.fresh.folder
-    with CampaignStore.open(found.fresh.folder) as store:
-        operators = {record.candidate.origin.operator for record in store.tests()}
-        assert store.counts().simulations == FRESH
-        drawn = [record.candidate.curvatures for record in store.tests()]
-    assert operators == {"random"}
-    with CampaignStore.open(campaign) as store:
-        searched = [record.candidate.curvatures for record in store.tests()]
-    assert not any(np.array_equal(one, other) for one in drawn for other in searched)
+    assert {(len(pair.old), len(pair.new)) for pair in (*fresh.pairs, *old.pairs)} == {(1, 1)}
+    drawn = driven_in(fresh.folder)
+    assert len(drawn) == len(fresh.pairs) == FRESH
+    assert {test.candidate.origin.operator for test in drawn} == {"random"}
+    chosen = {test.candidate.curvatures.tobytes() for test in driven_in(searched_campaign)}
+    assert not chosen & {test.candidate.curvatures.tobytes() for test in drawn}
 
 
 def test_the_seed_of_a_campaign_is_not_fresh(campaign: Path) -> None:
     with pytest.raises(ValueError, match="seed 3 is that of the campaign"):
         plan(campaign, seed=3)
     assert plan(campaign).seed == 0
-
-
-def test_what_is_stored_is_not_driven_again(campaign: Path) -> None:
-    first, second, third = Counting(), Counting(), Counting()
-    drivers = Planner(), Planner(aggression=0.9)
-    one = back_to_back(campaign, first, *drivers, fresh=FRESH)
-    two = back_to_back(campaign, second, *drivers, fresh=FRESH)
-    assert first.driven == 2 * sum(len(roads.pairs) for roads in one.sets)
-    assert second.driven == 0
-    assert back_to_back_document(one) == back_to_back_document(two)
-    more = back_to_back(campaign, third, *drivers, fresh=FRESH + 5)
-    assert third.driven == 5 + FRESH + 5, "the old version's roads and failures are stored"
-    assert driven_by(more)[0][:FRESH] == driven_by(one)[0]
-
-
-def test_ctrl_c_loses_nothing(campaign: Path, tmp_path: Path) -> None:
-    whole = back_to_back(
-        Path(shutil.copytree(campaign, tmp_path / "other")),
-        EmbeddedSimulator(),
-        Planner(),
-        Planner(aggression=0.9),
-        fresh=FRESH,
+    first, second = (
+        compared(campaign, new=Planner(aggression=a), fresh=2, seed=5) for a in (0.9, 0.8)
     )
+    assert first.fresh.folder == second.fresh.folder
+
+
+def test_what_is_stored_is_not_driven_again(found: BackToBack, campaign: Path) -> None:
+    simulator = Counting()
+    one = compared(campaign, simulator)
+    driven = simulator.driven
+    assert driven == 2 * sum(len(roads.pairs) for roads in one.sets)
+    assert back_to_back_document(compared(campaign, simulator)) == back_to_back_document(one)
+    assert simulator.driven == driven
+    more = compared(campaign, simulator, fresh=FRESH + 5)
+    assert simulator.driven - driven == 5 + FRESH + 5, "the old version's drives are stored"
+    assert driven_by(more)[0][:FRESH] == driven_by(one)[0] == driven_by(found)[0]
+
+
+def test_ctrl_c_loses_nothing(found: BackToBack, campaign: Path) -> None:
     roads = plan(campaign, fresh=FRESH)
     stop_at = iter((7, FRESH + 3))
 
@@ -158,30 +131,18 @@ def test_ctrl_c_loses_nothing(campaign: Path, tmp_path: Path) -> None:
         assert new.missing == roads.drives - at
     new = drive_new(roads, interrupted(Planner(aggression=0.9), None), old)
     assert new.missing == 0
-    found = pair_up(roads, old, new)
-    assert driven_by(found) == driven_by(whole)
-    assert found.answer == whole.answer
+    resumed = pair_up(roads, old, new)
+    assert driven_by(resumed) == driven_by(found)
+    assert resumed.answer == found.answer
 
 
-def test_workers_find_the_same(campaign: Path, tmp_path: Path) -> None:
-    copy = Path(shutil.copytree(campaign, tmp_path / "other"))
-    one, two = (
-        back_to_back(
-            folder,
-            EmbeddedSimulator(),
-            Planner(),
-            Planner(aggression=0.9),
-            fresh=FRESH,
-            workers=workers,
-        )
-        for folder, workers in ((campaign, 1), (copy, 2))
-    )
-    assert driven_by(one) == driven_by(two)
+def test_workers_find_the_same(found: BackToBack, campaign: Path) -> None:
+    assert driven_by(compared(campaign, workers=2)) == driven_by(found)
 
 
 def test_repeats_under_noise_have_other_errors_each_the_same_for_both(campaign: Path) -> None:
     old, new = (Noisy(Planner(aggression=a), offset=0.3, heading=0.03) for a in (1.0, 0.95))
-    found = back_to_back(campaign, EmbeddedSimulator(), old, new, fresh=8, repeats=3)
+    found = compared(campaign, old=old, new=new, fresh=8, repeats=3)
     for pair in (pair for roads in found.sets for pair in roads.pairs):
         for drives in (pair.old, pair.new):
             assert len(drives) == 3
@@ -191,16 +152,12 @@ def test_repeats_under_noise_have_other_errors_each_the_same_for_both(campaign: 
         assert len(moobds) == 3, "other errors, another drive"
 
 
-def test_a_version_is_not_compared_with_itself(campaign: Path) -> None:
+def test_a_version_is_not_compared_with_itself_nor_on_no_road(campaign: Path) -> None:
     with pytest.raises(CampaignError, match="both versions are the same, planner"):
-        back_to_back(campaign, EmbeddedSimulator(), Planner(), Planner(), fresh=1)
-
-
-@pytest.mark.parametrize("option", [{"fresh": 0}, {"repeats": 0}, {"fresh": True}])
-def test_options_out_of_range(campaign: Path, option: dict[str, int]) -> None:
-    (name,) = option
-    with pytest.raises(ValueError, match=f"{name} is"):
-        plan(campaign, **option)
+        compared(campaign, new=Planner())
+    for option in ({"fresh": 0}, {"repeats": 0}, {"fresh": True}):
+        with pytest.raises(ValueError, match=f"{next(iter(option))} is"):
+            plan(campaign, **option)
 
 
 # What is said
@@ -272,16 +229,12 @@ def test_better_by_crawling_is_said() -> None:
 
 
 def test_few_roads_have_no_interval_of_medians() -> None:
-    found = result(paired((5, PASS, PASS), slower=2.0))
-    assert all("too few roads to tell" in text for text in found.trade_offs)
-    assert not found.is_slower
-    fresh: Any = back_to_back_document(found)["sets"]
-    assert fresh[0]["moobd_difference"] == {
-        "value": 0.0,
-        "low": None,
-        "high": None,
-        "cannot_tell": True,
-    }
+    few = result(paired((5, PASS, PASS), slower=2.0))
+    assert all("too few roads to tell" in text for text in few.trade_offs)
+    assert not few.is_slower
+    fresh: Any = back_to_back_document(few)["sets"]
+    unknown = {"value": 0.0, "low": None, "high": None, "cannot_tell": True}
+    assert fresh[0]["moobd_difference"] == unknown
 
 
 def test_drives_that_broke_cannot_win() -> None:
@@ -329,23 +282,16 @@ def test_half_of_the_repeats_decide_on_a_road() -> None:
     assert Pair(test, drives(ERROR), steady).change is Change.NOT_JUDGED
 
 
-def test_distinct_failures_are_fixed_remain_or_are_new(campaign: Path) -> None:
-    found = back_to_back(
-        campaign, EmbeddedSimulator(), Planner(), Planner(aggression=0.95), fresh=FRESH
-    )
-    assert found.distinct
+def test_distinct_failures_are_fixed_remain_or_are_new(found: BackToBack, campaign: Path) -> None:
     for version, name in ((Version.OLD, "old"), (Version.NEW, "new")):
         failing = sum(roads.failing(version) for roads in found.sets)
         assert sum(getattr(one, name) for one in found.distinct) == failing
     for one in found.distinct:
         with CampaignStore.open(one.folder) as store:
-            assert store.test(one.test_id).outcome.is_driven
+            assert store.test(one.test_id).outcome is FAIL
         if one.fate is Fate.FIXED:
             assert (one.old > 0, one.new) == (True, 0)
-    turned = back_to_back(
-        campaign, EmbeddedSimulator(), Planner(aggression=0.95), Planner(), fresh=FRESH
-    )
-    assert {Fate.FIXED, Fate.REMAINS} & {one.fate for one in found.distinct}
+    turned = compared(campaign, old=Planner(aggression=0.9), new=Planner())
     fixed = sum(one.fate in (Fate.FIXED, Fate.REPLACED) for one in found.distinct)
     assert fixed == sum(one.fate is Fate.NEW for one in turned.distinct) > 0
 
@@ -368,9 +314,9 @@ class Crashing(Standing):
 
 
 def test_a_failure_is_fixed_only_where_the_new_version_passes(campaign: Path) -> None:
-    standing = back_to_back(campaign, EmbeddedSimulator(), Planner(), Standing(), fresh=2)
+    standing = compared(campaign, new=Standing(), fresh=2)
     fates = {one.fate for one in standing.distinct}
     assert fates == {Fate.REPLACED, Fate.NEW}, "it fails on these roads, though otherwise"
-    broken = back_to_back(campaign, EmbeddedSimulator(), Planner(), Crashing(), fresh=2)
+    broken = compared(campaign, new=Crashing(), fresh=2)
     assert broken.distinct == ()
     assert not any("fresh roads, " in note for note in broken.notes)

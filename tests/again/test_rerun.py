@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import signal
 import sqlite3
@@ -13,41 +14,44 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from events import on_result, on_test
 from permissions import bound_by_permissions
-from repeats import recorded
+from repeats import Counting, driven_in, failures_in, recorded
 
 from frenetic._support.json_value import JSONValue
 from frenetic.again.campaigns import FOLDER, TERMS
-from frenetic.again.rerun import Rerun, campaign_tester, drive_tests, read_rerun, read_reruns
+from frenetic.again.conditions import Variation
+from frenetic.again.rerun import (
+    Rerun,
+    campaign_tester,
+    drive_tests,
+    elsewhere,
+    own_repeats,
+    read_rerun,
+    read_reruns,
+    rerun,
+)
+from frenetic.again.verdicts import Change
+from frenetic.analysis.failures import Failure
+from frenetic.analysis.segments import segment_of
 from frenetic.campaign import Budget, Campaign, CampaignStore, Summary, Test
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.database import DATABASE
 from frenetic.drivers import Driver, Planner
 from frenetic.errors import CampaignError
+from frenetic.oracle import judge
 from frenetic.outcome import Outcome
+from frenetic.report.elsewhere import pictures_of, write_elsewhere
 from frenetic.road import Road
 from frenetic.search import RandomSearch
-from frenetic.simulators import Drive, EmbeddedSimulator, Rules
+from frenetic.simulators import Drive, EmbeddedSimulator, Rules, Vehicle
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import Conditions
+from frenetic.testing import DummyDriver, DummySimulator
 
 pytest_plugins = ["searched_campaign"]
-
-
-@pytest.fixture
-def campaign(searched_campaign: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copytree(searched_campaign, tmp_path / "c"))
-
-
-def driven_in(folder: Path) -> list[Test]:
-    with CampaignStore.open(folder) as store:
-        return [test for test in store.tests() if test.outcome.is_driven]
-
-
-def failures_in(folder: Path) -> list[Test]:
-    return [test for test in driven_in(folder) if test.outcome is Outcome.FAIL]
 
 
 def again(
@@ -75,14 +79,27 @@ def folders(campaign: Path) -> set[Path]:
     return {place.parent for place in (campaign / FOLDER).glob(f"*/{DATABASE}")}
 
 
-class Counting(EmbeddedSimulator):
-    """Counts its drives."""
+class Icy(DummySimulator):
+    """Its car leaves its lane where friction is below 0.9, the further the less there is."""
 
-    driven = 0
+    def __init__(self) -> None:
+        super().__init__(lambda road: 0.0 if self.friction >= 0.9 else 4.0 + 1.0 - self.friction)
+        self.friction = 1.0
+
+
+class Unreliable(DummySimulator):
+    """Breaks unless it works."""
+
+    works = False
 
     def drive(self, road: Road, driver: Driver) -> Drive:
-        Counting.driven += 1
-        return super().drive(road, driver)
+        drive = super().drive(road, driver)
+        return drive if Unreliable.works else replace(drive, error="no connection \ud800")
+
+
+def in_other_car(folder: Path) -> Rerun:
+    car = Vehicle(mass=1500.0, yaw_inertia=2500.0, front_axle=1.4, rear_axle=1.3, width=1.85)
+    return rerun(folder, EmbeddedSimulator(vehicle=car, friction=0.9), Planner())
 
 
 # What is driven
@@ -122,12 +139,8 @@ def test_only_roads_that_were_driven_are_driven_again(campaign: Path) -> None:
         store.told(refused)
     with pytest.raises(CampaignError, match="test 1000 is INVALID: only a road that was driven"):
         again(campaign, [*driven_in(campaign)[:1], refused])
-    assert not (campaign / FOLDER).exists()
-
-
-def test_nothing_to_drive_makes_nothing(campaign: Path) -> None:
     assert again(campaign, []).drives == []
-    assert not (campaign / FOLDER).exists()
+    assert not (campaign / FOLDER).exists(), "nothing to drive makes nothing"
 
 
 def test_a_campaign_that_is_running_can_be_driven_again(tmp_path: Path) -> None:
@@ -148,34 +161,225 @@ def test_a_campaign_that_is_running_can_be_driven_again(tmp_path: Path) -> None:
     assert check_campaign(tmp_path / "c").is_sound
 
 
+# What became of them
+
+
+@pytest.mark.parametrize(
+    ("simulator", "driver", "said"),
+    [
+        (EmbeddedSimulator(), Planner(), "fails again"),
+        (EmbeddedSimulator(rules=Rules(speed_limit=25.0)), Planner(), "passes now"),
+        (EmbeddedSimulator(), Planner(aggression=0.5), "passes now"),
+        (Unreliable(), DummyDriver(), "not judged"),
+    ],
+)
+def test_all_failures_are_driven_again_unless_others_are_named(
+    campaign: Path, simulator: Simulator, driver: Driver, said: str
+) -> None:
+    found = rerun(campaign, simulator, driver)
+    assert [test.id for test in found.tests] == [test.id for test in failures_in(campaign)]
+    assert {str(test.change) for test in found.tests} == {said}
+    assert found.passed is (said == "passes now")
+    assert found.rules == simulator.rules
+    assert found.same == (len(found.tests) if said == "fails again" else 0)
+
+
+def test_in_the_same_simulator_roads_keep_their_order(campaign: Path) -> None:
+    found = rerun(campaign, EmbeddedSimulator(), Planner())
+    assert found.correlation is not None
+    assert found.correlation.spearman == pytest.approx(1.0)
+    assert found.correlation.pairs == len(found.tests) >= 4
+    with CampaignStore.open(campaign) as store:
+        assert elsewhere([found], store.config) == []
+
+
+def test_a_worse_driver_fails_newly(campaign: Path) -> None:
+    tests = [test.id for test in driven_in(campaign)]
+    found = rerun(campaign, EmbeddedSimulator(), Planner(aggression=2.0), tests=tests)
+    newly = [test for test in found.tests if test.change is Change.FAILS_NOW]
+    assert len(newly) > 10
+    assert {test.recorded.outcome for test in newly} == {Outcome.PASS}
+    assert not found.passed
+
+
+def test_what_broke_is_not_judged_however_many_break_in_a_row(campaign: Path) -> None:
+    tests = [test.id for test in driven_in(campaign)]
+    found = rerun(campaign, Unreliable(), DummyDriver(), tests=tests)
+    assert found.count(Change.NOT_JUDGED) == len(found.tests) == 60
+    assert found.correlation is None
+    assert {drive.reason for drive in found.drives} == {"no connection \\ud800"}
+
+
+def test_the_same_failure_is_at_the_same_place_with_the_same_mechanism(campaign: Path) -> None:
+    found = rerun(campaign, EmbeddedSimulator(friction=0.97), Planner())
+    for one in found.drives:
+        vectors, places = [], []
+        for test in (one.recorded, one.test):
+            with CampaignStore.open(campaign) as store:
+                drive = store.test(test.id).drive if test is one.recorded else test.drive
+            assert drive is not None
+            departure = judge(test.road, drive).departure
+            assert departure is not None
+            segment = segment_of(test.road, drive, departure)
+            vectors.append(Failure.of(segment, id=1, moobd=0.0).vector())
+            places.append(departure)
+        is_same = (
+            abs(places[0].distance - places[1].distance) <= 30.0
+            and places[0].side == places[1].side
+            and float(np.linalg.norm(vectors[0] - vectors[1])) <= 2.0
+        )
+        assert one.is_alike is is_same
+    document: Any = found.as_json()
+    assert 0 < document["matches"]["same failure"] < len(found.tests)
+    assert sum(document["matches"].values()) == document["changes"]["fails again"]
+
+
+def test_drives_are_judged_by_the_box_of_the_other_car(campaign: Path) -> None:
+    found = in_other_car(campaign)
+    assert found.car.width == 1.85
+    for one in found.drives:
+        assert one.test.drive is not None
+        result = judge(one.recorded.road, one.test.drive)
+        assert result.outcome is one.outcome
+        assert result.moobd == pytest.approx(one.moobd, abs=1e-3)
+
+
+def test_a_failure_that_hangs_on_friction_repeats_in_its_share_of_the_range(
+    campaign: Path,
+) -> None:
+    # Below 0.9 lies a quarter of 0.8 to 1.2, and the draws are even: exactly 5 of 20.
+    ranges = [Variation("friction", 0.8, 1.2), Variation("speed", 50.0, 90.0)]
+    found = rerun(campaign, Icy(), DummyDriver(), times=20, vary=ranges).tests
+    for one in found:
+        assert (one.failed, one.judged) == (5, 20)
+        for drive in one.drives:
+            assert (drive.outcome is Outcome.FAIL) == (drive.conditions["friction"] < 0.9)
+
+
+# What is kept
+
+
+def test_kept_is_what_was_found(campaign: Path, tmp_path: Path) -> None:
+    ranges = [Variation("friction", 0.6, 1.0), Variation("noise", 0.1, 0.2)]
+    simulator = EmbeddedSimulator(friction=0.95)
+    found = rerun(campaign, simulator, Planner(), times=10, vary=ranges, seed=8)
+    (kept,) = read_reruns(campaign)
+    document: Any = kept.as_json()
+    assert document == found.as_json() == json.loads(json.dumps(document))
+    assert (document["seed"], document["missing"], len(document["variations"])) == (8, 0, 2)
+    assert document["driver"]["class"].endswith(":Planner")
+    assert document["simulator"]["options"]["vehicle"]["friction"] == 0.95
+    for one, other in zip(kept.drives, found.drives, strict=True):
+        here, there = one.test.trajectory, other.test.trajectory
+        assert here is not None
+        assert there is not None
+        assert (here.to_rows() == there.to_rows()).all()
+    assert read_reruns(tmp_path) == []
+
+
+def test_the_most_telling_repeats_of_each_test_with_the_own_parts_count(
+    campaign: Path,
+) -> None:
+    first, second, *_ = (test.id for test in failures_in(campaign))
+
+    def drive(*ids: int, times: int, delay: float | None = None, **options: Any) -> None:
+        vary = [] if delay is None else [Variation("delay", 0.0, delay)]
+        simulator = EmbeddedSimulator(rules=options.pop("rules", Rules()))
+        driver = Planner(**options)
+        rerun(campaign, simulator, driver, tests=ids, times=times, vary=vary)
+
+    drive(first, second, times=2)
+    drive(second, second, times=3, delay=0.1)
+    drive(second, times=4, delay=0.2)
+    drive(second, times=5, delay=0.1)
+    drive(second, times=6)
+    drive(second, times=7, delay=0.1, aggression=0.1)
+    drive(second, times=8, delay=0.1, rules=Rules(speed_limit=50.0))
+    kept = read_reruns(campaign)
+    drives = sorted(len(test.drives) for one in kept for test in one.tests)
+    assert drives == [2, 2, 3, 4, 5, 6, 7, 8]
+    with CampaignStore.open(campaign) as store:
+        config, rules = store.config, store.setting.rules
+    own = own_repeats(kept, config, rules)
+    assert {one.id: len(one.drives) for one in own} == {first: 2, second: 5}
+    assert own_repeats(kept, {**config, "simulator": {"class": "another"}}, rules) == []
+
+
+def there(campaign: Path) -> list[Rerun]:
+    with CampaignStore.open(campaign) as store:
+        return elsewhere(read_reruns(campaign), store.config)
+
+
+def test_another_simulator_is_added_and_other_tests_are_put_together(campaign: Path) -> None:
+    ids = [test.id for test in failures_in(campaign)]
+    first = in_other_car(campaign)
+    for chosen in (ids[2:], ids[:1]):
+        rerun(campaign, EmbeddedSimulator(friction=0.9), Planner(), tests=chosen)
+    one, other = there(campaign)
+    assert (one.key, one.as_json()) == (first.key, first.as_json())
+    assert [test.id for test in other.tests] == [*ids[2:], ids[0]]
+    assert other.missing == 0
+
+
+def test_of_several_drives_of_a_test_the_last_judged_ones_count(campaign: Path) -> None:
+    first, second, *_ = (test.id for test in failures_in(campaign))
+    for tests, works in (([first, second], True), ([first], False), ([second, first], False)):
+        Unreliable.works = works
+        rerun(campaign, Unreliable(), DummyDriver(), tests=tests)
+    Unreliable.works = False
+    (kept,) = there(campaign)
+    assert [one.id for one in kept.tests] == [first, second]
+    assert [one.change for one in kept.tests] == [Change.PASSES_NOW] * 2
+
+
+def test_pictures_are_of_what_was_driven(campaign: Path) -> None:
+    class Refusing(DummySimulator):
+        def drive(self, road: Road, driver: Driver) -> Drive:
+            raise OSError("no connection")
+
+    nothing, found = rerun(campaign, Refusing(), DummyDriver()), in_other_car(campaign)
+    with CampaignStore.open(campaign) as store:
+        assert write_elsewhere(store, nothing) is None
+        gallery = write_elsewhere(store, found)
+    folder = campaign / pictures_of(found)
+    assert gallery == folder / "gallery.png"
+    names = {path.name for path in folder.iterdir()}
+    roads = {f"test-{test.id:05d}.png" for test in failures_in(campaign)}
+    assert names == {"gallery.png", *roads}
+    assert all(path.read_bytes()[:4] == b"\x89PNG" for path in folder.iterdir())
+
+
 # Once
 
 
 def test_each_thing_to_drive_has_a_folder_and_is_driven_once(campaign: Path) -> None:
-    tests = driven_in(campaign)
+    tests, usual, icy = driven_in(campaign), Counting(), Counting(friction=0.9)
+    slow = Counting(rules=Rules(speed_limit=60.0))
     asked: list[Callable[[], Rerun]] = [
-        lambda: again(campaign, simulator=Counting()),
-        lambda: again(campaign, simulator=Counting(), driver=Planner(aggression=0.9)),
-        lambda: again(campaign, simulator=Counting(friction=0.9)),
-        lambda: again(campaign, simulator=Counting(rules=Rules(speed_limit=60.0))),
-        lambda: again(campaign, tests[:3], simulator=Counting()),
-        lambda: again(campaign, tests[:3], [{"friction": 0.9}], simulator=Counting()),
-        lambda: again(campaign, tests[:3], [{}, {}], simulator=Counting()),
-        lambda: again(campaign, simulator=Counting(), seed=1),
+        lambda: again(campaign, simulator=usual),
+        lambda: again(campaign, simulator=usual, driver=Planner(aggression=0.9)),
+        lambda: again(campaign, simulator=icy),
+        lambda: again(campaign, simulator=slow),
+        lambda: again(campaign, tests[:3], simulator=usual),
+        lambda: again(campaign, tests[:3], [{"friction": 0.9}], simulator=usual),
+        lambda: again(campaign, tests[:3], [{}, {}], simulator=usual),
+        lambda: again(campaign, simulator=usual, seed=1),
     ]
     runs = []
     for number, ask in enumerate(asked, start=1):
         runs.append(ask())
         assert len(folders(campaign)) == number
         assert len(runs[-1].drives) == runs[-1].planned
-    Counting.driven = 0
+    driven = [one.driven for one in (usual, icy, slow)]
+    assert driven == [30, 6, 6]
     calls: list[object] = []
     for ask, run in zip(asked, runs, strict=True):
         found = ask()
         assert results_of(found) == results_of(run)
         assert found.folder == run.folder
-    again(campaign, simulator=Counting(), workers=2, on_event=calls.append)
-    assert (Counting.driven, calls) == (0, []), "a complete one is shown, no simulator starts"
+    again(campaign, simulator=usual, workers=2, on_event=calls.append)
+    assert calls == [], "a complete one is shown, no simulator starts"
+    assert [one.driven for one in (usual, icy, slow)] == driven
     assert len(folders(campaign)) == len(asked)
     assert len(read_reruns(campaign)) == len(asked)
 
@@ -290,7 +494,7 @@ def test_a_kill_loses_nothing_that_was_told(campaign: Path) -> None:
     (folder,) = folders(campaign)
     assert len(read_rerun(folder, campaign).drives) == 3
     told: list[int] = []
-    failing = sorted(failures_in(campaign), key=lambda test: test.moobd or 0.0)
+    failing = failures_in(campaign)
     tell = on_result(lambda now: told.append(now.simulations))
     found = again(campaign, failing, on_event=tell)
     assert told == list(range(4, len(failing) + 1))

@@ -15,7 +15,7 @@ from frenetic.again.shrinking import Answer, Improvement, Shape, Shrinker, decim
 
 ENOUGH = 20_000
 
-some = settings(max_examples=50)
+some = settings(max_examples=80)
 
 values = st.floats(-0.07, 0.07, allow_nan=False)
 shapes = st.builds(Shape, st.lists(values, min_size=2, max_size=20).map(tuple), st.just(10.0))
@@ -153,90 +153,60 @@ def test_nothing_is_asked_twice_and_no_trial_too_many(
 
 @some
 @given(shapes, st.integers(0, 2**32))
-def test_every_improvement_is_smaller_than_the_one_before(start: Shape, seed: int) -> None:
+def test_it_improves_step_by_step_until_nothing_can_be_left_out(start: Shape, seed: int) -> None:
     ask = at_random(seed)
     shrunk = shrink(start, ask, max_trials=ENOUGH)
+    assert shrunk == shrink(start, ask, max_trials=ENOUGH)
     found = [improvement.shape for improvement in shrunk.improvements]
     ranks = [shape.rank for shape in (start, *found)]
     assert all(after < before for before, after in pairwise(ranks))
     assert all(ask(shape) is Answer.YES for shape in found)
-    assert shrunk.shape == (start, *found)[-1]
     trials = [improvement.trials for improvement in shrunk.improvements]
     assert trials == sorted(trials)
-
-
-@some
-@given(shapes, st.integers(0, 2**32))
-def test_nothing_is_left_that_can_be_left_out(start: Shape, seed: int) -> None:
-    ask = at_random(seed)
-    shrunk = shrink(start, ask, max_trials=ENOUGH)
     assert shrunk.is_minimal
     best = shrunk.shape
+    assert best == (start, *found)[-1]
     for i in range(len(best)):
         shorter = best.replaced(i, i + 1, ())
         assert len(shorter) < 2 or shorter == start or ask(shorter) is Answer.NO
         straighter = best.replaced(i, i + 1, [0.0])
         assert straighter.rank >= best.rank or ask(straighter) is Answer.NO
-
-
-@some
-@given(shapes, st.integers(0, 2**32), st.integers(0, 300))
-def test_same_answers_same_result(start: Shape, seed: int, max_trials: int) -> None:
-    def again() -> Shrunk:
-        return shrink(start, at_random(seed), max_trials=max_trials)
-
-    assert again() == again()
-
-
-@some
-@given(shapes, st.integers(0, 2**32))
-def test_more_trials_are_never_worse(start: Shape, seed: int) -> None:
-    ranks = [
-        shrink(start, at_random(seed), max_trials=number).shape.rank for number in (0, 10, 50, 250)
-    ]
-    assert ranks == sorted(ranks, reverse=True)
-    assert ranks[0] == start.rank
+    # Fewer trials get a part of the way.
+    for number in (0, 10, 50):
+        part = shrink(start, ask, max_trials=number).improvements
+        assert part == shrunk.improvements[: len(part)]
 
 
 # Properties of which the smallest shape is known
 
 
-@some
-@given(shapes.filter(sharp(0.05)))
-def test_one_sharp_sample(start: Shape) -> None:
-    best = shrink(start, when(sharp(0.05)), max_trials=ENOUGH).shape
-    # Two samples are the least, and a constant curvature is the plainest.
-    assert best.values in {(0.05, 0.05), (-0.05, -0.05)}
+LEFT = [0.03] * 3
+EITHER_WAY = [[0.05, 0.05], [-0.05, -0.05]]
+KNOWN: list[tuple[Callable[[Shape], bool], Callable[[Shape], bool]]] = [
+    # Two samples are the least, a constant curvature is the plainest, and as round as can be.
+    (sharp(0.05), lambda best: list(best.values) in EITHER_WAY),
+    (sharp(0.0432), lambda best: list(best.values) in EITHER_WAY),
+    (lambda shape: len(shape) >= 7, lambda best: set(best.values) == {0.0} and len(best) == 7),
+    (
+        lambda shape: sum(value >= 0.03 for value in shape.values) >= 3,
+        lambda best: list(best.values) == LEFT,
+    ),
+    (  # a left and a right one, or two that turn alike with a straight sample in between
+        lambda shape: shape.curves >= 2,
+        lambda best: (len(best), max(map(abs, best.values))) in {(2, 0.01), (3, 0.01)},
+    ),
+]
+"""A property, and whether a shape is the smallest one that has it."""
 
 
 @some
-@given(shapes.filter(sharp(0.0432)))
-def test_the_sharp_sample_is_as_round_as_can_be(start: Shape) -> None:
-    best = shrink(start, when(sharp(0.0432)), max_trials=ENOUGH).shape
-    assert best.values in {(0.05, 0.05), (-0.05, -0.05)}
-
-
-@some
-@given(shapes, st.integers(2, 20))
-def test_length_alone_is_a_straight_road(start: Shape, samples: int) -> None:
-    enough = when(lambda shape: len(shape) >= samples)
-    best = shrink(start, enough, max_trials=ENOUGH).shape
-    assert best.values == (0.0,) * min(samples, len(start)) or len(start) < samples
-
-
-@some
-@given(shapes.filter(lambda shape: sum(value >= 0.03 for value in shape.values) >= 3))
-def test_three_samples_that_turn_left(start: Shape) -> None:
-    three = when(lambda shape: sum(value >= 0.03 for value in shape.values) >= 3)
-    assert shrink(start, three, max_trials=ENOUGH).shape.values == (0.03, 0.03, 0.03)
-
-
-@some
-@given(shapes.filter(lambda shape: shape.curves >= 2))
-def test_two_curves(start: Shape) -> None:
-    best = shrink(start, when(lambda shape: shape.curves >= 2), max_trials=ENOUGH).shape
-    # Either a left and a right one, or two that turn alike with a straight sample in between.
-    assert (len(best), max(map(abs, best.values))) in {(2, 0.01), (3, 0.01)}
+@given(st.data(), st.sampled_from(KNOWN))
+def test_the_smallest_shape_is_found(
+    data: st.DataObject, known: tuple[Callable[[Shape], bool], Callable[[Shape], bool]]
+) -> None:
+    has_it, is_smallest = known
+    start = data.draw(shapes.filter(has_it))
+    assert is_smallest(shrink(start, when(has_it), max_trials=ENOUGH).shape)
 
 
 def test_few_trials_are_spent_on_what_shortens() -> None:

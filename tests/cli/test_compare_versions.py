@@ -149,34 +149,3 @@ def test_the_same_command_goes_on_after_ctrl_c(
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     again = frenetic("compare", old, "--driver", "v2/v2.py:Stopping", *FEW)
     assert f"Interrupted: {first - 1} drives to go" in again.err
-
-
-def test_two_versions_of_one_file_are_told_apart(
-    frenetic: Frenetic, versions: tuple[str, str]
-) -> None:
-    old, _ = versions
-    edited = Path("v1/v1.py")
-    edited.write_text(edited.read_text() + "\n# better\n")
-    answer = frenetic("compare", old, "--driver", "v2/v2.py:Mine", *FEW)
-    assert answer.code == 0, "the old version drives as the campaign has kept it"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("c", "--driver", "planner"), ("both versions are the same",)),
-        (("c", "--driver", "missing.py:Mine"), ("there is no file 'missing.py'",)),
-        (("c", "--driver", "agression=1"), ("did you mean 'aggression'?",)),
-        (("c", "--driver", "stanley", "--seed", "3"), ("seed 3 is that of the campaign",)),
-        (("c", "d", "--driver", "stanley"), ("that of one campaign: name only that",)),
-        (("c", "--driver", "stanley", "--html", "p.html"), ("leave out --html",)),
-        (("elsewhere", "--driver", "stanley"), ("elsewhere does not exist",)),
-        (("c", "d", "--fresh", "3"), ("--fresh is for a new version of a driver: add --driver",)),
-    ],
-)
-def test_mistakes(
-    frenetic: Frenetic, campaign: str, arguments: tuple[str, ...], words: tuple[str, ...]
-) -> None:
-    assert campaign == "c"
-    assert frenetic("compare", *arguments).refuses(*words)
-    assert not Path(campaign, "fresh").exists(), "nothing is half-written"

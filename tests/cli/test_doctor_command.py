@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,24 +11,20 @@ if TYPE_CHECKING:
 pytest_plugins = ["command_line"]
 
 
-def test_doctor_of_the_embedded_simulator(frenetic: Frenetic) -> None:
+def test_doctor_says_what_is_well_and_exits_1_on_what_is_wrong(frenetic: Frenetic) -> None:
     answer = frenetic("doctor", "--simulator", "embedded")
     assert answer.code == 0
     assert "ok    curve, Stanley: 120 m in" in answer.out
     assert answer.out.endswith("embedded: all is well\n")
 
-
-def test_doctor_finds_what_is_wrong_and_exits_1(frenetic: Frenetic) -> None:
     arguments = ("doctor", "--simulator", "embedded,friction=0.2")
     answer = frenetic(*arguments)
     assert answer.code == 1
     assert "WRONG curve, Stanley: Car drove out of the lane" in answer.out
     assert answer.out.endswith("embedded: 1 of the checks failed\n")
-    (examination,) = frenetic(*arguments, "--json").json
-    assert examination["health"] == "something is wrong"
-    assert [check["name"] for check in examination["checks"] if not check["is_ok"]] == [
-        "curve, Stanley"
-    ]
+    (found,) = frenetic(*arguments, "--json").json
+    assert found["health"] == "something is wrong"
+    assert [one["name"] for one in found["checks"] if not one["is_ok"]] == ["curve, Stanley"]
 
 
 def test_doctor_of_a_users_own_simulator(frenetic: Frenetic) -> None:
@@ -46,8 +41,3 @@ def test_doctor_of_a_users_own_simulator(frenetic: Frenetic) -> None:
         "straight road, Stanley",
         "curve, Stanley",
     ]
-
-
-def test_options_need_a_simulator(frenetic: Frenetic) -> None:
-    assert frenetic("doctor", "--simulator", "friction=0.2").refuses("needs a name before")
-    assert json.loads(frenetic("doctor", "--simulator", "embedded", "--json").out)

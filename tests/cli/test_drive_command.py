@@ -1,4 +1,4 @@
-"""`frenetic drive` of a campaign's failing road: who drives, and what no file makes it load."""
+"""`frenetic drive` of a road or a campaign's test: who drives, and what no file makes it load."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 pytest_plugins = ["command_line"]
 
+BENT = {"curvatures": [0.0, 0.02, 0.05, 0.06, 0.02, -0.03, -0.06, -0.06, -0.02, 0.0, 0.03]}
+LOOP = {"curvatures": [0.07] * 14}
 MINE = """
 from frenetic import Planner
 
@@ -24,6 +26,44 @@ class Bold(Planner):
 """
 PARTS = ("--driver", "mine.py:Bold,extra=0.1")
 TERMS = ("--with", "delay=0.02", "--speed-limit", "75", "--map-size", "210")
+
+
+@pytest.fixture
+def bent(frenetic: Frenetic) -> str:
+    """A road that the default driver follows to its end."""
+    Path("road.json").write_text(json.dumps(BENT))
+    return "road.json"
+
+
+def test_drive_says_what_happened(frenetic: Frenetic, bent: str) -> None:
+    answer = frenetic("drive", bent)
+    assert answer.code == 0
+    assert answer.out.startswith("PASS  Car reached the end of the road")
+    assert "MOOBD" in answer.out
+    answer = frenetic("drive", bent, "--driver", "aggression=3")
+    assert answer.out.startswith("FAIL  Car drove out of the lane ")
+    assert "left lane" in answer.out
+
+
+@pytest.mark.usefixtures("drawn")
+@pytest.mark.parametrize("picture", ["picture.png", "picture.svg"])
+def test_drive_draws_a_picture(frenetic: Frenetic, bent: str, picture: str) -> None:
+    assert frenetic("drive", bent, "--plot", picture, "--json").json["plot"] == picture
+    assert Path(picture).stat().st_size > 10_000
+
+
+def test_an_invalid_road_is_driven_only_if_asked_for(frenetic: Frenetic, bent: str) -> None:
+    Path("loop.json").write_text(json.dumps(LOOP))
+    why = "The road is self-intersecting"
+    answer = frenetic("drive", "loop.json", "--json").json
+    assert (answer["outcome"], answer["reason"]) == ("INVALID", why)
+    assert frenetic("drive", "loop.json", "--anyway", "--json").json["outcome"] in ("PASS", "FAIL")
+    dry = frenetic("drive", bent, "--dry")
+    assert (dry.code, dry.out) == (0, "road.json: valid\n")
+    dry = frenetic("drive", "loop.json", "--dry")
+    assert (dry.code, dry.out) == (1, f"loop.json: INVALID  {why}\n")
+    said = {"road": "loop.json", "valid": False, "message": why}
+    assert frenetic("drive", "loop.json", "--dry", "--json").json == said
 
 
 @pytest.fixture(scope="session")
@@ -80,14 +120,6 @@ def test_an_edited_driver_is_run_only_if_it_is_named_and_said_to_be_another_vers
     assert "; recorded with Bold, aggression 1.3, extra 0.1, delayed" in other
 
 
-def test_help_says_that_the_record_comes_before_the_defaults(frenetic: Frenetic) -> None:
-    for command in ("drive", "minimise"):
-        text = " ".join(frenetic(command, "--help").out.split())
-        assert "as recorded, or planner" in text
-        assert "as recorded, or 70.0" in text
-    assert "as recorded" not in frenetic("run", "--help").out
-
-
 def test_a_file_without_its_record_says_who_drove(frenetic: Frenetic, road: Path) -> None:
     document = json.loads(road.read_text(encoding="utf-8"))
     del document["driven"]
@@ -124,15 +156,6 @@ def test_code_that_a_file_names_is_not_run_unasked(
     answer = frenetic("drive", changed(road, **entries))
     assert answer.refuses("have not run", f"--{kind} {name}")
     assert not Path("here").exists()
-
-
-def test_which_program_is_started_no_file_says(frenetic: Frenetic, road: Path) -> None:
-    options = {"home": str(Path.cwd()), "host": "203.0.113.1", "port": 1}
-    name = changed(road, simulator="beamng", simulator_options=options)
-    answer = frenetic("drive", name)
-    assert answer.code == 2
-    assert str(Path.cwd()) not in answer.err
-    assert "203.0.113.1" not in answer.err
 
 
 @pytest.mark.parametrize(
@@ -172,21 +195,3 @@ def test_a_test_of_a_rerun_is_driven_in_its_own_conditions(frenetic: Frenetic, r
     answer = frenetic("drive", folder, *ids, *parts, "--json")
     assert not answer.err
     assert [one["moobd"] for one in answer.json] == [test["moobd"] for test in tests]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("c",), ("c is a folder", "which tests")),
-        (("c", "9999"), ("no test of candidate 9999",)),
-        (("c", "1", "--lane", "-2"), ("--lane is for an OpenDRIVE file",)),
-        (("c", "1", "--map-size", "300"), ("a campaign has its own map",)),
-        (("c", "1", "2", "--plot", "p.png"), ("--plot is for one road",)),
-        (("changed.json", "1"), ("changed.json is no folder",)),
-    ],
-)
-def test_mistakes_about_what_to_drive_are_one_line(
-    frenetic: Frenetic, road: Path, arguments: tuple[str, ...], words: tuple[str, ...]
-) -> None:
-    changed(road)
-    assert frenetic("drive", *arguments).refuses(*words)

@@ -255,21 +255,3 @@ def test_of_another_machine_it_says_since_when_nothing_is_known(
     (status,) = (line for line in out.splitlines() if line.startswith("status"))
     assert status.startswith("status     unknown since ")
     assert status.endswith(": bench-2 may write it")
-
-
-# Mistakes
-
-
-@pytest.mark.parametrize(
-    "arguments", [["c"], ["c", "1"], ["c", "--outcome", "FAIL"], ["c", "--limit", "3"]]
-)
-def test_a_mistake_is_one_line(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    arguments: list[str],
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    code, out, err = call(capsys, *arguments)
-    assert (code, out) == (2, "")
-    assert err.count("\n") == 1

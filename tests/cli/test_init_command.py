@@ -51,30 +51,3 @@ def test_the_class_is_called_as_nothing_that_the_files_import(
     assert name == "".join(map(str.capitalize, file[:-3].split("_"))) + "Driver"
     assert f"class {name}:" in Path(file).read_text(encoding="utf-8")
     assert f"from {file[:-3]} import {name}\n" in Path(f"test_{file}").read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize(
-    ("file", "words"),
-    [
-        ("my-driver.py", "my-driver.py is no name"),
-        ("class.py", "class.py is no name"),
-        ("driver", "driver is no name"),
-        ("json.py", "a module named json"),
-        ("numpy.py", "a module named numpy"),
-        ("__main__.py", "a module named __main__"),
-        ("frenetic.py", "a module named frenetic"),
-    ],
-)
-def test_a_name_that_cannot_be_imported_is_a_mistake(
-    frenetic: Frenetic, file: str, words: str
-) -> None:
-    assert frenetic("init", file).refuses(words)
-    assert not list(Path().iterdir())
-
-
-@pytest.mark.parametrize("there", ["my_driver.py", "test_my_driver.py"])
-def test_nothing_is_replaced(frenetic: Frenetic, there: str) -> None:
-    Path(there).write_text("mine")
-    assert frenetic("init").refuses(f"{there} exists")
-    assert [path.name for path in Path().iterdir()] == [there]
-    assert Path(there).read_text() == "mine"

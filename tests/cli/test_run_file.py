@@ -121,12 +121,6 @@ def test_a_wrong_file_is_one_line(frenetic: Frenetic, text: str, words: tuple[st
     assert not Path("c").exists()
 
 
-def test_a_missing_file_is_one_line(frenetic: Frenetic) -> None:
-    assert frenetic("run", "no.toml").refuses("there is no file no.toml")
-    Path("folder").mkdir()
-    assert frenetic("run", "folder").refuses("folder cannot be read")
-
-
 def test_a_campaign_of_objects_writes_none(tmp_path: Path) -> None:
     Campaign(
         strategy=RandomSearch(seed=1),

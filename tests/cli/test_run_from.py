@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import pytest
-
 if TYPE_CHECKING:
     from command_line import Frenetic
 
@@ -35,20 +33,3 @@ def test_run_from_a_campaign_says_so_everywhere(frenetic: Frenetic, campaign: st
     first = " ".join(frenetic("show", "next", "1").out.split())
     assert "origin earlier, the road of test " in first
     assert f" of {campaign}, generation 0" in first
-
-
-@pytest.mark.parametrize("strategy", ["random", "frenetic-2021"])
-def test_other_strategies_refuse_it_in_a_line(
-    strategy: str, frenetic: Frenetic, campaign: str
-) -> None:
-    answer = frenetic("run", "--strategy", strategy, "--from", campaign, "--out", "next")
-    assert (answer.code, answer.out) == (2, "")
-    assert "starts from no earlier campaign: give none" in answer.err
-    assert not Path("next").exists()
-
-
-def test_without_an_earlier_campaign_nothing_is_written(frenetic: Frenetic) -> None:
-    answer = frenetic("run", *HOW, "--from", "nowhere", "--out", "next")
-    assert (answer.code, answer.out) == (2, "")
-    assert "nowhere does not exist" in answer.err
-    assert not Path("next").exists()

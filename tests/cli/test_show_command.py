@@ -1,3 +1,5 @@
+"""`frenetic show`: a campaign, its tests and lists of them, and what nearly failed."""
+
 from __future__ import annotations
 
 import re
@@ -6,10 +8,46 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from frenetic.campaign import CampaignStore
+from frenetic.outcome import Outcome
+
 if TYPE_CHECKING:
     from command_line import Frenetic
 
 pytest_plugins = ["command_line"]
+
+
+def test_show_a_campaign_and_a_test(frenetic: Frenetic, campaign: str) -> None:
+    whole = frenetic("show", "c")
+    assert "frenetic(seed=3, " in whole.out
+    assert "planner(aggression=1.0, " in whole.out
+    assert "60 simulations" in whole.out
+    assert "distinct failure" in whole.out
+    counted = frenetic("show", "c", "--json").json
+    assert counted["passed"] + counted["failed"] == 60
+    alike = [test for one in counted["distinct_failures"] for test in one["tests"]]
+    assert len(alike) == len(set(alike)) == counted["failed"]
+    failing = alike[0]
+    one = frenetic("show", "c", str(failing))
+    assert "FAIL" in one.out
+    assert "curvatures" in one.out
+    document = frenetic("show", "c", str(failing), "--plot", "p.svg", "--json").json
+    assert (document["id"], document["picture"]) == (failing, "p.svg")
+    assert Path("p.svg").is_file()
+
+
+def test_show_an_invalid_test(frenetic: Frenetic) -> None:
+    frenetic(
+        *("run", "--strategy", "random,max_redraws=0"),
+        *("--simulations", "40", "--seed", "3", "--out", "c"),
+    )
+    with CampaignStore.open(Path("c")) as store:
+        (record,) = store.tests(Outcome.INVALID, limit=1)
+    answer = frenetic("show", "c", str(record.candidate.id), "--plot", "p.png")
+    assert answer.code == 0
+    assert "INVALID" in answer.out
+    assert Path("p.png").is_file()
+
 
 SLOW = (
     *("run", "--driver", "aggression=0.3", "--simulations", "40"),
@@ -34,16 +72,6 @@ def test_nothing_failed_so_run_show_and_pictures_give_the_nearest_misses(
     assert pictures == sorted(f"near-miss-{one['most_severe']:05d}.png" for one in near)
     assert Path("slow/failures/gallery.png").is_file()
     assert not list(Path("slow/failures").glob("*.json"))
-
-
-def test_show_says_why_drives_broke(frenetic: Frenetic) -> None:
-    Path("broken.py").write_text(
-        "class Broken:\n    def reset(self, setup): pass\n    def act(self, o): return 1 / 0\n"
-    )
-    how = ("--simulations", "2", "--seed", "3", "--workers", "1", "--out", "broken")
-    said = "the driver raised ZeroDivisionError: division by zero (broken.py:3: "
-    assert f"The first error: {said}" in frenetic("run", "--driver", "broken.py:Broken", *how).out
-    assert f"the first: {said}" in frenetic("show", "broken").out
 
 
 UNRELIABLE = """
@@ -112,22 +140,3 @@ def test_show_lists_tests_by_outcome_severity_and_feature(
     table = frenetic("show", campaign, "--sort", "bends", "--limit", "3").out.splitlines()
     assert table[0].split()[-2:] == ["bends", "why"]
     assert table[-1].endswith("results match; the first 3 are listed")
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--sort", "beauty"], ["'beauty'", "severity", "max_curvature"]),
-        (["--feature", "beauty=1:2"], ["'beauty'"]),
-        (["--feature", "bends=many"], ["'bends=many' is not NAME=LOW:HIGH"]),
-        (["--feature", "max_curvature=0.05"], ["'max_curvature=0.05' is not NAME=LOW:HIGH"]),
-        (["--feature", "bends=3:1"], ["bends from 3 to 1"]),
-        (["--outcome", "gone"], ["'gone'", "dropped"]),
-        (["--limit", "0"], ["'--limit'"]),
-        (["1", "--limit", "3"], ["the ID of a test"]),
-    ],
-)
-def test_show_refuses_lists_that_make_no_sense(
-    frenetic: Frenetic, campaign: str, options: list[str], words: list[str]
-) -> None:
-    assert frenetic("show", campaign, *options).refuses(*words)

@@ -10,11 +10,9 @@ import numpy as np
 import pytest
 
 from frenetic._support.arrays import FloatArray
-from frenetic.errors import FreneticError
 from frenetic.outcome import Outcome
-from frenetic.registry import STRATEGIES
 from frenetic.road import Road
-from frenetic.search import Candidate, Evaluation, Frenetic, Frenetic2021, Trace
+from frenetic.search import Candidate, Evaluation, Frenetic, Trace
 from frenetic.search import speed_model as speeds
 from frenetic.search.approach import (
     BEHIND,
@@ -121,20 +119,6 @@ def test_it_says_that_no_road_comes_near_failing() -> None:
     assert "no road has come near failing" in (search.notice or "")
     search.tell(drive(search.ask(), -2.0, 50.0))
     assert search.notice is None
-
-
-def test_listing_1_says_that_its_roads_are_random() -> None:
-    search = Frenetic2021(seed=1, random_budget=0.1)
-    for count in range(20):
-        search.tell(Evaluation(search.ask(), Outcome.PASS, 1.0, count / 20))
-    assert "threshold of -0.5 m" in (search.notice or "")
-    search.tell(Evaluation(search.ask(), Outcome.PASS, -0.6, 0.99))
-    assert search.notice is None
-
-
-def test_it_has_no_options_of_listing_1() -> None:
-    with pytest.raises(FreneticError, match="has no option 'cross_num'"):
-        STRATEGIES.make("frenetic", seed=1, cross_num=10)
 
 
 def test_a_kept_place_has_the_approach_that_analysis_computes() -> None:

@@ -1,19 +1,21 @@
-"""Tests as campaigns record them, and drives of their roads, made up."""
+"""Tests of campaigns, and drives of their roads, made up ones too."""
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
 
-from frenetic.again.campaigns import FOLDER
 from frenetic.again.verdicts import Repeat
+from frenetic.campaign import CampaignStore
 from frenetic.campaign.record import Attempt, Test
+from frenetic.drivers import Driver
 from frenetic.oracle import LANE, Finding, Result, Side
 from frenetic.outcome import Outcome
+from frenetic.road import Road
 from frenetic.search import Candidate, Origin
+from frenetic.simulators import Drive, EmbeddedSimulator
 from frenetic.simulators.worlds import Conditions
 
 
@@ -63,6 +65,24 @@ def redriven(
     return Repeat(test, again, difference)
 
 
-def forget_reruns(folder: Path) -> None:
-    """Removes all campaigns that drove a campaign's roads again."""
-    shutil.rmtree(folder / FOLDER, ignore_errors=True)
+def driven_in(folder: Path) -> list[Test]:
+    with CampaignStore.open(folder) as store:
+        return [test for test in store.tests() if test.outcome.is_driven]
+
+
+def failures_in(folder: Path) -> list[Test]:
+    """The most severe first."""
+    with CampaignStore.open(folder) as store:
+        return list(store.tests(Outcome.FAIL, order_by="moobd"))
+
+
+class Counting(EmbeddedSimulator):
+    """Counts its drives."""
+
+    def __init__(self, **options: object) -> None:
+        super().__init__(**options)  # type: ignore[arg-type]
+        self.driven = 0
+
+    def drive(self, road: Road, driver: Driver) -> Drive:
+        self.driven += 1
+        return super().drive(road, driver)

@@ -1,0 +1,505 @@
+"""Every command: what it answers in JSON, and each mistake in one line that leaves nothing."""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import click
+import pytest
+
+from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.cli import COMMANDS, cli
+from frenetic.drivers import Planner
+from frenetic.outcome import Outcome
+from frenetic.search import RandomSearch
+from frenetic.simulators import EmbeddedSimulator
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from command_line import Frenetic
+
+pytest_plugins = ["command_line"]
+
+COUNTS: Final = "tests roads simulations passed failed invalid errors dropped min_moobd"
+CALLS: Final = {
+    "init keeps_its_lane.py": "class driver test",
+    "run --simulations 3 --seed 1 --workers 1 --out new": (
+        f"{COUNTS} folder seed seconds tests_per_second distinct_failures near_misses ended"
+        " interrupted facts notice"
+    ),
+    "resume c --simulations 2 --workers 1": f"{COUNTS} folder seed distinct_failures ended",
+    "show c": f"{COUNTS} folder config distinct_failures near_misses facts",
+    "show c 1": "id test_outcome moobd description driven driver rules curvatures step picture",
+    "report c": "report",
+    "check c": f"{COUNTS} folder is_sound findings versions asked told bytes",
+    "export c --format csv": "campaign folder format outcomes",
+    "rerun c --top 1 --times 2": (
+        "campaign folder driver simulator rules car seed variations passed same missing changes"
+        " matches correlation tests"
+    ),
+    "minimise c --max-drives 5": (
+        "test road picture comparison reason match drives ending guard note trouble repeat"
+        " length length_before curves curves_before curvatures step improvements difference"
+    ),
+    "compare one=c two=d": "groups measures notes order",
+    "compare c --driver aggression=0.9 --fresh 2": (
+        "answer verdict old new sets distinct_failures notes seed repeats simulator"
+    ),
+    "drive bend.json": (
+        "road outcome reason moobd moobd_distance max_oob_share duration length findings fault"
+        " driver simulator"
+    ),
+    "drive bend.json --dry": "road valid message",
+    "calibrate c --driver planner --fit braking --evaluations 1 --folds 2 --workers 1": (
+        "name driven lane_width parts fitted recordings validation fit"
+    ),
+    "bench --strategy random --simulations 3 --repeats 1 --workers 1 --out b": (
+        "groups measures notes order runs"
+    ),
+    "rank bend.json": "rank road length outcome reason max_oob_share moobd distance side like",
+    "list": "drivers objectives quantities simulators strategies",
+    "doctor --simulator embedded": "simulator health checks note",
+}
+"""A command line -> the keys of its JSON document, or of the first one in it."""
+
+# A command line, and words of the line that refuses it.
+MISTAKES: Final = [
+    ("fly", "No such command 'fly'"),
+    ("calibrate nowhere --driver planner --fit braking", "nowhere"),
+    ("bench --simulations 0", "simulations"),
+    ("rank nowhere.json", "nowhere.json"),
+    ("init no-module.py", "no-module.py is no name"),
+    ("init driver", "driver is no name"),
+    ("init class.py", "class.py is no name"),
+    ("init json.py", "a module named json"),
+    ("init numpy.py", "a module named numpy"),
+    ("init __main__.py", "a module named __main__"),
+    ("init frenetic.py", "a module named frenetic"),
+    ("init mine.py", "mine.py exists"),
+    ("init theirs.py", "test_theirs.py exists"),
+    ("run --simulations 0", "simulations is 0", "at least 1"),
+    ("run --simulations many", "'many' is not a valid integer"),
+    ("run --failures 0", "failures is 0", "at least 1"),
+    ("run --time 0", "'--time'", "more than 0 s"),
+    ("run --time soon", "'soon' is not a time", "1h30m"),
+    ("run --seed -1", "'--seed'"),
+    ("run --no-such-option", "No such option"),
+    ("run --driver plannr", "unknown driver 'plannr'", "did you mean 'planner'?"),
+    ("run --driver zzz", "unknown driver 'zzz'", "planner, stanley"),
+    ("run --driver no.py:Driver", "there is no file 'no.py'"),
+    ("run --driver mine.py:Slwo", "did you mean 'Slow'?"),
+    ("run --driver no_such_module:Driver", "no module 'no_such_module'"),
+    ("run --driver json:JSONDecoder", "is no driver", "no method reset"),
+    ("run --driver agression=1", "did you mean 'aggression'?"),
+    ("run --driver aggression=abc", "aggression is 'abc'", "a number is needed"),
+    ("run --driver planner,aggression", "'aggression' is not OPTION=VALUE"),
+    ("run --driver metadrive-idm", "metadrive-idm drives in MetaDrive only"),
+    (
+        "run --simulator metadrive --driver metadrive-idm --with noise=0.1",
+        "do not reach it: leave them out",
+    ),
+    ("run --with noise=1e308", "noise is 1e+308: 0 to 10 m is needed"),
+    ("run --with delay", "'delay' is not NAME=VALUE", "delay=0.1"),
+    ("run --with dellay=1", "unknown quantity", "did you mean 'delay'?", "fog"),
+    ("run --with friction=0.7", "set it by --simulator embedded,friction="),
+    ("run --with speed=50", "set it by --speed-limit"),
+    ("run --strategy genetic", "unknown strategy 'genetic'", "frenetic, frenetic-2021, random"),
+    ("run --strategy threshold=inf", "threshold"),
+    ("run --strategy seed=5", "the option seed of the strategy is not allowed"),
+    ("run --strategy map_size=100", "the option map_size of the strategy is not allowed"),
+    ("run --strategy random --from c", "starts from no earlier campaign: give none"),
+    ("run --strategy frenetic-2021 --from c", "starts from no earlier campaign: give none"),
+    ("run --from nowhere", "nowhere does not exist"),
+    ("run --simulator carla", "unknown simulator 'carla'", "embedded"),
+    ("run --simulator friction=-1", "friction is -1"),
+    ("run --simulator fricton=1", "did you mean 'friction'?"),
+    ("run --workers nowhere", "neither a number nor the address of a Dask scheduler"),
+    (f"run --workers 1{400 * '0'}", "'--workers'", "is not in the range 1<=x<=1024"),
+    ("run --map-size 15", "map_size is 15", "more than twice the margin"),
+    ("run --map-size 1e308", "map_size is 1e+308: at most 1e+07 m"),
+    ("run --speed-limit 0", "speed_limit is 0"),
+    ("run --oob-tolerance 1.5", "oob_tolerance is 1.5", "up to 1"),
+    ("run --out c", "c already holds a campaign"),
+    ("run --out file", "file", "--out"),
+    ("run --out file/below", "file/below"),
+    ("run --out ''", "an empty name"),
+    ("run no.toml", "there is no file no.toml"),
+    ("run folder", "folder cannot be read"),
+    ("run theirs.toml", "code that you have not run"),
+    ("run beamng.toml", "--simulator beamng,home=/opt/theirs"),
+    ("resume nowhere", "nowhere does not exist"),
+    ("resume c", "the budget of c is spent", "--simulations"),
+    ("resume c --simulations 0", "simulations is 0"),
+    ("resume python --simulations 5", "Campaign.resume()"),
+    ("show nowhere", "nowhere does not exist"),
+    ("show c 99999", "99999"),
+    ("show c --plot p.png", "--plot needs the ID"),
+    ("show c --sort beauty", "'beauty'", "severity", "max_curvature"),
+    ("show c --feature beauty=1:2", "'beauty'"),
+    ("show c --feature bends=many", "'bends=many' is not NAME=LOW:HIGH"),
+    ("show c --feature max_curvature=0.05", "'max_curvature=0.05' is not NAME=LOW:HIGH"),
+    ("show c --feature bends=3:1", "bends from 3 to 1"),
+    ("show c --outcome gone", "'gone'", "dropped"),
+    ("show c --limit 0", "'--limit'"),
+    ("show c 1 --limit 3", "the ID of a test"),
+    ("show nowhere --follow", "nowhere"),
+    ("show c 1 --follow", "--follow"),
+    ("show c --outcome FAIL --follow", "--follow"),
+    ("show c --limit 3 --follow", "--follow"),
+    ("report nowhere", "nowhere does not exist"),
+    ("check nowhere", "nowhere does not exist"),
+    ("export nowhere --format csv", "nowhere"),
+    ("list nowhere", "nowhere"),
+    ("doctor --simulator nowhere", "unknown simulator 'nowhere'"),
+    ("doctor --simulator friction=0.2", "needs a name before"),
+    ("rerun nowhere", "nowhere does not exist"),
+    ("rerun c 9999", "holds no test of candidate 9999"),
+    ("rerun c {failing} --top 2", "exclude each other"),
+    ("rerun c --vary mass=1:2", "unknown quantity 'mass'", "friction, speed"),
+    ("rerun c --vary friction=1:0.5", "friction from 1 to 0.5", "LOW:HIGH"),
+    ("rerun c --vary friction=a:b", "friction=a:b", "NAME=LOW:HIGH"),
+    ("rerun c --vary friction=nan", "NAME=LOW:HIGH"),
+    ("rerun c --vary speed=50:60 --vary speed=60:70", "speed is varied twice"),
+    ("rerun c --times 0", "--times"),
+    ("rerun c --driver nobody", "unknown driver 'nobody'"),
+    ("rerun c --driver courage=1", "courage"),
+    ("rerun c --speed-limit -3", "speed_limit is -3"),
+    ("rerun c --out c", "holds another campaign: choose another place with --out"),
+    ("rerun c --junit no/such/a.xml", "no folder"),
+    ("rerun c --junit folder", "--junit", "folder cannot be written: Is a directory"),
+    (
+        "rerun c --simulator frenetic.testing:DummySimulator --vary friction=0.8:1.0",
+        "DummySimulator cannot vary friction",
+        "leave it out",
+    ),
+    (
+        "rerun c --simulator metadrive --driver metadrive-idm --with delay=0 --vary noise"
+        " --workers 2",
+        "noise, delay and view do not reach it: leave them out",
+    ),
+    ("rerun python", "started from Python", "--driver and --simulator"),
+    ("rerun python --driver planner", "--simulator"),
+    ("minimise nowhere.json", "no file nowhere.json"),
+    ("minimise .", "holds no campaign"),
+    ("minimise python", "started from Python"),
+    ("minimise d", "holds no failing road"),
+    ("minimise c {passed}", "test {passed} is", "only a failing road"),
+    ("minimise c 99999", "99999"),
+    ("minimise c 1 --top 2", "--top", "exclude each other"),
+    ("minimise c 1 2 --out x.json", "--out is for one road"),
+    ("minimise c --map-size 300", "--map-size is for a ROAD file"),
+    ("minimise straight.json", "only a road that fails", "PASS"),
+    ("minimise bend.json 3", "bend.json is no folder", "a campaign"),
+    ("minimise bend.json --top 3", "bend.json is no folder"),
+    ("minimise bend.json --out bend.json", "bend.json is the road itself"),
+    ("minimise bend.json --out file/road.json", "cannot be made", "--out"),
+    ("minimise bend.json --out folder", "cannot be written: Is a directory; choose another"),
+    ("minimise bend.json --out name.json", "cannot be written: Is a directory; choose another"),
+    ("minimise bend.json --max-drives 0", "--max-drives"),
+    ("minimise bend.json --guard 1", "--guard"),
+    ("minimise bend.json --guard nan", "guard is nan"),
+    ("minimise bend.json --driver plannr", "unknown driver 'plannr'"),
+    ("minimise bend.json --map-size 5", "--map-size is 5"),
+    ("minimise bend.json --oob-tolerance 7", "oob_tolerance is 7"),
+    ("compare nowhere", "nowhere is no folder"),
+    ("compare c e", "1 group of campaigns", "at least two"),
+    ("compare a=x-* c", "x-* stands for no folder"),
+    ("compare a= c", "'a=' is not NAME=FOLDER"),
+    ("compare a=c,c d", "c", "is there twice"),
+    ("compare nowhere --plot a.gif", "must end with .png"),
+    ("compare a=c b=d --table a.txt", "must end with .csv or .md"),
+    ("compare a=c b=d --html nowhere/a.html", "cannot be written"),
+    ("compare c --driver planner", "both versions are the same"),
+    ("compare c --driver missing.py:Mine", "there is no file 'missing.py'"),
+    ("compare c --driver agression=1", "did you mean 'aggression'?"),
+    ("compare c --driver stanley --seed 3", "seed 3 is that of the campaign"),
+    ("compare c d --driver stanley", "that of one campaign: name only that"),
+    ("compare c --driver stanley --html p.html", "leave out --html"),
+    ("compare nowhere --driver stanley", "nowhere does not exist"),
+    ("compare c d --fresh 3", "--fresh is for a new version of a driver: add --driver"),
+    ("drive nowhere.json", "there is no file nowhere.json"),
+    ("drive nowhere.json --plot picture.doc", "--plot", "png"),
+    ("drive nowhere.json --plot no/such/p.png", "--plot", "there is no folder no/such"),
+    ("drive straight.json --driver metadrive-idm", "in MetaDrive only"),
+    ("drive straight.json --dry --plot p.png", "--plot draws a drive"),
+    ("drive c", "c is a folder", "which tests"),
+    ("drive c 9999", "no test of candidate 9999"),
+    ("drive c 1 --lane -2", "--lane is for an OpenDRIVE file"),
+    ("drive c 1 --map-size 300", "a campaign has its own map"),
+    ("drive c 1 2 --plot p.png", "--plot is for one road"),
+    ("drive straight.json 1", "straight.json is no folder"),
+]
+NAMES: Final = cli.list_commands(click.Context(cli))
+"""All commands, guests' too."""
+ROADS: Final = {
+    "nonsense": "is not JSON",
+    '{"curvatures": [0, NaN, 0]}': "curvature 1 is nan",
+    '{"curvatures": [0, -Infinity, 0]}': "curvature 1 is -inf",
+    '{"curvatures": [0.1]}': "1 curvature samples, 2 to 10000",
+    f'{{"curvatures": [{"0, " * 20_000}0]}}': "20001 curvature samples, 2 to 10000",
+    '{"nothing": 1}': "neither 'curvatures' nor 'road_points'",
+    f'{{"curvatures": [0, 0.01, 0], "pose": [{"1" * 400}, 0, 0]}}': "",
+    '{"curvatures": [0, 0.01, 0], "lane_width": 1e308}': "lane_width is 1e+308: 0.1 to 100 m are",
+}
+"""The text of a road file, and words of the line that refuses it."""
+
+
+@pytest.fixture(scope="module")
+def place(
+    tmp_path_factory: pytest.TempPathFactory, searched: Path, prepare: Callable[..., None]
+) -> Path:
+    """A folder with campaigns, roads and files, which no mistake may change."""
+    folder = tmp_path_factory.mktemp("place")
+    shutil.copytree(searched, folder / "c", ignore=shutil.ignore_patterns("failures"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        shutil.copytree("c", "e")
+        calm = ("run", "--simulations", "3", "--driver", "aggression=0.3", "--seed", "1")
+        prepare(*calm, "--workers", "1", "--out", "d")
+        Campaign(
+            strategy=RandomSearch(seed=1),
+            simulator=EmbeddedSimulator(),
+            driver=Planner(),
+            budget=Budget(simulations=3),
+            folder="python",
+        ).run()
+        for name in ("folder", "name.png"):
+            Path(name).mkdir()
+        Path("file").write_text("in the way")
+        Path("bend.json").write_text(json.dumps({"curvatures": BEND}))
+        Path("straight.json").write_text(json.dumps({"curvatures": [0.0] * 12}))
+        Path("mine.py").write_text("class Slow:\n    pass\n")
+        Path("test_theirs.py").write_text("mine")
+        Path("theirs.toml").write_text("driver = 'theirs.py:A'\n")
+        Path("beamng.toml").write_text("simulator = 'beamng,home=/opt/theirs'\n")
+    return folder
+
+
+BEND = [0.0, 0.01, 0.0, 0.0, 0.01, 0.012, -0.03, -0.036, -0.05, 0.0, 0.0, 0.0, 0.02, 0.02]
+"""The default driver leaves its lane here."""
+
+
+def files(folder: Path) -> dict[Path, int]:
+    """All that is there, with its size, but Python's bytecode and what SQLite opens beside."""
+    beside = {".pyc", ".sqlite-shm", ".sqlite-wal"}
+    found = (path for path in folder.rglob("*") if path.name != "__pycache__")
+    return {path: path.stat().st_size for path in found if path.suffix not in beside}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: mistake[0][:60])
+def test_a_mistake_is_one_line_and_leaves_nothing(
+    frenetic: Frenetic, place: Path, mistake: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(place)
+    with CampaignStore.open("c") as store:
+        ids = {
+            name: next(iter(store.tests(outcome))).id
+            for name, outcome in (("failing", Outcome.FAIL), ("passed", Outcome.PASS))
+        }
+    words = [text.format(**ids) for text in mistake]
+    before = files(place)
+    for more in ((), ("--json",)):
+        answer = frenetic(*shlex.split(words[0]), *more)
+        assert answer.refuses(*words[1:]), answer
+    assert files(place) == before
+
+
+@pytest.mark.parametrize(("text", "words"), ROADS.items(), ids=[*ROADS.values()])
+def test_a_road_that_is_none_is_one_line(frenetic: Frenetic, text: str, words: str) -> None:
+    Path("road.json").write_text(text)
+    for how in ((), ("--dry",)):
+        assert frenetic("drive", "road.json", *how).refuses("road.json", *words.split(", "))
+
+
+def test_every_command_has_its_calls_and_mistakes_here() -> None:
+    commands = {*NAMES} - {"ask-tell"}  # which talks in JSON
+    assert {call.split()[0] for call in CALLS} == commands
+    assert {mistake.split()[0] for mistake, *_ in MISTAKES} - {"fly"} == commands
+
+
+@pytest.mark.parametrize("call", CALLS)
+def test_every_command_prints_one_document(frenetic: Frenetic, campaign: str, call: str) -> None:
+    Path("bend.json").write_text(json.dumps({"curvatures": BEND}))
+    shutil.copytree(campaign, "d")
+    answer = frenetic(*shlex.split(call), "--json")
+    assert answer.code in (0, 1, 3)
+    document = answer.json  # raises if there is anything beside it
+    first = document[0] if isinstance(document, list) else document
+    assert set(CALLS[call].split()) <= set(first)
+
+
+@pytest.mark.parametrize(
+    ("command", "names"),
+    [
+        ("drivers", ["planner", "stanley", "beamng-ai"]),
+        ("strategies", ["frenetic", "frenetic-2021", "random"]),
+        ("simulators", ["embedded"]),
+        ("objectives", ["moobd"]),
+        ("quantities", ["friction", "speed", "noise", "delay"]),
+    ],
+)
+def test_listings(frenetic: Frenetic, command: str, names: list[str]) -> None:
+    answer = frenetic("list", command)
+    assert answer.code == 0
+    assert all(name in answer.out for name in names)
+    listed = frenetic("list", command, "--json").json
+    assert frenetic("list", "--json").json[command] == listed
+    assert all(name in frenetic("list").out for name in names)
+    assert [entry["name"] for entry in listed][: len(names)] == names
+
+
+def test_a_part_that_is_installed_while_we_run_is_listed(
+    frenetic: Frenetic, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def install(distribution: str, name: str) -> None:
+        information = tmp_path / f"{distribution}-1.0.dist-info"
+        information.mkdir()
+        (information / "METADATA").write_text(f"Name: {distribution}\nVersion: 1.0\n")
+        (information / "entry_points.txt").write_text(f"[frenetic.drivers]\n{name} = {name}:It\n")
+
+    monkeypatch.syspath_prepend(str(tmp_path))
+    before = frenetic("list", "drivers", "--json").json
+    install("my-drivers", "mpc")
+    added = [entry for entry in frenetic("list", "drivers", "--json").json if entry not in before]
+    assert [entry["name"] for entry in added] == ["mpc"]
+    install("others-drivers", "planner")
+    taken = frenetic("list", "drivers")
+    assert taken.refuses("two driver entries are named 'planner'", "others-drivers")
+
+
+def test_commands_are_called_like_their_modules_and_listed(frenetic: Frenetic) -> None:
+    for arguments in ((), ("--help",)):
+        answer = frenetic(*arguments)
+        assert answer.code == 0
+        assert all(f"  {name} " in answer.out for name in NAMES)
+    with click.Context(cli, info_name="frenetic") as context:
+        for name, row in COMMANDS.items():
+            command = cli.get_command(context, name)
+            assert command is not None
+            assert command.name == name
+            assert row.target.partition(":")[0] == name.replace("-", "_")
+
+
+@pytest.mark.parametrize("command", NAMES)
+def test_help_fits_on_a_screen(
+    frenetic: Frenetic, command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    lines = frenetic(command, "--help").out.splitlines()
+    assert len(lines) <= 50
+    assert max(map(len, lines)) <= 80
+
+
+def test_help_of_every_command_needs_nothing_that_takes_time() -> None:
+    code = (
+        "import sys\n"
+        "from frenetic.cli import cli\n"
+        f"for command in {NAMES}:\n"
+        "    cli.main([command, '--help'], standalone_mode=False)\n"
+        "    slow = {'numba', 'matplotlib', 'numpy', 'scipy'} & set(sys.modules)\n"
+        "    assert not slow, (command, slow)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert done.stdout.count("Usage: ") == len(NAMES)
+
+
+def test_linear_algebra_takes_one_thread_unless_the_user_wants_more(
+    frenetic: Frenetic, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "road.json").write_text('{"curvatures": [0.0, 0.02, 0.0]}')
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS")
+    code = (
+        "from frenetic.cli import main\n"
+        "try: main(['drive', 'road.json', '--dry'])\n"
+        "except SystemExit: pass\n"
+        "from threadpoolctl import threadpool_info\n"
+        "pools = [pool for pool in threadpool_info() if pool['user_api'] == 'blas']\n"
+        "assert {pool['num_threads'] for pool in pools} <= {1}, pools\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path)
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "3")
+    assert frenetic("--version").code == 0
+    assert os.environ["OPENBLAS_NUM_THREADS"] == "3"
+
+
+TALKS: Final = """
+print("imported")
+
+class Talks:
+    def __init__(self):
+        print("made")
+
+    def reset(self, setup):
+        print("reset")
+
+    def act(self, observation):
+        print("asked")
+        raise ValueError
+
+def objective(road, drive):
+    print("judged")
+    return 0.0
+"""
+
+
+ONE_BY_ONE: Final = """
+import json, sys
+from frenetic.cli import main
+
+for arguments in json.loads(sys.argv[1]):
+    try:
+        main(arguments)
+    except SystemExit as stop:
+        assert stop.code == 1, stop.code
+    for stream in (sys.stdout, sys.stderr):
+        print("-" * 20, file=stream, flush=True)
+"""
+
+
+def test_what_a_driver_prints_is_not_among_the_results(tmp_path: Path) -> None:
+    (tmp_path / "talks.py").write_text(TALKS)
+    (tmp_path / "road.json").write_text(json.dumps({"curvatures": BEND}))
+    run = ("run", "--simulations", "2", "--seed", "1")
+    calls = [
+        (*run, "--workers", "1", "--out", "one"),
+        (*run, "--workers", "2", "--out", "two"),
+        ("drive", "road.json"),
+    ]
+    talking = [(*call, "--driver", "talks.py:Talks", "--json") for call in calls]
+    done = subprocess.run(
+        [sys.executable, "-c", ONE_BY_ONE, json.dumps(talking)],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    for stream, is_right in ((done.stdout, is_a_document), (done.stderr, says_all)):
+        *each, rest = stream.split(f"{'-' * 20}\n")
+        assert [is_right(one) for one in each] == [True] * len(calls), stream
+        assert rest == ""
+
+
+def is_a_document(text: str) -> bool:
+    return isinstance(json.loads(text), dict)
+
+
+def says_all(text: str) -> bool:
+    return all(words in text for words in ("imported", "made", "reset", "asked"))
+
+
+def test_what_an_objective_prints_is_not_among_the_results(frenetic: Frenetic) -> None:
+    Path("talks.py").write_text(TALKS)
+    of = ("--objective", "talks.py:objective")
+    how = ("--simulations", "2", "--seed", "1", "--workers", "1", "--json")
+    done = frenetic("run", *how, *of, "--out", "three")
+    assert done.json["simulations"] == 2
+    assert "judged" in done.err

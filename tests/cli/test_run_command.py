@@ -1,0 +1,342 @@
+"""`frenetic run` and `resume`: what they print and leave, and drivers that break meanwhile."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from pids import LIMIT, until
+
+from frenetic.campaign import CampaignStore
+
+if TYPE_CHECKING:
+    from command_line import Answer, Frenetic
+
+pytest_plugins = ["command_line"]
+
+STRAIGHT = {"curvatures": [0.0] * 12}
+
+
+def write(name: str, content: object) -> str:
+    Path(name).write_text(content if isinstance(content, str) else json.dumps(content))
+    return name
+
+
+def refused(answer: Answer, *words: str) -> None:
+    """Exit code 2 and one line on stderr with these words, after what was found."""
+    lines = [line for line in answer.err.splitlines() if line.startswith("frenetic: ")]
+    assert (answer.code, len(lines)) == (2, 1)
+    assert "Traceback" not in answer.err
+    assert all(word in lines[0] for word in words)
+
+
+@pytest.mark.usefixtures("drawn")
+def test_run_prints_a_summary_and_leaves_roads_and_pictures(frenetic: Frenetic) -> None:
+    answer = frenetic("run", "--simulations", "40", "--seed", "3", "--out", "mine")
+    assert answer.code == 0
+    assert "40 simulations" in answer.out
+    assert "distinct failure" in answer.out
+    assert "frenetic show mine " in answer.out
+    assert Path("mine/campaign.sqlite").is_file()
+    pictures = list(Path("mine/failures").glob("test-*.png"))
+    assert Path("mine/failures/gallery.png").stat().st_size > 10_000
+    roads = list(Path("mine/failures").glob("*.json"))
+    assert 1 <= len(pictures) <= 10
+    assert all(picture.stat().st_size > 10_000 for picture in pictures)
+    assert len(roads) >= len(pictures)
+    assert not list(Path("mine/failures").glob("*.part"))
+
+
+def test_fail_on_failure_ends_with_1_only_where_a_test_failed(frenetic: Frenetic) -> None:
+    run = ("run", "--seed", "3", "--workers", "1", "--json")
+    until = ("--failures", "1", "--with", "delay=0.05", "--out", "c")
+    failing = frenetic(*run, *until, "--fail-on-failure")
+    assert failing.json["failed"] > 0
+    assert failing.code == 1
+    assert frenetic("resume", "c", "--simulations", "1", "--fail-on-failure").code == 1
+    assert frenetic("resume", "c", "--simulations", "1").code == 0
+    calm = ("--driver", "aggression=0.3", "--simulations", "3", "--out", "d")
+    answer = frenetic(*run, *calm, "--fail-on-failure")
+    assert (answer.code, answer.json["failed"]) == (0, 0)
+
+
+def test_run_makes_a_folder_of_its_own_and_tells_its_seed(frenetic: Frenetic) -> None:
+    write("run.toml", "simulations = 2\nlookahead = 4\n")
+    run = ["run", "run.toml", "--json"]
+    first = frenetic(*run).json
+    second = frenetic(*run).json
+    assert first["folder"] != second["folder"]
+    assert Path(first["folder"]).parent == Path("campaigns")
+    assert Path(second["folder"], "campaign.sqlite").is_file()
+    repeated = frenetic(*run, "--seed", str(first["seed"])).json
+    assert repeated["min_moobd"] == first["min_moobd"]
+
+
+def test_an_infinite_view_is_no_layer(frenetic: Frenetic) -> None:
+    view = ("--with", "view=inf", "--json")
+    write("road.json", STRAIGHT)
+    driven = frenetic("drive", "road.json", *view).json["driver"]
+    assert driven["class"].endswith(":Planner")
+    assert frenetic("run", "--simulations", "1", "--seed", "1", "--out", "c", *view).code == 0
+    with CampaignStore.open(Path("c")) as store:
+        assert store.config["driver"] == driven
+
+
+def test_run_refuses_a_simulator_whose_package_is_missing_and_leaves_nothing(
+    frenetic: Frenetic, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loaded = ("metadrive.", "frenetic.metadrive.world")  # by other tests
+    for name in [name for name in sys.modules if name.startswith(loaded)]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "metadrive", None)
+    options = ("run", "--simulator", "metadrive", "--simulations", "1", "--out", "c")
+    answer = frenetic(*options)
+    refused(answer, 'needs the package metadrive: pip install ".[metadrive]"')
+    assert "go on" not in answer.err
+    assert not Path("c").exists()
+    elsewhere = frenetic(*options, "--workers", "tcp://nowhere:1")
+    refused(elsewhere, "nowhere")
+    assert "metadrive" not in elsewhere.err, "it is needed where it drives"
+
+
+MY_DRIVER = """
+import os
+
+import frenetic
+
+class Slow:
+    def reset(self, setup):
+        self.limit = 8.0
+
+    def act(self, observation):
+        x, y = observation.ahead[4]
+        speeding = observation.speed > self.limit
+        return frenetic.Controls(
+            steering=2.6 * 2.0 * y / (x * x + y * y),
+            throttle=0.0 if speeding else 0.4,
+        )
+
+class Raises:
+    def reset(self, setup):
+        pass
+
+    def act(self, observation):
+        raise ValueError("lost")
+
+class Nan(Raises):
+    def act(self, observation):
+        return frenetic.Controls(float("nan"))
+
+class Tires(Raises):
+    drives = 0
+
+    def reset(self, setup):
+        Tires.drives += 1
+        self.speeding = setup.speed_limit
+
+    def act(self, observation):
+        if Tires.drives > 20:
+            raise RuntimeError("too tired")
+        return frenetic.Controls(0.0, throttle=1.0)
+
+class Crashes(Slow):
+    def act(self, observation):
+        if observation.curvature_ahead[3] > 0.03:
+            os.abort()
+        return super().act(observation)
+
+class ForEver(Raises):
+    def act(self, observation):
+        while True:
+            pass
+"""
+
+
+def test_own_driver_from_a_file_and_from_a_module(frenetic: Frenetic) -> None:
+    write("mydriver.py", MY_DRIVER)
+    write("road.json", STRAIGHT)
+    for spec in ("mydriver.py:Slow", "mydriver:Slow"):
+        answer = frenetic("drive", "road.json", "--driver", spec, "--json")
+        assert answer.json["outcome"] == "PASS", answer
+
+
+@pytest.mark.parametrize(
+    ("name", "wall_limit", "why"),
+    [
+        ("Raises", "60", "the driver raised ValueError: lost"),
+        ("Nan", "60", "steering = nan, not a finite number"),
+        ("ForEver", "0.2", "did not finish its drive within 0.2 s"),
+    ],
+)
+def test_broken_driver_is_an_error_and_ends_a_campaign(
+    frenetic: Frenetic, name: str, wall_limit: str, why: str
+) -> None:
+    write("mydriver.py", MY_DRIVER)
+    write("road.json", STRAIGHT)
+    how = f"driver = 'mydriver.py:{name}'\nwall_limit = {wall_limit}\n"
+    driver = ("--as", write("how.toml", how), "--driver", f"mydriver.py:{name}")
+    answer = frenetic("drive", "road.json", *driver, "--json")
+    assert answer.json["outcome"] == "ERROR"
+    assert why in answer.json["reason"]
+    answer = frenetic("run", *driver, "--simulations", "50", "--out", "c")
+    refused(answer, "the last 10 drives broke", why)
+    assert frenetic("show", "c", "--json").json["errors"] == 10
+
+
+def test_a_driver_that_crashes_takes_nothing_with_it(frenetic: Frenetic) -> None:
+    """A single worker drives Python code in a process of its own, and so does every command."""
+    write("mydriver.py", MY_DRIVER)
+    write("bent.json", {"curvatures": [0.0, 0.0, 0.01, 0.06, 0.06, 0.03, 0.0]})
+    driver = ("--driver", "mydriver.py:Crashes")
+    lost = "the driver's process was lost: it was killed by SIGABRT"
+    strategy = ("--strategy", "frenetic-2021", "--simulations", "8", "--seed", "3")
+    search = ("run", *driver, *strategy, "--workers", "1", "--out", "c")
+    summary = frenetic(*search, "--json").json
+    assert summary["errors"] >= 1
+    assert summary["passed"] + summary["failed"] >= 1
+    assert summary["simulations"] == 8
+    log = Path("c/campaign.log").read_text().splitlines()
+    (first, *_) = (json.loads(line) for line in log if "was killed by SIGABRT" in line)
+    assert first["event"] == "worker_lost"
+    assert frenetic("check", "c").code == 0
+    answer = frenetic("drive", "bent.json", *driver, "--json")
+    assert (answer.code, answer.json["reason"]) == (1, lost)
+
+
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_a_drivers_error_comes_with_its_place_and_traceback(
+    frenetic: Frenetic, workers: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The traceback is in the campaign's log, and with --debug on the terminal."""
+    write("mydriver.py", MY_DRIVER)
+    number = MY_DRIVER.splitlines().index('        raise ValueError("lost")') + 1
+    reason = f'the driver raised ValueError: lost (mydriver.py:{number}: raise ValueError("lost"))'
+    search = ("run", "--driver", "mydriver.py:Raises", "--simulations", "3", "--seed", "1")
+    with caplog.at_level("DEBUG", "frenetic"):
+        answer = frenetic(*search, "--workers", workers, "--out", "c")
+    assert answer.code == 1
+    assert "3 errors" in answer.out
+    assert f"The first error: {reason}" in answer.out.splitlines()
+    where = f'mydriver.py", line {number}, in act\n'
+    assert sum(where in record.getMessage() for record in caplog.records) == 3
+    assert f"ERROR  {reason}" in frenetic("show", "c", "1").out
+    assert "the first: the driver raised ValueError: lost" in frenetic("show", "c").out
+    log = [json.loads(line) for line in Path("c/campaign.log").read_text().splitlines()]
+    broken = [line for line in log if line["event"] == "test_error"]
+    assert [line["reason"] for line in broken] == [reason] * 3
+    assert all(where in str(line["traceback"]) for line in broken)
+
+
+def test_what_was_found_before_the_driver_broke_is_shown(frenetic: Frenetic) -> None:
+    write("mydriver.py", MY_DRIVER)
+    answer = frenetic(
+        *("run", "--driver", "mydriver.py:Tires", "--simulations", "50", "--seed", "1"),
+        *("--out", "c", "--workers", "1"),
+    )
+    refused(answer, "the last 10 drives broke", "too tired")
+    assert "distinct failure" in answer.out
+    assert list(Path("c/failures").glob("test-*.png"))
+
+
+COUNTING = """
+import time
+from pathlib import Path
+
+from frenetic import EmbeddedSimulator
+
+
+class Counting(EmbeddedSimulator):
+    def drive(self, road, driver):
+        time.sleep(0.05)  # so that there is little to report
+        return super().drive(road, driver)
+
+    def __exit__(self, *details):
+        super().__exit__(*details)
+        Path("left").touch()
+"""
+
+
+SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
+RUNS = """
+import signal, sys
+from pathlib import Path
+from frenetic.cli import main
+
+for name in sys.argv[1:]:
+    hears = name == "SIGINT"
+    signal.signal(signal.SIGINT, signal.default_int_handler if hears else signal.SIG_IGN)
+    how = ["--time", "10m", "--workers", "1", "--simulator", "counting.py:Counting"]
+    try:
+        main(["run", *how, "--out", name])
+    except SystemExit as stop:
+        Path(f"{name}.part").write_text(str(stop.code))
+        Path(f"{name}.part").rename(f"{name}.code")
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are sent as on POSIX here")
+def test_a_signal_ends_a_run_with_its_summary_and_its_simulator(tmp_path: Path) -> None:
+    """That of Ctrl-C, of a job scheduler and of a terminal that is closed.
+
+    What a script starts in the background does not hear Ctrl-C, but has to hear the others.
+    """
+    (tmp_path / "counting.py").write_text(COUNTING)
+    with subprocess.Popen(
+        [sys.executable, "-c", RUNS, *SIGNALS],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=tmp_path,
+    ) as process:
+        try:
+            for name in SIGNALS:
+                folder, code = tmp_path / name, tmp_path / f"{name}.code"
+                until(partial(stored_in_a_moment, folder), "a test is stored")
+                process.send_signal(signal.Signals[name])
+                until(code.exists, f"{name} ends the run")
+                assert code.read_text() == "130"
+                assert stored_tests(folder) > 0
+                (tmp_path / "left").unlink()
+            out, err = process.communicate(timeout=LIMIT)
+        finally:
+            process.kill()
+    assert process.returncode == 0
+    assert out.count("Interrupted: ") == len(SIGNALS)
+    assert "Traceback" not in err
+
+
+def stored_in_a_moment(folder: Path) -> int:
+    """Its stored tests, after a moment: looking takes time from the run."""
+    time.sleep(0.1)
+    return stored_tests(folder)
+
+
+def stored_tests(folder: Path) -> int:
+    from frenetic.errors import CampaignError
+
+    try:
+        with CampaignStore.open(folder) as store:
+            return store.counts().told
+    except CampaignError:
+        return 0
+
+
+def test_campaign_goes_on_with_more_simulations(frenetic: Frenetic) -> None:
+    options = ["--seed", "3", "--driver", "stanley", "--with", "noise=0.1"]
+    search = ("run", "--simulations", "20", "--strategy", "random_roads=5")
+    frenetic(*search, *options, "--out", "c")
+    answer = frenetic("resume", "c", "--simulations", "10")
+    assert answer.code == 0
+    assert "30 simulations" in answer.out
+    assert "Going on after " in answer.err
+    document = frenetic("show", "c", "--json").json
+    assert document["passed"] + document["failed"] == 30
+    again = frenetic("resume", "c", "--simulations", "5", "--json").json
+    assert (again["simulations"], again["seed"]) == (35, 3)
