@@ -133,6 +133,8 @@ def _begun(context: click.Context, path: Path | None, out: Path | None) -> tuple
     from frenetic.run_file import read_file
 
     given = {n: context.params[n] for n in _ENTRIES if was_given(context, n)}
+    if {"generator", "strategy"} & given.keys():  # in the place of all that the file names
+        given |= {kind: context.params[kind] for kind in ("generator", "strategy")}
     driving, objective = given_options(context), context.params["objective"]
     entries = BenchFile()
     spec = entries.spec()
