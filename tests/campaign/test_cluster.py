@@ -176,10 +176,7 @@ def test_a_simulator_that_does_not_start_is_one_line(
     cluster: Cluster, tmp_path: Path, marks: Marks, deed: Deed, why: str
 ) -> None:
     simulator = FaultySimulator(marks.folder, start=Fault(deed, marks.folder))
-    with (
-        refused(f"can be used: .*{why}"),
-        workers_of(cluster, tmp_path, simulator) as workers,
-    ):
+    with refused(f"can be used: .*{why}"), workers_of(cluster, tmp_path, simulator) as workers:
         await_free(workers)
     assert len(marks.numbers("start")) == 2  # further ones would be refused, too
 
@@ -487,10 +484,7 @@ def test_a_cluster_without_seats_is_one_line(
     monkeypatch.setattr(cluster_module, "NO_SEATS_LIMIT", 0.2)
 
     def complaint() -> str:
-        with (
-            refused() as caught,
-            workers_of(bare, tmp_path, DummySimulator()) as workers,
-        ):
+        with refused() as caught, workers_of(bare, tmp_path, DummySimulator()) as workers:
             await_free(workers)
         return str(caught.value)
 

@@ -214,10 +214,7 @@ class Lacking(DummySimulator):
 
 
 def test_a_missing_extra_is_told_in_its_own_words(workers_of: WorkersOf) -> None:
-    with (
-        refused(r'pip install "\.\[beamng\]"'),
-        workers_of(Lacking()) as workers,
-    ):
+    with refused(r'pip install "\.\[beamng\]"'), workers_of(Lacking()) as workers:
         await_free(workers)
 
 
@@ -240,10 +237,7 @@ class Ageing(FaultySimulator):
 def test_a_simulator_that_does_not_start_again_ends_the_workers(
     workers_of: WorkersOf, marks: Marks
 ) -> None:
-    with (
-        refused("nobody listens on port 25252"),
-        workers_of(Ageing(marks.folder)) as workers,
-    ):
+    with refused("nobody listens on port 25252"), workers_of(Ageing(marks.folder)) as workers:
         assert drive_one(workers).failure == STALLED
         for number in range(2, 10):
             drive_one(workers, number)
