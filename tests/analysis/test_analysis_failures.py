@@ -119,6 +119,17 @@ def test_three_clearly_different_shapes_with_jitter_are_three_clusters() -> None
     assert found.failures == 24
 
 
+@pytest.mark.parametrize("batch", [3000, 1])
+def test_failures_of_one_problem_differ_by_up_to_two_metres(
+    batch: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "BATCH", batch)
+    base = failure(STRAIGHT)
+    for metres, number in ((1.9, 1), (2.1, 2)):
+        other = replace(base, id=2, speeds=base.speeds + metres)
+        assert len(cluster_failures([base, other])) == number
+
+
 def test_mirror_images_are_different_problems() -> None:
     here = family(LEFT, "right", 1)
     mirrored = [

@@ -28,21 +28,23 @@ def test_left_is_near_the_centre_line(x: float, side: str) -> None:
     assert cut.side == side
 
 
-def test_segment_of_a_straight_worked_out_by_hand() -> None:
-    # The place is 50.7 m; the node near it is 51 m. Backwards, 21 m is 29.7 m away, 20 m too far;
-    # forwards from 51 m, 80 m is 29 m away, and 81 m, which is 30 m away, too far.
-    cut = competition_segment(NORTH, (2.5, 50.7))
+@pytest.mark.parametrize(
+    ("place", "before", "after"),
+    [
+        # The node near it is 51 m. Backwards, 21 m is 29.7 m away, 20 m too far; forwards from
+        # 51 m, 80 m is 29 m away, and 81 m, which is 30 m away, too far.
+        (50.7, range(21, 51), range(51, 81)),
+        (50.5, range(21, 51), range(51, 81)),  # of two nodes near it the last
+        (50.2, range(21, 50), range(50, 80)),  # the last near it, 50 m, lies before it
+    ],
+)
+def test_segment_of_a_straight_worked_out_by_hand(
+    place: float, before: range, after: range
+) -> None:
+    cut = competition_segment(NORTH, (2.5, place))
     assert cut is not None
-    expected = [*range(21, 51), 50.7, *range(51, 81)]
-    assert cut.points[:, 1] == pytest.approx(expected)
+    assert cut.points[:, 1] == pytest.approx([*before, place, *after])
     assert cut.points[:, 0] == pytest.approx(0.0)
-
-
-def test_segment_turns_back_where_the_place_lies_just_behind_a_node() -> None:
-    # The place is 50.2 m, and the last node that is near is 50 m, which lies before it.
-    cut = competition_segment(NORTH, (2.5, 50.2))
-    assert cut is not None
-    assert cut.points[:, 1] == pytest.approx([*range(21, 50), 50.2, *range(50, 80)])
 
 
 def test_segment_is_cut_off_at_the_roads_ends() -> None:
