@@ -28,7 +28,7 @@ _OF_THE_RUN: Final = ("seed", "map_size")  # which the spec gives to the other s
 
 
 def screened(
-    spec: Spec, profile: str | Path, strategy: str = "frenetic", **options: Any
+    spec: Spec, profile: Path | str, strategy: str = "frenetic", **options: Any
 ) -> Strategy:
     """The strategy ``screened``: a search in the twin of a profile, laid over another strategy.
 
