@@ -67,7 +67,7 @@ pytest_plugins = ["campaign_fixtures"]
 
 
 @pytest.fixture(scope="module")
-def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
     """Two workers, each with a nanny and a seat."""
     cluster = Cluster(tmp_path_factory.mktemp("cluster"))
     try:
@@ -75,6 +75,14 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
         yield cluster
     finally:
         cluster.close()
+
+
+@pytest.fixture
+def cluster(two: Cluster) -> Cluster:
+    """Both workers are there, also after a test that has ended one."""
+    with Client(two.address, set_as_default=False) as client:
+        client.wait_for_workers(2, timeout=LIMIT)
+    return two
 
 
 @pytest.fixture(scope="module")
