@@ -94,6 +94,14 @@ def changed(road: Path, **entries: Any) -> str:
     return "changed.json"
 
 
+def test_which_program_is_started_no_file_says(frenetic: Frenetic, road: Path) -> None:
+    options = {"home": str(Path.cwd()), "host": "203.0.113.1", "port": 1}
+    answer = frenetic("drive", changed(road, simulator="beamng", simulator_options=options))
+    assert answer.code == 2
+    assert str(Path.cwd()) not in answer.err
+    assert "203.0.113.1" not in answer.err
+
+
 def test_a_failing_road_is_driven_as_the_campaign_drove_it(frenetic: Frenetic, road: Path) -> None:
     document = json.loads(road.read_text(encoding="utf-8"))
     again = frenetic("drive", str(road), "--json").json
