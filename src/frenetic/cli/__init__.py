@@ -5,9 +5,9 @@ A command is imported when it runs, so ``frenetic --help`` starts at once.
 
 from __future__ import annotations
 
-import ast
 import logging
 import os
+import re
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
@@ -77,12 +77,11 @@ def _guests() -> dict[str, str]:
 def _summary(target: str) -> str:
     """The first line of a guest's command: its source is read, since importing it takes long."""
     module, _, name = target.partition(":")
-    with suppress(ImportError, OSError, SyntaxError, ValueError):  # a broken package
+    with suppress(ImportError, OSError, ValueError):  # a broken package
         spec = find_spec(module)
-        source = b"" if spec is None or spec.origin is None else Path(spec.origin).read_bytes()
-        for statement in ast.parse(source).body:
-            if isinstance(statement, ast.FunctionDef) and statement.name == name:
-                return (ast.get_docstring(statement) or "").partition("\n")[0]
+        source = "" if spec is None or spec.origin is None else Path(spec.origin).read_text("utf-8")
+        found = re.search(rf'^def {re.escape(name)}\(.*?"""(.*?)(?:"""|\n)', source, re.S | re.M)
+        return "" if found is None else found[1]
     return ""
 
 
