@@ -14,12 +14,11 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from importlib import import_module
 from types import MappingProxyType
 from typing import Any, Final
 
 from frenetic.errors import FreneticError, UnknownNameError
-from frenetic.registry import Entry, hint, installed
+from frenetic.registry import Entry, hint, imported, installed
 
 GROUP: Final = "frenetic.quantities"
 SEED: Final = "noise_seed"
@@ -71,8 +70,7 @@ class Quantity:
 
     def layer_class(self) -> Any:
         """The class of its layer."""
-        module, _, name = self.layer.partition(":")
-        return getattr(import_module(module), name)
+        return imported(self.layer)
 
     def require(self, amount: float) -> float:
         """An amount that is allowed.
@@ -185,8 +183,7 @@ def quantities() -> Mapping[str, Quantity]:
 def _table(entries: tuple[Entry, ...]) -> Mapping[str, Quantity]:
     table = {row.name: row for row in _OWN}
     for entry in entries:
-        module, _, name = entry.target.partition(":")
-        for row in getattr(import_module(module), name):
+        for row in imported(entry.target):
             if row.name in table:
                 raise FreneticError(
                     f"two quantities are named {row.name!r}, one comes from {entry.origin}:"

@@ -139,6 +139,12 @@ def _installed(group: str, path: tuple[tuple[str, int], ...]) -> tuple[Entry, ..
     )
 
 
+def imported(target: str) -> Any:
+    """What ``module:name`` stands for."""
+    module, _, name = target.partition(":")
+    return getattr(importlib.import_module(module), name)
+
+
 def installed(group: str) -> tuple[Entry, ...]:
     """Entries of a group that packages on the module path have installed."""
     return _installed(group, tuple(map(_state, sys.path)))

@@ -57,14 +57,14 @@ class DriveFile(Struct, forbid_unknown_fields=True, omit_defaults=True, kw_only=
             "speed_limit": self.speed_limit,
             "oob_tolerance": self.oob_tolerance,
             "wall_limit": self.wall_limit,
+            "map_size": self.map_size,
         }
         for kind in _PARTS:
             if isinstance(text := getattr(self, kind, None), str):
                 name, options = read_part(text)
                 given |= {kind: name, f"{kind}_options": options}
-        others = {name: getattr(self, name) for name in ("map_size", "objective")}
         spec = Spec(strategy=Part(usual)).replaced(given)
-        return replace(spec, **{name: value for name, value in others.items() if value is not None})
+        return spec if self.objective is None else replace(spec, objective=self.objective)
 
 
 class RunFile(DriveFile, kw_only=True):

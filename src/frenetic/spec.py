@@ -89,6 +89,11 @@ class Number:
     another: str = ""
     """Help where it replaces a campaign's; empty if it cannot be replaced."""
 
+    @property
+    def option(self) -> str:
+        """The option, such as ``--map-size``."""
+        return f"--{self.name.replace('_', '-')}"
+
 
 NUMBERS: Final = (
     Number("speed_limit", 70.0, "km/h.", "KMH", "Another speed limit."),
@@ -310,6 +315,7 @@ class Spec:
             simulator=simulator,
             rules=_with_rules(self.rules, asked),
             wall_limit=limit,
+            map_size=asked.get("map_size", self.map_size),
         )
 
     # From and to JSON
@@ -418,8 +424,7 @@ class Spec:
             asked["driver"] = None
         spec = self
         if not has_roads:
-            map_size = asked.get("map_size", other.map_size)
-            spec = replace(self, map_size=map_size, lane_width=other.lane_width)
+            spec = replace(self, map_size=other.map_size, lane_width=other.lane_width)
         spec = replace(spec, layers={}, driver=replace(spec.driver, made={}))
         command = other.command() or {}
         driven = {name: command[name] for name in drive_options() if name in command}
@@ -554,7 +559,7 @@ class Spec:
             words += ["--with", f"{name}={number_word(amount)}"]
         for number in NUMBERS:
             value = getattr(self, number.name, getattr(self.rules, number.name, None))
-            words += [f"--{number.name.replace('_', '-')}", number_word(value)]
+            words += [number.option, number_word(value)]
         return words
 
 

@@ -18,7 +18,6 @@ from frenetic.cli.compare import comparison_document, print_comparison
 from frenetic.cli.console import Log, announced_compilation, live_line, print_table, shell
 from frenetic.cli.options import (
     WORKERS,
-    GroupedCommand,
     as_usage_error,
     count_option,
     folder_option,
@@ -45,7 +44,7 @@ _ENTRIES: Final = ("generator", "strategy", "simulations", "repeats", "seed")
 """Options that are entries of a file, too, beside those that say how roads are driven."""
 
 
-@click.command(cls=GroupedCommand)
+@click.command()
 @click.argument("file", type=click.Path(path_type=Path), required=False, metavar="[FILE.toml]")
 @click.option(
     "--generator",

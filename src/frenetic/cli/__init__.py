@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Final, NoReturn, TextIO
+from typing import Any, Final, NoReturn, TextIO
 
 import click
 
@@ -101,6 +101,17 @@ class CommandTable(click.Group):
         module, _, name = target.partition(":")
         command: click.Command = getattr(import_module(module), name)
         return command
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Runs the command; the library's words for a place to write get the name of the option."""
+        try:
+            return super().invoke(ctx)
+        except FreneticError as error:
+            command = self.get_command(ctx, ctx.invoked_subcommand or "")
+            if command is not None and any("--out" in one.opts for one in command.params):
+                place = "choose another place"
+                error.args = (str(error).replace(place, f"{place} with --out"),)
+            raise
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         """Writes the summary of each, without importing them."""

@@ -5,20 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from frenetic.cli.console import Log, announced_compilation, counted_progress
-from frenetic.cli.options import (
-    as_usage_error,
-)
-from frenetic.cli.parts import (
-    asked_spec,
-    given_options,
-    with_given,
-    without_place,
-)
+from frenetic.cli.options import as_usage_error
+from frenetic.cli.parts import asked_spec, given_options, with_given, without_place
 from frenetic.errors import CampaignError
 from frenetic.spec import DRIVEN, Spec
 from frenetic.trust import NOT_DRIVING
@@ -28,9 +21,6 @@ if TYPE_CHECKING:
 
     from frenetic.campaign import CampaignStore, Event
     from frenetic.road.files import RoadFile
-
-P = ParamSpec("P")
-R = TypeVar("R")
 
 
 def recorded_spec(store: CampaignStore, given: Mapping[str, Any], *, checked: bool = True) -> Spec:
@@ -88,7 +78,6 @@ def file_spec(context: click.Context, file: RoadFile, *, checked: bool = True) -
     # Which program is started, no file says.
     recorded = replace(recorded, simulator=without_place(recorded.simulator))
     spec = with_given(recorded, given)
-    spec = replace(spec, map_size=given.get("map_size", spec.map_size))
     if not checked:
         return spec
     spec.require_trusted(file.path, named_parts(given))

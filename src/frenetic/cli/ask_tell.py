@@ -12,14 +12,14 @@ from typing import Any
 
 import click
 
-from frenetic.cli.options import Duration, GroupedCommand, as_usage_error, folder_option
+from frenetic.cli.options import Duration, as_usage_error, folder_option
 from frenetic.cli.parts import part_choice
 from frenetic.spec import Budget, Part, Spec
 
 DEFAULT_SIMULATIONS = 1000
 
 
-@click.command(name="ask-tell", cls=GroupedCommand)
+@click.command(name="ask-tell")
 @click.option("--simulations", type=int, metavar="N", help="Stop after N drives. [default: 1000]")
 @click.option("--time", "seconds", type=Duration(), help="Stop after this time: 90s, 10m, 1h30m.")
 @click.option("--failures", type=int, metavar="N", help="Stop after N failures.")

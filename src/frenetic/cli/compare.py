@@ -15,7 +15,6 @@ from rich.markup import escape
 
 from frenetic.cli.console import Log, print_table
 from frenetic.cli.options import (
-    GroupedCommand,
     NewFile,
     complete_campaign,
     count_option,
@@ -37,7 +36,7 @@ _MOST_MEASURES: Final = 4
 """Most measures side by side."""
 
 
-@click.command(cls=GroupedCommand)
+@click.command()
 @click.argument(
     "places", nargs=-1, required=True, metavar="[NAME=]FOLDER...", shell_complete=complete_campaign
 )

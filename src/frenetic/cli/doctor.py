@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from frenetic.cli.console import Log, announced_compilation
-from frenetic.cli.options import GroupedCommand, as_usage_error, json_option
+from frenetic.cli.options import as_usage_error, json_option
 from frenetic.cli.parts import part_choice
 
 if TYPE_CHECKING:
     from frenetic.doctor import Check, Examination
 
 
-@click.command(cls=GroupedCommand)
+@click.command()
 @part_choice(
     "simulator",
     "Check only this one, and in full. [default: all that are installed, in short]",

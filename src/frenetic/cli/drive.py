@@ -14,7 +14,6 @@ import click
 from frenetic.cli.again import file_spec, recorded_spec
 from frenetic.cli.console import Log, announced_compilation, facts_of_drive, print_facts
 from frenetic.cli.options import (
-    GroupedCommand,
     NewFile,
     check_map_size,
     file_option,
@@ -44,7 +43,7 @@ class Asked:
     """Its driver, in a road's file."""
 
 
-@click.command(cls=GroupedCommand)
+@click.command()
 @source_arguments
 @recorded_options
 @click.option("--dry", is_flag=True, help="Say whether the road is valid; do not drive it.")

@@ -13,7 +13,6 @@ import click
 from frenetic._support.words import read_part
 from frenetic.cli.console import Log, counted_progress
 from frenetic.cli.options import (
-    GroupedCommand,
     as_usage_error,
     file_option,
     json_option,
@@ -44,7 +43,7 @@ EXPORTS: Final = "exports"
 """Folder in a campaign's folder for its exported roads."""
 
 
-@click.command(cls=GroupedCommand)
+@click.command()
 @source_arguments
 @click.option(
     "--format",

@@ -24,7 +24,6 @@ from frenetic.cli.console import (
     shell,
 )
 from frenetic.cli.options import (
-    GroupedCommand,
     as_usage_error,
     check_map_size,
     count_option,
@@ -84,7 +83,7 @@ class Done:
         return ENDINGS[self.minimised.ending] if trouble is None else f"gave up: {trouble}"
 
 
-@click.command(cls=GroupedCommand)
+@click.command()
 @source_arguments
 @count_option(
     "--top", "Minimise a campaign's N most telling failures. [default: the most severe one]"

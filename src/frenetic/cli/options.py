@@ -231,48 +231,6 @@ class Range(click.ParamType):  # type: ignore[type-arg]
         return AskedRange(name.strip(), limits)
 
 
-class GroupedOption(click.Option):
-    """An option of a group.
-
-    Args:
-        group: the group's headline.
-        arguments: those of `click.Option`.
-    """
-
-    def __init__(self, *arguments: Any, group: str, **options: Any) -> None:
-        super().__init__(*arguments, **options)
-        self.group = group
-
-
-class GroupedCommand(click.Command):
-    """A command whose help groups its options, and whose errors name the option for a place."""
-
-    first_group = "Options"
-    """The headline of the first options: of those without a group, by default."""
-
-    def invoke(self, ctx: click.Context) -> Any:
-        """Runs it; the library's words for a place to write to get the name of the option."""
-        try:
-            return super().invoke(ctx)
-        except FreneticError as error:
-            if any("--out" in parameter.opts for parameter in self.params):
-                place = "choose another place"
-                error.args = (str(error).replace(place, f"{place} with --out"),)
-            raise
-
-    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Writes all options, group by group."""
-        groups: dict[str, list[tuple[str, str]]] = {self.first_group: []}
-        for parameter in self.get_params(ctx):
-            record = parameter.get_help_record(ctx)
-            if record is not None and isinstance(parameter, click.Option):
-                group = parameter.group if isinstance(parameter, GroupedOption) else "Options"
-                groups.setdefault(group, []).append(record)
-        for group, records in groups.items():
-            with formatter.section(group):
-                formatter.write_dl(records)
-
-
 def file_option(name: str, help: str, **more: Any) -> Decorator:  # noqa: A002
     """An option for a file; ``more`` is click's."""
     kind = click.Path(path_type=Path)

@@ -14,8 +14,9 @@ from click.shell_completion import CompletionItem
 from frenetic._support.words import read_part
 from frenetic.cli.options import Decorator, with_options
 from frenetic.quantities import quantity
-from frenetic.registry import DRIVERS, SIMULATORS, STRATEGIES
+from frenetic.registry import SIMULATORS
 from frenetic.spec import NUMBERS, Part, Spec, drive_options, usual_of
+from frenetic.trust import REGISTRIES
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -29,9 +30,6 @@ _EXAMPLES: Final = {
 }
 
 
-_REGISTRIES: Final = {"strategy": STRATEGIES, "driver": DRIVERS, "simulator": SIMULATORS}
-
-
 def names_of(
     kind: str,
 ) -> Callable[[click.Context, click.Parameter, str], list[CompletionItem]]:
@@ -40,7 +38,7 @@ def names_of(
     def complete(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
         names = [
             CompletionItem(entry.name, help=entry.summary or None)
-            for entry in _REGISTRIES[kind].entries()
+            for entry in REGISTRIES[kind].entries()
             if entry.name.startswith(incomplete)
         ]
         return names or [CompletionItem(incomplete, type="file")]
@@ -181,7 +179,7 @@ def driver_options(command: Callable[P, R], *, is_recorded: bool = False) -> Cal
     """
     numbers: list[Decorator] = [
         click.option(
-            _option(number.name),
+            number.option,
             type=float,
             default=number.default,
             show_default=_shown(number.default, is_recorded),
@@ -204,9 +202,7 @@ def part_options(command: Callable[P, R]) -> Callable[P, R]:
         _with_option,
         part_choice("simulator", "Another simulator than the campaign's."),
         *(
-            click.option(
-                _option(number.name), type=float, metavar=number.metavar, help=number.another
-            )
+            click.option(number.option, type=float, metavar=number.metavar, help=number.another)
             for number in NUMBERS
             if number.another
         ),
@@ -257,10 +253,6 @@ def with_given(spec: Spec, given: Mapping[str, Any], *, has_roads: bool = True) 
 
     other = read_run_file(path)[0] if path.suffix.lower() == ".toml" else Spec.read(path)
     return spec.driven_as(other, given, source=path, has_roads=has_roads)
-
-
-def _option(name: str) -> str:
-    return f"--{name.replace('_', '-')}"
 
 
 place_option: Final = part_choice(

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import click
 
-from frenetic.cli.options import CampaignFolder, GroupedCommand, file_option, json_option
+from frenetic.cli.options import CampaignFolder, file_option, json_option
 
 
-@click.command(cls=GroupedCommand)
+@click.command()
 @click.argument("campaign", type=CampaignFolder())
 @file_option("--out", "Where to. [default: report.html in the campaign's folder]")
 @click.option("--open", "shown", is_flag=True, help="Show it in the browser.")

@@ -16,7 +16,6 @@ from frenetic.cli.console import Log, print_table, shell, two_digits
 from frenetic.cli.options import (
     AskedRange,
     CampaignFolder,
-    GroupedCommand,
     NewFile,
     Range,
     count_option,
@@ -48,7 +47,7 @@ def variation(asked: AskedRange, simulator: Simulator) -> Variation:
     return Variation(asked.name, *asked.limits)
 
 
-@click.command(cls=GroupedCommand)
+@click.command()
 @click.argument("campaign", type=CampaignFolder())
 @click.argument("test_ids", type=int, nargs=-1, metavar="[ID]...")
 @count_option("--top", "Only the N most telling failures. [default: all failures]")

@@ -13,7 +13,6 @@ from frenetic.cli.console import shell
 from frenetic.cli.options import (
     CampaignFolder,
     Duration,
-    GroupedCommand,
     as_usage_error,
     json_option,
 )
@@ -28,7 +27,7 @@ from frenetic.cli.search import (
 from frenetic.spec import Budget, Spec
 
 
-@click.command(cls=GroupedCommand)
+@click.command()
 @click.argument("campaign", type=CampaignFolder())
 @click.option("--simulations", type=int, metavar="N", help="N more drives.")
 @click.option("--time", "seconds", type=Duration(), help="This much more time: 90s, 10m, 1h30m.")

@@ -12,7 +12,6 @@ import click
 from frenetic.cli.options import (
     CampaignFolder,
     Duration,
-    GroupedCommand,
     as_usage_error,
     folder_option,
     json_option,
@@ -33,7 +32,7 @@ from frenetic.spec import Budget, EarlierCampaign, Spec
 DEFAULT_SIMULATIONS: Final = 1000
 
 
-@click.command(cls=GroupedCommand)
+@click.command()
 @click.argument("file", type=click.Path(path_type=Path), required=False, metavar="[FILE.toml]")
 @click.option("--simulations", type=int, metavar="N", help="Stop after N drives. [default: 1000]")
 @click.option("--time", type=Duration(), help="Stop after this time: 90s, 10m, 1h30m.")
@@ -110,11 +109,7 @@ def _of_file(context: click.Context, path: Path) -> tuple[Spec, int | None, int 
         named += ["driver", "simulator"]
     spec.require_trusted(path, named)
     spec = with_given(spec, given, has_roads=False)
-    return (
-        replace(spec, map_size=given.get("map_size", spec.map_size)),
-        entries.lookahead,
-        entries.workers,
-    )
+    return spec, entries.lookahead, entries.workers
 
 
 def _with_search(

@@ -8,7 +8,6 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,7 +22,7 @@ from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
-from frenetic.registry import installed
+from frenetic.registry import imported, installed
 from frenetic.report.html.blocks import Part, Section
 from frenetic.report.html.elsewhere import elsewhere_sections
 from frenetic.report.html.feature_map import Measured, choose_mapped, map_section
@@ -197,8 +196,7 @@ def _look(
 
 
 def _films() -> list[Callable[[Mapping[str, JSONValue]], Callable[[Test], Film | None]]]:
-    targets = (entry.target.partition(":") for entry in installed(FILMS))
-    return [getattr(import_module(module), name) for module, _, name in targets]
+    return [imported(entry.target) for entry in installed(FILMS)]
 
 
 def _segment(record: Test) -> Segment | None:

@@ -8,7 +8,6 @@ import time
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
 from functools import cache
-from importlib import import_module
 from types import TracebackType
 from typing import Any, ClassVar, Final, Self
 
@@ -34,7 +33,7 @@ from frenetic.drivers.layers import Compiled, Noisy, compiled_form
 from frenetic.errors import DriverError
 from frenetic.oracle import judge, rules_array
 from frenetic.outcome import Outcome
-from frenetic.registry import installed
+from frenetic.registry import imported, installed
 from frenetic.road import Road
 from frenetic.simulators.checks import Check, broken, drive_checks, time_of_drives
 from frenetic.simulators.embedded import rollout as kernels
@@ -311,8 +310,7 @@ def _renderer(road: Road, camera: Camera, scene: Scene) -> Renderer:
         DriverError: none is.
     """
     for entry in installed(RENDERERS):
-        module, _, name = entry.target.partition(":")
-        renderer: Renderer = getattr(import_module(module), name)(road, camera, scene)
+        renderer: Renderer = imported(entry.target)(road, camera, scene)
         return renderer
     raise DriverError(
         f"the driver has a camera, and nothing is installed that draws for it ({RENDERERS})"

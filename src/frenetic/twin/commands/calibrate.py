@@ -19,7 +19,6 @@ from frenetic.cli.console import (
 from frenetic.cli.options import (
     WORKERS,
     AskedRange,
-    GroupedCommand,
     Range,
     Setting,
     as_usage_error,
@@ -51,7 +50,7 @@ class Fits(Range):
         return [super(Fits, self).convert(text, param, ctx) for text in texts]
 
 
-@click.command(cls=GroupedCommand)
+@click.command()
 @click.argument(
     "recordings", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="RECORDING..."
 )

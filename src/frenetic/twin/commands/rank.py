@@ -13,7 +13,6 @@ from frenetic._support.words import counted
 from frenetic.cli import complain
 from frenetic.cli.console import Log, announced_compilation, counted_progress, print_table
 from frenetic.cli.options import (
-    GroupedCommand,
     check_map_size,
     count_option,
     json_option,
@@ -61,7 +60,7 @@ class Address(click.ParamType):  # type: ignore[type-arg]  # generic in click's 
         return host or _HOST, int(port)
 
 
-@click.command(cls=GroupedCommand)
+@click.command()
 @click.argument("roads", nargs=-1, type=click.Path(path_type=Path), metavar="[ROADS]...")
 @driver_options
 @click.option(
