@@ -60,14 +60,6 @@ def await_free(workers: Workers, count: int = 1) -> None:
         assert not workers.wait(0.5)
 
 
-def await_all(workers: Workers) -> None:
-    """Waits until every worker is there and idle."""
-    deadline = time.monotonic() + LIMIT
-    while any(one.state != "idle" for one in workers.states().values()):
-        assert time.monotonic() < deadline
-        assert not workers.wait(0.5)
-
-
 def await_attempts(workers: Workers, count: int = 1) -> list[Attempt]:
     """Waits for so many attempts."""
     attempts: list[Attempt] = []
@@ -113,7 +105,6 @@ class WorkersContract:
         tester = RoadTester(DummySimulator(), DummyDriver())
         with workers_of(DummySimulator()) as workers:
             attempts = drive_all(workers, samples)
-            assert sum(state.tests for state in workers.states().values()) == len(samples)
         for candidate in roads(samples):
             here, there = tester.test(candidate).pack(), attempts[candidate.id]
             assert there.failure is None

@@ -19,7 +19,7 @@ from events import on_result
 from faulty import Straight, Uneven, bend
 
 from frenetic.campaign import Budget, Campaign, CampaignStore, Summary
-from frenetic.campaign.log import CampaignLog, WorkerState
+from frenetic.campaign.log import CampaignLog
 from frenetic.campaign.loop import MAX_ERRORS_IN_A_ROW
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import RoadTester
@@ -65,9 +65,6 @@ class FakeWorkers:
     @property
     def needed(self) -> int:
         return max(0, self.busy - len(self.running))
-
-    def states(self) -> Mapping[str, WorkerState]:
-        return {}
 
     def submit(self, candidate: Candidate) -> None:
         assert self.free

@@ -21,7 +21,6 @@ from driving import (
     MINE,
     WorkersContract,
     WorkersOf,
-    await_all,
     await_attempts,
     await_free,
     drive_all,
@@ -193,21 +192,6 @@ class TestWorkers(WorkersContract):
     pass
 
 
-def test_states_say_what_workers_do(workers_of: WorkersOf) -> None:
-    def states() -> list[str]:
-        return sorted(state.state for state in workers.states().values())
-
-    with workers_of(DummySimulator()) as workers:
-        await_free(workers, count := len(workers.states()))
-        assert states() == ["idle"] * count
-        workers.submit(straight(1))
-        assert states() == ["driving"] + ["idle"] * (count - 1)
-        await_attempts(workers)
-        assert states() == ["idle"] * count
-        assert sum(state.tests for state in workers.states().values()) == 1
-        assert {state.name for state in workers.states().values()} == set(workers.states())
-
-
 class Lacking(DummySimulator):
     def __enter__(self) -> Self:
         raise FreneticError('BeamNG is missing: pip install ".[beamng]"')
@@ -315,7 +299,7 @@ def test_those_that_start_do_the_work_of_those_that_do_not(marks: Marks, tmp_pat
     start = Fault(refuse_connection, marks.folder, times=1)
     with local(FaultySimulator(marks.folder, start=start), folder=tmp_path, count=2) as workers:
         attempts = drive_all(workers, [8, 9, 10, 11])
-        assert sorted(state.state for state in workers.states().values()) == ["idle", "lost"]
+    assert {attempt.worker for attempt in attempts.values()} < {"worker 1", "worker 2"}
     assert all(attempt.failure is None for attempt in attempts.values())
 
 
@@ -342,8 +326,7 @@ def test_workers_survive_the_end_of_the_server_that_forks_them(
         os.kill(server, 9)
         until_gone([server])
         assert len(drive_all(workers, [8, 9, 10, 11])) == 4
-        await_all(workers)
-        assert len(marks.pids()) == 4
+        until(lambda: not workers.wait(0.1) and len(marks.pids()) == 4, "both are there again")
     until_gone(marks.pids())
 
 

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final, Literal, Self
 
@@ -30,7 +30,7 @@ from msgspec import Struct, ValidationError, convert, json
 from frenetic._support.bounds import Count, Finite, Measured, NotNegative, Share
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.database import DATABASE
-from frenetic.campaign.log import CampaignLog, WorkerState
+from frenetic.campaign.log import CampaignLog
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.summary import Event, Summary
 from frenetic.campaign.tester import RoadTester, road_through
@@ -215,9 +215,6 @@ class _Client(Workers):
         """Number of requests for a candidate without an answer, which the caller answers."""
         asked, self._asked = self._asked, 0
         return asked
-
-    def states(self) -> Mapping[str, WorkerState]:
-        return {}
 
     def submit(self, candidate: Candidate) -> None:
         try:

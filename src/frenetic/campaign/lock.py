@@ -82,6 +82,16 @@ def holder(path: Path) -> str | None:
         return None
 
 
+def last_host(path: Path) -> str | None:
+    """The machine that locked a file last; None if that is not known."""
+    try:
+        with path.open("rb", buffering=0) as file:
+            file.seek(1)
+            return decode(file.read(), type=_Holder).host
+    except (DecodeError, OSError):
+        return None
+
+
 def _write_holder(file: int) -> None:
     with suppress(OSError):  # the disk is full
         os.ftruncate(file, 0)

@@ -1,8 +1,8 @@
 """A campaign's log: its events, line by line, for people and programs alike.
 
 The log is the file `campaign.log` in the campaign's folder: one JSON object per line, only ever
-appended to. So it can be followed from another machine through a network share, where an open
-database must not be read. Each line begins with the same four keys, and the fields of its event
+appended to. So it can be read from another machine through a network share, where an open database
+must not be. Each line begins with the same four keys, and the fields of its event
 follow:
 
 | key | holds |
@@ -24,9 +24,7 @@ from __future__ import annotations
 import json
 import logging
 import os
-from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
 from logging.handlers import WatchedFileHandler
@@ -41,7 +39,6 @@ if TYPE_CHECKING:
     from frenetic.campaign.summary import Summary
 
 Level: TypeAlias = Literal["info", "warning", "error"]
-WorkerStatus: TypeAlias = Literal["starting", "idle", "driving", "lost"]
 
 LOG: Final = "campaign.log"
 """Name of the log in a campaign's folder."""
@@ -80,18 +77,6 @@ class LogEvent(StrEnum):
     """Its progress, see `CampaignLog.progress`."""
     LOG = "log"
     """A record of Python's logging: logger, traceback."""
-
-
-@dataclass(frozen=True)
-class WorkerState:
-    """Present activity of a worker."""
-
-    name: str
-    state: WorkerStatus
-    tests: int
-    """Number of its road tests."""
-    seconds_in_state: float
-    """Time since this state began, in s."""
 
 
 class CampaignLog:
@@ -151,20 +136,8 @@ class CampaignLog:
             **_traced(attempt),
         )
 
-    def progress(
-        self,
-        summary: Summary,
-        *,
-        workers: Mapping[str, WorkerState] | None = None,
-        running: int = 0,
-    ) -> None:
-        """Writes the campaign's summary.
-
-        Args:
-            summary: of the campaign so far.
-            workers: their activities, by name.
-            running: number of running tests.
-        """
+    def progress(self, summary: Summary) -> None:
+        """Writes how the campaign stands."""
         best = "" if summary.min_moobd is None else f", best MOOBD {summary.min_moobd:.2f} m"
         self.write(
             LogEvent.PROGRESS,
@@ -175,11 +148,6 @@ class CampaignLog:
             seconds=round(summary.seconds, 3),
             budget_spent=round(summary.budget_spent, 6),
             tests_per_second=float(f"{summary.tests_per_second:.3g}"),
-            running=running,
-            workers=[
-                asdict(worker) | {"seconds_in_state": round(worker.seconds_in_state, 1)}
-                for worker in (workers or {}).values()
-            ],
         )
 
     def __enter__(self) -> Self:

@@ -347,7 +347,7 @@ class Dispatcher:
                 self._summary.facts = facts
                 self._store.keep(**{FACTS: facts})
             summary = self._summary.now(time.perf_counter() - self._start)
-            self._log.progress(summary, workers=self._workers.states(), running=len(self._running))
+            self._log.progress(summary)
 
 
 def _without_numbers(notice: str) -> str:

@@ -98,10 +98,9 @@ def show(
     max_curvature, direction_coverage, bends, mean_speed, std_speed, std_steering, mean_offset,
     extreme_offset.
 
-    --follow reads, each second, the database and log of a campaign that runs. Of one on another
-    machine, seen through a network share, it reads the log only. Ctrl-C leaves; the campaign goes
-    on. The exit code is 0 when the campaign has finished, 1 when it was interrupted, gave up or was
-    killed.
+    --follow looks each second at a campaign that runs on this machine. Ctrl-C leaves; the campaign
+    goes on. The exit code is 0 when the campaign has finished, 1 when it was interrupted, gave up
+    or was killed.
     """
     from frenetic.campaign import CampaignStore
 

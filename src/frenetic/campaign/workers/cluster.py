@@ -17,17 +17,17 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final, NoReturn, Self
+from typing import Any, Final, Literal, NoReturn, Self
 from weakref import WeakSet, finalize
 
 from frenetic._support.words import pip_install
-from frenetic.campaign.log import CampaignLog, LogEvent, WorkerState, WorkerStatus
+from frenetic.campaign.log import CampaignLog, LogEvent
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers.local import Seat
@@ -80,12 +80,11 @@ class _Held:
     """Its `_Opened`, which stays on the worker."""
     since: float
     """Beginning of what it does, on the monotonic clock."""
-    state: WorkerStatus = "starting"
+    state: Literal["starting", "idle", "driving"] = "starting"
     candidate: int = 0
     """Id of the one that it drives."""
     call: Future | None = None
     """Its test."""
-    tests: int = 0
 
 
 class ClusterWorkers(Workers):
@@ -127,14 +126,6 @@ class ClusterWorkers(Workers):
 
     def _is_free(self, seat: _Held) -> bool:
         return seat.state == "idle" and _is_running(self._hosts.get(seat.address))
-
-    def states(self) -> Mapping[str, WorkerState]:
-        """Activity of each seat, by its name."""
-        now = time.monotonic()
-        return {
-            seat.name: WorkerState(seat.name, seat.state, seat.tests, now - seat.since)
-            for seat in self._seats
-        }
 
     def submit(self, candidate: Candidate) -> None:
         """Hands a candidate to a free seat."""
@@ -268,7 +259,6 @@ class ClusterWorkers(Workers):
         if attempt.worker_lost:
             return self._lose(seat, attempt.result.reason, traceback=attempt.traceback)
         seat.call, seat.state, seat.since = None, "idle", time.monotonic()
-        seat.tests += 1
         return replace(attempt, worker=seat.name, seconds=seconds)
 
     def _restart(self, seat: _Held) -> Attempt | None:

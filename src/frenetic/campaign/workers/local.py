@@ -5,12 +5,12 @@ from __future__ import annotations
 import logging
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Final, Self
+from typing import Final, Self
 
 from frenetic._support.json_value import JSONValue
-from frenetic.campaign.log import CampaignLog, LogEvent, WorkerState
+from frenetic.campaign.log import CampaignLog, LogEvent
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import CampaignError, describe_error
@@ -121,10 +121,6 @@ class LocalWorkers:
         capacity = min(most, self._ahead) if seat.pace <= QUICK else 1
         return max(0, capacity - len(seat.candidates))
 
-    def states(self) -> Mapping[str, WorkerState]:
-        """Activity of each worker, by its name."""
-        return {seat.worker.name: seat.state() for seat in self._seats}
-
     def submit(self, candidate: Candidate) -> None:
         """Hands a candidate to a free worker."""
         free = [seat for seat in self._seats if self._room(seat, AHEAD)]
@@ -174,7 +170,6 @@ class LocalWorkers:
             text = "%s: %s\n%s"
             logger.debug(text, seat.worker.name, attempt.result.reason, attempt.traceback)
         seat.candidates.popleft()
-        seat.tests += 1
         seat.pace = attempt.seconds
         return replace(attempt, worker=seat.worker.name)
 
@@ -265,19 +260,7 @@ class _Seat:
         """Whether its simulator ever has."""
         self.failed_starts = 0
         """Number of consecutive failed starts."""
-        self.tests = 0
         self.pace = float("inf")
         """Time of its last test, in s."""
         self.loss = ""
         """Reason of its last loss."""
-
-    def state(self) -> WorkerState:
-        """Its activity."""
-        if self.is_lost:
-            status: Any = "lost"
-        elif not self.is_ready:
-            status = "starting"
-        else:
-            status = "driving" if self.candidates else "idle"
-        since = time.monotonic() - self.worker.since
-        return WorkerState(self.worker.name, status, self.tests, since)

@@ -5,10 +5,9 @@ from __future__ import annotations
 import logging
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Final, Protocol, Self
 
-from frenetic.campaign.log import WorkerState, WorkerStatus
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import CampaignError, reason_of, traceback_of
@@ -31,9 +30,6 @@ class Workers(Protocol):
     def needed(self) -> int:
         """Number of these that keeps all workers busy: others only wait in them."""
         return self.free
-
-    def states(self) -> Mapping[str, WorkerState]:
-        """Activity of each worker, by its name."""
 
     def submit(self, candidate: Candidate) -> None:
         """Hands a candidate to a free worker, to be tested as by `RoadTester.test`."""
@@ -87,24 +83,16 @@ class InProcessWorker(Workers):
         self._is_entered = is_entered
         self._started = is_entered
         self._task: Candidate | None = None
-        self._tests = 0
-        self._since = time.monotonic()
 
     @property
     def free(self) -> int:
         """1 unless a submitted candidate waits for `wait`."""
         return 0 if self._task else 1
 
-    def states(self) -> Mapping[str, WorkerState]:
-        """Its activity between two tests."""
-        state: WorkerStatus = "driving" if self._task else "idle"
-        return {NAME: WorkerState(NAME, state, self._tests, time.monotonic() - self._since)}
-
     def submit(self, candidate: Candidate) -> None:
         """Takes the candidate that `wait` will test."""
         assert self._task is None
         self._task = candidate
-        self._since = time.monotonic()
 
     def wait(self, timeout: float) -> Sequence[Attempt]:  # noqa: ARG002 - it takes what it takes
         """Tests the submitted candidate.
@@ -129,7 +117,6 @@ class InProcessWorker(Workers):
         if attempt.failure is not None:
             self._end(None, None, None)
         self._task = None
-        self._tests += 1
         return (attempt,)
 
     def __enter__(self) -> Self:
