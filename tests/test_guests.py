@@ -22,13 +22,13 @@ class Gone:
             raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
 
 sys.meta_path.insert(0, Gone())
-from frenetic import registry
-found = registry._installed
+from frenetic._support import entry_points
+found = entry_points._installed
 
 def others(*key):
     return tuple(entry for entry in found(*key) if not entry.target.startswith({guest!r}))
 
-registry._installed = others
+entry_points._installed = others
 from frenetic.cli import main
 for line in {lines!r}:
     try:

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from frenetic._support.entry_points import Entry
 from frenetic.errors import FreneticError
-from frenetic.registry import DRIVERS, OBJECTIVES, STRATEGIES, Entry, Registry
+from frenetic.registry import DRIVERS, OBJECTIVES, STRATEGIES, Registry
 
 
 @pytest.fixture

@@ -17,8 +17,9 @@ from functools import cache
 from types import MappingProxyType
 from typing import Any, Final
 
+from frenetic._support.entry_points import Entry, imported, installed
 from frenetic.errors import FreneticError, UnknownNameError
-from frenetic.registry import Entry, hint, imported, installed
+from frenetic.registry import hint
 
 GROUP: Final = "frenetic.quantities"
 SEED: Final = "noise_seed"

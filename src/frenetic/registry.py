@@ -20,10 +20,11 @@ import weakref
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import redirect_stdout, suppress
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, Protocol, runtime_checkable
 
+from frenetic._support.entry_points import Entry, installed
 from frenetic.errors import FreneticError, UnknownNameError, describe_raised, place_of
 
 USER_MODULE: Final = "frenetic_user_"
@@ -108,53 +109,6 @@ def _remember(part: object, factory: Callable[..., Any], options: Mapping[str, A
     key = id(part)
     with suppress(TypeError):  # objects with slots have no weak references
         _MADE[key] = weakref.ref(part, lambda _: _MADE.pop(key, None)), Made(factory, arguments)
-
-
-@dataclass(frozen=True)
-class Entry:
-    """A part that has a name."""
-
-    name: str
-    target: str
-    """``module:Class``."""
-    origin: str
-    """``built in``, or the distribution that installed it."""
-    summary: str = ""
-    """One line, if known without an import."""
-
-
-@cache
-def _installed(group: str, path: tuple[tuple[str, int], ...]) -> tuple[Entry, ...]:  # noqa: ARG001
-    """Entries that packages on the module path have installed, in alphabetical order.
-
-    Args:
-        group: of their entry points.
-        path: states of the folders of the module path: installing changes one of them.
-    """
-    from importlib.metadata import entry_points  # takes its time, and no help needs it
-
-    return tuple(
-        Entry(point.name, point.value, point.dist.name if point.dist is not None else "unknown")
-        for point in sorted(entry_points(group=group), key=lambda p: p.name)
-    )
-
-
-def imported(target: str) -> Any:
-    """What ``module:name`` stands for."""
-    module, _, name = target.partition(":")
-    return getattr(importlib.import_module(module), name)
-
-
-def installed(group: str) -> tuple[Entry, ...]:
-    """Entries of a group that packages on the module path have installed."""
-    return _installed(group, tuple(map(_state, sys.path)))
-
-
-def _state(folder: str) -> tuple[str, int]:
-    """A folder of the module path, and when something was last put there or removed, in ns."""
-    with suppress(OSError):
-        return folder, Path(folder).stat().st_mtime_ns
-    return folder, 0
 
 
 @dataclass(frozen=True)

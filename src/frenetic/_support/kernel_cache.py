@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import atexit
 import os
-import shutil
 import sys
-import tempfile
 from collections.abc import Callable, MutableMapping
 from pathlib import Path
 
@@ -31,6 +29,9 @@ def ensure_kernel_cache(
         folder = folder.parent
     if is_writable(folder):
         return
+    import shutil  # rarely needed, and both take their time
+    import tempfile
+
     temporary = tempfile.mkdtemp(prefix="frenetic-kernels-")
     atexit.register(shutil.rmtree, temporary, ignore_errors=True)
     environment[VARIABLE] = temporary

@@ -5,7 +5,6 @@ A command is imported when it runs, so ``frenetic --help`` starts at once.
 
 from __future__ import annotations
 
-import logging
 import os
 import re
 import sys
@@ -19,12 +18,11 @@ from typing import Any, Final, NoReturn, TextIO
 
 import click
 
+from frenetic._support.entry_points import installed
 from frenetic._support.interrupt import ending_in_order
 from frenetic.errors import FreneticError
 
 __all__ = ["cli", "main"]
-
-logger = logging.getLogger(__name__)
 
 BLAS_THREADS: Final = "OPENBLAS_NUM_THREADS"
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
@@ -69,8 +67,6 @@ COMMANDS: Final = {
 
 def _guests() -> dict[str, str]:
     """The commands of other packages, and of our own that the core does without."""
-    from frenetic.registry import installed  # what it imports takes its time
-
     return {entry.name: entry.target for entry in installed("frenetic.commands")}
 
 
@@ -134,7 +130,9 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     except click.ClickException as error:
         fail(error.format_message())
     except FreneticError as error:
-        logger.debug("the error in full", exc_info=True)
+        import logging  # slower than help may be
+
+        logging.getLogger(__name__).debug("the error in full", exc_info=True)
         fail(str(error))
     except (KeyboardInterrupt, click.Abort):
         click.echo("frenetic: interrupted", err=True)
@@ -173,6 +171,8 @@ def cli(context: click.Context, debug: bool) -> None:
     if context.invoked_subcommand is None:
         click.echo(context.get_help())
     if debug:
+        import logging
+
         logging.basicConfig(
             level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s"
         )

@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
+from frenetic._support.entry_points import imported, installed
 from frenetic._support.json_value import JSONValue
 from frenetic.again.rerun import Rerun, elsewhere, own_repeats, read_reruns
 from frenetic.analysis.failures import Clusters, distinct_failures, nearest_misses
@@ -22,7 +23,6 @@ from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
-from frenetic.registry import imported, installed
 from frenetic.report.html.blocks import Part, Section
 from frenetic.report.html.elsewhere import elsewhere_sections
 from frenetic.report.html.feature_map import Measured, choose_mapped, map_section

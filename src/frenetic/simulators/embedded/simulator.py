@@ -15,6 +15,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import cache_folder
+from frenetic._support.entry_points import imported, installed
 from frenetic._support.kernel_cache import VARIABLE
 from frenetic.drive import Breakdown, Drive, Rules, Trajectory
 from frenetic.drivers import Planner
@@ -33,7 +34,6 @@ from frenetic.drivers.layers import Compiled, Noisy, compiled_form
 from frenetic.errors import DriverError
 from frenetic.oracle import judge, rules_array
 from frenetic.outcome import Outcome
-from frenetic.registry import imported, installed
 from frenetic.road import Road
 from frenetic.simulators.checks import Check, broken, drive_checks, time_of_drives
 from frenetic.simulators.embedded import rollout as kernels
