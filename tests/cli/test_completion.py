@@ -44,36 +44,6 @@ def test_names_of_parts_are_completed() -> None:
     assert completed("run", "--driver", "my_driver.p") == [("file", "my_driver.p")]
 
 
-@pytest.mark.parametrize(
-    "command",
-    ["show", "resume", "report", "check", "rerun", "compare"],
-)
-def test_folders_of_campaigns_are_completed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    for folder in ("night", "campaigns/one", "campaigns/two", "notes"):
-        Path(folder).mkdir(parents=True)
-    assert completed(command, "n") == [("dir", "n")]
-    for folder in ("night", "campaigns/one", "campaigns/two"):
-        Path(folder, "campaign.sqlite").touch()
-    assert values(command, "") == ["campaigns/one", "campaigns/two", "night"]
-    assert values(command, "n") == ["night"]
-    assert values(command, "campaigns/t") == ["campaigns/two"]
-    assert completed(command, "nowhere/") == [("dir", "nowhere/")]
-
-
-@pytest.mark.parametrize("command", ["drive", "minimise", "export"])
-def test_campaigns_and_road_files_are_completed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert completed(command, "n") == [("file", "n")]
-    Path("night").mkdir()
-    Path("night", "campaign.sqlite").touch()
-    assert values(command, "n") == ["night"]
-
-
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_each_documented_shell_gets_its_script_and_its_answers(
     shell: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -10,7 +10,7 @@ import click
 
 from frenetic._support.words import counted
 from frenetic.cli.console import Log, counted_progress, print_facts
-from frenetic.cli.options import CampaignFolder, json_option
+from frenetic.cli.options import campaign_argument, json_option
 
 if TYPE_CHECKING:
     from frenetic.campaign.check import CheckReport
@@ -20,7 +20,7 @@ SHOWN: Final = 20
 
 
 @click.command()
-@click.argument("campaign", type=CampaignFolder())
+@campaign_argument
 @click.option("--quick", is_flag=True, help="Do not judge every drive again.")
 @json_option
 def check(campaign: Path, quick: bool, as_json: bool) -> None:

@@ -16,7 +16,6 @@ from rich.markup import escape
 from frenetic.cli.console import Log, print_table
 from frenetic.cli.options import (
     NewFile,
-    complete_campaign,
     count_option,
     file_option,
     json_option,
@@ -37,9 +36,7 @@ _MOST_MEASURES: Final = 4
 
 
 @click.command()
-@click.argument(
-    "places", nargs=-1, required=True, metavar="[NAME=]FOLDER...", shell_complete=complete_campaign
-)
+@click.argument("places", nargs=-1, required=True, metavar="[NAME=]FOLDER...")
 @file_option(
     "--plot",
     "Draw failures over simulations, and all measures, into this PNG, SVG or PDF file.",

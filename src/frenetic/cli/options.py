@@ -5,21 +5,17 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, ParamSpec, TypeAlias, TypeVar
 
 import click
-from click.shell_completion import CompletionItem
 
 from frenetic._support.files import check_writable
 from frenetic._support.words import parse_duration, read_setting
 from frenetic.errors import FreneticError
 from frenetic.spec import MAX_WORKERS
-
-DATABASE: Final = "campaign.sqlite"
-"""`frenetic.campaign.store.DATABASE`, which takes longer to import than completing may."""
 
 WORKERS: Final = click.IntRange(1, MAX_WORKERS)
 """Type of a number of workers."""
@@ -113,64 +109,13 @@ class NewFile(click.Path):
         return path
 
 
-class CampaignFolder(click.Path):
-    """The folder of a campaign; shells complete it."""
-
-    def __init__(self) -> None:
-        super().__init__(path_type=Path)
-
-    def shell_complete(
-        self,
-        ctx: click.Context,
-        param: click.Parameter,
-        incomplete: str,
-    ) -> list[CompletionItem]:
-        """The campaigns whose folders begin so, or else the shell's own folders."""
-        return complete_campaign(ctx, param, incomplete)
-
-
-def complete_campaign(
-    ctx: click.Context,  # noqa: ARG001  # click's
-    param: click.Parameter,  # noqa: ARG001
-    incomplete: str,
-) -> list[CompletionItem]:
-    """The campaigns whose folders begin with a text, up to one folder deeper.
-
-    Where there are none, the shell completes folders itself.
-    """
-    head, start = os.path.split(incomplete)
-    parent = Path(head)
-    with suppress(OSError):
-        places = [place for place in sorted(parent.iterdir()) if place.name.startswith(start)]
-        found = [
-            campaign
-            for place in places
-            for campaign in (place, *(sorted(place.iterdir()) if place.is_dir() else ()))
-            if (campaign / DATABASE).is_file()
-        ]
-        if found:
-            return [CompletionItem(campaign.as_posix()) for campaign in found]
-    return [CompletionItem(incomplete, type="dir")]
-
-
-class Source(CampaignFolder):
-    """The folder of a campaign, or the file of a road."""
-
-    def shell_complete(
-        self,
-        ctx: click.Context,
-        param: click.Parameter,
-        incomplete: str,
-    ) -> list[CompletionItem]:
-        """The campaigns whose folders begin so, or else the shell's own files."""
-        found = complete_campaign(ctx, param, incomplete)
-        return [CompletionItem(incomplete, type="file")] if found[0].type == "dir" else found
+campaign_argument = click.argument("campaign", type=click.Path(path_type=Path))
 
 
 def source_arguments(command: Callable[P, R]) -> Callable[P, R]:
     """The arguments for tests of a campaign, or the file of a road."""
     arguments = [
-        click.argument("source", type=Source(), metavar="CAMPAIGN|ROAD"),
+        click.argument("source", type=click.Path(path_type=Path), metavar="CAMPAIGN|ROAD"),
         click.argument("test_ids", type=int, nargs=-1, metavar="[ID]..."),
     ]
     return with_options(arguments, command)

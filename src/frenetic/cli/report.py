@@ -8,11 +8,11 @@ from pathlib import Path
 
 import click
 
-from frenetic.cli.options import CampaignFolder, file_option, json_option
+from frenetic.cli.options import campaign_argument, file_option, json_option
 
 
 @click.command()
-@click.argument("campaign", type=CampaignFolder())
+@campaign_argument
 @file_option("--out", "Where to. [default: report.html in the campaign's folder]")
 @click.option("--open", "shown", is_flag=True, help="Show it in the browser.")
 @json_option

@@ -15,9 +15,9 @@ from frenetic.cli.again import chosen_tests, interrupted, recorded_spec, shown_d
 from frenetic.cli.console import Log, print_table, shell, two_digits
 from frenetic.cli.options import (
     AskedRange,
-    CampaignFolder,
     NewFile,
     Range,
+    campaign_argument,
     count_option,
     file_option,
     json_option,
@@ -48,7 +48,7 @@ def variation(asked: AskedRange, simulator: Simulator) -> Variation:
 
 
 @click.command()
-@click.argument("campaign", type=CampaignFolder())
+@campaign_argument
 @click.argument("test_ids", type=int, nargs=-1, metavar="[ID]...")
 @count_option("--top", "Only the N most telling failures. [default: all failures]")
 @click.option(

@@ -11,9 +11,9 @@ import click
 from frenetic._support.words import counted
 from frenetic.cli.console import shell
 from frenetic.cli.options import (
-    CampaignFolder,
     Duration,
     as_usage_error,
+    campaign_argument,
     json_option,
 )
 from frenetic.cli.parts import moved, place_option
@@ -28,7 +28,7 @@ from frenetic.spec import Budget, Spec
 
 
 @click.command()
-@click.argument("campaign", type=CampaignFolder())
+@campaign_argument
 @click.option("--simulations", type=int, metavar="N", help="N more drives.")
 @click.option("--time", "seconds", type=Duration(), help="This much more time: 90s, 10m, 1h30m.")
 @click.option("--failures", type=int, metavar="N", help="N more failures.")

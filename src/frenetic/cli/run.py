@@ -10,7 +10,6 @@ from typing import Any, Final
 import click
 
 from frenetic.cli.options import (
-    CampaignFolder,
     Duration,
     as_usage_error,
     folder_option,
@@ -44,7 +43,7 @@ DEFAULT_SIMULATIONS: Final = 1000
 @click.option(
     "--from",
     "start_from",
-    type=CampaignFolder(),
+    type=click.Path(path_type=Path),
     multiple=True,
     metavar="CAMPAIGN",
     help="Start from an earlier campaign: what failed there is driven first; may be repeated.",

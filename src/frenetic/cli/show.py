@@ -23,10 +23,10 @@ from frenetic.cli.console import (
 )
 from frenetic.cli.options import (
     AskedRange,
-    CampaignFolder,
     NewFile,
     Range,
     as_usage_error,
+    campaign_argument,
     count_option,
     file_option,
     json_option,
@@ -45,7 +45,7 @@ LISTED_TESTS: Final = 20
 
 
 @click.command()
-@click.argument("campaign", type=CampaignFolder())
+@campaign_argument
 @click.argument("test_id", type=int, required=False, metavar="[ID]")
 @click.option(
     "--outcome",
