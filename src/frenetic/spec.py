@@ -84,10 +84,6 @@ class Number:
     """Name of the option, in the record of a command line and in a `Spec` or its rules."""
     default: float
     help: str
-    metavar: str | None = None
-    """Placeholder in help where it replaces a campaign's."""
-    another: str = ""
-    """Help where it replaces a campaign's; empty if it cannot be replaced."""
 
     @property
     def option(self) -> str:
@@ -96,14 +92,8 @@ class Number:
 
 
 NUMBERS: Final = (
-    Number("speed_limit", 70.0, "km/h.", "KMH", "Another speed limit."),
-    Number(
-        "oob_tolerance",
-        0.95,
-        "Share of the car that may leave its lane, above 0 up to 1.",
-        "SHARE",
-        "Another tolerance.",
-    ),
+    Number("speed_limit", 70.0, "km/h."),
+    Number("oob_tolerance", 0.95, "Share of the car that may leave its lane, above 0 up to 1."),
     Number("map_size", 200.0, "m, side of the map."),
 )
 """The numbers for driving roads, beside the layers of the driver."""

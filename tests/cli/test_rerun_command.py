@@ -273,15 +273,12 @@ def test_what_is_given_takes_the_place_of_what_is_recorded(
 ) -> None:
     document = frenetic(
         *("rerun", campaign, "--driver", "stanley", "--with", "delay=0.1", "--with", "noise=0.01"),
-        *("--simulator", "friction=0.9", "--oob-tolerance", "0.5", "--json"),
+        *("--simulator", "friction=0.9", "--json"),
     ).json
     assert document["driver"]["class"].endswith(":Delayed")
     assert document["driver"]["options"] == {"seconds": 0.1}
     assert document["driver"]["driver"]["class"].endswith(":Noisy")
     assert document["driver"]["driver"]["driver"]["class"].endswith(":Stanley")
     assert document["simulator"]["options"]["vehicle"]["friction"] == 0.9
-    drives = [test["drives"][0] for test in document["tests"]]
-    reasons = [drive["reason"] for drive in drives if drive["outcome"] == "FAIL"]
-    assert all("50% tolerated" in reason for reason in reasons if "lane" in reason)
     bare = frenetic("rerun", campaign, "--top", "1", "--with", "delay=0", "--json").json
     assert bare["driver"]["class"].endswith(":Planner")

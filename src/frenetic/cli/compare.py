@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -38,17 +38,11 @@ _MOST_MEASURES: Final = 4
 @click.command()
 @click.argument("places", nargs=-1, required=True, metavar="[NAME=]FOLDER...")
 @file_option(
-    "--plot",
-    "Draw failures over simulations, and all measures, into this PNG, SVG or PDF file.",
-    type=NewFile(is_picture=True),
-)
-@file_option(
-    "--html",
-    "Write a page with tables, curves, ranks and all pairs into this file.",
+    "--out",
+    "Write a page (.html), a picture (.png, .svg, .pdf) or a table of medians and quartiles (.csv,"
+    " .md) into this file; may be repeated.",
     type=NewFile(),
-)
-@file_option(
-    "--table", "Write medians and quartiles into this CSV or Markdown (.md) file.", type=NewFile()
+    multiple=True,
 )
 @part_choice("driver", "A new version of the driver of the one campaign named.")
 @as_option
@@ -67,9 +61,7 @@ def compare(
     context: click.Context,
     /,
     places: tuple[str, ...],
-    plot: Path | None,
-    html: Path | None,
-    table: Path | None,
+    out: tuple[Path, ...],
     as_json: bool,
     fresh: int,
     seed: int | None,
@@ -93,12 +85,10 @@ def compare(
     better, 1 if it is worse, 3 if that cannot be told.
     """
     from frenetic.analysis.comparison import compare as compare_groups
-    from frenetic.analysis.tables import table_form, write_table
 
     if new_driver := given_options(context):
-        others = [n for n in ("plot", "html", "table") if was_given(context, n)]
-        if others or len(places) > 1:
-            what = f"leave out --{others[0]}" if others else "name only that"
+        if out or len(places) > 1:
+            what = "leave out --out" if out else "name only that"
             raise click.UsageError(
                 f"--driver and --as compare another driver with that of one campaign: {what}"
             )
@@ -114,31 +104,49 @@ def compare(
     for name in ("fresh", "seed", "repeats", "workers"):
         if was_given(context, name):
             raise click.UsageError(f"--{name} is for a new version of a driver: add --driver")
-    if table is not None:
-        table_form(table)
+    for path in out:
+        if path.suffix.lower() not in _FORMS:
+            raise click.UsageError(f"{path} must end with one of {', '.join(_FORMS)}")
     log = Log()
     with log.status("Reading the campaigns"):
         comparison = compare_groups(grouped(places))
     for note in comparison.notes:
         log.print(f"Note: {note}", markup=False)
-    if plot is not None:
-        from frenetic.report.comparison import draw_comparison
-
-        draw_comparison(comparison, plot)
-    if html is not None:
-        from frenetic.report.html.comparison import write_comparison_page
-
-        words = ["frenetic", "compare", *places, "--html", str(html)]
-        write_comparison_page(comparison, html, command=shlex.join(words))
-    if table is not None:
-        write_table(comparison, table)
+    for path in out:
+        _FORMS[path.suffix.lower()](comparison, path, places)
     if as_json:
         click.echo(json.dumps(comparison_document(comparison)))
         return
     print_comparison(comparison)
-    for what, path in (("Picture", plot), ("Page", html), ("Table", table)):
-        if path is not None:
-            click.echo(f"{what + ':':<8} {path}")
+    for path in out:
+        click.echo(path)
+
+
+def _write_page(comparison: Comparison, path: Path, places: Sequence[str]) -> None:
+    from frenetic.report.html.comparison import write_comparison_page
+
+    words = ["frenetic", "compare", *places, "--out", str(path)]
+    write_comparison_page(comparison, path, command=shlex.join(words))
+
+
+def _draw(comparison: Comparison, path: Path, _: Sequence[str]) -> None:
+    from frenetic.report.comparison import draw_comparison
+
+    draw_comparison(comparison, path)
+
+
+def _write_table(comparison: Comparison, path: Path, _: Sequence[str]) -> None:
+    from frenetic.analysis.tables import write_table
+
+    write_table(comparison, path)
+
+
+_FORMS: Final[Mapping[str, Callable[[Comparison, Path, Sequence[str]], None]]] = {
+    ".html": _write_page,
+    **dict.fromkeys((".png", ".svg", ".pdf"), _draw),
+    **dict.fromkeys((".csv", ".md"), _write_table),
+}
+"""Suffix of a file -> what writes it."""
 
 
 def grouped(places: tuple[str, ...]) -> dict[str, list[Path]]:

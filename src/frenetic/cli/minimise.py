@@ -6,7 +6,6 @@ import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -25,13 +24,12 @@ from frenetic.cli.console import (
 )
 from frenetic.cli.options import (
     as_usage_error,
-    check_map_size,
     count_option,
     file_option,
     json_option,
     source_arguments,
 )
-from frenetic.cli.parts import given_options, recorded_options
+from frenetic.cli.parts import given_options, part_options
 from frenetic.errors import FreneticError
 from frenetic.spec import Spec, drive_record
 
@@ -103,7 +101,7 @@ class Done:
     "Where the road goes. [default: CAMPAIGN/minimised/test-ID.json, or test-ID-other.json if other"
     " parts than the campaign's drive it; beside ROAD with the suffix .min.json]",
 )
-@recorded_options
+@part_options
 @json_option
 @click.pass_context
 def minimise(
@@ -247,7 +245,6 @@ def _of_file(context: click.Context, path: Path, out: Path | None) -> tuple[Spec
 
     file = read_road(path)
     spec, road = file_spec(context, file), file.road()
-    check_map_size(spec.map_size)
     target = out or path.with_name(f"{path.name.removesuffix('.json')}.min.json")
     if target.exists() and target.samefile(path):
         raise click.UsageError(f"{target} is the road itself: choose another place with --out")
@@ -325,23 +322,6 @@ def _print_one(done: Done) -> None:
         f" {counted(before.curves, 'curve')} -> {after.curves},"
         f" {counted(minimised.drives, 'drive')}, {done.ending}"
     )
-    if minimised.improvements:
-        passes = groupby(minimised.improvements, lambda improvement: improvement.by)
-        last = [list(found)[-1] for _, found in passes]
-        print_table(
-            ("pass", ">drives", ">length (m)", ">samples", ">curves", ">not 0"),
-            [
-                (
-                    found.by,
-                    found.trials,
-                    f"{found.shape.length:.0f}",
-                    len(found.shape),
-                    found.shape.curves,
-                    sum(value != 0.0 for value in found.shape.values),
-                )
-                for found in last
-            ],
-        )
     if minimised.note:
         click.echo(minimised.note)
     print_facts(

@@ -198,16 +198,12 @@ def recorded_options(command: Callable[P, R]) -> Callable[P, R]:
 def part_options(command: Callable[P, R]) -> Callable[P, R]:
     """The options that choose other parts than the recorded ones; None if not given."""
     options: list[Decorator] = [
-        part_choice("driver", "Another driver than the campaign's."),
+        as_option,
+        part_choice("driver", "Another driver than the recorded one."),
         _with_option,
-        part_choice("simulator", "Another simulator than the campaign's."),
-        *(
-            click.option(number.option, type=float, metavar=number.metavar, help=number.another)
-            for number in NUMBERS
-            if number.another
-        ),
+        part_choice("simulator", "Another simulator than the recorded one."),
     ]
-    return with_options([as_option, *options], command)
+    return with_options(options, command)
 
 
 def was_given(context: click.Context, name: str) -> bool:
