@@ -105,7 +105,6 @@ def test_what_is_stored_is_not_driven_again(found: BackToBack, campaign: Path) -
 
 def test_ctrl_c_loses_nothing(found: BackToBack, campaign: Path) -> None:
     roads = plan(campaign, fresh=FRESH)
-    stop_at = iter((7, FRESH + 3))
 
     def interrupted(driver: Driver, at: int | None) -> Driving:
         before = done = 0
@@ -121,16 +120,12 @@ def test_ctrl_c_loses_nothing(found: BackToBack, campaign: Path) -> None:
 
         return Driving(EmbeddedSimulator(), driver, on_event=watch)
 
-    for at in stop_at:
+    for at in (7, FRESH + 3, None):
         old = drive_old(roads, interrupted(Planner(), at))
-        assert old.missing == roads.drives - at
-    old = drive_old(roads, interrupted(Planner(), None))
-    assert old.missing == 0
-    for at in (FRESH - 1, FRESH + 4):
+        assert old.missing == (0 if at is None else roads.drives - at)
+    for at in (FRESH - 1, FRESH + 4, None):
         new = drive_new(roads, interrupted(Planner(aggression=0.9), at), old)
-        assert new.missing == roads.drives - at
-    new = drive_new(roads, interrupted(Planner(aggression=0.9), None), old)
-    assert new.missing == 0
+        assert new.missing == (0 if at is None else roads.drives - at)
     resumed = pair_up(roads, old, new)
     assert driven_by(resumed) == driven_by(found)
     assert resumed.answer == found.answer
@@ -222,13 +217,9 @@ def test_better_by_crawling_is_said() -> None:
     assert result(paired(*pairs, slower=1.5)).answer.startswith("new is better but 50 % slower: ")
     for slower in (1.0, 1.001, 0.9):
         assert result(paired(*pairs, slower=slower)).answer.startswith("new is better: ")
-    time, _ = result(paired(*pairs, slower=1.5)).trade_offs
-    assert "50 % longer" in time
-    time, _ = result(paired(*pairs, slower=0.5)).trade_offs
-    assert "50 % less" in time
-
-
-def test_few_roads_have_no_interval_of_medians() -> None:
+    for slower, words in ((1.5, "50 % longer"), (0.5, "50 % less")):
+        time, _ = result(paired(*pairs, slower=slower)).trade_offs
+        assert words in time
     few = result(paired((5, PASS, PASS), slower=2.0))
     assert all("too few roads to tell" in text for text in few.trade_offs)
     assert not few.is_slower
@@ -251,17 +242,14 @@ def test_drives_that_broke_cannot_win() -> None:
     assert nothing.answer == "cannot tell which is better: no fresh road could be judged with both"
 
 
-def test_a_version_that_passes_roads_on_which_it_failed_is_noticed() -> None:
-    own = paired((3, PASS, PASS), (7, FAIL, PASS), roads=RoadSet.OLD)
-    notes = result(paired((20, PASS, PASS)), own).notes
-    assert any("old passes 3 of the 10 roads on which its campaign failed" in one for one in notes)
-
-
-def test_versions_under_other_layers_are_noted() -> None:
+def test_what_makes_a_verdict_doubtful_is_noted() -> None:
     roads = paired((20, PASS, PASS))
+    own = paired((3, PASS, PASS), (7, FAIL, PASS), roads=RoadSet.OLD)
+    notes = result(roads, own).notes
+    assert any("old passes 3 of the 10 roads on which its campaign failed" in one for one in notes)
     noisy: Any = {"class": "l:Noisy", "options": {"offset": 0.1}, "driver": {"class": "a:New"}}
     assert "different noise" in BackToBack({"class": "a:Old"}, noisy, {}, 0, (roads,)).notes[0]
-    assert not any("different noise" in note for note in result(roads).notes)
+    assert not any("different noise" in note for note in notes)
 
 
 def test_half_of_the_repeats_decide_on_a_road() -> None:

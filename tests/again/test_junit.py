@@ -46,28 +46,25 @@ def test_a_junit_parser_finds_every_road(tmp_path: Path) -> None:
     write_junit(RERUN, path)
     document = JUnitXml.fromfile(str(path))
     (suite,) = document
-    assert (suite.tests, suite.failures, suite.errors, suite.skipped) == (5, 2, 2, 0)
-    assert (suite.name, suite.time) == ("night", 1.25)
-    assert (document.tests, document.failures, document.errors) == (5, 2, 2)
+    for counts in (suite, document):
+        assert (counts.tests, counts.failures, counts.errors) == (5, 2, 2)
+    assert (suite.name, suite.time, suite.skipped) == ("night", 1.25, 0)
     cases = {case.name: case for case in suite}
     assert set(cases) == {f"test {number}" for number in (7, 8, 9, 10, 11)}
-    assert cases["test 7"].is_passed
-    assert cases["test 7"].time == 0.25
-    ((failure,), (error,)) = cases["test 8"].result, cases["test 10"].result
-    assert isinstance(failure, Failure)
-    assert failure.message == 'fails again (1 same place): Car <left> & "gone"'
-    assert isinstance(error, Error)
-    assert error.message == "not judged: broke\\x00\\ud800"
-    assert [type(one) for one in cases["test 11"].result] == [Error]
-    assert cases["test 9"].result[0].message.startswith("fails now")
-
-
-def test_properties_say_what_was_before() -> None:
-    document = ET.fromstring(junit(RERUN))
-    case = document.find("testsuite/testcase[@name='test 7']")
-    assert case is not None
-    properties = {p.get("name"): p.get("value") for p in case.iter("property")}
-    assert properties == {
+    assert (cases["test 7"].is_passed, cases["test 7"].time) == (True, 0.25)
+    found = {
+        name: [(type(one), one.message) for one in case.result] for name, case in cases.items()
+    }
+    assert found["test 8"] == [(Failure, 'fails again (1 same place): Car <left> & "gone"')]
+    assert found["test 10"] == [(Error, "not judged: broke\\x00\\ud800")]
+    assert [kind for kind, _ in found["test 11"]] == [Error]
+    assert found["test 9"][0][1].startswith("fails now")
+    suite_of, of_7, *_ = (
+        {p.get("name"): p.get("value") for p in element}
+        for element in ET.parse(path).iter("properties")
+    )
+    assert suite_of == {"driver": "m:Driver", "simulator": "m:Sim"}
+    assert of_7 == {
         "change": "passes now",
         "failed": "0 of 1",
         "outcome": "PASS",
@@ -76,12 +73,6 @@ def test_properties_say_what_was_before() -> None:
         "moobd_before": "-1.0000",
         "length": "230.0000",
         "duration": "20.500",
-    }
-    suite = document.find("testsuite/properties")
-    assert suite is not None
-    assert {p.get("name"): p.get("value") for p in suite} == {
-        "driver": "m:Driver",
-        "simulator": "m:Sim",
     }
 
 

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import zlib
-from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import pairwise
@@ -95,86 +94,52 @@ def test_shorter_comes_first_then_plainer(smaller: Shape, larger: Shape) -> None
 @given(shapes, shapes)
 def test_the_order_is_total(one: Shape, other: Shape) -> None:
     assert (one.rank < other.rank) + (other.rank < one.rank) == (one != other)
-
-
-def test_shapes_that_are_equal_look_alike() -> None:
-    plain, signed = Shape((0.0, 0.05), 10.0), Shape((-0.0, np.float64(0.05)), 10.0)
-    assert plain == signed
-    assert hash(plain) == hash(signed)
-    assert repr(plain) == repr(signed)
-
-
-def test_curves_are_counted_by_the_way_they_turn() -> None:
-    assert Shape((0.0, 0.0), 10.0).curves == 0
-    assert Shape((0.02, 0.05, -0.01, -0.02), 10.0).curves == 2
-    assert Shape((0.0, 0.02, 0.0, 0.03, 0.0), 10.0).curves == 2
-
-
-@pytest.mark.parametrize(
-    ("value", "digits"), [(0.0, 0), (1.0, 0), (-0.05, 2), (0.055, 3), (1.0 / 30.0, 16)]
-)
-def test_decimals_are_those_that_it_takes_to_write_the_value(value: float, digits: int) -> None:
-    assert decimals(value) == digits
+    signed = Shape(tuple(np.float64(v) if v else -0.0 for v in one.values), one.step)
+    assert (signed, hash(signed), repr(signed)) == (one, hash(one), repr(one))
 
 
 @given(values, st.integers(2, 4))
 def test_rounding_away_never_gets_closer_to_0(value: float, digits: int) -> None:
+    assert [decimals(v) for v in (0.0, 1.0, -0.05, 0.055, 1.0 / 30.0)] == [0, 0, 2, 3, 16]
     away = rounded_away(value, digits)
     assert decimals(away) <= digits
     assert abs(value) <= abs(away) <= abs(value) + 10.0**-digits
     assert away * value >= 0.0
 
 
-# What is promised, whatever the property
-
-
 @some
-@given(shapes, st.integers(0, 2**32), st.booleans(), st.integers(0, 300))
-def test_nothing_is_asked_twice_and_no_trial_too_many(
-    start: Shape, seed: int, refusing: bool, max_trials: int
+@given(shapes, st.integers(0, 2**32), st.booleans(), st.integers(0, 100))
+def test_whatever_the_property_it_improves_until_nothing_can_be_left_out(
+    start: Shape, seed: int, refusing: bool, few: int
 ) -> None:
+    """Nothing is asked twice, no trial is one too many, and the same comes of the same."""
     ask = at_random(seed, refusing=refusing)
-    asked: Counter[Shape] = Counter()
-    trials = 0
+    asked: list[Shape] = []
 
     def counting(shape: Shape) -> Answer:
-        nonlocal trials
-        asked[shape] += 1
-        trials += ask(shape) is not Answer.REFUSED
+        asked.append(shape)
         return ask(shape)
 
-    shrunk = shrink(start, counting, max_trials=max_trials)
-    assert set(asked.values()) <= {1}
-    assert start not in asked
-    assert shrunk.trials == trials <= max_trials
-    assert shrunk.is_minimal or trials == max_trials
-    assert shrunk.shape == start or ask(shrunk.shape) is Answer.YES
-
-
-@some
-@given(shapes, st.integers(0, 2**32))
-def test_it_improves_step_by_step_until_nothing_can_be_left_out(start: Shape, seed: int) -> None:
-    ask = at_random(seed)
-    shrunk = shrink(start, ask, max_trials=ENOUGH)
-    assert shrunk == shrink(start, ask, max_trials=ENOUGH)
+    shrunk = shrink(start, counting, max_trials=ENOUGH)
+    assert len({start, *asked}) == 1 + len(asked)
+    assert shrunk.trials == sum(ask(shape) is not Answer.REFUSED for shape in asked)
+    assert shrunk.is_minimal
     found = [improvement.shape for improvement in shrunk.improvements]
     ranks = [shape.rank for shape in (start, *found)]
     assert all(after < before for before, after in pairwise(ranks))
     assert all(ask(shape) is Answer.YES for shape in found)
     trials = [improvement.trials for improvement in shrunk.improvements]
     assert trials == sorted(trials)
-    assert shrunk.is_minimal
     best = shrunk.shape
     assert best == (start, *found)[-1]
     for i in range(len(best)):
         shorter = best.replaced(i, i + 1, ())
-        assert len(shorter) < 2 or shorter == start or ask(shorter) is Answer.NO
+        assert len(shorter) < 2 or shorter == start or ask(shorter) is not Answer.YES
         straighter = best.replaced(i, i + 1, [0.0])
-        assert straighter.rank >= best.rank or ask(straighter) is Answer.NO
-    # Fewer trials get a part of the way.
-    for number in (0, 10, 50):
-        part = shrink(start, ask, max_trials=number).improvements
-        assert part == shrunk.improvements[: len(part)]
+        assert straighter.rank >= best.rank or ask(straighter) is not Answer.YES
+    part = shrink(start, ask, max_trials=few)  # fewer trials get a part of the way
+    assert part.improvements == shrunk.improvements[: len(part.improvements)]
+    assert part.trials == few or part == shrunk
 
 
 # Properties of which the smallest shape is known
@@ -224,18 +189,12 @@ def test_samples_that_are_denser_than_10_m_are_thinned_out_first() -> None:
     places = np.linspace(0.0, 120.0, 241)
     start = Shape(tuple(np.interp(places, [0.0, 60.0, 120.0], [0.0, 0.06, 0.0])), 0.5)
     shrunk = shrink(start, when(sharp(0.055)), max_trials=1)
-    assert shrunk.shape.step == 10.0
-    assert len(shrunk.shape) == 13
+    assert (shrunk.shape.step, len(shrunk.shape)) == (10.0, 13)
     assert shrunk.improvements[0].by == "coarsen"
-
-
-def test_steps_are_as_long_as_they_can_be() -> None:
-    start = Shape((0.0,) * 7 + (0.06,) + (0.0,) * 13, 1.0)  # a spike after 7 m
     dense = when(lambda shape: sharp(0.05)(shape) and shape.length >= 15.0)
-    shrunk = shrink(start, dense, max_trials=3)  # 10, 5 and 2 m skip it
-    assert shrunk.shape == start
-    start = Shape((0.0,) * 5 + (0.06,) + (0.0,) * 15, 1.0)
-    assert shrink(start, dense, max_trials=2).shape.step == 5.0
+    for place, trials, step in ((7, 3, 1.0), (5, 2, 5.0)):  # which 10, 5 and 2 m skip, or 10 m
+        spike = Shape((0.0,) * place + (0.06,) + (0.0,) * (20 - place), 1.0)
+        assert shrink(spike, dense, max_trials=trials).shape.step == step
 
 
 def test_neighbours_have_to_have_the_property_too() -> None:
@@ -249,29 +208,25 @@ def test_neighbours_have_to_have_the_property_too() -> None:
     start = Shape((0.058, 0.06, 0.01), 10.0)
     alone = shrink(start, ask, max_trials=ENOUGH).shape
     guarded = shrink(start, ask, max_trials=ENOUGH, neighbours=neighbours).shape
-    assert alone.values == (0.03, 0.03)
-    assert guarded.values == (0.04, 0.04)
+    assert (alone.values, guarded.values) == ((0.03, 0.03), (0.04, 0.04))
     # A neighbour that is refused says nothing.
     sharpest = shrink(Shape((0.0, 0.0, 0.06), 10.0), ask, max_trials=5, neighbours=neighbours)
     assert sharpest.shape.length == 10.0
 
 
 def test_neighbours_need_not_have_the_property_until_they_do() -> None:
-    def ask(shape: Shape) -> Answer:
-        return Answer.YES if 0.05 in shape.values or len(shape) == 2 else Answer.NO
-
     start = Shape((0.0, 0.05, 0.0, 0.02), 10.0)
-    shrunk = shrink(start, ask, max_trials=ENOUGH, neighbours=lambda one: [one.scaled(0.9)])
-    assert (shrunk.shape.length, shrunk.is_guarded) == (10.0, True)
-    never = shrink(start, ask, max_trials=ENOUGH, neighbours=lambda _: [start.scaled(0.9)])
-    assert (never.shape.length, never.is_guarded) == (10.0, False)
+    ask = when(lambda shape: 0.05 in shape.values or len(shape) == 2)
+    for neighbours, is_guarded in (
+        (lambda one: [one.scaled(0.9)], True),
+        (lambda _: [start.scaled(0.9)], False),  # which never has it
+    ):
+        shrunk = shrink(start, ask, max_trials=ENOUGH, neighbours=neighbours)
+        assert (shrunk.shape.length, shrunk.is_guarded) == (10.0, is_guarded)
 
 
 def test_what_lies_behind_the_place_is_cut_first() -> None:
-    def has_bend(shape: Shape) -> Answer:
-        return Answer.YES if 0.05 in shape.values else Answer.NO
-
     start = Shape((0.01, 0.02, 0.05, *[0.01] * 17), 10.0)
-    shrunk = shrink(start, has_bend, max_trials=1, place=18.0)
-    (found,) = shrunk.improvements
+    has_bend = when(lambda shape: 0.05 in shape.values)
+    (found,) = shrink(start, has_bend, max_trials=1, place=18.0).improvements
     assert found.shape.values == (0.01, 0.02, 0.05)
