@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import signal
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -23,15 +24,13 @@ from frenetic.again.paired import (
 )
 from frenetic.again.verdicts import Change, Repeat
 from frenetic.again.versions import (
-    Driving,
     back_to_back,
-    drive_new,
-    drive_old,
+    drive,
     pair_up,
     plan,
 )
 from frenetic.campaign import CampaignStore, Event
-from frenetic.drivers import Controls, Driver, DriveSetup, Noisy, Observation, Planner
+from frenetic.drivers import Controls, DriveSetup, Noisy, Observation, Planner
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.simulators import EmbeddedSimulator, Simulator
@@ -106,7 +105,7 @@ def test_what_is_stored_is_not_driven_again(found: BackToBack, campaign: Path) -
 def test_ctrl_c_loses_nothing(found: BackToBack, campaign: Path) -> None:
     roads = plan(campaign, fresh=FRESH)
 
-    def interrupted(driver: Driver, at: int | None) -> Driving:
+    def interrupted(at: int | None) -> Callable[[Event], None]:
         before = done = 0
 
         def watch(event: Event) -> None:
@@ -118,13 +117,14 @@ def test_ctrl_c_loses_nothing(found: BackToBack, campaign: Path) -> None:
                 if is_another and before + done == at:
                     signal.raise_signal(signal.SIGINT)
 
-        return Driving(EmbeddedSimulator(), driver, on_event=watch)
+        return watch
 
     for at in (7, FRESH + 3, None):
-        old = drive_old(roads, interrupted(Planner(), at))
+        old = drive(roads, EmbeddedSimulator(), Planner(), on_event=interrupted(at))
         assert old.missing == (0 if at is None else roads.drives - at)
     for at in (FRESH - 1, FRESH + 4, None):
-        new = drive_new(roads, interrupted(Planner(aggression=0.9), at), old)
+        calmer = Planner(aggression=0.9)
+        new = drive(roads, EmbeddedSimulator(), calmer, old, on_event=interrupted(at))
         assert new.missing == (0 if at is None else roads.drives - at)
     resumed = pair_up(roads, old, new)
     assert driven_by(resumed) == driven_by(found)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import hashlib
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import count
@@ -21,6 +21,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 from frenetic._support.json_value import JSONValue
+from frenetic.again.campaigns import How
 from frenetic.again.paired import BackToBack, Pair, PairedRoads, RoadSet
 from frenetic.again.rerun import drive_tests
 from frenetic.again.verdicts import Repeat
@@ -155,53 +156,121 @@ class VersionDrives:
     simulator: Mapping[str, JSONValue]
     fresh: Path
     """Folder of the campaign with the fresh roads."""
-    roads: Mapping[RoadSet, tuple[Test, ...]]
-    """The tests whose roads these are, the fresh ones first."""
     drives: Mapping[RoadSet, Mapping[int, tuple[Repeat, ...]]]
-    """Test -> its drives, as many as are planned."""
+    """Test -> its drives, as many as are planned; the fresh roads first."""
     missing: int
     """Number of drives that Ctrl-C prevented."""
 
 
-@dataclass(frozen=True)
-class Driving:
-    """How a version drives."""
-
-    simulator: Simulator
-    """That of the campaign, not yet entered."""
-    driver: Driver
-    workers: int = 1
-    """Number of roads driven at once, as for `Campaign`."""
-    drive_limit: float | None = None
-    """Wall time in s, likewise."""
-    on_event: Callable[[Event], object] | None = None
-    """Called with each event of the campaigns that drive, see `Campaign.run`."""
-
-
-def drive_old(plan: Plan, driving: Driving, spec: Spec | None = None) -> VersionDrives:
-    """Lets the old version drive on the planned roads, and makes the fresh ones.
+def drive(
+    plan: Plan,
+    simulator: Simulator,
+    driver: Driver,
+    old: VersionDrives | None = None,
+    *,
+    spec: Spec | None = None,
+    workers: int = 1,
+    drive_limit: float | None = None,
+    on_event: Callable[[Event], object] | None = None,
+) -> VersionDrives:
+    """Lets a version drive on the planned roads, unless its drives are stored.
 
     Args:
         plan: the roads.
-        driving: the old version.
+        simulator: that of the campaign, not yet entered.
+        driver: the version.
+        old: what the old version drove; None for the old version itself, which makes the fresh
+            roads.
         spec: names of the old campaign's parts, for the record of the fresh roads.
+        workers: number of roads driven at once, as for `Campaign`.
+        drive_limit: wall time in s, likewise.
+        on_event: called with each event of the campaigns that drive, see `Campaign.run`.
 
     Raises:
-        CampaignError: a campaign is damaged, a folder cannot be written, no worker can be started,
-            or only broken drives come.
+        CampaignError: both versions are the same, a campaign is damaged, a folder cannot be
+            written, no worker can be started, or only broken drives come.
         ValueError: an option is out of range.
     """
-    return _VersionDriver(plan, driving).drive_old(spec)
+    described = describe(driver), describe(simulator)
+    how: Any = {"workers": workers, "drive_limit": drive_limit, "on_event": on_event}
+    with CampaignStore.open(plan.old) as store:
+        setting = store.setting
+    # Not `campaign_tester`, which warns of another version than the campaign's.
+    tester = RoadTester(simulator, driver, setting.map_size, setting.margin, setting.lane_width)
+    missing = plan.drives
+    if old is None:
+        key = hashlib.sha256(comparison_key(*described).encode()).hexdigest()[:SHORT]
+        fresh = plan.old / FOLDER / f"seed-{plan.seed}-{key}"
+        done = _drive_fresh(plan, tester, fresh, spec, how)
+        missing, is_interrupted = missing - min(done, plan.fresh), done < plan.fresh
+        tests = _fresh_tests(fresh, plan.fresh)
+        first = {test.id: (Repeat(test, test),) for test in tests}
+    else:
+        check_differ(old.driver, described[0])
+        fresh, first, is_interrupted = old.fresh, {}, False
+        tests = _fresh_tests(fresh, plan.fresh)
+    drives = {}
+    conditions = _conditions(driver, plan.repeats)
+    for roads, folder, ids, own in (
+        (RoadSet.FRESH, fresh, [test.id for test in tests], first),
+        (RoadSet.OLD, plan.old, plan.failures, {}),
+    ):
+        rest = conditions[1:] if own else conditions
+        found: dict[int, tuple[Repeat, ...]] = {} if rest else dict.fromkeys(ids, ())
+        if rest and ids and not is_interrupted:
+            rerun = drive_tests(folder, tester, ids, rest, how=how)
+            missing -= len(rerun.drives)
+            is_interrupted = rerun.missing > 0
+            found = {one.id: one.drives for one in rerun.tests if len(one.drives) == len(rest)}
+        drives[roads] = {number: own.get(number, ()) + again for number, again in found.items()}
+    return VersionDrives(*described, fresh, drives, missing)
 
 
-def drive_new(plan: Plan, driving: Driving, old: VersionDrives) -> VersionDrives:
-    """Lets the new version drive on the planned roads, after the old one.
+def _drive_fresh(plan: Plan, tester: RoadTester, folder: Path, spec: Spec | None, how: How) -> int:
+    """Makes the campaign with the fresh roads, or goes on with it; returns its drives."""
+    exists, done = (folder / DATABASE).exists(), 0
+    if exists:
+        with CampaignStore.open(folder) as store:
+            done = store.counts().simulations
+    if done >= plan.fresh:
+        return done
+    budget = Budget(simulations=plan.fresh)
+    campaign = Campaign(
+        strategy=RandomSearch(seed=plan.seed, map_size=tester.map_size),
+        simulator=tester.simulator,
+        driver=tester.driver,
+        budget=budget,
+        folder=folder,
+        map_size=tester.map_size,
+        margin=tester.margin,
+        lane_width=tester.lane_width,
+        workers=how["workers"],
+        drive_limit=how["drive_limit"],
+        ordered=True,
+    )
+    if spec is not None:
+        random = Part("random")
+        campaign.named = replace(
+            spec,
+            strategy=random,
+            seed=plan.seed,
+            budget=budget,
+            lookahead=LOOKAHEAD,
+            cluster=None,
+        )
+    search = campaign.resume if exists else campaign.run
+    return search(on_event=how["on_event"]).simulations
 
-    Errors are those of `drive_old`, and a `CampaignError` if both versions are the same.
-    """
-    version = _VersionDriver(plan, driving)
-    check_differ(old.driver, version.driver)
-    return version.drive_new(old)
+
+def _fresh_tests(folder: Path, number: int) -> list[Test]:
+    """The first fresh roads, those of failures with their drives."""
+    with CampaignStore.open(folder) as store:
+        driven = [test for test in store.tests() if test.outcome.is_simulated]
+        driven.sort(key=lambda test: test.id)
+        return [
+            store.test(test.id) if test.outcome is Outcome.FAIL else test
+            for test in driven[:number]
+        ]
 
 
 def check_differ(old: Mapping[str, JSONValue], new: Mapping[str, JSONValue]) -> None:
@@ -220,15 +289,15 @@ def check_differ(old: Mapping[str, JSONValue], new: Mapping[str, JSONValue]) -> 
 def pair_up(plan: Plan, old: VersionDrives, new: VersionDrives) -> BackToBack:
     """Compares what two versions drove, without the roads that one of them lacks after Ctrl-C."""
     sets = []
-    for chosen, records in old.roads.items():
-        ours, theirs = old.drives[chosen], new.drives[chosen]
+    for roads, ours in old.drives.items():
+        theirs = new.drives[roads]
         pairs = (
-            Pair(record, ours[record.id], theirs[record.id])
-            for record in records
-            if record.id in ours and record.id in theirs
+            Pair(own[0].recorded, own, theirs[number])
+            for number, own in ours.items()
+            if number in theirs
         )
-        folder = old.fresh if chosen is RoadSet.FRESH else plan.old
-        sets.append(PairedRoads(chosen, folder, tuple(pairs), plan.repeats))
+        folder = old.fresh if roads is RoadSet.FRESH else plan.old
+        sets.append(PairedRoads(roads, folder, tuple(pairs), plan.repeats))
     return BackToBack(old.driver, new.driver, old.simulator, plan.seed, tuple(sets))
 
 
@@ -244,152 +313,11 @@ def back_to_back(
     workers: int = 1,
     drive_limit: float | None = None,
 ) -> BackToBack:
-    """Compares two versions of a driver, see `plan` and `Driving` for arguments and errors."""
+    """Compares two versions of a driver, see `plan` and `drive` for arguments and errors."""
     chosen = plan(campaign, fresh=fresh, seed=seed, repeats=repeats)
-    first = drive_old(chosen, Driving(simulator, old, workers, drive_limit))
-    second = drive_new(chosen, Driving(simulator, new, workers, drive_limit), first)
-    return pair_up(chosen, first, second)
-
-
-class _VersionDriver:
-    """Lets a version drive on the planned roads, one set after the other."""
-
-    def __init__(self, plan: Plan, driving: Driving) -> None:
-        self._plan = plan
-        self._driving = driving
-        self.driver = describe(driving.driver)
-        self.simulator = describe(driving.simulator)
-        self._parts = comparison_key(self.driver, self.simulator)
-        self._done = 0
-        self._interrupted = False
-
-    def drive_old(self, spec: Spec | None) -> VersionDrives:
-        fresh = self._make_fresh(spec)
-        roads = _planned_roads(self._plan, fresh)
-        own = {record.id: (_recorded(record),) for record in roads[RoadSet.FRESH]}
-        return self._drive(fresh, roads, own)
-
-    def drive_new(self, old: VersionDrives) -> VersionDrives:
-        return self._drive(old.fresh, old.roads, {})
-
-    def _make_fresh(self, spec: Spec | None) -> Path:
-        """Makes the campaign with the fresh roads, or goes on with it."""
-        plan, driving = self._plan, self._driving
-        with CampaignStore.open(plan.old) as store:
-            setting = store.setting
-        key = hashlib.sha256(self._parts.encode()).hexdigest()[:SHORT]
-        folder = plan.old / FOLDER / f"seed-{plan.seed}-{key}"
-        exists, done = (folder / DATABASE).exists(), 0
-        if exists:
-            with CampaignStore.open(folder) as store:
-                done = store.counts().simulations
-        if done < plan.fresh:
-            budget = Budget(simulations=plan.fresh)
-            campaign = Campaign(
-                strategy=RandomSearch(seed=plan.seed, map_size=setting.map_size),
-                simulator=driving.simulator,
-                driver=driving.driver,
-                budget=budget,
-                folder=folder,
-                map_size=setting.map_size,
-                margin=setting.margin,
-                lane_width=setting.lane_width,
-                workers=driving.workers,
-                drive_limit=driving.drive_limit,
-                ordered=True,
-            )
-            if spec is not None:
-                campaign.named = replace(
-                    spec,
-                    strategy=Part("random"),
-                    seed=plan.seed,
-                    budget=budget,
-                    lookahead=LOOKAHEAD,
-                    cluster=None,
-                )
-            search = campaign.resume if exists else campaign.run
-            summary = search(on_event=driving.on_event)
-            self._interrupted = summary.interrupted
-            done = summary.simulations
-        self._done = min(done, plan.fresh)
-        return folder
-
-    def _drive(
-        self,
-        fresh: Path,
-        roads: Mapping[RoadSet, tuple[Test, ...]],
-        driven: Mapping[int, tuple[Repeat, ...]],
-    ) -> VersionDrives:
-        """Drives on all roads, but for the first drives on the fresh ones that are ``driven``."""
-        plan = self._plan
-        conditions = _conditions(self._driving.driver, plan.repeats)
-        drives = {}
-        for chosen, records in roads.items():
-            is_fresh = chosen is RoadSet.FRESH
-            folder, first = (fresh, driven) if is_fresh else (plan.old, {})
-            rest = conditions[1:] if first else conditions
-            found = self._drive_in(folder, records, rest)
-            drives[chosen] = {i: first.get(i, ()) + own for i, own in found.items()}
-        missing = plan.drives - self._done
-        return VersionDrives(self.driver, self.simulator, fresh, roads, drives, missing)
-
-    def _drive_in(
-        self, folder: Path, records: Sequence[Test], conditions: Sequence[Conditions]
-    ) -> dict[int, tuple[Repeat, ...]]:
-        """Drives tests of a campaign, each in all conditions, unless such drives are stored."""
-        driving = self._driving
-        # A road whose worker was lost lies nowhere: nobody can drive it again.
-        placed = [record for record in records if record.attempt.pose is not None]
-        found: dict[int, tuple[Repeat, ...]] = {
-            record.id: () for record in records if record.attempt.pose is None or not conditions
-        }
-        self._done += len(conditions) * (len(records) - len(placed))
-        if not conditions:
-            return found
-        if not placed or self._interrupted:
-            return found
-        with CampaignStore.open(folder) as store:
-            setting = store.setting
-        # Not `campaign_tester`, which warns of another version than the campaign's.
-        terms = setting.map_size, setting.margin, setting.lane_width
-        rerun = drive_tests(
-            folder,
-            RoadTester(driving.simulator, driving.driver, *terms),
-            [record.id for record in placed],
-            conditions,
-            how={
-                "workers": driving.workers,
-                "drive_limit": driving.drive_limit,
-                "on_event": driving.on_event,
-            },
-        )
-        self._done += len(rerun.drives)
-        self._interrupted = rerun.missing > 0
-        whole = {one.id: one.drives for one in rerun.tests if len(one.drives) == len(conditions)}
-        return found | whole
-
-
-def _planned_roads(plan: Plan, fresh: Path) -> dict[RoadSet, tuple[Test, ...]]:
-    """The tests whose roads are planned, the fresh ones first."""
-    with CampaignStore.open(plan.old) as store:
-        failing = tuple(store.test(i, with_trajectory=False) for i in plan.failures)
-    return {RoadSet.FRESH: _fresh_records(fresh, plan.fresh), RoadSet.OLD: failing}
-
-
-def _fresh_records(folder: Path, number: int) -> tuple[Test, ...]:
-    """The first fresh roads, those of failures with their drives."""
-    with CampaignStore.open(folder) as store:
-        driven = [record for record in store.tests() if record.outcome.is_simulated]
-        driven.sort(key=lambda record: record.id)
-        return tuple(
-            store.test(record.id) if record.outcome is Outcome.FAIL else record
-            for record in driven[:number]
-        )
-
-
-def _recorded(record: Test) -> Repeat:
-    """The campaign's own drive of a test."""
-    return Repeat(record, record)
+    how: Any = {"workers": workers, "drive_limit": drive_limit}
+    first = drive(chosen, simulator, old, **how)
+    return pair_up(chosen, first, drive(chosen, simulator, new, first, **how))
 
 
 def _conditions(driver: Driver, repeats: int) -> tuple[Conditions, ...]:

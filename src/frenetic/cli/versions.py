@@ -21,8 +21,7 @@ from frenetic.errors import CampaignError
 
 if TYPE_CHECKING:
     from frenetic.again.paired import BackToBack, Version
-    from frenetic.again.versions import Plan
-    from frenetic.campaign import Event
+    from frenetic.again.versions import Plan, VersionDrives
     from frenetic.spec import Spec
 
 _LISTED: Final = 10
@@ -91,13 +90,7 @@ def _driven(
     new_spec: Spec,
     workers: int,
 ) -> BackToBack:
-    from frenetic.again.versions import (
-        Driving,
-        check_differ,
-        drive_new,
-        drive_old,
-        pair_up,
-    )
+    from frenetic.again.versions import check_differ, drive, pair_up
     from frenetic.simulators.isolated import isolated
     from frenetic.spec import describe
 
@@ -110,24 +103,19 @@ def _driven(
     simulator = new_spec.make_simulator()
     check_differ(*made)
 
-    def driving(spec: Spec, on_event: Callable[[Event], None]) -> Driving:
+    def driven(what: str, spec: Spec, old: VersionDrives | None, later: int) -> VersionDrives:
         driver = spec.make_driver()
         place = isolated(simulator, driver) if workers == 1 else simulator
-        return Driving(place, driver, workers, on_event=on_event)
+        with shown_driving(log, f"Driving the {what} version", plan.drives) as show:
+            found = drive(plan, place, driver, old, spec=spec, workers=workers, on_event=show)
+        if found.missing:
+            left = counted(found.missing + later, "drive")
+            raise interrupted(log, f"{left} to go; the same command goes on")
+        return found
 
-    with (
-        old_version() as spec,
-        shown_driving(log, "Driving the old version", plan.drives) as on_event,
-    ):
-        old = drive_old(plan, driving(spec, on_event), spec)
-    to_go = "{} to go; the same command goes on"
-    if old.missing:
-        raise interrupted(log, to_go.format(counted(old.missing + plan.drives, "drive")))
-    with shown_driving(log, "Driving the new version", plan.drives) as on_event:
-        new = drive_new(plan, driving(new_spec, on_event), old)
-    if new.missing:
-        raise interrupted(log, to_go.format(counted(new.missing, "drive")))
-    return pair_up(plan, old, new)
+    with old_version() as spec:
+        old = driven("old", spec, None, plan.drives)
+    return pair_up(plan, old, driven("new", new_spec, old, 0))
 
 
 def _print(result: BackToBack, specs: Mapping[Version, Spec]) -> None:
