@@ -34,7 +34,8 @@ def follow(folder: Path, *, as_json: bool) -> None:
         while True:
             for line in state.news:
                 if line not in known:
-                    text = f"{_clock(line.time)} {line.level}: {line.message}"
+                    level = "" if line.level == "info" else f"{line.level}: "
+                    text = f"{_clock(line.time)} {level}{line.message}"
                     console.print(text, markup=False, soft_wrap=True)
             if state.status.has_ended:
                 break
