@@ -6,7 +6,7 @@ this module looks for them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 from importlib.util import find_spec
 from numbers import Integral, Real
@@ -62,9 +62,8 @@ class Capabilities(Usual):
     """Finds out its `car` where that takes starting it; called before a campaign."""
     check_driver: Callable[[Driver], None] = _accept
     """Raises a `DriverError` if a driver cannot drive in it; called before anything is made."""
-    checks: Callable[[], Iterator[Check]] | None = None
-    """Gives the checks of 'frenetic doctor', before it is entered, up to one that makes the rest
-    pointless."""
+    checks: Callable[[], Iterable[Check]] = tuple
+    """Gives what 'frenetic doctor' checks, once it is entered, beside two drives."""
     drives_compiled: Callable[[Driver], bool] = lambda _: False
     """Whether a driver's drives are compiled code of ours alone, which needs no process of its
     own."""
