@@ -60,7 +60,7 @@ def test_it_brings_its_car_unless_one_is_chosen() -> None:
 def test_it_keeps_the_friction_of_the_road_in_its_car() -> None:
     simulator = EmbeddedSimulator(friction=0.6)
     simulator.drive(BEND, BeamngAi())
-    assert simulator.vehicle == replace(Vehicle.etk800(), friction=0.6)
+    assert simulator.vehicle == replace(Vehicle.named("etk800"), friction=0.6)
 
 
 def test_a_campaign_records_the_car_that_it_brings(tmp_path: Path) -> None:
@@ -73,7 +73,7 @@ def test_a_campaign_records_the_car_that_it_brings(tmp_path: Path) -> None:
     ).run()
     assert check_campaign(tmp_path / "c").is_sound
     with CampaignStore.open(tmp_path / "c") as store:
-        assert store.setting.car == Vehicle.etk800().body()
+        assert store.setting.car == Vehicle.named("etk800").body()
         assert store.config["simulator"]["options"]["vehicle"]["mass"] == 1500.0  # type: ignore[index, call-overload]
 
 
@@ -114,7 +114,7 @@ def test_a_twin_that_ranks_has_its_car() -> None:
 def test_a_twin_of_it_begins_with_its_car() -> None:
     model = Model.of("beamng-ai", [Asked("aiming_point")], vehicle={"mass": 1600.0})
     _, simulator = model.make({}, Rules())
-    assert simulator.vehicle == replace(Vehicle.etk800(), mass=1600.0)
+    assert simulator.vehicle == replace(Vehicle.named("etk800"), mass=1600.0)
     chosen = Model.of("beamng-ai", [Asked("aiming_point")], vehicle={"name": "default"})
     assert chosen.make({}, Rules())[1].vehicle == Vehicle()
 

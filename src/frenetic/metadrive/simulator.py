@@ -7,6 +7,7 @@ from contextlib import closing
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
 
+from frenetic._support.bounds import Positive, check
 from frenetic._support.words import pip_install
 from frenetic.drive import Breakdown, Drive, Rules, Trajectory
 from frenetic.drivers.camera import Camera, Image
@@ -71,17 +72,18 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
         self,
         *,
         rules: Rules | None = None,
-        friction: float = 1.0,
-        wall_limit: float = 60.0,
+        friction: Positive = 1.0,
+        wall_limit: Positive = 60.0,
         start_offset: float = 0.0,
         start_heading: float = 0.0,
     ) -> None:
+        check({"wall_limit": wall_limit}, MetaDriveSimulator.__init__)
         self.rules = rules or Rules()
         self.car = VEHICLE.body()
         self.friction = friction
         self.start_offset = start_offset
         self.start_heading = start_heading
-        self.wall_limit = _positive(wall_limit, "wall_limit")
+        self.wall_limit = wall_limit
         self._world: World | None = None
 
     @property
@@ -98,7 +100,8 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
 
     @friction.setter
     def friction(self, friction: float) -> None:
-        self._friction = _positive(friction, "friction")
+        check({"friction": friction}, MetaDriveSimulator.__init__)
+        self._friction = float(friction)
 
     def __enter__(self) -> Self:
         """Starts MetaDrive's engine.
@@ -253,9 +256,3 @@ class _Holding:
     def advance(self, steering: float, throttle: float, brake: float) -> None:  # noqa: ARG002
         """Moves the car on."""
         self._car.move()
-
-
-def _positive(value: float, name: str) -> float:
-    if not (math.isfinite(value) and value > 0.0):
-        raise ValueError(f"{name} is {value}: a positive number is needed")
-    return float(value)

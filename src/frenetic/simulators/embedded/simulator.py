@@ -13,6 +13,7 @@ from typing import Any, ClassVar, Final, Self
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.bounds import Positive, check
 from frenetic._support.compiled import cache_folder
 from frenetic._support.kernel_cache import VARIABLE
 from frenetic.drive import Breakdown, Drive, Rules, Trajectory
@@ -74,10 +75,11 @@ class EmbeddedSimulator(StartingPlace):
         rules: Rules | None = None,
         vehicle: Vehicle | str | Mapping[str, float | str] | None = None,
         friction: float | None = None,
-        wall_limit: float = 60.0,
+        wall_limit: Positive = 60.0,
         start_offset: float = 0.0,
         start_heading: float = 0.0,
     ) -> None:
+        check({"wall_limit": wall_limit}, EmbeddedSimulator.__init__)
         self.rules = rules or Rules()
         if isinstance(vehicle, Mapping):
             vehicle = Vehicle.of(vehicle)
@@ -89,8 +91,6 @@ class EmbeddedSimulator(StartingPlace):
             self.friction = friction
         self.start_offset = start_offset
         self.start_heading = start_heading
-        if not (math.isfinite(wall_limit) and wall_limit > 0.0):
-            raise ValueError(f"wall_limit is {wall_limit}: a positive number of seconds is needed")
         self.wall_limit = wall_limit
         self._room = np.empty(0)  # memory for the records, used again and again
 
