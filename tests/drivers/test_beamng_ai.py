@@ -15,8 +15,7 @@ from frenetic.campaign.check import check_campaign
 from frenetic.drive import Drive, Rules
 from frenetic.drivers import BeamngAi, Planner
 from frenetic.drivers.layers import Noisy, compiled_form
-from frenetic.oracle import assess, judge
-from frenetic.outcome import Outcome
+from frenetic.oracle import assess
 from frenetic.road import Road
 from frenetic.search import RandomSearch
 from frenetic.simulators.embedded import EmbeddedSimulator, Vehicle
@@ -119,11 +118,6 @@ def test_a_twin_of_it_begins_with_its_car() -> None:
     assert chosen.make({}, Rules())[1].vehicle == Vehicle()
 
 
-def test_its_values_are_checked() -> None:
-    with pytest.raises(ValueError, match="aggression is 0: a positive number is needed"):
-        BeamngAi(aggression=0)
-
-
 def test_it_drives_alike_compiled_and_from_python() -> None:
     assert compiled_form(BeamngAi(), 0.05) is not None
     np.testing.assert_array_equal(
@@ -155,8 +149,3 @@ def test_its_speed_follows_aggression_grip_and_limit() -> None:
     assert slowest(BeamngAi(aggression=0.9, grip=0.5)) == slowest(BeamngAi(aggression=0.5))
     fastest = drive(BEND, BeamngAi(), 30.0).trajectory.speed.max()
     assert fastest <= 30.0 / 3.6
-
-
-def test_it_masters_a_straight_road() -> None:
-    straight = Road(np.zeros(20))
-    assert judge(straight, drive(straight, BeamngAi())).outcome is Outcome.PASS
