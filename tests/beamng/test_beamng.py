@@ -579,7 +579,8 @@ def test_steering_passes_the_filter_where_there_is_no_other_way() -> None:
         with StandIn(world=World(takes_lua=takes_lua)) as running, connected(running) as simulator:
             assert simulator.measured.steers_directly is takes_lua
             drives.append(simulator.drive(ROAD, Stanley()).trajectory.to_rows())
-    np.testing.assert_array_equal(*drives)
+    direct, filtered = drives
+    np.testing.assert_array_equal(direct, filtered)
 
 
 def test_a_sign_that_differs_is_allowed_for() -> None:

@@ -81,8 +81,9 @@ def axle_forces(
 ) -> tuple[float, float, float, float, float, float]:
     """F_x, F_y and F_z of the front axle, then of the rear axle."""
     delta = state[STEERING]
+    v_x, v_y, r = state[SPEED:STEERING]
     forces: tuple[float, float, float, float, float, float] = vehicle.axle_forces(
-        *state[SPEED:STEERING], math.cos(delta), math.sin(delta), throttle, brake, p
+        v_x, v_y, r, math.cos(delta), math.sin(delta), throttle, brake, p
     )
     return forces
 

@@ -158,7 +158,7 @@ def test_what_it_refuses() -> None:
         *({"autoreset_mode": "never"}, {"autoreset_mode": "Disabled"}),
     ):
         with pytest.raises(ValueError):
-            LaneKeepingVectorEnv(**options)  # type: ignore[arg-type]
+            LaneKeepingVectorEnv(**options)
     envs = LaneKeepingVectorEnv(num_envs=2)
     with pytest.raises(gymnasium.error.ResetNeeded):
         envs.step(np.zeros((2, 2), np.float32))
