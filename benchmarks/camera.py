@@ -1,4 +1,4 @@
-"""Cost of a camera's picture: each layer of the drawing, and each layer over the driver.
+"""Cost of a camera's picture, and of each layer over the driver.
 
 Processor time in ms, the least of several rounds, since other programs disturb it; beside a drive
 of the default driver along the same road, without a camera.
@@ -17,7 +17,7 @@ from frenetic import EmbeddedSimulator, Observation, Planner, Road
 from frenetic.drivers.camera import Scene
 from frenetic.vision import appearance
 from frenetic.vision.marking_follower import MarkingFollower
-from frenetic.vision.rendering import LAYERS, Renderer
+from frenetic.vision.rendering import Renderer
 
 ROAD = Road([0.0, 0.0, 0.03, 0.04, 0.0, -0.04, -0.05, -0.03, 0.0, 0.03, 0.05, 0.05, 0.0, 0.0])
 PICTURES = 40
@@ -49,14 +49,10 @@ def main() -> None:
         drive = least(lambda: simulator.drive(ROAD, Planner()), 5)
     print(f"a drive of {ROAD.length:.0f} m without a camera  {drive:.3f} ms")
     camera = driver.camera
-    print(f"\na picture of {camera.width} x {camera.height} pixels, drawn up to")
-    before = 0.0
-    for name in LAYERS:
-        cost = least(drawing(Renderer(ROAD, camera, layer=name)), 1) / PICTURES
-        print(f"  {name:<12} {cost:.3f} ms  (+{cost - before:.3f})")
-        before = cost
-    cost = least(drawing(Renderer(ROAD, camera, Scene(seed=3, wear=0.5))), 1) / PICTURES
-    print(f"  {'worn':<12} {cost:.3f} ms  (+{cost - before:.3f})")
+    print(f"\na picture of {camera.width} x {camera.height} pixels")
+    for name, scene in (("usual", Scene()), ("worn", Scene(seed=3, wear=0.5))):
+        cost = least(drawing(Renderer(ROAD, camera, scene)), 1) / PICTURES
+        print(f"  {name:<12} {cost:.3f} ms")
     print(f"\nthe road's table for one drive  {least(lambda: Renderer(ROAD, camera), 5):.3f} ms")
     print("\na layer over the driver")
     image = Renderer(ROAD, camera).draw(*places[5])

@@ -1,9 +1,8 @@
 """Checks of the simulators on this machine: what is wrong and what to do.
 
-A simulator may offer a method ``checks``, which is called before the simulator is entered. It gives
-a `Check` for each thing that it checks, and stops when the rest would be pointless. Every simulator
-must pass `drive_checks`. A class attribute ``needs`` names the modules without which the simulator
-is not installed.
+Every simulator has to start and to pass `drive_checks`. It may offer a method ``checks``, which
+gives a `Check` for each further thing. A class attribute ``needs`` names the modules without which
+the simulator is not installed.
 """
 
 from __future__ import annotations
@@ -97,13 +96,10 @@ def examine_all() -> Iterator[Examination]:
 
 
 def _checks(simulator: Simulator) -> Iterator[Check]:
-    own = capabilities(simulator).checks
-    if own is not None:
-        yield from own()
-        return
     try:
         with simulator:
             yield Check("start", True, "it starts")
+            yield from capabilities(simulator).checks()
             yield from drive_checks(simulator)
     except Exception as error:
         yield broken("start", error, "see the message; then try again")

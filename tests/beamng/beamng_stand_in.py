@@ -9,9 +9,6 @@ what it does not know it answers with an error, as BeamNG.tech does. Like BeamNG
 - counts steering to the right as positive,
 - lets its own driver move only on roads with a drivability and to waypoints that exist.
 
-Whether BeamNG.tech can listen on a port that it has just used is not known; the stand-in cannot
-until the port is free.
-
 As a program (``python beamng_stand_in.py -tport PORT``) it serves one client until it is told to
 quit, so that it can be launched in place of BeamNG.tech.
 """
@@ -86,7 +83,6 @@ class Car:
     state: np.ndarray[Any, np.dtype[np.float64]]
     port: int = 0
     steering: float = 0.0  # -1..1, positive to the right
-    asked: float = 0.0  # by a Control message, whose filter lets `steering` follow
     throttle: float = 0.0
     brake: float = 0.0
     parking: float = 0.0
@@ -113,8 +109,6 @@ class World:
     """The simulation."""
 
     vehicle: Vehicle = field(default_factory=Vehicle)
-    control_filter: float = 0.0
-    """Time constant of the filter of the Control message, in s."""
     takes_lua: bool = True
     """Whether the vehicle runs Lua commands."""
     sign_shown: float = 1.0
@@ -195,7 +189,6 @@ class World:
         at_rest = abs(car.state[SPEED]) < 0.05
         if at_rest and car.brake > 0.1 and car.parking == 0.0 and car.throttle == 0.0:
             self.was_reversing = True
-        car.steering += (car.asked - car.steering) * min(STEP / max(self.control_filter, STEP), 1.0)
         angle = -car.steering * self.vehicle.steering_limit
         advance(car.state, angle, car.throttle, brake, parameters, STEP)
 
@@ -208,7 +201,7 @@ class World:
         observer.see(self.ai_moves * 0.05, state[X], state[Y], state[HEADING])
         seen = observer.observation(state[SPEED], state[YAW_RATE], state[STEERING])
         controls = driver.act(seen)
-        car.asked = car.steering = -controls.steering / self.vehicle.steering_limit
+        car.steering = -controls.steering / self.vehicle.steering_limit
         car.throttle, car.brake = controls.throttle, controls.brake
         self.ai_moves += 1
 
@@ -336,7 +329,7 @@ class StandIn:
         self.has_quit = threading.Event()
         self._counts: Counter[str] = Counter()
         self._sockets: list[socket.socket] = []
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self._listener = self._listen(port)
         self.port: int = self._listener.getsockname()[1]
         self._serve(self._listener, self._answer_engine)
@@ -394,7 +387,9 @@ class StandIn:
                 while not self.has_quit.is_set():
                     (length,) = struct.unpack("!I", _exactly(client, 4))
                     request = msgpack.unpackb(_exactly(client, length), raw=False)
-                    reply = {"_id": request.pop("_id"), **self._reply(request, answer)}
+                    number = request.pop("_id")
+                    reply = {"_id": number, "type": request["type"]}
+                    reply |= self._reply(request, answer)
                     data = msgpack.packb(reply, use_bin_type=True)
                     client.sendall(struct.pack("!I", len(data)) + data)
                     if reply.get("type") == "Quit":
@@ -419,146 +414,102 @@ class StandIn:
             return answer(request)
 
     def _answer_engine(self, request: Message) -> Message:
-        kind = request["type"]
-        answer = getattr(self, f"_ge_{kind}", None)
-        if answer is None:
-            return {"bngError": f"No such message: {kind}"}
-        reply: Message = answer(request)
-        return reply if "bngValueError" in reply or "type" in reply else {"type": kind, **reply}
-
-    # The engine
-
-    def _ge_Hello(self, _: Message) -> Message:  # noqa: N802 - the protocol's names
-        return {"protocolVersion": self.protocol}
-
-    def _ge_GetSystemInfo(self, _: Message) -> Message:  # noqa: N802
-        return {"os": {"type": "linux"}, "tech": self.is_licensed}
-
-    def _ge_GetEnvironmentPaths(self, _: Message) -> Message:  # noqa: N802
-        return {"home": "/opt/stand-in/", "user": "/home/stand-in/0.39/"}
-
-    def _ge_GetLevels(self, _: Message) -> Message:  # noqa: N802
-        return {"result": [{"levelName": name, "title": name} for name in LEVELS]}
-
-    def _ge_GetAvailableVehicles(self, _: Message) -> Message:  # noqa: N802
-        return {
-            "type": "AvailableVehicles",
-            "vehicles": {name: {"name": name} for name in VEHICLES},
-        }
-
-    def _ge_CreateScenario(self, request: Message) -> Message:  # noqa: N802
-        return {"result": self.world.create(request["level"], request["name"], request["prefab"])}
-
-    def _ge_DeleteScenario(self, request: Message) -> Message:  # noqa: N802
-        del self.world.scenarios[request["path"]]
+        world = self.world
+        match request["type"]:
+            case "Hello":
+                return {"protocolVersion": self.protocol}
+            case "GetSystemInfo":
+                return {"os": {"type": "linux"}, "tech": self.is_licensed}
+            case "GetEnvironmentPaths":
+                return {"home": "/opt/stand-in/", "user": "/home/stand-in/0.39/"}
+            case "GetLevels":
+                return {"result": [{"levelName": name, "title": name} for name in LEVELS]}
+            case "GetAvailableVehicles":
+                vehicles = {name: {"name": name} for name in VEHICLES}
+                return {"type": "AvailableVehicles", "vehicles": vehicles}
+            case "CreateScenario":
+                path = world.create(request["level"], request["name"], request["prefab"])
+                return {"result": path}
+            case "DeleteScenario":
+                del world.scenarios[request["path"]]
+            case "LoadScenario":
+                world.loaded = world.scenarios[request["path"]]
+                return {"type": "MapLoaded"}
+            case "GetCurrentVehicles":
+                car = world.car
+                return {"result": {car.vid: {"id": 1, "name": car.vid, "model": car.model}}}
+            case "GetPlayerVehicleID":
+                return {"type": "getPlayerVehicleID", "id": 1, "vid": world.car.vid}
+            case "StartVehicleConnection":
+                listener = self._listen()
+                self._serve(listener, self._answer_vehicle)
+                return {"vid": request["vid"], "result": listener.getsockname()[1]}
+            case "FPSLimit":
+                world.set_rate(request["fps"])
+                return {"type": "SetFPSLimit"}
+            case "Pause":
+                return {"type": "Paused"}
+            case "StartScenario":
+                world.start()
+                return {"type": "ScenarioStarted"}
+            case "StopScenario":
+                world.loaded = None
+                return {"type": "ScenarioStopped"}
+            case "Step":
+                world.step(request["count"])
+                return {"type": "Stepped"}
+            case "OpenCamera":
+                world.camera = request
+                return {"type": "OpenedCamera"}
+            case "PollCamera":
+                return {"data": {"colour": world.picture()} if world.draws else {}}
+            case "CloseCamera":
+                return {"type": "ClosedCamera"}
+            case "GetBBoxCorners":
+                return {"type": "BBoxCorners", "points": world.box()}
+            case "SetPhysicsDeterministic" | "Quit":
+                pass
+            case kind:
+                return {"bngError": f"No such message: {kind}"}
         return {}
-
-    def _ge_LoadScenario(self, request: Message) -> Message:  # noqa: N802
-        scenario = self.world.scenarios.get(request["path"])
-        if scenario is None:
-            return {"bngValueError": f"Scenario not found: {request['path']}"}
-        if scenario.level not in LEVELS:
-            return {"bngValueError": f"Level not found: {scenario.level}"}
-        if scenario.car.model not in VEHICLES:
-            return {"bngValueError": f"Vehicle not found: {scenario.car.model}"}
-        self.world.loaded = scenario
-        return {"type": "MapLoaded"}
-
-    def _ge_GetCurrentVehicles(self, _: Message) -> Message:  # noqa: N802
-        car = self.world.car
-        return {"result": {car.vid: {"id": 1, "name": car.vid, "model": car.model}}}
-
-    def _ge_GetPlayerVehicleID(self, _: Message) -> Message:  # noqa: N802
-        return {"type": "getPlayerVehicleID", "id": 1, "vid": self.world.car.vid}
-
-    def _ge_StartVehicleConnection(self, request: Message) -> Message:  # noqa: N802
-        listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        listener.bind(("127.0.0.1", 0))
-        listener.listen()
-        self._sockets.append(listener)
-        self._serve(listener, self._answer_vehicle)
-        return {"vid": request["vid"], "result": listener.getsockname()[1]}
-
-    def _ge_SetPhysicsDeterministic(self, _: Message) -> Message:  # noqa: N802
-        return {}
-
-    def _ge_FPSLimit(self, request: Message) -> Message:  # noqa: N802
-        self.world.set_rate(request["fps"])
-        return {"type": "SetFPSLimit"}
-
-    def _ge_Pause(self, _: Message) -> Message:  # noqa: N802
-        return {"type": "Paused"}
-
-    def _ge_StartScenario(self, _: Message) -> Message:  # noqa: N802
-        self.world.start()
-        return {"type": "ScenarioStarted"}
-
-    def _ge_StopScenario(self, _: Message) -> Message:  # noqa: N802
-        self.world.loaded = None
-        return {"type": "ScenarioStopped"}
-
-    def _ge_Step(self, request: Message) -> Message:  # noqa: N802
-        self.world.step(request["count"])
-        return {"type": "Stepped"}
-
-    def _ge_OpenCamera(self, request: Message) -> Message:  # noqa: N802
-        assert request["vid"] == self.world.car.vid
-        self.world.camera = request
-        return {"type": "OpenedCamera"}
-
-    def _ge_PollCamera(self, request: Message) -> Message:  # noqa: N802
-        assert request["name"] == self.world.camera["name"]
-        return {"data": {"colour": self.world.picture()} if self.world.draws else {}}
-
-    def _ge_CloseCamera(self, _: Message) -> Message:  # noqa: N802
-        self.world.camera = {}
-        return {"type": "ClosedCamera"}
-
-    def _ge_GetBBoxCorners(self, _: Message) -> Message:  # noqa: N802
-        return {"type": "BBoxCorners", "points": self.world.box()}
-
-    def _ge_Quit(self, _: Message) -> Message:  # noqa: N802
-        return {}
-
-    # The vehicle
 
     def _answer_vehicle(self, request: Message) -> Message:
-        kind = request["type"]
-        if kind == "Hello":
-            return {"type": "Hello", "protocolVersion": self.protocol}
+        if request["type"] == "Hello":
+            return {"protocolVersion": self.protocol}
         if self.world.loaded is None:
             return {"bngError": "There is no vehicle"}
         car = self.world.car
-        if kind == "SensorRequest":
-            return {"type": "SensorData", "data": self._sensors(request["sensors"])}
-        if kind == "Control":
-            for ours, theirs in _CONTROLS.items():
-                if theirs in request:
-                    setattr(car, ours, float(request[theirs]))
-            return {"type": "Controlled"}
-        if kind == "QueueLuaCommandVE" and self.world.takes_lua:
-            event = re.fullmatch(r"input\.event\('steering', (\S+), 2\)", request["chunk"])
-            assert event is not None, request
-            car.asked = car.steering = float(event[1])
-            return {"type": "ExecutedLuaChunkVE"}
-        if kind == "SetAiSpeed":
-            car.ai_speed = request["speed"]
-            return {"type": "AiSpeedSet"}
-        if kind == "SetAiAggression":
-            car.ai_aggression = request["aggression"]
-            return {"type": "AiAggressionSet"}
-        if kind == "SetDriveInLane":
-            car.ai_in_lane = request["lane"] == "on"
-            return {"type": "AiDriveInLaneSet"}
-        if kind == "SetAiMode":
-            return {"type": "AiModeSet"}
-        if kind == "SetAiWaypoint":
-            assert self.world.loaded is not None
-            known = request["target"] in self.world.loaded.waypoints
-            # An unknown target is no error there either: the car just stands.
-            car.ai_target = request["target"] if known and car.ai_in_lane else None
-            return {"type": "AiWaypointSet"}
-        return {"bngError": f"No such message: {kind}"}
+        match request["type"]:
+            case "SensorRequest":
+                return {"type": "SensorData", "data": self._sensors(request["sensors"])}
+            case "Control":
+                for ours, theirs in _CONTROLS.items():
+                    if theirs in request:
+                        setattr(car, ours, float(request[theirs]))
+                return {"type": "Controlled"}
+            case "QueueLuaCommandVE" if self.world.takes_lua:
+                event = re.fullmatch(r"input\.event\('steering', (\S+), 2\)", request["chunk"])
+                assert event is not None, request
+                car.steering = float(event[1])
+                return {"type": "ExecutedLuaChunkVE"}
+            case "SetAiSpeed":
+                car.ai_speed = request["speed"]
+                return {"type": "AiSpeedSet"}
+            case "SetAiAggression":
+                car.ai_aggression = request["aggression"]
+                return {"type": "AiAggressionSet"}
+            case "SetDriveInLane":
+                car.ai_in_lane = request["lane"] == "on"
+                return {"type": "AiDriveInLaneSet"}
+            case "SetAiMode":
+                return {"type": "AiModeSet"}
+            case "SetAiWaypoint":
+                # An unknown target is no error there either: the car just stands.
+                known = request["target"] in self.world.loaded.waypoints
+                car.ai_target = request["target"] if known and car.ai_in_lane else None
+                return {"type": "AiWaypointSet"}
+            case kind:
+                return {"bngError": f"No such message: {kind}"}
 
     def _sensors(self, sensors: dict[str, Message]) -> Message:
         data: Message = {}
@@ -571,7 +522,7 @@ class StandIn:
 
 
 _CONTROLS: Final = {
-    "asked": "steering",
+    "steering": "steering",
     "throttle": "throttle",
     "brake": "brake",
     "parking": "parkingbrake",

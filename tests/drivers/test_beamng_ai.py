@@ -15,8 +15,7 @@ from frenetic.campaign.check import check_campaign
 from frenetic.drive import Drive, Rules
 from frenetic.drivers import BeamngAi, Planner
 from frenetic.drivers.layers import Noisy, compiled_form
-from frenetic.oracle import assess, judge
-from frenetic.outcome import Outcome
+from frenetic.oracle import assess
 from frenetic.road import Road
 from frenetic.search import RandomSearch
 from frenetic.simulators.embedded import EmbeddedSimulator, Vehicle
@@ -60,7 +59,7 @@ def test_it_brings_its_car_unless_one_is_chosen() -> None:
 def test_it_keeps_the_friction_of_the_road_in_its_car() -> None:
     simulator = EmbeddedSimulator(friction=0.6)
     simulator.drive(BEND, BeamngAi())
-    assert simulator.vehicle == replace(Vehicle.etk800(), friction=0.6)
+    assert simulator.vehicle == replace(Vehicle.named("etk800"), friction=0.6)
 
 
 def test_a_campaign_records_the_car_that_it_brings(tmp_path: Path) -> None:
@@ -73,7 +72,7 @@ def test_a_campaign_records_the_car_that_it_brings(tmp_path: Path) -> None:
     ).run()
     assert check_campaign(tmp_path / "c").is_sound
     with CampaignStore.open(tmp_path / "c") as store:
-        assert store.setting.car == Vehicle.etk800().body()
+        assert store.setting.car == Vehicle.named("etk800").body()
         assert store.config["simulator"]["options"]["vehicle"]["mass"] == 1500.0  # type: ignore[index, call-overload]
 
 
@@ -114,14 +113,9 @@ def test_a_twin_that_ranks_has_its_car() -> None:
 def test_a_twin_of_it_begins_with_its_car() -> None:
     model = Model.of("beamng-ai", [Asked("aiming_point")], vehicle={"mass": 1600.0})
     _, simulator = model.make({}, Rules())
-    assert simulator.vehicle == replace(Vehicle.etk800(), mass=1600.0)
+    assert simulator.vehicle == replace(Vehicle.named("etk800"), mass=1600.0)
     chosen = Model.of("beamng-ai", [Asked("aiming_point")], vehicle={"name": "default"})
     assert chosen.make({}, Rules())[1].vehicle == Vehicle()
-
-
-def test_its_values_are_checked() -> None:
-    with pytest.raises(ValueError, match="aggression is 0: a positive number is needed"):
-        BeamngAi(aggression=0)
 
 
 def test_it_drives_alike_compiled_and_from_python() -> None:
@@ -155,8 +149,3 @@ def test_its_speed_follows_aggression_grip_and_limit() -> None:
     assert slowest(BeamngAi(aggression=0.9, grip=0.5)) == slowest(BeamngAi(aggression=0.5))
     fastest = drive(BEND, BeamngAi(), 30.0).trajectory.speed.max()
     assert fastest <= 30.0 / 3.6
-
-
-def test_it_masters_a_straight_road() -> None:
-    straight = Road(np.zeros(20))
-    assert judge(straight, drive(straight, BeamngAi())).outcome is Outcome.PASS

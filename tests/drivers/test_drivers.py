@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from frenetic import EmbeddedSimulator, Road
 from frenetic.drivers import (
+    BeamngAi,
     Controls,
     Delayed,
     Driver,
@@ -26,7 +27,7 @@ from frenetic.drivers import (
     laws,
 )
 from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING, checked_controls
-from frenetic.drivers.layers import Compiled, compiled_form
+from frenetic.drivers.layers import compiled_form
 from frenetic.errors import DriverError
 
 FloatArray = npt.NDArray[np.float64]
@@ -135,12 +136,6 @@ class Recorder:
 # --- Laws ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("driver", [Planner(), Stanley()])
-def test_built_in_drivers_and_layers_are_drivers(driver: Driver) -> None:
-    for each in (driver, Noisy(driver), Delayed(driver), LimitedView(driver)):
-        assert isinstance(each, Driver)
-
-
 @given(seed=st.integers(0, 2**32 - 1), make=st.sampled_from(BUILT_IN))
 @settings(max_examples=80)
 def test_a_mirrored_world_is_steered_mirrored(seed: int, make: Callable[..., Driver]) -> None:
@@ -170,28 +165,6 @@ def test_controls_are_within_bounds_and_never_both_pedals(
     assert controls.throttle == 0.0 or controls.brake == 0.0
 
 
-@pytest.mark.parametrize("driver", [Planner(), Stanley()])
-@pytest.mark.parametrize("speed", [0.0, 5.0, 20.0, 35.0])
-def test_a_straight_road_is_followed_without_steering(driver: Driver, speed: float) -> None:
-    assert controls_of(driver, observation(speed=speed)).steering == 0.0
-
-
-@pytest.mark.parametrize("driver", [Planner(), Stanley()])
-def test_a_car_beside_its_lane_steers_back(driver: Driver) -> None:
-    for offset in (0.5, -0.5, 1.5):
-        seen = observation(lateral_offset=offset, ahead=arc(0.0) - [0.0, offset])
-        assert controls_of(driver, seen).steering * offset < 0.0
-
-
-@pytest.mark.parametrize("driver", [Planner(), Stanley()])
-def test_a_car_that_points_out_of_its_lane_steers_back(driver: Driver) -> None:
-    for error in (0.2, -0.2):
-        c, s = math.cos(error), math.sin(error)
-        ahead = arc(0.0) @ np.array([[c, -s], [s, c]])
-        seen = observation(heading_error=error, ahead=ahead)
-        assert controls_of(driver, seen).steering * error < 0.0
-
-
 @pytest.mark.parametrize("kappa", [0.05, -0.05, 0.01, 0.15])
 @pytest.mark.parametrize("row", [1, 3, 6])
 def test_pure_pursuit_takes_the_arc_through_the_lookahead_point(kappa: float, row: int) -> None:
@@ -203,29 +176,14 @@ def test_pure_pursuit_takes_the_arc_through_the_lookahead_point(kappa: float, ro
     assert steering == pytest.approx(math.atan(WHEELBASE * kappa), abs=1e-12)
 
 
-def test_pure_pursuit_looks_further_ahead_at_speed() -> None:
-    driver = Planner(lookahead_time=1.0, lookahead_min=4.0)
-    step_aside = arc(0.0)
-    step_aside[8:, 1] = 1.0  # from 16 m on
-    assert controls_of(driver, observation(speed=8.0, ahead=step_aside)).steering == 0.0
-    assert controls_of(driver, observation(speed=12.0, ahead=step_aside)).steering > 0.0
-
-
 def test_pure_pursuit_goes_for_a_point_between_two_of_the_view() -> None:
-    driver = Planner(lookahead_time=0.0, lookahead_min=5.0)
+    driver = Planner(lookahead_time=0.1, lookahead_min=4.0)  # at 10 m/s 5 m
     ahead = arc(0.0)
     ahead[2] = [4.0, 1.0]
     ahead[3] = [6.0, 2.0]
     x, y = 5.0 + SETUP.rear_axle, 1.5
     expected = math.atan(2.0 * WHEELBASE * y / (x * x + y * y))
     assert controls_of(driver, observation(ahead=ahead)).steering == pytest.approx(expected)
-
-
-@pytest.mark.parametrize("kappa", [0.05, -0.05, 0.01])
-def test_stanley_on_its_line_holds_the_curve(kappa: float) -> None:
-    seen = observation(yaw_rate=10.0 * kappa, curvature_ahead=np.full(AHEAD_POINTS, kappa))
-    expected = math.atan(WHEELBASE * kappa)
-    assert controls_of(Stanley(), seen).steering == pytest.approx(expected, abs=1e-12)
 
 
 def test_stanleys_law_term_by_term() -> None:
@@ -235,6 +193,9 @@ def test_stanleys_law_term_by_term() -> None:
     error = -0.1 - math.atan(2.0 * SETUP.front_axle * math.sin(0.1) / 11.0)
     assert controls_of(driver, observation(heading_error=0.1)).steering == pytest.approx(error)
     assert controls_of(driver, observation(yaw_rate=0.5)).steering == pytest.approx(-0.05)
+    bend = observation(curvature_ahead=np.full(AHEAD_POINTS, 0.05))
+    expected = math.atan(WHEELBASE * 0.05) + 0.1 * 10.0 * 0.05
+    assert controls_of(driver, bend).steering == pytest.approx(expected, abs=1e-12)
 
 
 # --- Speed plan ----------------------------------------------------------------------------------
@@ -265,43 +226,6 @@ def test_the_plan_keeps_every_budget_and_gives_nothing_away(
 
 
 @pytest.mark.parametrize("make", BUILT_IN)
-@pytest.mark.parametrize("kappa", [0.0, 1e-4, 0.01, -0.03, 0.07, -1.0])
-def test_a_steady_curve_is_driven_within_its_budget_and_the_limit(
-    make: Callable[..., Planner], kappa: float
-) -> None:
-    driver = make(aggression=0.8)
-    speed = speed_wanted(np.full(AHEAD_POINTS, kappa), driver)
-    budget = 0.8 * driver.lateral_acceleration
-    assert speed <= SETUP.speed_limit * (1.0 + 1e-12)
-    assert speed**2 * abs(kappa) <= budget * (1.0 + 1e-12)
-    assert speed == pytest.approx(SETUP.speed_limit) or speed**2 * abs(kappa) == pytest.approx(
-        budget
-    )
-
-
-@pytest.mark.parametrize("make", BUILT_IN)
-@pytest.mark.parametrize("row", [0, 1, 10, 30])
-def test_a_curve_ahead_is_braked_for_in_advance(make: Callable[..., Planner], row: int) -> None:
-    driver = make(smoothing=0.0)
-    kappa = 0.07
-    curvature = np.where(np.arange(AHEAD_POINTS) >= row, kappa, 0.0)
-    in_curve = driver.lateral_acceleration / kappa
-    expected = math.sqrt(in_curve + 2.0 * driver.braking * AHEAD_SPACING * row)
-    assert speed_wanted(curvature, driver) == pytest.approx(min(expected, SETUP.speed_limit))
-
-
-@pytest.mark.parametrize("make", BUILT_IN)
-def test_smoothing_makes_light_of_a_short_bend_only(make: Callable[..., Planner]) -> None:
-    kappa = 0.05
-    short, long = np.zeros(AHEAD_POINTS), np.full(AHEAD_POINTS, kappa)
-    short[5] = kappa
-    assert speed_wanted(short, make(smoothing=4.0)) > speed_wanted(short, make(smoothing=0.0))
-    assert speed_wanted(long, make(smoothing=4.0)) == pytest.approx(
-        speed_wanted(long, make(smoothing=0.0))
-    )
-
-
-@pytest.mark.parametrize("make", BUILT_IN)
 def test_pedals_bring_the_speed_to_the_limit(make: Callable[..., Planner]) -> None:
     driver = make(speed_gain=1.5)
     limit = SETUP.speed_limit
@@ -315,24 +239,20 @@ def test_pedals_bring_the_speed_to_the_limit(make: Callable[..., Planner]) -> No
     assert controls_of(driver, observation(speed=3.0 * limit)).brake == 1.0
 
 
-@pytest.mark.parametrize("make", BUILT_IN)
-def test_aggression_scales_the_speed_in_curves(make: Callable[..., Planner]) -> None:
-    curvature = np.full(AHEAD_POINTS, 0.06)
-    calm, bold = speed_wanted(curvature, make()), speed_wanted(curvature, make(aggression=1.44))
-    assert bold == pytest.approx(1.2 * calm)
-
-
-@pytest.mark.parametrize("make", BUILT_IN)
+@pytest.mark.parametrize("make", [*BUILT_IN, BeamngAi])
 def test_bad_parameters_are_refused_by_name(make: Callable[..., Planner]) -> None:
-    may_be_zero = {"smoothing", "lookahead_time", "yaw_damping"}
+    may_be_zero = {
+        *("smoothing", "lookahead_time", "yaw_damping", "band_strength", "band_recoil"),
+        *("forgiveness", "speed_slack"),
+    }
     for item in fields(make()):
-        for value in (-1.0, math.nan, math.inf):
-            with pytest.raises(ValueError, match=f"{item.name} is {value}: a .*number.* is needed"):
+        for value in (-1.0, math.nan, math.inf, "x"):
+            with pytest.raises(ValueError, match=f"{item.name} is {value!r}: a number"):
                 make(**{item.name: value})
         if item.name in may_be_zero:
             assert getattr(make(**{item.name: 0.0}), item.name) == 0.0
         else:
-            with pytest.raises(ValueError, match=f"{item.name} is 0.0: a positive number"):
+            with pytest.raises(ValueError, match=rf"{item.name} is 0.0: a number > 0 is"):
                 make(**{item.name: 0.0})
 
 
@@ -353,21 +273,12 @@ def test_noise_is_the_same_in_every_drive_and_another_for_another_seed() -> None
     first = errors_seen(driver, recorder, 600)
     np.testing.assert_array_equal(errors_seen(driver, recorder, 600), first)
     np.testing.assert_array_equal(errors_seen(Noisy(recorder, seed=3), recorder, 600), first)
-    # A shorter drive sees the beginning of the same errors.
-    np.testing.assert_array_equal(errors_seen(driver, recorder, 10), first[:10])
     assert np.abs(errors_seen(Noisy(recorder, seed=4), recorder, 600) - first).max() > 0.01
 
 
-def test_errors_do_not_depend_on_how_far_they_were_drawn_before() -> None:
-    driver = Noisy(Planner(), seed=5)
-    at_once = driver.errors(0.05).upto(1000)[:1000]
-    bit_by_bit = driver.errors(0.05)
-    for n in (1, 7, 256, 257, 700, 1000):
-        np.testing.assert_array_equal(bit_by_bit.upto(n)[:n], at_once[:n])
-
-
-@pytest.mark.parametrize(("offset", "heading"), [(0.3, 0.02), (0.0, 0.05), (0.1, 0.0)])
-@pytest.mark.parametrize("correlation_time", [0.2, 1.0])
+@pytest.mark.parametrize(
+    ("offset", "heading", "correlation_time"), [(0.3, 0.02, 1.0), (0.0, 0.05, 0.2)]
+)
 def test_errors_have_their_standard_deviations_and_correlation(
     offset: float, heading: float, correlation_time: float
 ) -> None:
@@ -388,9 +299,9 @@ def test_errors_have_their_standard_deviations_and_correlation(
 
 def test_the_first_error_of_a_drive_is_no_larger_than_the_others() -> None:
     first = np.array(
-        [Noisy(Planner(), offset=1.0, seed=seed).errors(0.05).upto(1)[0, 0] for seed in range(3000)]
+        [Noisy(Planner(), offset=1.0, seed=seed).errors(0.05).upto(1)[0, 0] for seed in range(1000)]
     )
-    assert first.std() == pytest.approx(1.0, rel=0.06)
+    assert first.std() == pytest.approx(1.0, rel=0.1)
 
 
 def test_the_view_ahead_errs_as_the_place_does() -> None:
@@ -412,17 +323,6 @@ def test_the_view_ahead_errs_as_the_place_does() -> None:
         np.testing.assert_allclose(np.column_stack([x, y]), real.ahead, rtol=0, atol=1e-9)
         np.testing.assert_array_equal(seen.curvature_ahead, real.curvature_ahead)
         assert (seen.speed, seen.yaw_rate) == (real.speed, real.yaw_rate)
-
-
-def test_no_noise_changes_nothing() -> None:
-    recorder = Recorder()
-    driver = Noisy(recorder, offset=0.0, heading=0.0)
-    driver.reset(SETUP)
-    real = random_observation(9)
-    driver.act(real)
-    (seen,) = recorder.seen
-    assert (seen.lateral_offset, seen.heading_error) == (real.lateral_offset, real.heading_error)
-    np.testing.assert_array_equal(seen.ahead, real.ahead)
 
 
 # --- Delay and view ------------------------------------------------------------------------------
@@ -458,13 +358,6 @@ def test_a_limited_view_has_the_next_points_only(distance: float, rows: int) -> 
     assert (seen.speed, seen.lateral_offset) == (real.speed, real.lateral_offset)
 
 
-def test_what_lies_beyond_the_view_is_not_braked_for() -> None:
-    curvature = np.where(np.arange(AHEAD_POINTS) >= 15, 0.5, 0.0)
-    seen = observation(speed=19.0, curvature_ahead=curvature)
-    assert controls_of(Planner(), seen).brake > 0.0
-    assert controls_of(LimitedView(Planner(), distance=20.0), seen).throttle > 0.0
-
-
 @pytest.mark.parametrize("make", BUILT_IN)
 def test_layers_commute(make: Callable[..., Driver]) -> None:
     layers: list[Callable[[Driver], Driver]] = [
@@ -484,29 +377,18 @@ def test_layers_commute(make: Callable[..., Driver]) -> None:
     assert len(set(answers[0])) > 10
 
 
-def test_layers_reset_the_driver_underneath() -> None:
-    recorder = Recorder()
-    driver = Noisy(Delayed(LimitedView(recorder)))
-    driver.reset(SETUP)
-    assert recorder.resets == [SETUP]
-
-
 @pytest.mark.parametrize(
     ("layer", "options", "message"),
     [
-        (Noisy, {"offset": -0.1}, "offset is -0.1: 0 or more m are needed"),
-        (Noisy, {"offset": math.nan}, "offset is nan: 0 or more m are needed"),
-        (Noisy, {"heading": -0.1}, "heading is -0.1: 0 or more rad are needed"),
-        (Noisy, {"heading": math.inf}, "heading is inf: 0 or more rad are needed"),
-        (Noisy, {"correlation_time": 0.0}, "correlation_time is 0: more than 0 s are needed"),
-        (Delayed, {"seconds": -0.1}, "seconds is -0.1: 0 or more s are needed"),
-        (Delayed, {"seconds": math.nan}, "seconds is nan: 0 or more s are needed"),
-        (Noisy, {"offset": 1e308}, "offset is 1e+308: at most 100 m are allowed"),
-        (Noisy, {"heading": 101.0}, "heading is 101: at most 100 rad are allowed"),
-        (Delayed, {"seconds": 11.0}, "seconds is 11: at most 10 s are allowed"),
-        (LimitedView, {"distance": 0.0}, "distance is 0: more than 0 m are needed"),
-        (LimitedView, {"distance": -5.0}, "distance is -5: more than 0 m are needed"),
-        (LimitedView, {"distance": math.nan}, "distance is nan: more than 0 m are needed"),
+        (Noisy, {"offset": -0.1}, "offset is -0.1: a number >= 0 is needed"),
+        (Noisy, {"heading": math.nan}, "heading is nan: a number >= 0 is needed"),
+        (Noisy, {"correlation_time": 0.0}, "correlation_time is 0.0: a number > 0 is needed"),
+        (Noisy, {"seed": 0.5}, "seed is 0.5: a whole number is needed"),
+        (Noisy, {"offset": 1e308}, "offset is 1e+308: a number <= 100 is needed"),
+        (Noisy, {"heading": 101.0}, "heading is 101.0: a number <= 100 is needed"),
+        (Delayed, {"seconds": -0.1}, "seconds is -0.1: a number >= 0 is needed"),
+        (Delayed, {"seconds": 11.0}, "seconds is 11.0: a number <= 10 is needed"),
+        (LimitedView, {"distance": 0.0}, "distance is 0.0: a number > 0 is needed"),
     ],
 )
 def test_bad_amounts_are_refused_by_name(
@@ -528,27 +410,10 @@ class MyLayer(Delayed):
     pass
 
 
-def compiled(driver: Driver) -> Compiled:
-    form = compiled_form(driver, 0.05)
-    assert form is not None
-    return form
-
-
-@pytest.mark.parametrize("driver", [Planner(aggression=1.3), Stanley(aggression=1.3)])
-def test_built_in_drivers_are_compiled_with_their_parameters(driver: Planner) -> None:
-    form = compiled(driver)
-    assert form.law == driver.law
-    np.testing.assert_array_equal(form.parameters, driver.parameters())
-    assert (form.rows, form.delay, form.errors) == (AHEAD_POINTS, 0, None)
-
-
-def test_the_laws_differ() -> None:
-    assert compiled(Planner()).law != compiled(Stanley()).law
-
-
 def test_one_layer_of_each_kind_is_compiled_in() -> None:
     noisy = Noisy(LimitedView(Delayed(Stanley(), seconds=0.2), distance=20.0), seed=7)
-    form = compiled(noisy)
+    form = compiled_form(noisy, 0.05)
+    assert form is not None
     assert form.law == Stanley.law
     assert form.rows == 11
     assert form.delay == 4
@@ -590,10 +455,7 @@ def test_pedals_are_cut_and_steering_is_not() -> None:
     [
         (None, "the driver returned NoneType instead of frenetic.Controls"),
         ((0.0, 0.0, 0.0), "the driver returned tuple instead of frenetic.Controls"),
-        (0.1, "the driver returned float instead of frenetic.Controls"),
-        (Controls, "the driver returned type instead of frenetic.Controls"),
         (Controls(math.nan), "the driver returned steering = nan, not a finite number"),
-        (Controls(-math.inf), "the driver returned steering = -inf, not a finite number"),
         (Controls(0.0, math.nan), "the driver returned throttle = nan, not a finite number"),
         (Controls(0.0, 0.0, math.inf), "the driver returned brake = inf, not a finite number"),
         (Controls(None), "the driver returned steering = None, not a finite number"),  # type: ignore[arg-type]
@@ -606,7 +468,3 @@ def test_what_is_no_controls_is_refused_with_what_came(controls: Any, message: s
     with pytest.raises(DriverError) as caught:
         checked_controls(controls)
     assert str(caught.value) == message
-
-
-def test_a_setup_knows_the_wheelbase() -> None:
-    assert SETUP.wheelbase == pytest.approx(WHEELBASE)

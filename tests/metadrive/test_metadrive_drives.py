@@ -223,7 +223,7 @@ def test_driver_that_breaks_in_reset_is_an_error_of_its_drive(
 
 def test_embedded_simulator_has_metadrives_car(simulator: MetaDriveSimulator) -> None:
     twin = EmbeddedSimulator(vehicle="metadrive")
-    assert twin.vehicle == Vehicle.metadrive()
+    assert twin.vehicle == Vehicle.named("metadrive")
     assert twin.car.length == simulator.car.length
     assert twin.car.centre_ahead == pytest.approx(simulator.car.centre_ahead)
     assert abs(simulator.car.centre_ahead) < 1e-9  # Bullet's centre of mass is the box's
@@ -231,7 +231,7 @@ def test_embedded_simulator_has_metadrives_car(simulator: MetaDriveSimulator) ->
         here, there = (judge(road, s.drive(road, Stanley())) for s in (twin, simulator))
         assert here.outcome is there.outcome is Outcome.PASS
         assert here.moobd == pytest.approx(there.moobd, abs=0.1)
-        # Slower to start, see `Vehicle.metadrive`.
+        # Slower to start, see `CARS`.
         assert here.duration == pytest.approx(there.duration, abs=1.5)
 
 

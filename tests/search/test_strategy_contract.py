@@ -211,7 +211,7 @@ def _is_broken(promise: str, strategy: Callable[[int], Strategy]) -> bool:
     test = getattr(_make(strategy), promise)
     try:
         if "outstanding" in test.__annotations__:
-            test(outstanding=7)
+            test(outstanding=20, dropping=True)
         elif "outcome" in test.__annotations__:
             for outcome in Outcome:
                 test(outcome=outcome)
@@ -238,7 +238,6 @@ def test_a_strategy_of_ten_lines_keeps_the_contract(strategy: Callable[[int], St
             "test_global_random_states_are_neither_read_nor_changed",
         ),
         (_NoSeed, "test_another_seed_gives_other_candidates"),
-        (_Unseeded, "test_the_same_seed_gives_the_same_candidates"),
         (_Unseeded, "test_a_replayed_log_gives_the_same_continuation"),
         (_drawing(lambda rng: rng.random(1)), "test_candidates_are_roads"),
         (_drawing(lambda _: np.full(10, np.nan)), "test_fifty_are_asked_before_any_is_told"),
@@ -250,11 +249,11 @@ def test_a_strategy_of_ten_lines_keeps_the_contract(strategy: Callable[[int], St
         (_OneArrayForAll, "test_curvatures_belong_to_one_candidate_and_stay_as_they_are"),
         (_SharedGenerator, "test_two_strategies_do_not_disturb_each_other"),
         (_LooksAtTheObject, "test_a_replayed_log_gives_the_same_continuation"),
-        (_ChangesItsMind, "test_what_is_not_wanted_any_more_stays_so"),
-        (_ThrowsDice, "test_to_ask_what_is_wanted_changes_nothing"),
-        (_WantsNothing, "test_what_was_just_asked_is_wanted"),
-        (_WantsTheObject, "test_what_is_wanted_follows_from_the_log"),
-        (_ChokesOnDropped, "test_dropped_candidates_are_replayed_like_any_other"),
+        (_ChangesItsMind, "test_interest_is_lost_once_and_asking_for_it_changes_nothing"),
+        (_ThrowsDice, "test_interest_is_lost_once_and_asking_for_it_changes_nothing"),
+        (_WantsNothing, "test_interest_is_lost_once_and_asking_for_it_changes_nothing"),
+        (_WantsTheObject, "test_a_replayed_log_gives_the_same_continuation"),
+        (_ChokesOnDropped, "test_a_replayed_log_gives_the_same_continuation"),
     ],
 )
 def test_the_contract_notices(strategy: Callable[[int], Strategy], promise: str) -> None:

@@ -17,12 +17,12 @@ from vehiclemodels.vehicle_dynamics_st import vehicle_dynamics_st
 
 from frenetic._support.arrays import FloatArray
 from frenetic.drive import CarBody
+from frenetic.simulators.embedded import vehicle
 from frenetic.simulators.embedded.vehicle import (
     BRAKE_FADE_SPEED,
     GRAVITY,
     HEADING,
     LATERAL_SPEED,
-    PARAMETER_COUNT,
     SPEED,
     STATE_SIZE,
     STEERING,
@@ -31,8 +31,7 @@ from frenetic.simulators.embedded.vehicle import (
     X,
     Y,
     advance,
-    axle_forces,
-    derivative,
+    motion,
 )
 
 DT = 0.01
@@ -69,9 +68,24 @@ def rates(
     throttle: float = 0.0,
     brake: float = 0.0,
 ) -> FloatArray:
-    out = np.empty(STATE_SIZE)
-    derivative(state, steering, throttle, brake, car.to_array(), out)
-    return out
+    """The state's change in a second."""
+    _, _, heading, v_x, v_y, r, delta = state
+    pedals = min(max(throttle, 0.0), 1.0), min(max(brake, 0.0), 1.0)
+    slopes = motion(v_x, v_y, r, delta, steering, *pedals, car.to_array())
+    c, s = math.cos(heading), math.sin(heading)
+    return np.array([v_x * c - v_y * s, v_x * s + v_y * c, r, *slopes])
+
+
+def axle_forces(
+    state: FloatArray, throttle: float, brake: float, p: FloatArray
+) -> tuple[float, float, float, float, float, float]:
+    """F_x, F_y and F_z of the front axle, then of the rear axle."""
+    delta = state[STEERING]
+    v_x, v_y, r = state[SPEED:STEERING]
+    forces: tuple[float, float, float, float, float, float] = vehicle.axle_forces(
+        v_x, v_y, r, math.cos(delta), math.sin(delta), throttle, brake, p
+    )
+    return forces
 
 
 def simulate(
@@ -144,27 +158,22 @@ class TestParameters:
         rear_overhang = -body.centre_ahead + body.length / 2 - CAR.rear_axle
         assert front_overhang == pytest.approx(rear_overhang)
         assert body.centre_ahead == pytest.approx(-0.133, abs=5e-4)
-
-    def test_array_is_complete(self) -> None:
-        p = CAR.to_array()
-        assert p.shape == (PARAMETER_COUNT,)
-        assert p.dtype == np.float64
-        assert np.isfinite(p).all()
+        shifted = replace(CAR, body_shift=0.1).body().centre_ahead
+        assert shifted == pytest.approx(body.centre_ahead + 0.1)
 
     @pytest.mark.parametrize("name", [item.name for item in fields(Vehicle)])
-    @pytest.mark.parametrize("value", [-1.0, math.nan, math.inf])
-    def test_refuses_what_is_no_number_of_its_kind(self, name: str, value: float) -> None:
-        with pytest.raises(ValueError, match=f"^{name} is {value}: a .*number.* is needed"):
-            replace(CAR, **{name: value})
+    def test_refuses_what_is_no_number_of_its_kind(self, name: str) -> None:
+        for value in (-1.0, math.nan, math.inf, "x"):
+            with pytest.raises(ValueError, match=f"^{name} is {value!r}: a number.* is needed"):
+                replace(CAR, **{name: value})  # type: ignore[arg-type]
 
     @pytest.mark.parametrize(
         ("name", "value", "message"),
         [
-            ("mass", 0.0, "mass is 0.0: a positive number is needed"),
-            ("slip_control", 1.1, "slip_control is 1.1: at most 1 is allowed"),
-            ("brake_front_share", 1.1, "brake_front_share is 1.1: at most 1 is allowed"),
-            ("tyre_shape", 2.1, "tyre_shape is 2.1: at most 2 is allowed"),
-            ("steering_limit", 1.6, "less than a right angle"),
+            ("mass", 0.0, "mass is 0.0: a number > 0 is needed"),
+            ("slip_control", 1.1, "slip_control is 1.1: a number <= 1 is needed"),
+            ("tyre_shape", 2.1, "tyre_shape is 2.1: a number <= 2 is needed"),
+            ("steering_limit", 1.6, "steering_limit is 1.6: a number < 1.57"),
             ("friction", 2.0, "such grip lifts an axle off the ground"),
             ("crawl_speed", 0.5, r"crawl_speed is 0.5 m/s: .* at least 1.08 m/s are needed"),
             ("tyre_stiffness", 60.0, "crawl_speed is 2.0 m/s: with this tyre_stiffness"),
@@ -174,6 +183,18 @@ class TestParameters:
     def test_refuses_what_is_out_of_range(self, name: str, value: float, message: str) -> None:
         with pytest.raises(ValueError, match=message):
             replace(CAR, **{name: value})
+
+    def test_a_car_has_a_name_and_differences(self) -> None:
+        assert Vehicle.of({"name": "etk800", "mass": 1600.0}) == replace(
+            Vehicle.named("etk800"), mass=1600.0
+        )
+        for description, message in (
+            ({"name": "truck"}, "vehicle is 'truck': default or metadrive or etk800 is needed"),
+            ({"wheels": 4.0}, "vehicle has no 'wheels'; it has: mass, "),
+            ({"mass": True}, "mass is True: a number is needed"),
+        ):
+            with pytest.raises(ValueError, match=message):
+                Vehicle.of(description)
 
 
 class TestAgainstSingleTrack:
@@ -219,30 +240,9 @@ class TestAgainstSingleTrack:
             assert ours[YAW_RATE] == pytest.approx(yaw_rate, abs=0.025 * turning + 1e-3)
             assert slip_rate == pytest.approx(slip, abs=0.025 * sliding + 1e-4)
 
-    @pytest.mark.parametrize("speed", [10.0, 15.0, 20.0])
-    def test_sine_steer(self, bmw: Any, speed: float) -> None:
-        def asked(t: float) -> float:
-            return amplitude * math.sin(2.0 * math.pi * 0.4 * t)
-
-        amplitude = 1.0 * FREE.wheelbase / speed**2  # about 1 m/s² to either side
-
-        def theirs(t: float, x: FloatArray) -> list[float]:
-            wanted = (asked(t) - x[2]) / FREE.steering_lag
-            rate: list[float] = vehicle_dynamics_st(list(x), [wanted, 0.0], bmw)
-            return rate
-
-        start = [0.0, 0.0, 0.0, speed, 0.0, 0.0, 0.0]
-        reference = solve_ivp(theirs, (0.0, 5.0), start, rtol=1e-9, atol=1e-9).y[:, -1]
-        # Inputs are held over a step: take them from its middle.
-        ours = simulate(FREE, at(speed), lambda t: (asked(t + DT / 2), 0.0, 0.0), 5.0)[-1]
-
-        assert math.hypot(ours[X] - reference[0], ours[Y] - reference[1]) < 0.05
-        assert ours[HEADING] == pytest.approx(reference[4], abs=1e-3)
-
 
 class TestAgainstKinematicModel:
-    @pytest.mark.parametrize("speed", [1.0, 2.0, 3.0])
-    def test_crawling_follows_the_wheels(self, bmw: Any, speed: float) -> None:
+    def test_crawling_follows_the_wheels(self, bmw: Any) -> None:
         def asked(t: float) -> float:
             return 0.3 * math.sin(0.8 * t)
 
@@ -252,6 +252,7 @@ class TestAgainstKinematicModel:
             rate: list[float] = vehicle_dynamics_ks([*x[:3], v, x[4]], [wanted, 0.0], bmw)
             return rate
 
+        speed = 2.0
         ours = simulate(FREE, at(speed), lambda t: (asked(t + DT / 2), 0.0, 0.0), 10.0)
         times = np.arange(len(ours)) * DT
         start = [-FREE.rear_axle, 0.0, 0.0, 0.0, 0.0]  # their point of reference: the rear axle
@@ -262,11 +263,6 @@ class TestAgainstKinematicModel:
         rear_y = y - FREE.rear_axle * math.sin(heading)
         assert math.hypot(rear_x - reference[0], rear_y - reference[1]) < 0.02 * speed
         assert heading == pytest.approx(reference[4], abs=0.003 * speed)
-
-    def test_turning_in_costs_speed_but_hardly_energy(self) -> None:
-        driven = simulate(FREE, at(2.0), held(0.5), 3.0)
-        assert driven[-1, SPEED] < 1.9
-        assert kinetic_energy(FREE, driven[-1]) > 0.98 * kinetic_energy(FREE, driven[0])
 
 
 class TestTyres:
@@ -318,101 +314,28 @@ class TestTyres:
         assert coasting == pytest.approx(CAR.mass * GRAVITY * CAR.rear_axle / CAR.wheelbase)
         assert braking - coasting == pytest.approx(shift * CAR.brake_deceleration)
         assert coasting - driving == pytest.approx(shift * CAR.engine_acceleration)
+        snow = replace(CAR, friction=0.3)
+        most = snow.slip_control * snow.grip * GRAVITY
+        braking = axle_forces(at(10.0), 0.0, 1.0, snow.to_array())[2]
+        assert braking - coasting == pytest.approx(shift * most)
 
-    def test_the_rear_axle_never_brakes_harder_than_the_front(self) -> None:
-        for friction in (0.3, 0.7, 1.0):
-            car = replace(CAR, friction=friction)
-            for brake in np.linspace(0.05, 1.0, 20):
-                front_x, _, front_z, rear_x, _, rear_z = axle_forces(
-                    at(20.0), 0.0, brake, car.to_array()
-                )
-                assert front_x / front_z <= rear_x / rear_z + 1e-12 <= 1e-12
-
-
-class TestCornering:
-    def steady(self, car: Vehicle, speed: float, delta: float) -> FloatArray:
-        """The state after turning for 8 s while the throttle holds the speed."""
-        p = car.to_array()
-        state = at(speed)
-        drag = 0.6 * car.drag_area * speed**2 / car.mass
-        for _ in range(800):
-            throttle = drag / car.engine_acceleration + 2.0 * (speed - state[SPEED])
-            advance(state, delta, throttle, 0.0, p, DT)
-        return state
-
-    @pytest.mark.parametrize("speed", [8.0, 14.0, 25.0])
-    @pytest.mark.parametrize("lateral", [1.0, 3.0, 5.0])
-    def test_the_car_is_neutral(self, speed: float, lateral: float) -> None:
-        """Cornering stiffness in proportion to load makes both slip angles equal: δ = l / R."""
-        delta = FREE.wheelbase * lateral / speed**2
-        state = self.steady(FREE, speed, delta)
-        assert state[YAW_RATE] == pytest.approx(speed / FREE.wheelbase * math.tan(delta), rel=0.02)
-
-    def test_understeer_gradient_while_driving(self) -> None:
-        """δ = l/R + K a_y, K = l_r m/(l C_f) - l_f m/(l C_r), when air drag takes 2 m/s² of drive.
-
-        The drive shifts load from the front to the rear, which stiffens, and takes its share of the
-        friction circle there, which softens it.
-        """
-        speed, drive, lateral = 14.0, 2.0, 1.0
-        car = replace(FREE, drag_area=drive * FREE.mass / (0.6 * speed**2))
-        front_load = GRAVITY * car.rear_axle - drive * car.cg_height  # times m / l
-        rear_load = GRAVITY * car.front_axle + drive * car.cg_height
-        used = drive / (car.grip * rear_load / car.wheelbase)
-        gradient = (
-            car.rear_axle / front_load - car.front_axle / (rear_load * math.sqrt(1.0 - used**2))
-        ) / car.tyre_stiffness
-        assert gradient > 0.0
-
-        state = self.steady(car, speed, car.wheelbase * lateral / speed**2)
-        measured_lateral = state[SPEED] * state[YAW_RATE]
-        angle = state[STEERING] - car.wheelbase * state[YAW_RATE] / state[SPEED]
-        assert angle / measured_lateral == pytest.approx(gradient, rel=0.05)
-
-    @pytest.mark.parametrize("speed", [5.0, 12.0, 20.0, 35.0])
-    @pytest.mark.parametrize("steering", [0.05, 0.3, 1.066])
-    @pytest.mark.parametrize("pedals", [(0.0, 0.0), (1.0, 0.0), (0.0, 0.5)])
-    def test_lateral_acceleration_stays_below_the_friction_limit(
-        self, speed: float, steering: float, pedals: tuple[float, float]
-    ) -> None:
-        throttle, brake = pedals
-        for state in simulate(FREE, at(speed), held(steering, throttle, brake), 5.0):
-            rate = rates(FREE, state, steering=steering, throttle=throttle, brake=brake)
-            lateral = rate[LATERAL_SPEED] + state[SPEED] * state[YAW_RATE]
-            along = rate[SPEED] - state[LATERAL_SPEED] * state[YAW_RATE]
-            assert math.hypot(lateral, along) <= LIMIT * (1.0 + 1e-9)
+    def test_softer_front_tyres_give_less_force_for_a_small_slip(self) -> None:
+        car = replace(CAR, front_stiffness=0.4)
+        _, front_y, front_z, _, rear_y, rear_z = axle_forces(
+            at(20.0, vy=-0.002), 0.0, 0.0, car.to_array()
+        )
+        assert front_y / front_z == pytest.approx(0.4 * rear_y / rear_z, rel=1e-4)
 
     def test_the_limit_is_reached(self) -> None:
         driven = simulate(FREE, at(20.0), held(0.12), 2.0)
         lateral = [rates(FREE, s)[LATERAL_SPEED] + s[SPEED] * s[YAW_RATE] for s in driven]
         assert max(lateral) > 0.95 * LIMIT
 
-    def test_positive_steering_turns_left(self) -> None:
-        end = simulate(CAR, at(10.0), held(0.1), 1.0)[-1]
-        assert end[Y] > 0.0
-        assert end[HEADING] > 0.0
-        assert end[YAW_RATE] > 0.0
-
 
 class TestEnergy:
-    def test_coasting_straight_on_keeps_the_speed(self) -> None:
-        end = simulate(FREE, at(20.0), held(), 10.0)[-1]
-        assert end[SPEED] == 20.0
-        assert end[X] == pytest.approx(200.0, abs=1e-9)
-        assert end[Y] == 0.0
-
     def test_drag_is_that_of_air_and_tyres(self) -> None:
         expected = (0.5 * 1.2 * 0.65 * 20.0**2 + 0.012 * CAR.mass * GRAVITY) / CAR.mass
         assert rates(CAR, at(20.0))[SPEED] == pytest.approx(-expected)
-
-    @given(states(), finite(-1.2, 1.2), SHARE)
-    @settings(max_examples=150)
-    def test_nothing_but_the_engine_adds_energy(
-        self, state: FloatArray, steering: float, brake: float
-    ) -> None:
-        rate = rates(CAR, state, steering=steering, brake=brake)
-        scale = LIMIT * CAR.mass * (1.0 + abs(state[SPEED]) + abs(state[LATERAL_SPEED]))
-        assert power(CAR, state, rate) <= 1e-12 * scale
 
     @given(states(), finite(-1.2, 1.2), SHARE)
     @settings(max_examples=50)
@@ -443,18 +366,13 @@ class TestEnergy:
             energy = kinetic_energy(FREE, driven[round(t / DT)])
             assert energy / FREE.mass == pytest.approx(gained, rel=1e-5)
 
-    def test_reaches_100_kmh_as_a_family_car(self) -> None:
-        driven = simulate(CAR, at(0.0), held(throttle=1.0), 12.0)
-        assert np.argmax(driven[:, SPEED] > 100.0 / 3.6) * DT == pytest.approx(8.0, abs=0.3)
-
     def test_traction_limits_the_start_on_snow(self) -> None:
         car = replace(FREE, friction=0.3)
         usable = car.slip_control * car.grip
         most = usable * GRAVITY * car.front_axle / (car.wheelbase - usable * car.cg_height)
         assert rates(car, at(3.0), throttle=1.0)[SPEED] == pytest.approx(most)
 
-    @pytest.mark.parametrize("speed", [5.0, 10.0, 20.0, 40.0])
-    @pytest.mark.parametrize("friction", [0.4, 0.7, 1.0])
+    @pytest.mark.parametrize(("speed", "friction"), [(5.0, 1.0), (20.0, 0.4), (40.0, 0.7)])
     def test_braking_distance(self, speed: float, friction: float) -> None:
         car = replace(FREE, friction=friction)
         deceleration = min(car.brake_deceleration, car.slip_control * car.grip * GRAVITY)
@@ -480,12 +398,6 @@ class TestActuator:
             expected = rate * t if t <= turn else wanted - left
             assert angle == pytest.approx(expected, abs=1e-4)
 
-    def test_angle_limit(self) -> None:
-        for side in (-1.0, 1.0):
-            angles = simulate(CAR, at(1.0), held(side * 5.0), 5.0)[:, STEERING]
-            assert np.abs(angles).max() <= CAR.steering_limit
-            assert angles[-1] == pytest.approx(side * CAR.steering_limit)
-
     def test_pedals_are_clipped(self) -> None:
         assert np.array_equal(
             rates(CAR, at(10.0), throttle=2.0, brake=-1.0), rates(CAR, at(10.0), throttle=1.0)
@@ -501,13 +413,6 @@ class TestStandstill:
         start = at(0.0, delta=0.3, heading=1.0)
         end = simulate(CAR, start, held(0.3, 0.0, brake), 5.0)[-1]
         assert np.array_equal(end, start)
-
-    def test_starts_from_rest_along_its_wheels(self) -> None:
-        driven = simulate(CAR, at(0.0, delta=0.2), held(0.2, throttle=0.2), 3.0)
-        radius = CAR.wheelbase / math.tan(0.2)
-        assert (np.diff(driven[:, SPEED]) > 0.0).all()
-        moving = driven[50:]
-        assert moving[:, YAW_RATE] * radius == pytest.approx(moving[:, SPEED], rel=0.02)
 
     @pytest.mark.parametrize("speed", [0.3, 2.0, 10.0])
     @pytest.mark.parametrize("delta", [0.0, 0.2, 0.5])
@@ -539,29 +444,17 @@ def schedule(seed: int) -> Inputs:
 
 
 class TestIntegration:
-    @pytest.mark.parametrize("seed", range(5))
-    def test_mirrored_steering_mirrors_the_path(self, seed: int) -> None:
+    def test_mirrored_steering_mirrors_the_path(self) -> None:
         def mirrored(t: float) -> tuple[float, float, float]:
             steering, throttle, brake = inputs(t)
             return -steering, throttle, brake
 
-        inputs = schedule(seed)
+        inputs = schedule(1)
         left = simulate(CAR, at(12.0), inputs, 5.0)
         right = simulate(CAR, at(12.0), mirrored, 5.0)
         assert np.array_equal(left[:, [X, SPEED]], right[:, [X, SPEED]])
         odd = [Y, HEADING, LATERAL_SPEED, YAW_RATE, STEERING]
         assert np.array_equal(left[:, odd], -right[:, odd])
-
-    def test_moving_the_start_moves_the_path(self) -> None:
-        angle, x, y = 2.1, 50.0, -20.0
-        start = at(12.0, heading=angle)
-        start[[X, Y]] = x, y
-        moved = simulate(CAR, start, schedule(1), 5.0)
-        plain = simulate(CAR, at(12.0), schedule(1), 5.0)
-        cos, sin = math.cos(angle), math.sin(angle)
-        assert moved[:, X] == pytest.approx(x + cos * plain[:, X] - sin * plain[:, Y], abs=1e-9)
-        assert moved[:, Y] == pytest.approx(y + sin * plain[:, X] + cos * plain[:, Y], abs=1e-9)
-        assert np.array_equal(moved[:, SPEED:], plain[:, SPEED:])
 
     @given(states(), finite(-1.2, 1.2), SHARE, SHARE)
     @settings(max_examples=80)
@@ -578,25 +471,6 @@ class TestIntegration:
         expected = state + DT / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
         advance(state, steering, throttle, brake, CAR.to_array(), DT)
         assert state == pytest.approx(expected, abs=1e-9)
-
-    def test_fourth_order(self) -> None:
-        """Halving the step divides the error by about 16 where no limit is met."""
-
-        def end(dt: float) -> FloatArray:
-            last: FloatArray = simulate(CAR, at(20.0), held(0.03, throttle=0.2), 2.0, dt)[-1]
-            return last
-
-        exact = end(0.0005)
-        coarse = np.abs(end(0.01) - exact)
-        fine = np.abs(end(0.005) - exact)
-        assert math.hypot(coarse[X], coarse[Y]) < 1e-7
-        assert (coarse[:STEERING] / fine[:STEERING] > 12.0).all()
-
-    @pytest.mark.parametrize("seed", range(5))
-    def test_100_hz_is_fine_enough(self, seed: int) -> None:
-        coarse = simulate(CAR, at(10.0), schedule(seed), 8.0)[-1]
-        fine = simulate(CAR, at(10.0), schedule(seed), 8.0, DT / 10)[-1]
-        assert math.hypot(coarse[X] - fine[X], coarse[Y] - fine[Y]) < 0.01
 
     @given(
         states(),

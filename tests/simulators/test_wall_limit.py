@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import contextlib
 import signal
 import threading
 import time
@@ -104,27 +103,6 @@ def test_nothing_is_raised_after_the_block(run: Run) -> None:
     run(check)
 
 
-def test_an_error_of_the_block_is_passed_on(run: Run) -> None:
-    def check() -> None:
-        with pytest.raises(ValueError, match="its own"), wall_limit(60.0):
-            raise ValueError("its own")
-        assert_over()
-
-    run(check)
-
-
-def test_an_except_exception_does_not_keep_a_block_alive(run: Run) -> None:
-    def stubborn() -> None:
-        while True:
-            with contextlib.suppress(Exception):
-                spin()
-
-    def check() -> None:
-        assert exceeds(stubborn, 0.1)
-
-    run(check)
-
-
 def test_a_block_that_swallows_everything_is_told_again(run: Run) -> None:
     caught = []
 
@@ -141,22 +119,6 @@ def test_a_block_that_swallows_everything_is_told_again(run: Run) -> None:
         assert caught == [1, 1]
 
     run(check)
-
-
-def test_limits_one_after_the_other_do_not_add_up(run: Run) -> None:
-    def check() -> None:
-        for _ in range(10):
-            with wall_limit(60.0):
-                spin_for(0.02)
-        assert exceeds(spin, 0.1)
-        with wall_limit(60.0):
-            spin_for(0.2)
-
-    run(check)
-
-
-def test_the_exception_is_none_that_programs_catch() -> None:
-    assert not issubclass(WallLimitExceeded, Exception)
 
 
 def test_a_thread_limits_itself_only() -> None:
@@ -179,14 +141,6 @@ def test_a_thread_limits_itself_only() -> None:
         stop.set()
         thread.join()
     assert broken == []
-
-
-def test_threads_leave_nothing_running_behind() -> None:
-    before = threading.active_count()
-    for _ in range(5):
-        in_thread(lambda: exceeds(spin, 0.02))
-        in_thread(lambda: exceeds(lambda: None, 60.0))
-    assert threading.active_count() == before
 
 
 # --- By signal -----------------------------------------------------------------------------------
@@ -254,23 +208,10 @@ def test_a_limit_that_strikes_just_as_the_block_ends_leaves_nothing_behind() -> 
     """The block is about as long as its limit, so that the alarm comes at all places around it."""
     before = signal.getsignal(signal.SIGALRM)
     try:
-        for k in range(3000):
+        for k in range(2000):
             exceeds(lambda: None, 1e-6 * (1 + k % 60))
             assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
             assert signal.getsignal(signal.SIGALRM) is before
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
-
-
-def test_in_a_thread_too_a_limit_may_strike_just_as_the_block_ends() -> None:
-    before = threading.active_count()
-
-    def check() -> None:
-        for k in range(500):
-            exceeds(lambda: spin_for(1e-4), 2e-6 * (25 + k % 60))
-        # Whoever were still watching would strike again within this time.
-        spin_for(1.5)
-
-    in_thread(check)
-    assert threading.active_count() == before

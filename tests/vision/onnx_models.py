@@ -52,30 +52,19 @@ def answering(path: Path, *values: float, **more: Any) -> Path:
     return write(path, [helper.make_node("Constant", [], ["out"], value=tensor)], **more)
 
 
-def echoing(path: Path, **more: Any) -> Path:
-    """A model that gives the numbers of its input."""
+def weighing(path: Path, weights: npt.NDArray[np.float64], **more: Any) -> Path:
+    """A model that gives the weighted sum of its input as the wheels' angle."""
     nodes = [
         helper.make_node("Cast", ["image"], ["cast"], to=TensorProto.FLOAT),
-        helper.make_node("Flatten", ["cast"], ["out"]),
+        helper.make_node("Flatten", ["cast"], ["flat"]),
+        helper.make_node("MatMul", ["flat", "w"], ["out"]),
     ]
-    return write(path, nodes, outputs="waypoints", **more)
+    tensors = [numpy_helper.from_array(weights.reshape(-1, 1).astype(np.float32), "w")]
+    return write(path, nodes, tensors=tensors, steering="rad", **more)
 
 
-def weighing(path: Path, weights: npt.NDArray[np.float32], bias: float, **more: Any) -> Path:
-    """A model that gives the sum of its input, weighted, and a bias."""
-    tensors = [
-        numpy_helper.from_array(weights.reshape(1, -1).astype(np.float32), "w"),
-        numpy_helper.from_array(np.array([bias], dtype=np.float32), "b"),
-    ]
-    nodes = [
-        helper.make_node("Flatten", ["image"], ["flat"]),
-        helper.make_node("Gemm", ["flat", "w", "b"], ["out"], transB=1),
-    ]
-    return write(path, nodes, tensors=tensors, **more)
-
-
-def endless(path: Path, darkest: float = 0.0) -> Path:
-    """A model that adds a number to itself, again and again, if the image is brighter, 0..1."""
+def endless(path: Path) -> Path:
+    """A model that adds a number to itself, again and again, if the image is not black."""
     scalar = helper.make_tensor_value_info
     body = helper.make_graph(
         [
@@ -92,14 +81,11 @@ def endless(path: Path, darkest: float = 0.0) -> Path:
     )
     nodes = [
         helper.make_node("ReduceMean", ["image"], ["mean"], keepdims=0),
-        helper.make_node("Sub", ["mean", "darkest"], ["light"]),
-        helper.make_node("Relu", ["light"], ["brighter"]),
-        helper.make_node("Mul", ["brighter", "often"], ["count"]),
+        helper.make_node("Mul", ["mean", "often"], ["count"]),
         helper.make_node("Cast", ["count"], ["times"], to=TensorProto.INT64),
         helper.make_node("Loop", ["times", "true", "mean"], ["out"], body=body),
     ]
     tensors = [
-        numpy_helper.from_array(np.array(darkest, dtype=np.float32), "darkest"),
         numpy_helper.from_array(np.array(1 << 60, dtype=np.float32), "often"),
         numpy_helper.from_array(np.array(True), "true"),
     ]

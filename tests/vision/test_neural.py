@@ -17,9 +17,9 @@ from onnx_models import (
     NCHW,
     NHWC,
     answering,
-    echoing,
     endless,
     endless_to_load,
+    weighing,
     with_weights_in,
     write,
 )
@@ -31,7 +31,6 @@ from frenetic import (
     EmbeddedSimulator,
     Observation,
     Outcome,
-    RandomSearch,
     Road,
     judge,
 )
@@ -40,7 +39,7 @@ from frenetic.errors import DriverError, FreneticError
 from frenetic.testing import DriverContract
 from frenetic.vision.neural import Convention, Dave2, Network
 from frenetic.vision.neural.model import check_loading
-from frenetic.vision.neural.network import DAVE2, pursuit
+from frenetic.vision.neural.network import DAVE2
 from frenetic.vision.policy import PolicyDriver
 
 if TYPE_CHECKING:
@@ -85,6 +84,18 @@ def rgb_to_yuv(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.float64]:
     return np.stack([y, 0.492 * (b - y) + 0.5, 0.877 * (r - y) + 0.5], axis=-1)
 
 
+WEIGHTS = np.random.default_rng(3).normal(0.0, 0.1, (4, 6, 3))
+"""(height, width, channels)."""
+
+
+def assert_fed(network: Network, image: npt.NDArray[np.uint8], wanted: npt.ArrayLike) -> None:
+    """The network is fed with these channels of an image, (height, width, n)."""
+    network.reset(setup())
+    angle = network.act(seeing(image)).steering
+    channels = np.asarray(wanted)
+    assert angle == pytest.approx((WEIGHTS[..., : channels.shape[2]] * channels).sum(), abs=2e-3)
+
+
 @pytest.mark.parametrize("shape", [NCHW, NHWC, (1, 3, "height", "width"), ("n", 4, 6, 3)])
 def test_colour_layout_and_scale_are_as_the_file_says(
     shape: tuple[int | str, ...], tmp_path: Path
@@ -95,51 +106,40 @@ def test_colour_layout_and_scale_are_as_the_file_says(
         "bgr": image[..., ::-1] / 255.0,
         "yuv": rgb_to_yuv(image),
     }
+    weights = WEIGHTS.transpose(2, 0, 1) if shape[1] == 3 else WEIGHTS
+    scale = {"mean": [0.5, 0.4, 0.3], "std": 0.5, "camera": SIZE}
     for colour, channels in known.items():
-        file = echoing(
-            tmp_path / "m.onnx",
-            shape=shape,
-            colour=colour,
-            mean=[0.5, 0.4, 0.3],
-            std=0.5,
-            camera=SIZE,
-        )
-        wanted = (channels - (0.5, 0.4, 0.3)) / 0.5
-        if shape[1] == 3:
-            wanted = wanted.transpose(2, 0, 1)
-        got = Network(str(file))._answer(image)
-        assert got == pytest.approx(wanted.ravel(), abs=2e-3)
+        file = weighing(tmp_path / "m.onnx", weights, shape=shape, colour=colour, **scale)
+        assert_fed(Network(str(file)), image, (channels - (0.5, 0.4, 0.3)) / 0.5)
 
 
 def test_grey_uint8_and_float16(tmp_path: Path) -> None:
-    image = picture()
-    grey = echoing(tmp_path / "grey.onnx", shape=(1, 1, 4, 6), colour="grey")
-    assert Network(str(grey))._answer(image) == pytest.approx(rgb_to_yuv(image)[..., 0].ravel())
-    raw = echoing(tmp_path / "raw.onnx", shape=NHWC, kind=TensorProto.UINT8)
-    assert np.array_equal(Network(str(raw))._answer(image), image.ravel())
-    half = echoing(tmp_path / "half.onnx", kind=TensorProto.FLOAT16)
-    wanted = image.transpose(2, 0, 1).ravel() / 255.0
-    assert Network(str(half))._answer(image) == pytest.approx(wanted, abs=1e-3)
+    image, file = picture(), tmp_path / "m.onnx"
+    weighing(file, WEIGHTS[..., :1], shape=(1, 1, 4, 6), colour="grey")
+    assert_fed(Network(str(file)), image, rgb_to_yuv(image)[..., :1])
+    weighing(file, WEIGHTS, shape=NHWC, kind=TensorProto.UINT8)
+    assert_fed(Network(str(file)), image, image)
+    weighing(file, WEIGHTS, shape=NHWC, kind=TensorProto.FLOAT16)
+    assert_fed(Network(str(file)), image, image / 255.0)
 
 
 def test_rows_are_cropped_and_another_size_is_resized(tmp_path: Path) -> None:
-    file = echoing(tmp_path / "m.onnx", shape=NHWC, crop=[2, 1])
+    file = weighing(tmp_path / "m.onnx", WEIGHTS, shape=NHWC, crop=[2, 1])
     network = Network(str(file))
     assert network.camera.shape == (7, 6, 3)
     image = picture(shape=(7, 6, 3))
-    assert network._answer(image) == pytest.approx(image[2:6].ravel() / 255.0, abs=1e-6)
+    assert_fed(network, image, image[2:6] / 255.0)
     # Twice as fine: each pixel is the mean of the four that it covers.
     finer = Network(str(file), crop=[0, 0], camera={"width": 12, "height": 8})
     image = picture(shape=(8, 12, 3))
-    means = image.reshape(4, 2, 6, 2, 3).mean(axis=(1, 3)) / 255.0
-    assert finer._answer(image) == pytest.approx(means.ravel(), abs=1e-6)
+    assert_fed(finer, image, image.reshape(4, 2, 6, 2, 3).mean(axis=(1, 3)) / 255.0)
 
 
 def test_dave2_is_a_preset_that_metadata_and_options_override(tmp_path: Path) -> None:
     file = answering(tmp_path / "m.onnx", 0.0, shape=(1, 3, 66, 200), preset="dave2", std=1.0)
     network = Network(str(file), mean=0.1, camera={"pitch": 5.0})
     known = network.convention
-    assert (known.colour, known.mean, known.std) == ("yuv", (0.1,), (1.0,))
+    assert (known.colour, known.mean, known.std) == ("yuv", 0.1, 1.0)
     camera = network.camera
     assert (camera.height, camera.width, camera.pitch, camera.field_of_view) == (66, 200, 5.0, 90.0)
     assert network.options == {"model": str(file), "mean": 0.1, "camera": {"pitch": 5.0}}
@@ -181,18 +181,6 @@ def test_a_network_may_have_a_throttle(
     file = answering(tmp_path / "m.onnx", 0.0, value, outputs="steering-throttle")
     answer = controls_of(Network(str(file)))
     assert (answer.throttle, answer.brake) == pedals
-
-
-def test_waypoints_are_pursued_from_the_rear_axle(tmp_path: Path) -> None:
-    def on_arc(radius: float, angles: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        return np.stack([radius * np.sin(angles), radius * (1.0 - np.cos(angles))], axis=1)
-
-    at = on_arc(20.0, np.linspace(0.02, 0.8, 40)) - (1.4, 0.0)  # seen from 1.4 m ahead of the axle
-    assert pursuit(at, 1.4, 6.0) == pytest.approx(1.0 / 20.0, rel=1e-3)
-    assert pursuit(at[:2], 1.4, 6.0) > 0.0  # they end before
-    assert pursuit(at * (1.0, -1.0), 1.4, 6.0) == pytest.approx(-1.0 / 20.0, rel=1e-3)
-    file = answering(tmp_path / "m.onnx", 4.0, 0.0, 8.0, 0.0, outputs="waypoints")
-    assert controls_of(Network(str(file))).steering == 0.0
 
 
 # As a driver of the command line
@@ -315,18 +303,22 @@ REFUSED = [
     (many, {}, "its input has the shape (8, 3, 66, 200): one image is needed"),
     (doubles, {}, "its input is a tensor(double): float, float16 or uint8 is needed"),
     (steering_only, {"outputs": "steering-throttle"}, "gives 1 numbers, but its outputs are"),
-    (steering_only, {"outputs": "pedals"}, "outputs is 'pedals': steering, steering-throttle,"),
+    (
+        steering_only,
+        {"outputs": "pedals"},
+        "outputs is 'pedals': 'steering' or 'steering-throttle' is",
+    ),
     (steering_only, {"colour": "grey"}, "has the shape (1, 3, 4, 6), nchw: grey has 1 channel;"),
-    (steering_only, {"preset": "dave3"}, "preset is 'dave3': dave2 is allowed"),
-    (steering_only, {"mean": [1, 2]}, "mean is [1, 2]: a number is needed, or one for each"),
-    (steering_only, {"std": 0}, "std is 0: a positive number is needed"),
-    (steering_only, {"crop": 3}, "crop is 3: the number of rows at the top"),
+    (steering_only, {"preset": "dave3"}, "preset is 'dave3': 'dave2' is needed"),
+    (steering_only, {"mean": [1, 2]}, "mean is [1.0, 2.0]: a number is needed, or one"),
+    (steering_only, {"std": 0}, "std is 0: a number > 0 is needed"),
+    (steering_only, {"crop": 3}, "crop is 3: a list is needed"),
     (steering_only, {"crop": [4, 0], "camera": SIZE}, "nothing is left of 4 rows"),
     (steering_only, {"camera": {"zoom": 2}}, "a camera has no 'zoom'; it has: width, height"),
-    (steering_only, {"camera": 3}, "camera is 3: an object of numbers is needed"),
-    (steering_only, {"max_speed": "fast"}, "max_speed is 'fast': a positive number is needed"),
+    (steering_only, {"camera": 3}, "camera is 3: names with values is needed"),
+    (steering_only, {"max_speed": "fast"}, "max_speed is 'fast': a number is needed"),
     (steering_only, {"steering_sign": 2}, "steering_sign is 2: 1 or -1 is needed"),
-    (damaged, {}, "its metadata frenetic has an entry 'crops'"),
+    (damaged, {}, "its metadata frenetic are damaged: Object contains unknown field `crops`"),
 ]
 
 
@@ -387,7 +379,7 @@ def test_loading_that_breaks_onnxruntime_breaks_a_process_of_its_own(
     "text", ["{", "[]", '{"mean": NaN}', '{"crop": [1e400, 0]}', "[" * 100_000], ids=range(5)
 )
 def test_damaged_metadata_are_refused(text: str) -> None:
-    with pytest.raises(ValueError, match=r"metadata frenetic is|needed"):
+    with pytest.raises(ValueError, match=r"its metadata frenetic are damaged"):
         Convention.of({"frenetic": text}, {})
 
 
@@ -431,15 +423,10 @@ def test_dave2_is_the_network_that_was_trained() -> None:
     assert DAVE2.stat().st_size < 2_000_000
 
 
-def test_dave2_keeps_its_lane_on_random_roads() -> None:
-    search, simulator, driver = RandomSearch(seed=5), EmbeddedSimulator(), load_driver("dave2")
-    outcomes: list[Outcome] = []
-    while len(outcomes) < 2:
-        candidate = search.ask()
-        road, verdict = Road(candidate.curvatures, candidate.step).placed()
-        if road is not None and verdict.valid:
-            outcomes.append(judge(road, simulator.drive(road, driver)).outcome)
-    assert outcomes == [Outcome.PASS] * 2
+def test_dave2_keeps_its_lane_on_a_winding_road() -> None:
+    road = Road([0.0, 0.0, 0.02, 0.03, 0.0, -0.03, -0.03, 0.0, 0.02, 0.0])
+    result = judge(road, EmbeddedSimulator().drive(road, load_driver("dave2")))
+    assert result.outcome is Outcome.PASS
 
 
 # A policy of the environment
@@ -463,18 +450,15 @@ def test_a_network_of_vectors_drives_as_the_same_policy_does(tmp_path: Path) -> 
         steering="action",
     )
     network = Network(str(file), inputs="vector")
-    seen = []
 
-    def policy(vector: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
-        seen.append(vector)
-        return network._run(vector[np.newaxis])
+    def policy(vector: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        return weights @ vector + np.array([0.0, 5.0], dtype=np.float32)
 
     road = Road([0.0, 0.02, 0.05, 0.05, 0.0, -0.04, -0.06, -0.02, 0.0])
     drives = [EmbeddedSimulator().drive(road, one) for one in (network, PolicyDriver(policy))]
-    assert len(seen) > 100
     assert not hasattr(network, "camera")
     rows = [drive.trajectory.to_rows() for drive in drives]
-    assert np.array_equal(rows[0], rows[1])
+    np.testing.assert_allclose(rows[0], rows[1], rtol=0, atol=1e-3)
     assert judge(road, drives[0]).outcome is Outcome.PASS
 
 

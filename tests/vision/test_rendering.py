@@ -17,7 +17,7 @@ from frenetic.drivers import (
     Observation,
     Planner,
 )
-from frenetic.drivers.driver import CameraDriver
+from frenetic.drivers.camera import Scene
 from frenetic.drivers.loading import load_driver
 from frenetic.errors import FreneticError
 from frenetic.oracle import judge
@@ -52,7 +52,6 @@ class Watching:
 
 def test_a_driver_with_a_camera_sees_the_same_pictures_in_every_drive() -> None:
     driver = Watching(Camera(width=64, height=32))
-    assert isinstance(driver, CameraDriver)
     with EmbeddedSimulator() as simulator:
         simulator.drive(BENDS, driver)
         first = list(driver.images)
@@ -119,9 +118,7 @@ def pixel_of(camera: Camera, place: Pose, point: tuple[float, float]) -> tuple[f
 
 
 CAMERAS = (
-    Camera(width=640, height=320),
     Camera(width=640, height=400, field_of_view=70.0, left=0.3, up=1.1, pitch=4.0),
-    Camera(width=640, height=320, distortion=-0.06),
     Camera(width=640, height=320, field_of_view=80.0, distortion=0.15),
 )
 
@@ -130,7 +127,7 @@ CAMERAS = (
 def test_points_of_the_markings_are_where_another_projection_puts_them(camera: Camera) -> None:
     x, y = at(BENDS, 15.0, -2.0)
     place = Pose(x, y, BENDS.pose_at(15.0).heading)
-    image = Renderer(BENDS, camera, layer="markings").draw(*place).astype(float)
+    image = Renderer(BENDS, camera).draw(*place).astype(float)
     seen = 0
     for left, beside in ((-3.8, -3.0), (3.8, 3.0), (0.0, 1.0)):
         for ahead in (6.0, 8.0, 11.0, 14.0):
@@ -160,12 +157,12 @@ def test_the_edge_of_a_line_lies_within_a_tenth_of_a_pixel() -> None:
     camera = Camera(width=320, height=160, pitch=0.0)
     straight = Road([0.0] * 12)
     place = Pose(0.0, 0.0, straight.pose.heading)
-    image = Renderer(straight, camera, layer="markings").draw(*place).astype(float)[..., 0]
-    road = Renderer(straight, camera, layer="asphalt").draw(*place).astype(float)[..., 0]
+    image = Renderer(straight, camera).draw(*place).astype(float)[..., 0]
+    bare = Renderer(straight, camera, Scene(wear=1.0)).draw(*place).astype(float)[..., 0]
     for row in range(90, 121, 6):
         ahead = camera.up * camera.focal_length / (row + 0.5 - 80.0)
         _, expected = pixel_of(camera, place, at(straight, ahead + camera.forward, -3.8))
-        paint = (image - road)[row, 170:]
+        paint = (image - bare)[row, 170:]
         centre = float((paint * np.arange(170, 320)).sum() / paint.sum())
         assert centre == pytest.approx(expected, abs=0.1)
 
@@ -175,7 +172,7 @@ def test_a_road_that_comes_back_is_drawn_twice() -> None:
     hairpin = Road([0.0] * 5 + [0.05, 0.0628, 0.0628, 0.0628, 0.05] + [0.0] * 5)
     camera = Camera(width=320, height=160)
     heading = hairpin.pose.heading + 0.6
-    image = Renderer(hairpin, camera, layer="markings").draw(*at(hairpin, 20.0, 0.0), heading)
+    image = Renderer(hairpin, camera).draw(*at(hairpin, 20.0, 0.0), heading)
     place = Pose(*at(hairpin, 20.0, 0.0), heading)
     x, y = at(hairpin, 20.0, 0.0)
     back = min(
@@ -198,20 +195,19 @@ def test_a_long_road_and_a_wide_lane_can_be_drawn() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"width": 0}, "width is 0: a whole number of pixels from 2 to 4096 is needed"),
-        ({"width": 160.5}, "width is 160.5"),
+        ({"width": 0}, "the camera's width is 0: a whole number >= 2 is needed"),
+        ({"width": 160.5}, "width is 160.5: a whole number is needed"),
         ({"height": True}, "height is True"),
-        ({"field_of_view": 180.0}, "field_of_view is 180.0: an angle in degrees from 5 to 160"),
-        ({"up": float("nan")}, "up is nan: a height in m from 0.1 to 20"),
+        ({"field_of_view": 180.0}, "field_of_view is 180.0: a number <= 160 is needed"),
+        ({"up": float("nan")}, "up is nan"),
         ({"pitch": "10"}, "pitch is '10'"),
         ({"width": 2000, "height": 2000}, "2000 x 2000 pixels: at most"),
         ({"distortion": -0.5}, "distortion is -0.5: with this field of view its corners"),
     ],
 )
 def test_a_camera_says_what_is_wrong_with_it(options: dict[str, Any], message: str) -> None:
-    with pytest.raises(ValueError, match=message) as caught:
+    with pytest.raises(ValueError, match=message):
         Camera(**options)
-    assert "\n" not in str(caught.value)
 
 
 def test_what_is_no_camera_is_the_drivers_error() -> None:

@@ -43,7 +43,7 @@ def alike(one: Any, other: Any) -> bool:
 
 @pytest.mark.parametrize(
     ("mode", "camera"),
-    [*((mode, None) for mode in AutoresetMode), (AutoresetMode.SAME_STEP, CAMERA)],
+    [(AutoresetMode.NEXT_STEP, None), (AutoresetMode.SAME_STEP, CAMERA)],
 )
 def test_many_cars_drive_as_one_by_one(mode: AutoresetMode, camera: Camera | None) -> None:
     ours, theirs = pair(mode, camera)
@@ -61,14 +61,6 @@ def test_many_cars_drive_as_one_by_one(mode: AutoresetMode, camera: Camera | Non
             assert alike(one, other), (one, other)
         ended = results[0][2] | results[0][3]
         ends += ended.sum()
-        if mode is AutoresetMode.DISABLED and ended.any():
-            # It hands the options on to each environment, and the mask with them.
-            for one, other in zip(
-                ours.reset(options={"reset_mask": ended}),
-                theirs.reset(options={"reset_mask": ended.copy()}),
-                strict=True,
-            ):
-                assert alike(one, other)
     assert ends > CARS
 
 
@@ -83,9 +75,6 @@ def test_a_given_road_is_that_of_every_car_for_one_episode() -> None:
         return results[0]
 
     both("reset", seed=3)
-    drawn = ours.road(0)
-    both("reset", options={"road": given, "reset_mask": np.array([False, True, True])})
-    assert [ours.road(k) for k in range(CARS)] == [drawn, given, given]
     both("reset", seed=5, options={"road": given, "unknown": 1})
     assert [ours.road(k) for k in range(CARS)] == [given] * CARS
     for _ in range(40):
@@ -111,24 +100,15 @@ def test_gymnasium_makes_it() -> None:
     assert truncated.all()
     assert not terminated.any()
     assert list(infos["episode"]["l"]) == [3, 3]
+    assert "outcome" not in infos, "they were cut off"
     assert envs.step(still)[1].tolist() == [0.0, 0.0]  # the step that resets
-
-
-def test_the_outcome_of_an_episode_that_was_cut_off_is_none() -> None:
-    envs = LaneKeepingVectorEnv(num_envs=1, max_episode_steps=2)
-    envs.reset(seed=1)
-    envs.step(np.zeros((1, 2), np.float32))
-    *_, infos = envs.step(np.zeros((1, 2), np.float32))
-    assert infos == {}
 
 
 def test_a_drive_of_a_car_and_a_longer_road() -> None:
     """Roads and drives grow beyond the room that there was for them."""
     short, long = Road([0.0] * 3), Road([0.0] * 60)
     rules = Rules(speed_limit=30.0, stuck_time=60.0)
-    envs = LaneKeepingVectorEnv(
-        num_envs=2, roads=[short, long], rules=rules, autoreset_mode="Disabled"
-    )
+    envs = LaneKeepingVectorEnv(num_envs=2, roads=[short, long], rules=rules)
     single = LaneKeepingEnv(rules=rules)
     envs.reset(seed=[1, 2])
     while envs.road(0) is envs.road(1) or envs.road(0) is long:
@@ -155,42 +135,35 @@ def test_seeds_for_each_car() -> None:
         assert ours is not None
         assert theirs is not None
         assert np.array_equal(ours.curvatures, theirs.curvatures)
-    before = one.road(1)
-    one.reset(seed=[9, 9], options={"reset_mask": np.array([True, False])})
-    assert one.road(1) is before
-    one.reset(options={"reset_mask": [True, False]})
-    assert one.road(1) is before
 
 
-@pytest.mark.parametrize("seed", [np.int64(3), np.arange(3, 5), [np.uint8(3), 4]], ids=str)
-def test_a_seed_is_any_whole_number(seed: Any) -> None:
-    ours, plain, single = (
-        LaneKeepingVectorEnv(num_envs=2),
-        LaneKeepingVectorEnv(num_envs=2),
-        LaneKeepingEnv(),
-    )
-    ours.reset(seed=seed)
+def test_a_seed_is_any_whole_number() -> None:
+    plain, single = LaneKeepingVectorEnv(num_envs=2), LaneKeepingEnv()
     plain.reset(seed=3)
     single.reset(seed=np.int32(3))  # type: ignore[arg-type]
-    drawn = [ours.road(0), ours.road(1), single.road]
-    for road, other in zip(drawn, [plain.road(0), plain.road(1), plain.road(0)], strict=True):
-        assert road is not None
-        assert other is not None
-        assert np.array_equal(road.curvatures, other.curvatures)
+    seeds: list[Any] = [np.int64(3), np.arange(3, 5), [np.uint8(3), 4]]
+    for seed in seeds:
+        ours = LaneKeepingVectorEnv(num_envs=2)
+        ours.reset(seed=seed)
+        drawn = [ours.road(0), ours.road(1), single.road]
+        for road, other in zip(drawn, [plain.road(0), plain.road(1), plain.road(0)], strict=True):
+            assert road is not None
+            assert other is not None
+            assert np.array_equal(road.curvatures, other.curvatures)
 
 
 def test_what_it_refuses() -> None:
-    for options in ({"num_envs": 0}, {"max_episode_steps": 0}, {"autoreset_mode": "never"}):
+    for options in (
+        *({"num_envs": 0}, {"max_episode_steps": 0}),
+        *({"autoreset_mode": "never"}, {"autoreset_mode": "Disabled"}),
+    ):
         with pytest.raises(ValueError):
             LaneKeepingVectorEnv(**options)
-    envs = LaneKeepingVectorEnv(num_envs=2, autoreset_mode="Disabled", max_episode_steps=1)
+    envs = LaneKeepingVectorEnv(num_envs=2)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        envs.step(np.zeros((2, 2), np.float32))
     with pytest.raises(ValueError, match="2 cars"):
         envs.reset(seed=[1])
-    with pytest.raises(ValueError, match="reset_mask"):
-        envs.reset(options={"reset_mask": np.array([True])})
     envs.reset(seed=1)
     with pytest.raises(ValueError, match="shape"):
         envs.step(np.zeros((3, 2), np.float32))
-    envs.step(np.zeros((2, 2), np.float32))
-    with pytest.raises(gymnasium.error.ResetNeeded):
-        envs.step(np.zeros((2, 2), np.float32))

@@ -13,10 +13,6 @@ from frenetic.drive import CarBody
 
 WHEELBASE_PER_LENGTH: Final = 0.6
 """Assumed share: BeamNG.tech does not report the axles."""
-LENGTHS: Final = (1.0, 30.0)
-"""Least and largest length of a car, in m."""
-WIDTHS: Final = (0.5, 5.0)
-"""Least and largest width of a car, in m."""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ import os
 import re
 import signal
 import socket
-import struct
 import subprocess
 import sys
 import threading
@@ -32,9 +31,9 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.child_processes import kill_tree
 from frenetic._support.words import pip_install
 from frenetic.beamng.car import CarState
-from frenetic.beamng.scene import MARKING_WIDTH, Scene
 from frenetic.drivers.camera import Camera, Image
 from frenetic.errors import FreneticError, describe_error
+from frenetic.road import Pose, Road
 
 DEFAULT_PORT: Final = 25252
 """Port on which BeamNG.tech listens by default."""
@@ -48,6 +47,10 @@ START_LIMIT: Final = 180.0
 """Time that BeamNG.tech may take to start, in s."""
 LOAD_LIMIT: Final = 300.0
 """Time that BeamNG.tech may take for each answer while it loads a level, in s."""
+MARKING_WIDTH: Final = 0.15
+"""Width of the lines along the road's edges, in m."""
+DROP: Final = 0.2
+"""Distance above the ground at which the car is put, in m; it settles before the drive begins."""
 
 ROAD: Final = "frenetic_road"
 GOAL: Final = "frenetic_goal"
@@ -77,26 +80,16 @@ _scenarios = count(1)
 
 
 class BeamngError(FreneticError):
-    """BeamNG.tech cannot be started or reached, or it broke.
-
-    Args:
-        found: what is wrong.
-        remedy: what to do, if known; the message ends with it.
-    """
-
-    def __init__(self, found: str, remedy: str = "") -> None:
-        super().__init__(f"{found}: {remedy}" if remedy else found)
-        self.found = found
-        self.remedy = remedy
+    """BeamNG.tech cannot be started or reached, or it broke."""
 
 
 @dataclass(frozen=True)
 class Place:
     """Place of BeamNG.tech: to be started, or running."""
 
-    home: Path | None
+    home: str | None
     """Folder of its installation; None to connect to one that runs."""
-    user: Path | None
+    user: str | None
     """Folder for what it writes; None for its own choice."""
     host: str
     port: int | None
@@ -114,56 +107,41 @@ class Place:
         headless: bool,
         no_gpu: bool,
     ) -> Place:
-        """The place that options name: a home starts one, a host or port alone connects.
+        """The place that options name: a home starts one, a host or port connects.
 
         Raises:
             BeamngError: no option names a place, or the options contradict each other.
         """
-        if home is None and host is None and port is None:
+        is_running = host is not None or port is not None
+        if home is None and not is_running:
             home = os.environ.get(HOME_VARIABLE) or None
-        if home is not None and host is not None:
+            if home is None:
+                raise BeamngError(
+                    "nothing says where BeamNG.tech is: give its folder as home, set"
+                    f" {HOME_VARIABLE}, or give the port (and the host) of one that runs"
+                )
+        elif home is not None and is_running:
             raise BeamngError(
-                f"home {str(home)!r} and host {host!r} exclude each other",
-                "give a home to start BeamNG.tech on this machine, or a host to connect to one that"
-                " runs",
+                "home excludes host and port: give a home to start BeamNG.tech on this machine, or"
+                " a host or port to connect to one that runs"
             )
-        if home is None and host is None and port is None:
+        if home is None:
+            if user or headless or no_gpu:
+                raise BeamngError(
+                    "user, headless and no_gpu are for a BeamNG.tech that is started: give home,"
+                    " too"
+                )
+            return cls(None, None, host or LOOPBACK, port or DEFAULT_PORT, False, False)
+        user = None if user is None else _absolute(user)
+        if " " in (user or ""):
             raise BeamngError(
-                "nothing says where BeamNG.tech is",
-                f"give its folder as home, set {HOME_VARIABLE}, or give the port (and the host) of"
-                " one that runs",
+                f"user {user!r}: BeamNG.tech takes no folder with a space in its path; give another"
             )
-        if home is None and (user or headless or no_gpu):
-            raise BeamngError(
-                "user, headless and no_gpu are for a BeamNG.tech that is started",
-                "give home, too",
-            )
-        place = cls(
-            None if home is None else Path(home).expanduser(),
-            None if user is None else Path(user).expanduser(),
-            host or LOOPBACK,
-            int(port) if port is not None else DEFAULT_PORT if home is None else None,
-            headless,
-            no_gpu,
-        )
-        place.user_folder()
-        return place
+        return cls(_absolute(home), user, LOOPBACK, None, headless, no_gpu)
 
-    def user_folder(self) -> str | None:
-        """The path of `user` in BeamNG.tech's form on this machine.
 
-        Raises:
-            BeamngError: BeamNG.tech cannot use it.
-        """
-        if self.user is None:
-            return None
-        folder = str(self.user.resolve())
-        if " " in folder:
-            raise BeamngError(
-                f"user {folder!r}: BeamNG.tech takes no folder with a space in its path",
-                "give another one as user",
-            )
-        return folder
+def _absolute(folder: str) -> str:
+    return str(Path(folder).expanduser().resolve())
 
 
 def beamngpy() -> Any:
@@ -181,34 +159,14 @@ def beamngpy() -> Any:
     except ModuleNotFoundError as error:
         if error.name != "beamngpy":
             raise
-        raise BeamngError("BeamNG.tech needs the package beamngpy", EXTRA) from None
+        raise BeamngError(f"BeamNG.tech needs the package beamngpy: {EXTRA}") from None
     number = re.match(r"(\d+)\.(\d+)", version("beamngpy"))
     if number is not None and (int(number[1]), int(number[2])) < OLDEST:
         raise BeamngError(
             f"beamngpy {version('beamngpy')} is too old: 1.36 or newer is needed, and the"
-            " BeamNG.tech to which it belongs, 0.39 or newer",
-            EXTRA,
+            f" BeamNG.tech to which it belongs, 0.39 or newer: {EXTRA}"
         )
     return package
-
-
-def executable(home: Path) -> Path:
-    """The program of BeamNG.tech.
-
-    Raises:
-        BeamngError: it does not exist.
-    """
-    remedy = "give the folder into which BeamNG.tech was unpacked as home"
-    if not home.is_dir():
-        raise BeamngError(f"there is no folder {home}", remedy)
-    beamngpy()
-    from beamngpy.logging import BNGError  # an extra
-
-    try:
-        found: Path = _module("beamng.filesystem").determine_binary(home)
-    except BNGError:
-        raise BeamngError(f"there is no program of BeamNG.tech in {home}", remedy) from None
-    return found
 
 
 class Link:
@@ -233,27 +191,25 @@ class Link:
         """Folder for its files and licence, on its machine."""
         self.is_licensed = False
         """Whether it found its licence, so that it is BeamNG.tech."""
-        if place.home is not None:
-            executable(place.home)
-        port = place.port if place.port is not None else _free_port()
-        where = f"{place.host}:{port}"
-        try:
+        with _asking("preparing it"):
             self._bng: Any = self._package.BeamNGpy(
                 place.host,
-                port,
-                home=None if place.home is None else str(place.home.resolve()),
-                user=place.user_folder(),
+                place.port or _free_port(),
+                home=place.home,
+                user=place.user,
                 headless=place.headless,
                 nogpu=place.no_gpu,
                 quit_on_close=False,
             )
-        except TypeError as error:
-            raise _unfamiliar(str(error)) from error
+        where = f"{place.host}:{self._bng.port}"
         try:
-            if place.home is None:
-                self._open(where, reply_limit)
-            else:
-                self._start(where, port)
+            if place.home is not None:
+                self._start()
+            elif not self._open(reply_limit):
+                raise BeamngError(
+                    f"nothing answers at {where}: is BeamNG.tech running there, started with -tcom"
+                    " -tport PORT?"
+                )
         except BaseException:
             self.close()
             raise
@@ -261,65 +217,57 @@ class Link:
 
     # Its life
 
-    def _start(self, where: str, port: int) -> None:
-        if _is_taken(port):
-            raise BeamngError(
-                f"port {port} is taken, maybe by a BeamNG.tech that still runs",
-                "end it, choose another port, or leave out home to use it",
-            )
-        start = _part(self._bng, "_start_beamng")
+    def _start(self) -> None:
+        bng = self._bng
         with _asking("starting it"), _child_deaf_to_interrupt():
-            start(None, "-tcom-listen-ip", LOOPBACK)
-        process: subprocess.Popen[bytes] = _part(self._bng, "process")
+            bng._start_beamng(None, "-tcom-listen-ip", LOOPBACK)
+            process: subprocess.Popen[bytes] = bng.process
         self._process = process
         deadline = time.monotonic() + START_LIMIT
-        while True:
+        # During the start its first answer may also take long.
+        while not self._open(max(START_LIMIT, self._reply_limit)):
             code = process.poll()
-            by_hand = f"start it by hand to see why ({self._bng.get_launch_arguments()})"
-            if code is not None:
-                raise BeamngError(
-                    f"BeamNG.tech ended while it started, with exit code {code}", by_hand
-                )
-            try:
-                # During the start its first answer may also take long.
-                return self._open(where, max(START_LIMIT, self._reply_limit))
-            except _UnreachableError:
-                if time.monotonic() > deadline:
-                    raise BeamngError(
-                        f"BeamNG.tech did not listen on port {port} within {START_LIMIT:g} s",
-                        by_hand,
-                    ) from None
+            if code is not None or time.monotonic() > deadline:
+                ended = f"did not listen within {START_LIMIT:g} s"
+                if code is not None:
+                    ended = f"ended while it started, with exit code {code}"
+                by_hand = bng.get_launch_arguments()
+                raise BeamngError(f"BeamNG.tech {ended}: start it by hand to see why ({by_hand})")
             time.sleep(_POLL)
 
-    def _open(self, where: str, limit: float) -> None:
-        """Connects; the first answer may take as long as the limit in s."""
+    def _open(self, limit: float) -> bool:
+        """Connects if somebody listens; the first answer may take as long as the limit in s."""
         bng = self._bng
-        # BeamNGpy's own way of opening waits for an answer twice.
-        bng.connection = _connection(bng.host, bng.port, limit)
-        with _asking(f"connecting to {where}"):
+        with _asking(f"connecting to {bng.host}:{bng.port}"):
+            # BeamNGpy's own way of opening waits for an answer twice.
+            bng.connection = _connection(bng.host, bng.port, limit)
             if not bng.connection.connect_to_beamng(tries=1, log_tries=False):
-                raise _UnreachableError(
-                    f"nothing answers at {where}",
-                    "is BeamNG.tech running there, started with -tcom -tport PORT?",
-                )
+                return False
             self._limit(self._reply_limit)
             self.is_licensed = bool(bng.system.get_info()["tech"])
             self.user_folder = str(bng.system.get_environment_paths()["user"])
+        return True
 
     @property
     def version(self) -> str:
         """Version of BeamNG.tech, as far as the name of its user folder tells it."""
         return Path(self.user_folder.replace("\\", "/")).name or "unknown"
 
-    def levels(self) -> tuple[str, ...]:
-        """The names of its levels."""
-        with _asking("listing its levels"):
-            return tuple(self._bng.scenario.get_levels())
+    def require(self, level: str, vehicle: str) -> None:
+        """Checks that there are a level and a vehicle.
 
-    def vehicles(self) -> tuple[str, ...]:
-        """The names of its vehicles."""
-        with _asking("listing its vehicles"):
-            return tuple(self._bng.vehicles.get_available())
+        Raises:
+            BeamngError: one is missing; the message lists others.
+        """
+        with _asking("listing levels and vehicles"):
+            known = {
+                f"level {level}": self._bng.scenario.get_levels(),
+                f"vehicle {vehicle}": self._bng.vehicles.get_available(),
+            }
+        for wanted, names in known.items():
+            if wanted.partition(" ")[2] not in names:
+                listed = ", ".join(sorted(names)[:20])
+                raise BeamngError(f"there is no {wanted}: choose one of {listed}")
 
     def close(self) -> None:
         """Disconnects; ends BeamNG.tech if it was started for this connection."""
@@ -331,9 +279,6 @@ class Link:
                 with suppress(Exception):
                     self._limit(_QUIT_LIMIT)
                     self._bng.control.quit_beamng()
-            if process is not None:
-                with suppress(Exception):
-                    _free_at_once(self._bng.connection)
             with suppress(Exception):
                 self._bng.disconnect()
         finally:
@@ -345,38 +290,60 @@ class Link:
         for holder in (self._bng, self._ego):
             connection = getattr(holder, "connection", None)
             if connection is not None and connection.skt is not None:
-                _part(connection, "skt", "skt").settimeout(seconds)
+                connection.skt.skt.settimeout(seconds)
 
     # A scenario
 
-    def load(self, level: str, scene: Scene, vehicle: str, steps_per_second: int) -> None:
-        """Builds a scene and puts the car into it while time stands still."""
+    def load(
+        self, level: str, ground: float, road: Road, start: Pose, vehicle: str, steps: int
+    ) -> None:
+        """Builds a road of two lanes and puts the car on it, while time stands still.
+
+        Args:
+            level: a flat one.
+            ground: m, its height.
+            road: has the same place on the map and in BeamNG.tech.
+            start: place of the car's position, which need not be its middle, and its heading.
+            vehicle: the car's model.
+            steps: a second.
+        """
         self.unload()
+
+        def nodes(line: FloatArray) -> list[tuple[float, float, float]]:
+            return [(float(x), float(y), ground) for x, y in line]
+
         package = self._package
-        scenario = package.Scenario(level, f"frenetic_{os.getpid()}_{next(_scenarios)}")
-        # The first road added is drawn on top; one with a drivability is a road to BeamNG.AI.
-        for name, line in zip(("left", "right"), scene.edges, strict=True):
-            marking = package.Road(
-                _LINE, rid=f"frenetic_{name}", drivability=-1, default_width=MARKING_WIDTH
-            )
-            marking.add_nodes(*scene.nodes(line))
-            scenario.add_road(marking)
-        road = package.Road(_SURFACE, rid=ROAD, default_width=scene.width)
-        road.add_nodes(*scene.nodes(scene.centre))
-        scenario.add_road(road)
-        goal = scene.nodes(scene.centre[-1:])[0]
-        scenario.add_object(
-            package.ScenarioObject(GOAL, GOAL, "BeamNGWaypoint", goal, (4.0,) * 3, _ALL_WAYS)
-        )
-        ego = package.Vehicle(EGO, model=vehicle)
-        ego.sensors.attach("electrics", _module("sensors").Electrics())
-        scenario.add_vehicle(ego, pos=scene.position, rot_quat=scene.rotation, safe_spawn=False)
         self._limit(LOAD_LIMIT)
-        what = f"loading the road and {vehicle} in level {level}"
-        with _asking(what):
+        with _asking(f"loading the road and {vehicle} in level {level}"):
+            scenario = package.Scenario(level, f"frenetic_{os.getpid()}_{next(_scenarios)}")
+            # The first road added is drawn on top; one with a drivability is one to BeamNG.AI.
+            inset = road.lane_width - MARKING_WIDTH
+            for name, offset in (("left", inset), ("right", -inset)):
+                marking = package.Road(
+                    _LINE, rid=f"frenetic_{name}", drivability=-1, default_width=MARKING_WIDTH
+                )
+                marking.add_nodes(*nodes(road.sample(offset=offset)))
+                scenario.add_road(marking)
+            surface = package.Road(_SURFACE, rid=ROAD, default_width=2.0 * road.lane_width)
+            surface.add_nodes(*nodes(road.road_points))
+            scenario.add_road(surface)
+            goal = nodes(road.road_points[-1:])[0]
+            scenario.add_object(
+                package.ScenarioObject(GOAL, GOAL, "BeamNGWaypoint", goal, (4.0,) * 3, _ALL_WAYS)
+            )
+            ego = package.Vehicle(EGO, model=vehicle)
+            ego.sensors.attach("electrics", _module("sensors").Electrics())
+            # A quaternion (x, y, z, w) of a car that faces -y unless it is turned.
+            half = 0.5 * math.atan2(-math.cos(start.heading), -math.sin(start.heading))
+            scenario.add_vehicle(
+                ego,
+                pos=(start.x, start.y, ground + DROP),
+                rot_quat=(0.0, 0.0, math.sin(half), math.cos(half)),
+                safe_spawn=False,
+            )
             scenario.make(self._bng)
             self._scenario = scenario
-            self._bng.settings.set_deterministic(steps_per_second)
+            self._bng.settings.set_deterministic(steps)
             self._bng.scenario.load(
                 scenario, connect_player_vehicle=False, connect_existing_vehicles=False
             )
@@ -400,8 +367,8 @@ class Link:
             if ego.connection.skt is not None:
                 raise
             raise BeamngError(
-                f"the car's port {port} at {host} cannot be reached",
-                "BeamNG.tech opens one for every car, which a firewall has to let through",
+                f"the car's port {port} at {host} cannot be reached: BeamNG.tech opens one for"
+                " every car, which a firewall has to let through"
             ) from error
 
     def unload(self) -> None:
@@ -508,9 +475,8 @@ class Link:
             found = self._camera.poll().get("colour")
         if found is None:
             raise BeamngError(
-                "the camera gives no picture",
-                "BeamNG.tech draws with a graphics card and its licence only, and not with low"
-                " graphics settings",
+                "the camera gives no picture: BeamNG.tech draws with a graphics card and its"
+                " licence only, and not with low graphics settings"
             )
         return np.array(found, dtype=np.uint8)[..., :3]
 
@@ -523,10 +489,6 @@ class Link:
             ai.set_aggression(float(aggression))
             ai.drive_in_lane(True)  # before the waypoint, at which the route is planned
             ai.set_waypoint(GOAL)
-
-
-class _UnreachableError(BeamngError):
-    """Nothing listens."""
 
 
 @contextmanager
@@ -550,52 +512,21 @@ def _asking(what: str) -> Iterator[None]:
             ours, theirs, *_ = [*re.findall(r"\bv\d+\.\d+\b", text), "?", "?"]
             raise BeamngError(
                 f"beamngpy {version('beamngpy')} and this BeamNG.tech do not belong together: their"
-                f" protocols are {ours} and {theirs}",
-                "install the version of beamngpy that belongs to this BeamNG.tech: 1.36 to 0.39, a"
-                " newer one to a newer one; an older BeamNG.tech has to be updated",
+                f" protocols are {ours} and {theirs}: install the version of beamngpy that belongs"
+                " to this BeamNG.tech: 1.36 to 0.39, a newer one to a newer one; an older"
+                " BeamNG.tech has to be updated"
             ) from error
         raise BeamngError(f"BeamNG.tech reported an error, {what}: {text}") from error
-    except (AssertionError, AttributeError, LookupError, TypeError, ValueError) as error:
+    except (AssertionError, AttributeError, ImportError, LookupError, TypeError, ValueError) as odd:
         raise BeamngError(
-            f"BeamNG.tech answered something unexpected, {what}: {describe_error(error)}"
-        ) from error
-
-
-# BeamNGpy's own parts, some of them private
-
-
-def _unfamiliar(lacks: str) -> BeamngError:
-    return BeamngError(
-        f"beamngpy {version('beamngpy')} is not as Frenetic knows it: {lacks}",
-        "use beamngpy 1.36, with which Frenetic is tested, and BeamNG.tech 0.39, to which it"
-        " belongs",
-    )
+            f"BeamNG.tech or beamngpy {version('beamngpy')} is not as Frenetic knows it, {what}:"
+            f" {describe_error(odd)}; Frenetic is tested with beamngpy 1.36, which belongs to"
+            " BeamNG.tech 0.39"
+        ) from odd
 
 
 def _module(name: str) -> Any:
-    """A module of BeamNGpy.
-
-    Raises:
-        BeamngError: BeamNGpy has no such module.
-    """
-    try:
-        return importlib.import_module(f"beamngpy.{name}")
-    except ModuleNotFoundError as error:
-        raise _unfamiliar(f"it has no module {name}") from error
-
-
-def _part(of: Any, *names: str) -> Any:
-    """The object at the end of a chain of attribute names.
-
-    Raises:
-        BeamngError: there is no such object.
-    """
-    for name in names:
-        found = getattr(of, name, None)
-        if found is None:
-            raise _unfamiliar(f"its {type(of).__name__} has no {name}")
-        of = found
-    return of
+    return importlib.import_module(f"beamngpy.{name}")
 
 
 def _connection(host: str, port: int, limit: float) -> Any:
@@ -604,31 +535,19 @@ def _connection(host: str, port: int, limit: float) -> Any:
     A lost or silent connection is an error at once. BeamNGpy would connect again and wait for the
     answer to a message that it never sent there.
     """
-    try:
-        connection = _module("connection").Connection(host, port, timeout=_CONNECT_LIMIT)
-    except TypeError as error:
-        raise _unfamiliar(str(error)) from error
-    greet = _part(connection, "hello")
+    connection = _module("connection").Connection(host, port, timeout=_CONNECT_LIMIT)
+    greet = connection.hello
 
     def refuse() -> None:
         raise sys.exception() or ConnectionError("it is lost")
 
     def hello() -> None:
-        _part(connection, "skt", "skt").settimeout(limit)
-        _part(connection, "skt", "reconnect")
+        connection.skt.skt.settimeout(limit)
         connection.skt.reconnect = refuse
         greet()
 
     connection.hello = hello
     return connection
-
-
-def _free_at_once(connection: Any) -> None:
-    """Lets the other side's port be free as soon as it ends, not a minute later."""
-    form = "hh" if sys.platform == "win32" else "ii"
-    _part(connection, "skt", "skt").setsockopt(
-        socket.SOL_SOCKET, socket.SO_LINGER, struct.pack(form, 1, 0)
-    )
 
 
 @contextmanager
@@ -664,16 +583,3 @@ def _free_port() -> int:
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
         probe.bind((LOOPBACK, 0))
         return int(probe.getsockname()[1])
-
-
-def _is_taken(port: int) -> bool:
-    """Whether something listens; remains of ended connections do not count."""
-    # The option is named differently on each system.
-    option = getattr(socket, "SO_EXCLUSIVEADDRUSE", socket.SO_REUSEADDR)
-    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
-        probe.setsockopt(socket.SOL_SOCKET, option, 1)
-        try:
-            probe.bind((LOOPBACK, port))
-        except OSError:
-            return True
-    return False

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.bounds import NotNegative, Positive, check
 from frenetic._support.scalars import take_numpy_scalars
 from frenetic.drivers import laws
 from frenetic.drivers.driver import Controls, DriveSetup, Observation
@@ -21,6 +21,10 @@ class BuiltIn:
     law: ClassVar[int]
     BEHAVIOUR: ClassVar[int] = 1
     """Raised when its controls change; campaigns record it, see `frenetic.versions`."""
+
+    def __post_init__(self) -> None:
+        take_numpy_scalars(self)
+        check(vars(self), next(one for one in type(self).__mro__ if one.__module__ == __name__))
 
     def parameters(self) -> FloatArray:
         """The law's parameters in the order of `frenetic.drivers.laws`."""
@@ -54,38 +58,20 @@ class BuiltIn:
         return Controls(steering, throttle, brake)
 
 
-def _check(driver: object, allow_zero: tuple[str, ...] = ()) -> None:
-    """Raises ValueError unless every number of a driver is finite and positive."""
-    take_numpy_scalars(driver)
-    for item in fields(driver):  # type: ignore[arg-type]
-        value = getattr(driver, item.name)
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise ValueError(f"{item.name} is {value!r}: a number is needed")
-        least_fits = value >= 0.0 if item.name in allow_zero else value > 0.0
-        if not (math.isfinite(value) and least_fits):
-            allowed = "a number of 0 or more" if item.name in allow_zero else "a positive number"
-            raise ValueError(f"{item.name} is {value}: {allowed} is needed")
-
-
 @dataclass
 class SpeedPlanner(BuiltIn):
     """The speed plan that the built-in drivers share: a speed for the curves in view."""
 
-    aggression: float = 1.0
+    aggression: Positive = 1.0
     """Scales both budgets; much more than 1 asks for more than the tyres can give."""
-    lateral_acceleration: float = 8.0
+    lateral_acceleration: Positive = 8.0
     """Lateral acceleration in curves, in m/s^2 at aggression 1."""
-    braking: float = 2.2
+    braking: Positive = 2.2
     """Deceleration before curves, in m/s^2 at aggression 1."""
-    smoothing: float = 4.0
+    smoothing: NotNegative = 4.0
     """Length of road on each side over which a curve's curvature is averaged, in m."""
-    speed_gain: float = 1.5
+    speed_gain: Positive = 1.5
     """Acceleration per m/s of speed error, in 1/s."""
-
-    may_be_zero: ClassVar[tuple[str, ...]] = ("smoothing",)
-
-    def __post_init__(self) -> None:
-        _check(self, self.may_be_zero)
 
     def plan(self) -> list[float]:
         """The parameters of the speed plan, the first of every law."""
@@ -110,12 +96,10 @@ class Planner(SpeedPlanner):
     law: ClassVar[int] = laws.PLANNER
     BEHAVIOUR: ClassVar[int] = 1
 
-    lookahead_time: float = 0.3
+    lookahead_time: NotNegative = 0.3
     """Driving time to the point that is steered for, in s."""
-    lookahead_min: float = 5.0
+    lookahead_min: Positive = 5.0
     """Lookahead distance at rest, in m."""
-
-    may_be_zero: ClassVar[tuple[str, ...]] = ("smoothing", "lookahead_time")
 
     def parameters(self) -> FloatArray:
         """The parameters of `laws.planner`."""
@@ -129,18 +113,16 @@ class Stanley(SpeedPlanner):
     law: ClassVar[int] = laws.STANLEY
     BEHAVIOUR: ClassVar[int] = 1
 
-    lateral_acceleration: float = 6.0
+    lateral_acceleration: Positive = 6.0
     """Lateral acceleration in curves, in m/s^2 at aggression 1."""
-    braking: float = 2.8
+    braking: Positive = 2.8
     """Deceleration before curves, in m/s^2 at aggression 1."""
-    offset_gain: float = 1.5
+    offset_gain: Positive = 1.5
     """Rate at which a lateral offset is corrected, in 1/s."""
-    softening: float = 2.0
+    softening: Positive = 2.0
     """Speed that keeps the steering calm at low speed, in m/s."""
-    yaw_damping: float = 0.05
+    yaw_damping: NotNegative = 0.05
     """Gain of steering against yaw rate beyond the road's, in s."""
-
-    may_be_zero: ClassVar[tuple[str, ...]] = ("smoothing", "yaw_damping")
 
     def parameters(self) -> FloatArray:
         """The parameters of `laws.stanley`."""
@@ -164,49 +146,38 @@ class BeamngAi(BuiltIn):
     VEHICLE: ClassVar[str] = "etk800"
     """The car that it brings to an embedded simulator for which none was chosen."""
 
-    aggression: float = 0.7
+    aggression: Positive = 0.7
     """Share of grip that it uses in bends, as BeamNG.AI's; beyond `grip` it makes no difference."""
-    grip: float = 1.0
+    grip: Positive = 1.0
     """Friction of the tyres, as far as the driver knows."""
-    curve_speed: float = 1.0
+    curve_speed: Positive = 1.0
     """Lateral acceleration that it plans in bends, per min(aggression, grip) g."""
-    braking: float = 6.9
+    braking: Positive = 6.9
     """Deceleration planned before bends, in m/s^2."""
-    node_spacing: float = 2.0
+    node_spacing: Positive = 2.0
     """Distance between the road's nodes, in lane widths; in BeamNG.tech, the width of the road."""
-    band_strength: float = 115.0
+    band_strength: NotNegative = 115.0
     """Speed at which a node is drawn to the inside of its turn, in m/s per 1 - cos of the turn."""
-    band_recoil: float = 0.35
+    band_recoil: NotNegative = 0.35
     """Share of a node's draw by which both its neighbours are pushed outwards."""
-    clearance: float = 0.84
+    clearance: Positive = 0.84
     """Distance of the plan from the edges of the lane, in car widths."""
-    forgiveness: float = 0.87
+    forgiveness: NotNegative = 0.87
     """Share of the distance to its plan by which it moves the plan in a second, in 1/s."""
-    lookahead_time: float = 0.63
+    lookahead_time: NotNegative = 0.63
     """Driving time to the point that is steered for, in s."""
-    lookahead_min: float = 4.5
+    lookahead_min: Positive = 4.5
     """Least distance to it, in m."""
-    aiming_point: float = 4.7
+    aiming_point: Positive = 4.7
     """Place that is led to it, in m ahead of the rear axle: the front of the car."""
-    steering_gain: float = 0.6
+    steering_gain: Positive = 0.6
     """Angle of the front wheels per angle to the point that is steered for."""
-    throttle_gain: float = 0.5
+    throttle_gain: Positive = 0.5
     """Throttle per m/s that is missing beyond `speed_slack`, in s/m."""
-    speed_slack: float = 1.0
+    speed_slack: NotNegative = 1.0
     """Speed that may be missing without throttle, in m/s."""
-    brake_gain: float = 1.0
+    brake_gain: Positive = 1.0
     """Brake per m/s too much, in s/m."""
-
-    may_be_zero: ClassVar[tuple[str, ...]] = (
-        "band_strength",
-        "band_recoil",
-        "forgiveness",
-        "lookahead_time",
-        "speed_slack",
-    )
-
-    def __post_init__(self) -> None:
-        _check(self, self.may_be_zero)
 
     def parameters(self) -> FloatArray:
         """The parameters of `laws.beamng_ai`."""

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from numbers import Integral, Real
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import TYPE_CHECKING, Annotated, Final, Protocol, TypeAlias
 
 import numpy as np
+from msgspec import Meta
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.bounds import Share, check
+from frenetic._support.scalars import take_numpy_scalars
 
 if TYPE_CHECKING:
-    from typing import TypeAlias
-
     import numpy.typing as npt
 
 Image: TypeAlias = "npt.NDArray[np.uint8]"
@@ -35,6 +35,9 @@ RENDERERS: Final = "frenetic.renderers"
 MOST_PIXELS: Final = 1 << 20
 """Pixels of the largest image."""
 
+_Pixels: TypeAlias = Annotated[int, Meta(ge=2, le=4096)]
+_Away: TypeAlias = Annotated[float, Meta(ge=-10.0, le=10.0)]  # m
+
 
 @dataclass(frozen=True)
 class Camera:
@@ -48,36 +51,30 @@ class Camera:
         ValueError: a value is out of range.
     """
 
-    width: int = 160
+    width: _Pixels = 160
     """Pixels in a row."""
-    height: int = 80
+    height: _Pixels = 80
     """Rows."""
-    field_of_view: float = 100.0
+    field_of_view: Annotated[float, Meta(ge=5.0, le=160.0)] = 100.0
     """Horizontal field of view without distortion, in degrees."""
-    forward: float = 0.8
+    forward: _Away = 0.8
     """Distance in front of the centre of mass, in m."""
-    left: float = 0.0
+    left: _Away = 0.0
     """Distance to the left of the centre of mass, in m."""
-    up: float = 1.4
+    up: Annotated[float, Meta(ge=0.1, le=20.0)] = 1.4
     """Height above the ground, in m."""
-    pitch: float = 10.0
+    pitch: Annotated[float, Meta(ge=-60.0, le=90.0)] = 10.0
     """Angle by which it looks down, in degrees."""
-    distortion: float = 0.0
+    distortion: Annotated[float, Meta(ge=-1.0, le=1.0)] = 0.0
     """Radial distortion k of the lens: a point at distance r from the middle of the undistorted
     image plane appears at r (1 + k r^2). Negative is a barrel, positive a pincushion."""
 
     def __post_init__(self) -> None:
-        for name, (low, high) in _RANGES.items():
-            value: Any = getattr(self, name)
-            is_whole = name in ("width", "height")
-            is_number = isinstance(value, Integral if is_whole else Real)
-            if not is_number or isinstance(value, bool) or not low <= value <= high:
-                what = "a whole number of pixels" if is_whole else _UNITS.get(name, "a number")
-                raise ValueError(
-                    f"the camera's {name} is {repr(value)[:40]}: {what} from {low:g} to {high:g}"
-                    " is needed"
-                )
-            object.__setattr__(self, name, int(value) if is_whole else float(value))
+        take_numpy_scalars(self)
+        try:
+            check(vars(self), Camera)
+        except ValueError as error:
+            raise ValueError(f"the camera's {error}") from None
         if self.width * self.height > MOST_PIXELS:
             raise ValueError(
                 f"the camera has {self.width} x {self.height} pixels: at most {MOST_PIXELS} are"
@@ -138,25 +135,6 @@ class Camera:
         return factor
 
 
-_RANGES: Final = {
-    "width": (2, 4096),
-    "height": (2, 4096),
-    "field_of_view": (5.0, 160.0),
-    "forward": (-10.0, 10.0),
-    "left": (-10.0, 10.0),
-    "up": (0.1, 20.0),
-    "pitch": (-60.0, 90.0),
-    "distortion": (-1.0, 1.0),
-}
-_UNITS: Final = {
-    "field_of_view": "an angle in degrees",
-    "pitch": "an angle in degrees",
-    "forward": "a distance in m",
-    "left": "a distance in m",
-    "up": "a height in m",
-}
-
-
 @dataclass(frozen=True)
 class Scene:
     """Appearance of the world that is drawn for a camera.
@@ -165,13 +143,10 @@ class Scene:
         ValueError: a value is out of range.
     """
 
-    seed: int = 0
+    seed: Annotated[int, Meta(ge=0, lt=2**31)] = 0
     """Seed of the surfaces, the sky and the sun; 0 is an ordinary day on grey asphalt."""
-    wear: float = 0.0
+    wear: Share = 0.0
     """Share of the paint of the markings that is gone, 0..1."""
 
     def __post_init__(self) -> None:
-        if self.seed != int(self.seed) or not 0 <= self.seed < 2**31:
-            raise ValueError(f"the scene's seed is {self.seed}: a whole number from 0 is needed")
-        if not 0.0 <= self.wear <= 1.0:
-            raise ValueError(f"the wear of the markings is {self.wear}: 0 to 1 is needed")
+        check(vars(self), Scene)

@@ -8,14 +8,15 @@ stays inside the compiled rollout.
 from __future__ import annotations
 
 import math
-import operator
 from collections import deque
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Annotated, Final, TypeAlias
 
 import numpy as np
+from msgspec import Meta
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.bounds import Index, Positive, check
 from frenetic._support.compiled import njit
 from frenetic.drivers.builtin import BuiltIn
 from frenetic.drivers.driver import (
@@ -48,20 +49,8 @@ def disturb(ahead: FloatArray, rows: int, offset: float, heading: float) -> None
         ahead[i, 1] = c * y - s * x
 
 
-_LARGEST_ERROR: Final = 100.0
-"""Largest standard deviation of an error about the place, in m and in rad."""
-_LONGEST_DELAY: Final = 10.0  # s
-
-
-def _amount(
-    value: float, name: str, unit: str, *, allow_zero: bool = True, most: float = math.inf
-) -> float:
-    if not (math.isfinite(value) and (value > 0.0 or (allow_zero and value == 0.0))):
-        allowed = "0 or more" if allow_zero else "more than 0"
-        raise ValueError(f"{name} is {value:g}: {allowed} {unit} are needed")
-    if value > most:
-        raise ValueError(f"{name} is {value:g}: at most {most:g} {unit} are allowed")
-    return float(value)
+_Error: TypeAlias = Annotated[float, Meta(ge=0.0, le=100.0)]
+"""Standard deviation of an error about the place, in m or in rad."""
 
 
 class Noisy(OwnLayer):
@@ -85,21 +74,17 @@ class Noisy(OwnLayer):
         self,
         driver: Driver,
         *,
-        offset: float = 0.1,
-        heading: float = 0.01,
-        correlation_time: float = 1.0,
-        seed: int = 0,
+        offset: _Error = 0.1,
+        heading: _Error = 0.01,
+        correlation_time: Positive = 1.0,
+        seed: Index = 0,
     ) -> None:
+        check(locals(), Noisy.__init__)
         super().__init__(driver)
-        self.offset = _amount(offset, "offset", "m", most=_LARGEST_ERROR)
-        self.heading = _amount(heading, "heading", "rad", most=_LARGEST_ERROR)
-        self.correlation_time = _amount(correlation_time, "correlation_time", "s", allow_zero=False)
-        try:
-            self.seed = operator.index(seed)
-        except TypeError:
-            self.seed = -1
-        if self.seed < 0:
-            raise ValueError(f"seed is {seed!r}: a whole number of at least 0 is needed")
+        self.offset = float(offset)
+        self.heading = float(heading)
+        self.correlation_time = float(correlation_time)
+        self.seed = int(seed)
 
     @classmethod
     def over(cls, driver: Driver, amount: float, *, seed: int = 0) -> Noisy:
@@ -189,9 +174,12 @@ class Delayed(OwnLayer):
 
     place = 0
 
-    def __init__(self, driver: Driver, *, seconds: float = 0.1) -> None:
+    def __init__(
+        self, driver: Driver, *, seconds: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.1
+    ) -> None:
+        check(locals(), Delayed.__init__)
         super().__init__(driver)
-        self.seconds = _amount(seconds, "seconds", "s", most=_LONGEST_DELAY)
+        self.seconds = float(seconds)
 
     @classmethod
     def over(cls, driver: Driver, amount: float) -> Delayed:
@@ -228,9 +216,10 @@ class LimitedView(OwnLayer):
 
     place = 2
 
-    def __init__(self, driver: Driver, *, distance: float = 30.0) -> None:
+    def __init__(self, driver: Driver, *, distance: Positive = 30.0) -> None:
+        check(locals(), LimitedView.__init__)
         super().__init__(driver)
-        self.distance = _amount(distance, "distance", "m", allow_zero=False)
+        self.distance = float(distance)
 
     @classmethod
     def over(cls, driver: Driver, amount: float) -> LimitedView:

@@ -13,7 +13,7 @@ STEPS_PER_PERIOD: Final = 3
 PHYSICS_STEP: Final = PERIOD / STEPS_PER_PERIOD
 """s."""
 
-VEHICLE: Final = Vehicle.metadrive()
+VEHICLE: Final = Vehicle.named("metadrive")
 """Sizes and limits: MetaDrive's ``static_default``, whose parameters are not drawn."""
 ENGINE_FORCE: Final = 800.0
 """Force at each wheel at full throttle, in N."""

@@ -6,9 +6,9 @@ them: it recognises them and lets MetaDrive's policies act, see `policies` besid
 
 from __future__ import annotations
 
-import math
 from typing import ClassVar, NoReturn
 
+from frenetic._support.bounds import Positive, check
 from frenetic.drivers import Controls, Driver, DriveSetup, Observation
 from frenetic.drivers.driver import under_layers
 from frenetic.errors import DriverError
@@ -69,11 +69,8 @@ class MetaDriveIdm(MetaDriveDriver):
 
     name = "metadrive-idm"
 
-    def __init__(self, *, target_speed: float = 30.0) -> None:
-        if isinstance(target_speed, bool) or not (
-            math.isfinite(target_speed) and target_speed > 0.0
-        ):
-            raise ValueError(f"target_speed is {target_speed}: a positive number of km/h is needed")
+    def __init__(self, *, target_speed: Positive = 30.0) -> None:
+        check(locals(), MetaDriveIdm.__init__)
         self.target_speed = float(target_speed)
 
     @property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cache
-from typing import Any, Final, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from metadrive.examples.ppo_expert import numpy_expert
@@ -15,9 +15,6 @@ from frenetic._support.arrays import FloatArray
 from frenetic.metadrive.car import Decision
 from frenetic.metadrive.drivers import MetaDriveDriver, MetaDriveIdm
 from frenetic.metadrive.world import SEED, World
-
-DECISION_PERIODS: Final = 2
-"""Periods between two decisions: 0.1 s, for which MetaDrive's policies were made."""
 
 
 class Policy(Protocol):

@@ -3,48 +3,38 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
 from contextlib import closing
-from importlib.metadata import PackageNotFoundError, version
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
 
-import numpy as np
-
+from frenetic._support.bounds import Positive, check
 from frenetic._support.words import pip_install
 from frenetic.drive import Breakdown, Drive, Rules, Trajectory
 from frenetic.drivers.camera import Camera, Image
 from frenetic.drivers.driver import (
+    Controls,
     Driver,
-    blaming_driver,
+    DriveSetup,
+    Observation,
     camera_of,
     check_other_world,
-    checked_controls,
 )
 from frenetic.errors import DriverError, FreneticError, describe_error
-from frenetic.metadrive.car import (
-    PERIOD,
-    STEPS_PER_PERIOD,
-    VEHICLE,
-    Decision,
-)
+from frenetic.metadrive.car import PERIOD, STEPS_PER_PERIOD, VEHICLE, Decision
 from frenetic.metadrive.drawing import check_drawing, drawn_region
-from frenetic.metadrive.drivers import MetaDriveDriver, PolicySimulator, metadrive_driver
+from frenetic.metadrive.drivers import PolicySimulator, metadrive_driver
 from frenetic.road import Road
-from frenetic.simulators.checks import Check, broken, drive_checks
-from frenetic.simulators.observing import Observer, wrap
+from frenetic.simulators.following import follow
+from frenetic.simulators.observing import wrap
 from frenetic.simulators.simulator import StartingPlace
-from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
 
 if TYPE_CHECKING:
-    from frenetic.metadrive.world import Motion, World
+    from frenetic.metadrive.policies import Policy
+    from frenetic.metadrive.world import World
 
-PACKAGE: Final = "metadrive-simulator"
 EXTRA: Final = pip_install("metadrive")
-
-Decide: TypeAlias = "Callable[[Observer, Motion, float], Decision]"
-"""Decides for the next period; the last argument is the front wheels' angle in rad. Returning the
-last decision, the very same object, holds it."""
+DECISION_PERIODS: Final = 2
+"""Periods between two decisions of MetaDrive's drivers: 0.1 s, for which they were made."""
 
 
 class MetaDriveSimulator(StartingPlace, PolicySimulator):
@@ -82,17 +72,18 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
         self,
         *,
         rules: Rules | None = None,
-        friction: float = 1.0,
-        wall_limit: float = 60.0,
+        friction: Positive = 1.0,
+        wall_limit: Positive = 60.0,
         start_offset: float = 0.0,
         start_heading: float = 0.0,
     ) -> None:
+        check({"wall_limit": wall_limit}, MetaDriveSimulator.__init__)
         self.rules = rules or Rules()
         self.car = VEHICLE.body()
         self.friction = friction
         self.start_offset = start_offset
         self.start_heading = start_heading
-        self.wall_limit = _positive(wall_limit, "wall_limit")
+        self.wall_limit = wall_limit
         self._world: World | None = None
 
     @property
@@ -109,7 +100,8 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
 
     @friction.setter
     def friction(self, friction: float) -> None:
-        self._friction = _positive(friction, "friction")
+        check({"friction": friction}, MetaDriveSimulator.__init__)
+        self._friction = float(friction)
 
     def __enter__(self) -> Self:
         """Starts MetaDrive's engine.
@@ -144,29 +136,6 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
         if world is not None:
             world.close()
 
-    def checks(self) -> Iterator[Check]:
-        """Checks of the package, the engine with its known car, and two drives.
-
-        The engine draws nothing, so it needs no assets.
-        """
-        try:
-            yield Check("package", True, f"{PACKAGE} {version(PACKAGE)}")
-        except PackageNotFoundError:
-            yield Check("package", False, f"{PACKAGE} is not installed", EXTRA)
-            return
-        try:
-            self.__enter__()
-        except Exception as error:
-            yield broken(
-                "engine", error, f"the message says what to do; or install it anew: {EXTRA}"
-            )
-            return
-        try:
-            yield Check("engine", True, "it starts, without any assets, and has the known car")
-            yield from drive_checks(self)
-        finally:
-            self.__exit__(None, None, None)
-
     def check_driver(self, driver: Driver) -> None:
         """Refuses MetaDrive's own drivers under layers, and cameras where it cannot draw.
 
@@ -186,37 +155,27 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
             FreneticError: the simulator has not been entered, or the road is too long to be drawn.
             ArithmeticError: MetaDrive's physics broke.
         """
-        camera = camera_of(driver)
-        world = self._world_for(road, camera)
-        rows: list[list[float]] = []
-        breakdown: Breakdown | None = None
+        world = self._world_for(road, camera_of(driver))
         try:
             own = metadrive_driver(driver)
-            world.load(
-                road,
-                friction=self.friction,
-                left=self.start_offset,
-                turned=self.start_heading,
-            )
-            with wall_limit(self.wall_limit):
-                if own is None:
-                    with blaming_driver():
-                        driver.reset(VEHICLE.setup(self.rules, road, PERIOD))
-                    look = None if camera is None else world.picture
-                    self._follow(world, road, _asking(driver, look), rows)
-                else:
-                    self._follow_own(world, road, own, rows)
-        except WallLimitExceeded as limit:
-            breakdown = Breakdown.of(
-                limit,
-                f"the drive did not end within {self.wall_limit:g} s of wall time (the car had"
-                f" driven {max(len(rows) - 1, 0) * PERIOD:.1f} s{limit.place})",
-            )
         except DriverError as trouble:
-            breakdown = Breakdown.of(trouble)
-        columns = np.array(rows).reshape(-1, len(Trajectory.names()))
-        path = Trajectory.from_rows(columns)
-        return Drive.of(path, self.car, self.rules, road, breakdown)
+            path = Trajectory.empty()
+            return Drive.of(path, self.car, self.rules, road, Breakdown.of(trouble))
+        world.load(
+            road,
+            friction=self.friction,
+            left=self.start_offset,
+            turned=self.start_heading,
+        )
+        car = _Car(world, road.pose.heading)
+        setup = VEHICLE.setup(self.rules, road, PERIOD)
+        if own is None:
+            return follow(car, road, self.rules, self.car, setup, driver, self.wall_limit)
+        from frenetic.metadrive.policies import make_policy  # imports the extra
+
+        with closing(make_policy(own, world, self.rules.speed_limit)) as policy:
+            held = _Holding(car, policy)
+            return follow(held, road, self.rules, self.car, setup, held, self.wall_limit)
 
     def _world_for(self, road: Road, camera: Camera | None) -> World:
         """The world with this camera, None for none; started anew if it is another one's."""
@@ -231,67 +190,69 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
             world = self._world = kind(camera, region)
         return world
 
-    def _follow_own(
-        self, world: World, road: Road, driver: MetaDriveDriver, rows: list[list[float]]
-    ) -> None:
-        """Like `_follow`, with one of MetaDrive's drivers."""
-        # These import the extra.
-        from frenetic.metadrive.policies import DECISION_PERIODS, make_policy
 
-        with closing(make_policy(driver, world, self.rules.speed_limit)) as policy:
-            held = Decision()
-            periods = 0
+class _Car:
+    """MetaDrive's car for a driver of ours."""
 
-            def decide(observer: Observer, motion: Motion, wheels: float) -> Decision:  # noqa: ARG001
-                nonlocal held, periods
-                if periods % DECISION_PERIODS == 0:
-                    held = policy.act()
-                periods += 1
-                return held
+    def __init__(self, world: World, heading: float) -> None:
+        self._world = world
+        self._heading = heading
+        self._wheels = 0.0
 
-            self._follow(world, road, decide, rows)
+    def motion(self) -> list[float]:
+        """The car's motion.
 
-    def _follow(self, world: World, road: Road, decide: Decide, rows: list[list[float]]) -> None:
-        """Drives until the drive ends and writes the records into ``rows`` as it goes."""
-        most = math.ceil(self.rules.timeout(road.length) / PERIOD) + 2
-        observer = Observer(road, self.rules, self.car, most)
-        heading = road.pose.heading
-        decision = Decision()
-        for i in range(most):
-            motion = world.motion()
-            if not all(map(math.isfinite, motion)):
-                raise ArithmeticError(f"MetaDrive's physics broke: the car's motion is {motion}")
-            heading += wrap(motion.heading - heading)
-            wheels = decision.wheel_angle
-            record = [i * PERIOD, motion.x, motion.y, heading, *motion[3:], wheels]
-            rows.append([*record, *_asked(decision)])
-            if not observer.see(i * PERIOD, motion.x, motion.y, heading):
-                return
-            last, decision = decision, decide(observer, motion, wheels)
-            rows[-1] = [*record, *_asked(decision)]
-            if decision is not last:
-                world.steer(*decision.action)
-            world.advance(STEPS_PER_PERIOD)
+        Raises:
+            ArithmeticError: it is not finite.
+        """
+        x, y, heading, *speeds = motion = self._world.motion()
+        if not all(map(math.isfinite, motion)):
+            raise ArithmeticError(f"MetaDrive's physics broke: the car's motion is {motion}")
+        self._heading += wrap(heading - self._heading)
+        return [x, y, self._heading, *speeds, self._wheels]
+
+    def picture(self) -> Image | None:
+        """What the camera sees."""
+        return None if self._world.camera is None else self._world.picture()
+
+    def steer(self, decision: Decision) -> None:
+        """Sets the controls."""
+        self._wheels = decision.wheel_angle
+        self._world.steer(*decision.action)
+
+    def advance(self, steering: float, throttle: float, brake: float) -> None:
+        """Moves it on."""
+        self.steer(Decision(steering, throttle, brake))
+        self.move()
+
+    def move(self) -> None:
+        """Moves it on with the controls that were set."""
+        self._world.advance(STEPS_PER_PERIOD)
 
 
-def _asking(driver: Driver, look: Callable[[], Image] | None) -> Decide:
-    """Decides as the driver does for its observation, with a picture if there is one to look at."""
+class _Holding:
+    """MetaDrive's car with one of its own drivers, which decides every `DECISION_PERIODS`."""
 
-    def decide(observer: Observer, motion: Motion, wheels: float) -> Decision:
-        image = None if look is None else look()
-        observation = observer.observation(motion.speed, motion.yaw_rate, wheels, image)
-        with blaming_driver():
-            return Decision(*checked_controls(driver.act(observation)))
+    def __init__(self, car: _Car, policy: Policy) -> None:
+        self._car = car
+        self._policy = policy
+        self.motion = car.motion
 
-    return decide
+    def picture(self) -> None:
+        """None: it looks at MetaDrive's world."""
 
+    def reset(self, setup: DriveSetup) -> None:  # noqa: ARG002
+        """It was made for this drive."""
+        self._periods = 0
 
-def _asked(decision: Decision) -> tuple[float, float, float]:
-    """A record's columns steering_input, throttle and brake."""
-    return decision.steering, decision.throttle, min(decision.brake, 1.0)
+    def act(self, observation: Observation) -> Controls:  # noqa: ARG002
+        """Its controls; its brake may go beyond a driver's."""
+        if self._periods % DECISION_PERIODS == 0:
+            self._decision = self._policy.act()
+            self._car.steer(self._decision)
+        self._periods += 1
+        return Controls(*self._decision)
 
-
-def _positive(value: float, name: str) -> float:
-    if not (math.isfinite(value) and value > 0.0):
-        raise ValueError(f"{name} is {value}: a positive number is needed")
-    return float(value)
+    def advance(self, steering: float, throttle: float, brake: float) -> None:  # noqa: ARG002
+        """Moves the car on."""
+        self._car.move()

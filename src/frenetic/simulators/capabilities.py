@@ -6,12 +6,12 @@ this module looks for them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 from importlib.util import find_spec
-from numbers import Integral, Real
 from typing import Any, Final
 
+from frenetic._support.bounds import Count, Positive, check
 from frenetic.drivers.driver import Driver, SelectiveDriver, camera_of, stack_of
 from frenetic.errors import DriverError, FreneticError
 from frenetic.recipe import Named
@@ -35,9 +35,9 @@ class Usual:
     preloads: tuple[str, ...] = ()
     """Modules that its processes have from the start where they are forked: they do before the
     fork what takes long, and raise nothing."""
-    usual_wall_limit: float = 60.0
+    usual_wall_limit: Positive = 60.0
     """Wall time that a drive may take unless another limit is given, in s."""
-    usual_workers: int | None = None
+    usual_workers: Count | None = None
     """Number of workers unless another is given; None: one per processor core."""
 
     place_options: tuple[str, ...] = ()
@@ -54,17 +54,16 @@ class Usual:
 class Capabilities(Usual):
     """Capabilities of a simulator."""
 
-    wall_limit: float = 60.0
+    wall_limit: Positive = 60.0
     """Wall time in s after which it ends a drive itself."""
-    workers_at_most: int | None = None
+    workers_at_most: Count | None = None
     """Number of workers that can use it at once; None if there is no limit."""
     prepare: Callable[[], None] = lambda: None
     """Finds out its `car` where that takes starting it; called before a campaign."""
     check_driver: Callable[[Driver], None] = _accept
     """Raises a `DriverError` if a driver cannot drive in it; called before anything is made."""
-    checks: Callable[[], Iterator[Check]] | None = None
-    """Gives the checks of 'frenetic doctor', before it is entered, up to one that makes the rest
-    pointless."""
+    checks: Callable[[], Iterable[Check]] = tuple
+    """Gives what 'frenetic doctor' checks, once it is entered, beside two drives."""
     drives_compiled: Callable[[Driver], bool] = lambda _: False
     """Whether a driver's drives are compiled code of ours alone, which needs no process of its
     own."""
@@ -137,41 +136,10 @@ def _declared(part: object, kind: type[Usual]) -> dict[str, Any]:
         value = getattr(part, item.name, None)
         if value is None or isinstance(value, property):  # which says it of one that is made
             continue
-        is_right, wanted = _WANTED.get(item.name, (callable, "a method"))
-        if not is_right(value):
+        try:
+            check({item.name: value}, kind)
+        except ValueError as error:
             name = part.__name__ if isinstance(part, type) else type(part).__name__
-            raise FreneticError(f"{name}.{item.name} is {repr(value)[:100]}: {wanted} is needed")
+            raise FreneticError(f"{name}.{error}") from None
         found[item.name] = value
     return found
-
-
-def _is_time(value: object) -> bool:
-    return not isinstance(value, bool) and isinstance(value, Real) and float(value) > 0.0
-
-
-def _is_number_of_workers(value: object) -> bool:
-    return not isinstance(value, bool) and isinstance(value, Integral) and int(value) > 0
-
-
-def _is_yes_or_no(value: object) -> bool:
-    return isinstance(value, bool)
-
-
-def _are_names(value: object) -> bool:
-    return isinstance(value, tuple | list) and all(isinstance(name, str) for name in value)
-
-
-_NAMES: Final = (_are_names, "a tuple of names")
-_TIME: Final = (_is_time, "a positive number of seconds")
-_WORKERS: Final = (_is_number_of_workers, "a whole number of at least 1")
-_WANTED: Final[dict[str, tuple[Callable[[object], bool], str]]] = {
-    "needs": _NAMES,
-    "preloads": _NAMES,
-    "place_options": _NAMES,
-    "usual_wall_limit": _TIME,
-    "wall_limit": _TIME,
-    "draws": (_is_yes_or_no, "True or False"),
-    "usual_workers": _WORKERS,
-    "workers_at_most": _WORKERS,
-}
-"""Check and description of a valid value; the others are methods."""

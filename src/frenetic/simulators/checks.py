@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
@@ -70,13 +69,3 @@ def drive_check(simulator: Simulator, driver: Driver, road: Road, name: str) -> 
         return Check(name, False, result.reason, remedy)
     found = f"{road.length:.0f} m in {result.duration:.1f} s, MOOBD {result.moobd:.2f} m"
     return Check(name, True, found)
-
-
-def time_of_drives(simulator: Simulator, driver: Driver, times: int) -> float:
-    """Wall time of the fastest of several drives on the road with the curve, in s."""
-    taken = []
-    for _ in range(times):
-        start = time.perf_counter()
-        simulator.drive(CURVE, driver)
-        taken.append(time.perf_counter() - start)
-    return min(taken)

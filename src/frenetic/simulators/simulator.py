@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from types import TracebackType
-from typing import Protocol, Self, runtime_checkable
+from typing import Annotated, Protocol, Self, runtime_checkable
 
+from msgspec import Meta
+
+from frenetic._support.bounds import check
 from frenetic.drive import CarBody, Drive, Rules
 from frenetic.drivers.driver import Driver
 from frenetic.quantities import MAX_START_HEADING, MAX_START_OFFSET
@@ -44,6 +47,11 @@ class Simulator(Protocol):
         """One drive of the driver along the road."""
 
 
+class _Start:
+    start_offset: Annotated[float, Meta(ge=-MAX_START_OFFSET, le=MAX_START_OFFSET)]
+    start_heading: Annotated[float, Meta(ge=-MAX_START_HEADING, le=MAX_START_HEADING)]
+
+
 class StartingPlace:
     """Base of simulators with the place of a car's start as two checked attributes."""
 
@@ -57,7 +65,8 @@ class StartingPlace:
 
     @start_offset.setter
     def start_offset(self, offset: float) -> None:
-        self._start_offset = _within(offset, MAX_START_OFFSET, "start_offset", "m")
+        check({"start_offset": offset}, _Start)
+        self._start_offset = float(offset)
 
     @property
     def start_heading(self) -> float:
@@ -66,12 +75,5 @@ class StartingPlace:
 
     @start_heading.setter
     def start_heading(self, heading: float) -> None:
-        self._start_heading = _within(heading, MAX_START_HEADING, "start_heading", "rad")
-
-
-def _within(value: float, most: float, name: str, unit: str) -> float:
-    if not abs(value) <= most:
-        raise ValueError(
-            f"{name} is {value}: a number from {-most:.3g} to {most:.3g} {unit} is needed"
-        )
-    return float(value)
+        check({"start_heading": heading}, _Start)
+        self._start_heading = float(heading)

@@ -10,12 +10,12 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import lru_cache
-from numbers import Integral
 from typing import TYPE_CHECKING, ClassVar, Final, Self
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.bounds import Index, check
 from frenetic._support.compiled import njit
 from frenetic.drivers.camera import Camera, Scene
 from frenetic.drivers.driver import (
@@ -157,9 +157,10 @@ class _SeededLayer(CameraLayer):
         seed: of its random numbers, from 0.
     """
 
-    def __init__(self, driver: Driver, amount: float, *, seed: int = 0) -> None:
+    def __init__(self, driver: Driver, amount: float, *, seed: Index = 0) -> None:
+        check({"seed": seed}, _SeededLayer.__init__)
         super().__init__(driver, amount)
-        self.seed = _checked_seed(seed)
+        self.seed = int(seed)
 
     @property
     def options(self) -> dict[str, float]:
@@ -256,17 +257,6 @@ class Grainy(_SeededLayer):
         start = int(_of_moment(self.seed, observation).integers(_BANK))
         grain = _grain(self.seed, _BANK + image.size)[start : start + image.size]
         return _picture(image + self.amount * grain.reshape(image.shape))
-
-
-def _checked_seed(seed: object) -> int:
-    """A seed.
-
-    Raises:
-        ValueError: it is no whole number from 0.
-    """
-    if isinstance(seed, bool) or not isinstance(seed, Integral) or seed < 0:
-        raise ValueError(f"the seed is {repr(seed)[:40]}: a whole number from 0 is needed")
-    return int(seed)
 
 
 def _picture(values: FloatArray | npt.NDArray[np.float32]) -> Image:

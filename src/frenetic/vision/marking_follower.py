@@ -7,6 +7,7 @@ from typing import ClassVar, Final
 
 import numpy as np
 
+from frenetic._support.bounds import Positive, check
 from frenetic.drivers.camera import Camera, Image
 from frenetic.drivers.driver import Controls, DriveSetup, Observation
 
@@ -42,10 +43,8 @@ class MarkingFollower:
     BEHAVIOUR: ClassVar[int] = 1
     """Raised when it drives differently; campaigns record it."""
 
-    def __init__(self, *, speed: float = 45.0, lateral: float = 2.5) -> None:
-        for name, value in (("speed", speed), ("lateral", lateral)):
-            if not (math.isfinite(value) and value > 0.0):
-                raise ValueError(f"{name} is {value}: a positive number is needed")
+    def __init__(self, *, speed: Positive = 45.0, lateral: Positive = 2.5) -> None:
+        check(locals(), MarkingFollower.__init__)
         self.camera = Camera()
         self.options = {"speed": float(speed), "lateral": float(lateral)}
         rays = self.camera.rays_through(*np.mgrid[0 : self.camera.height, 0 : self.camera.width])

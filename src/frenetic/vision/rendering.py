@@ -26,11 +26,6 @@ if TYPE_CHECKING:
 
     from frenetic.drivers.camera import Image
 
-# Layers of a picture, each drawn over the one before.
-LAND, SHOULDER, ASPHALT, MARKINGS, TEXTURE = range(5)
-LAYERS: Final = ("land", "shoulder", "asphalt", "markings", "texture")
-"""Layers of a picture from the first, land and sky, in the order in which they are drawn."""
-
 MARKING_WIDTH: Final = 0.15
 """Width of a line, in m."""
 EDGE_DISTANCE: Final = 0.2
@@ -405,7 +400,6 @@ def _draw(
     coarse: npt.NDArray[np.float32],
     sky: npt.NDArray[np.uint8],
     wear: float,
-    layers: int,
     image: npt.NDArray[np.uint8],
 ) -> None:
     """Writes the picture from a car at x, y and heading into ``image``, (height, width, 3).
@@ -424,7 +418,6 @@ def _draw(
     mask = _SIZE - 1
     width = image.shape[1]
     per_metre = 1.0 / cell
-    has_road = layers >= SHOULDER
     sums = np.empty((width, 3))
     for v in range(image.shape[0]):
         sums[:] = 0.0
@@ -433,7 +426,7 @@ def _draw(
             high, mode = 0, _LAND_ONLY
             d1 = s1 = c1 = n1 = per1 = x1 = y1 = 0.0
             is_ground = samples[line, 0, _CLEAR] >= 0.0
-            if has_road and is_ground:
+            if is_ground:
                 x1, y1 = samples[line, 0, _X], samples[line, 0, _Y]
                 d1, s1, c1, n1, per1 = _locate(
                     x + c * x1 - n * y1, y + n * x1 + c * y1, rows, per_metre, keys, nearest
@@ -444,50 +437,49 @@ def _draw(
                 fx, fy = samples[line, u, _X], samples[line, u, _Y]
                 clear = samples[line, u, _CLEAR]
                 d, at, rc, rn, per = d1, s1, c1, n1, per1
-                if has_road:
-                    if u == high:
-                        if u < width - 1:  # the next stretch
-                            low, high = u, min(u + _STRIDE, width - 1)
-                            was_ground, x0, y0, d0, s0 = is_ground, x1, y1, d1, s1
-                            c0, n0, per0 = c1, n1, per1
-                            is_ground = samples[line, high, _CLEAR] >= 0.0
-                            x1, y1 = samples[line, high, _X], samples[line, high, _Y]
-                            d1 = s1 = c1 = n1 = per1 = 0.0
-                            if is_ground:
-                                d1, s1, c1, n1, per1 = _locate(
-                                    x + c * x1 - n * y1,
-                                    y + n * x1 + c * y1,
-                                    rows,
-                                    per_metre,
-                                    keys,
-                                    nearest,
-                                )
-                            part = 1.0 / (high - low)
-                            apart = (x1 - x0) ** 2 + (y1 - y0) ** 2
-                            mode = _EACH
-                            if not (is_ground or was_ground):
-                                mode = _LAND_ONLY
-                            elif is_ground and was_ground:
-                                if per0 == 0.0 and per1 == 0.0:
-                                    mode = _LAND_ONLY if apart < 36.0 else _EACH
-                                elif (
-                                    per0 > 0.0
-                                    and per1 > 0.0
-                                    and c0 * c1 + n0 * n1 > 0.97
-                                    and (s1 - s0) ** 2 < 4.0 * apart
-                                    and (d1 - d0) ** 2 < 1.1 * apart
-                                ):
-                                    mode = _BETWEEN
-                    elif mode == _BETWEEN:
-                        # The rest only turns the footprint.
-                        t = part * (u - low)
-                        d, at = d0 + t * (d1 - d0), s0 + t * (s1 - s0)
-                    elif mode == _LAND_ONLY:
-                        per = 0.0
-                    elif clear >= 0.0:
-                        d, at, rc, rn, per = _locate(
-                            x + c * fx - n * fy, y + n * fx + c * fy, rows, per_metre, keys, nearest
-                        )
+                if u == high:
+                    if u < width - 1:  # the next stretch
+                        low, high = u, min(u + _STRIDE, width - 1)
+                        was_ground, x0, y0, d0, s0 = is_ground, x1, y1, d1, s1
+                        c0, n0, per0 = c1, n1, per1
+                        is_ground = samples[line, high, _CLEAR] >= 0.0
+                        x1, y1 = samples[line, high, _X], samples[line, high, _Y]
+                        d1 = s1 = c1 = n1 = per1 = 0.0
+                        if is_ground:
+                            d1, s1, c1, n1, per1 = _locate(
+                                x + c * x1 - n * y1,
+                                y + n * x1 + c * y1,
+                                rows,
+                                per_metre,
+                                keys,
+                                nearest,
+                            )
+                        part = 1.0 / (high - low)
+                        apart = (x1 - x0) ** 2 + (y1 - y0) ** 2
+                        mode = _EACH
+                        if not (is_ground or was_ground):
+                            mode = _LAND_ONLY
+                        elif is_ground and was_ground:
+                            if per0 == 0.0 and per1 == 0.0:
+                                mode = _LAND_ONLY if apart < 36.0 else _EACH
+                            elif (
+                                per0 > 0.0
+                                and per1 > 0.0
+                                and c0 * c1 + n0 * n1 > 0.97
+                                and (s1 - s0) ** 2 < 4.0 * apart
+                                and (d1 - d0) ** 2 < 1.1 * apart
+                            ):
+                                mode = _BETWEEN
+                elif mode == _BETWEEN:
+                    # The rest only turns the footprint.
+                    t = part * (u - low)
+                    d, at = d0 + t * (d1 - d0), s0 + t * (s1 - s0)
+                elif mode == _LAND_ONLY:
+                    per = 0.0
+                elif clear >= 0.0:
+                    d, at, rc, rn, per = _locate(
+                        x + c * fx - n * fy, y + n * fx + c * fy, rows, per_metre, keys, nearest
+                    )
                 if clear < 0.0:
                     j = int(fx + turned) & (_SKY_COLUMNS - 1)
                     i = int(fy)
@@ -499,19 +491,18 @@ def _draw(
                 # Texture, which fades where a pixel holds many texels.
                 rough = smooth = 0.0
                 size = samples[line, u, _FOOTPRINT]
-                if layers >= TEXTURE:
-                    if size < 16.0 * _FINE:
-                        i, j = math.floor(wx * (1.0 / _FINE)), math.floor(wy * (1.0 / _FINE))
-                        rough = fine[i & mask, j & mask] * min(2.0 * _FINE / size, 1.0)
-                    if size < 32.0 * _COARSE:
-                        tx, ty = wx * (1.0 / _COARSE), wy * (1.0 / _COARSE)
-                        i, j = math.floor(tx), math.floor(ty)
-                        tx -= i
-                        ty -= j
-                        i0, j0, i1, j1 = i & mask, j & mask, (i + 1) & mask, (j + 1) & mask
-                        this = coarse[i0, j0] + ty * (coarse[i0, j1] - coarse[i0, j0])
-                        that = coarse[i1, j0] + ty * (coarse[i1, j1] - coarse[i1, j0])
-                        smooth = (this + tx * (that - this)) * min(8.0 * _COARSE / size, 1.0)
+                if size < 16.0 * _FINE:
+                    i, j = math.floor(wx * (1.0 / _FINE)), math.floor(wy * (1.0 / _FINE))
+                    rough = fine[i & mask, j & mask] * min(2.0 * _FINE / size, 1.0)
+                if size < 32.0 * _COARSE:
+                    tx, ty = wx * (1.0 / _COARSE), wy * (1.0 / _COARSE)
+                    i, j = math.floor(tx), math.floor(ty)
+                    tx -= i
+                    ty -= j
+                    i0, j0, i1, j1 = i & mask, j & mask, (i + 1) & mask, (j + 1) & mask
+                    this = coarse[i0, j0] + ty * (coarse[i0, j1] - coarse[i0, j0])
+                    that = coarse[i1, j0] + ty * (coarse[i1, j1] - coarse[i1, j0])
+                    smooth = (this + tx * (that - this)) * min(8.0 * _COARSE / size, 1.0)
                 on_verge = on_road = line_share = 0.0
                 side = abs(d)
                 reach = 0.71 * size  # of a footprint to any side, at most
@@ -519,7 +510,7 @@ def _draw(
                     pass
                 elif side + reach < inner and side - reach > 0.5 * MARKING_WIDTH:
                     on_verge = 1.0
-                    on_road = 1.0 if layers >= ASPHALT else 0.0
+                    on_road = 1.0
                 else:
                     # Footprint across the road.
                     ahead, turn = c * rc + n * rn, c * rn - n * rc
@@ -528,9 +519,9 @@ def _draw(
                     p, q = ay * ahead - ax * turn, by * ahead - bx * turn
                     across = math.sqrt(p * p + q * q) + 1e-6
                     on_verge = _share(-verge, verge, side, across)
-                    if layers >= ASPHALT and on_verge > 0.0:
+                    if on_verge > 0.0:
                         on_road = _share(-lane_width, lane_width, side, across)
-                    if layers >= MARKINGS and on_road > 0.0:
+                    if on_road > 0.0:
                         line_share = _share(inner, outer, side, across)
                         centre = _share(-0.5 * MARKING_WIDTH, 0.5 * MARKING_WIDTH, d, across)
                         if centre > 0.0:
@@ -580,15 +571,11 @@ class Renderer:
         road: the road; it goes on straight beyond its ends, 80 m at its end.
         camera: the camera.
         scene: appearance of the world.
-        layer: the last of `LAYERS` that is drawn; all by default.
     """
 
-    def __init__(
-        self, road: Road, camera: Camera, scene: Scene | None = None, *, layer: str = LAYERS[-1]
-    ) -> None:
+    def __init__(self, road: Road, camera: Camera, scene: Scene | None = None) -> None:
         self.camera = camera
         self._scene = scene or Scene()
-        self._layers = LAYERS.index(layer)
         self._lane_width = road.lane_width
         self._before = round(BEFORE / _SPACING)
         own = math.ceil(road.length / _SPACING)
@@ -635,7 +622,6 @@ class Renderer:
             paint.coarse,
             paint.sky,
             self._scene.wear,
-            self._layers,
             image,
         )
         return image

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import time
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
 from functools import cache
@@ -14,45 +13,31 @@ from typing import Any, ClassVar, Final, Self
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.bounds import Positive, check
 from frenetic._support.compiled import cache_folder
 from frenetic._support.entry_points import imported, installed
 from frenetic._support.kernel_cache import VARIABLE
 from frenetic.drive import Breakdown, Drive, Rules, Trajectory
 from frenetic.drivers import Planner
-from frenetic.drivers.camera import RENDERERS, Camera, Renderer, Scene
+from frenetic.drivers.camera import RENDERERS, Camera, Image, Renderer, Scene
 from frenetic.drivers.driver import (
     Driver,
     DriveSetup,
-    blaming_driver,
     camera_of,
-    checked_controls,
     scene_of,
     under_layers,
 )
 from frenetic.drivers.laws import setup_array
-from frenetic.drivers.layers import Compiled, Noisy, compiled_form
+from frenetic.drivers.layers import Noisy, compiled_form
 from frenetic.errors import DriverError
 from frenetic.oracle import judge, rules_array
 from frenetic.outcome import Outcome
 from frenetic.road import Road
-from frenetic.simulators.checks import Check, broken, drive_checks, time_of_drives
+from frenetic.simulators.checks import Check
 from frenetic.simulators.embedded import rollout as kernels
-from frenetic.simulators.embedded.vehicle import (
-    HEADING,
-    SPEED,
-    STEERING,
-    YAW_RATE,
-    Vehicle,
-    X,
-    Y,
-)
-from frenetic.simulators.observing import Observer
+from frenetic.simulators.embedded.vehicle import HEADING, Vehicle, X, Y
+from frenetic.simulators.following import follow
 from frenetic.simulators.simulator import StartingPlace
-from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
-
-SLOW: Final = 0.1
-"""Wall time that no drive of a second needs where kernels are compiled, in s."""
-_TIMED_DRIVES: Final = 20
 
 _NO_ERRORS = np.empty((0, 2))
 
@@ -90,10 +75,11 @@ class EmbeddedSimulator(StartingPlace):
         rules: Rules | None = None,
         vehicle: Vehicle | str | Mapping[str, float | str] | None = None,
         friction: float | None = None,
-        wall_limit: float = 60.0,
+        wall_limit: Positive = 60.0,
         start_offset: float = 0.0,
         start_heading: float = 0.0,
     ) -> None:
+        check({"wall_limit": wall_limit}, EmbeddedSimulator.__init__)
         self.rules = rules or Rules()
         if isinstance(vehicle, Mapping):
             vehicle = Vehicle.of(vehicle)
@@ -105,8 +91,6 @@ class EmbeddedSimulator(StartingPlace):
             self.friction = friction
         self.start_offset = start_offset
         self.start_heading = start_heading
-        if not (math.isfinite(wall_limit) and wall_limit > 0.0):
-            raise ValueError(f"wall_limit is {wall_limit}: a positive number of seconds is needed")
         self.wall_limit = wall_limit
         self._room = np.empty(0)  # memory for the records, used again and again
 
@@ -163,25 +147,8 @@ class EmbeddedSimulator(StartingPlace):
         """Ends nothing."""
 
     def checks(self) -> Iterator[Check]:
-        """Checks of compiled kernels, their cache, two drives, and speed."""
-        start = time.perf_counter()
-        try:
-            self.__enter__()
-        except Exception as error:
-            yield broken(
-                "kernels", error, "reinstall numba; on a new Python it may have to be upgraded"
-            )
-            return
-        yield Check("kernels", True, f"compiled, ready after {time.perf_counter() - start:.1f} s")
+        """Whether compiled kernels are kept."""
         yield _cache_check()
-        yield from drive_checks(self)
-        seconds = time_of_drives(self, Planner(), _TIMED_DRIVES)
-        yield Check(
-            "speed",
-            seconds < SLOW,
-            f"{1e3 * seconds:.2f} ms a drive",
-            "" if seconds < SLOW else "unset NUMBA_DISABLE_JIT; is the machine busy?",
-        )
 
     def drives_compiled(self, driver: Driver) -> bool:
         """Whether the driver's drives are compiled code alone."""
@@ -195,112 +162,79 @@ class EmbeddedSimulator(StartingPlace):
     def drive(self, road: Road, driver: Driver) -> Drive:
         """One drive of the driver along the road."""
         self.check_driver(driver)
-        rules = rules_array(self.rules, road.length)
-        # The record after the timeout ends every drive.
-        most = math.ceil(self.rules.timeout(road.length) / kernels.PERIOD) + 2
-        columns_needed = len(Trajectory.names())
-        if self._room.size < columns_needed * most:
-            self._room = np.empty(columns_needed * most)
-        room = self._room[: columns_needed * most].reshape(columns_needed, most)
         setup = self.setup(road)
         compiled = compiled_form(driver, setup.period)
-        breakdown: Breakdown | None = None
-        if compiled is not None:
-            n = self._drive_compiled(road, compiled, setup, rules, room)
-        else:
-            n, breakdown = self._drive_python(road, driver, setup, room)
-        path = Trajectory(*room[:, :n])
-        return Drive.of(path, self.car, self.rules, road, breakdown)
-
-    def _drive_compiled(
-        self,
-        road: Road,
-        driver: Compiled,
-        setup: DriveSetup,
-        rules: FloatArray,
-        room: FloatArray,
-    ) -> int:
-        errors = _NO_ERRORS if driver.errors is None else driver.errors.upto(room.shape[1])
-        n: int = kernels.rollout(
+        if compiled is None:
+            return self._drive_python(road, driver, setup)
+        # The record after the timeout ends every drive.
+        most = math.ceil(self.rules.timeout(road.length) / kernels.PERIOD) + 2
+        columns = len(Trajectory.names())
+        if self._room.size < columns * most:
+            self._room = np.empty(columns * most)
+        room = self._room[: columns * most].reshape(columns, most)
+        n = kernels.rollout(
             road.table,
             road.sub_step,
             road.lane_width,
-            rules,
+            rules_array(self.rules, road.length),
             self._car,
             self._parameters,
-            driver.law,
-            driver.parameters,
+            compiled.law,
+            compiled.parameters,
             setup_array(setup),
-            driver.rows,
-            driver.delay,
-            errors,
-            kernels.start_state(road.table, road.lane_width, self.start_offset, self.start_heading),
+            compiled.rows,
+            compiled.delay,
+            _NO_ERRORS if compiled.errors is None else compiled.errors.upto(most),
+            self._start(road),
             room,
         )
-        return n
+        return Drive.of(Trajectory(*room[:, :n]), self.car, self.rules, road)
 
-    def _drive_python(
-        self,
-        road: Road,
-        driver: Driver,
-        setup: DriveSetup,
-        room: FloatArray,
-    ) -> tuple[int, Breakdown | None]:
-        """The compiled rollout's loop with calls of the driver in between.
-
-        Returns the number of records, and what broke it.
-        """
+    def _drive_python(self, road: Road, driver: Driver, setup: DriveSetup) -> Drive:
+        """The compiled rollout's loop with calls of the driver in between."""
         if not isinstance(under_layers(driver), _Rehearsing):
             rehearse()  # not on the driver's time
         try:
             camera = camera_of(driver)
+            renderer = None if camera is None else _renderer(road, camera, scene_of(driver))
         except DriverError as error:
-            return 0, Breakdown.of(error)
-        renderer = None
-        if camera is not None:
-            try:
-                renderer = _renderer(road, camera, scene_of(driver))
-            except DriverError as error:
-                return 0, Breakdown.of(error)
+            return Drive.of(Trajectory.empty(), self.car, self.rules, road, Breakdown.of(error))
+        if renderer is not None:
             renderer.draw(*road.pose)  # likewise
-        written = 0
-        state = kernels.start_state(
+        car = _Car(self._start(road), self._parameters, renderer)
+        return follow(car, road, self.rules, self.car, setup, driver, self.wall_limit)
+
+    def _start(self, road: Road) -> FloatArray:
+        return kernels.start_state(
             road.table, road.lane_width, self.start_offset, self.start_heading
         )
-        controls = (0.0, 0.0, 0.0)
 
-        def loop() -> None:
-            nonlocal written, controls
-            driver.reset(setup)
-            observer = Observer(road, self.rules, self.car, room.shape[1])
-            for i in range(room.shape[1]):
-                kernels.write_record(room, i, state, *controls)
-                written = i + 1
-                if not observer.see(i * kernels.PERIOD, state[X], state[Y], state[HEADING]):
-                    return
-                image = None
-                if renderer is not None:
-                    image = renderer.draw(state[X], state[Y], state[HEADING])
-                observation = observer.observation(
-                    state[SPEED], state[YAW_RATE], state[STEERING], image
-                )
-                controls = checked_controls(driver.act(observation))
-                kernels.write_record(room, i, state, *controls)
-                kernels.advance_period(state, *controls, self._parameters)
 
-        try:
-            with wall_limit(self.wall_limit), blaming_driver():
-                loop()
-        except WallLimitExceeded as error:
-            at = max(written - 1, 0) * kernels.PERIOD
-            text = (
-                f"the driver did not finish its drive within {self.wall_limit:g} s of wall time"
-                f" (it had driven {at:.1f} s{error.place})"
-            )
-            return written, Breakdown.of(error, text)
-        except DriverError as error:
-            return written, Breakdown.of(error)
-        return written, None
+class _Car:
+    """A car that is moved for a driver in Python."""
+
+    def __init__(
+        self, state: FloatArray, parameters: FloatArray, renderer: Renderer | None
+    ) -> None:
+        self._state = state
+        self._parameters = parameters
+        self._renderer = renderer
+
+    def motion(self) -> list[float]:
+        """The state, whose order is that of a trajectory's columns."""
+        values: list[float] = self._state.tolist()
+        return values
+
+    def picture(self) -> Image | None:
+        """What the camera sees."""
+        state = self._state
+        if self._renderer is None:
+            return None
+        return self._renderer.draw(state[X], state[Y], state[HEADING])
+
+    def advance(self, steering: float, throttle: float, brake: float) -> None:
+        """Moves it on."""
+        kernels.advance_period(self._state, steering, throttle, brake, self._parameters)
 
 
 def _renderer(road: Road, camera: Camera, scene: Scene) -> Renderer:

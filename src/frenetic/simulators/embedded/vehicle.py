@@ -38,11 +38,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Final
+from typing import Annotated, Final, TypeAlias
 
 import numpy as np
+from msgspec import Meta
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.bounds import NotNegative, Positive, check
 from frenetic._support.compiled import njit
 from frenetic.drive import CarBody, Rules
 from frenetic.drivers.driver import DriveSetup
@@ -92,8 +94,7 @@ MOST_ACCELERATION: Final = 20  # m/s², all that the rear axle can drive
 FRONT_TYRE_B: Final = 21  # 1/rad, TYRE_B of the front axle
 PARAMETER_COUNT: Final = 22
 
-_MAY_BE_ZERO: Final = ("body_shift", "drag_area", "rolling_resistance")
-_AT_MOST: Final = {"tyre_shape": 2.0, "slip_control": 1.0, "brake_front_share": 1.0}
+_PositiveShare: TypeAlias = Annotated[float, Meta(gt=0.0, le=1.0)]
 _STABLE_STEP: Final = 2.0
 """Largest decay rate times step length that is accepted; RK4 is stable up to 2.78."""
 
@@ -108,94 +109,77 @@ class Vehicle:
 
     """
 
-    mass: float = 1093.2952334674046
+    mass: Positive = 1093.2952334674046
     """kg."""
-    yaw_inertia: float = 1791.5995300122856
+    yaw_inertia: Positive = 1791.5995300122856
     """Yaw inertia about the vertical axis, in kg m²."""
-    front_axle: float = 1.1561957064
+    front_axle: Positive = 1.1561957064
     """Distance from the centre of mass forward to the front axle, in m."""
-    rear_axle: float = 1.4227170936
+    rear_axle: Positive = 1.4227170936
     """Distance from the centre of mass back to the rear axle, in m."""
-    cg_height: float = 0.61373004
+    cg_height: Positive = 0.61373004
     """Height of the centre of mass above the ground, in m; the sprung mass's, as in CommonRoad."""
-    length: float = 4.508
+    length: Positive = 4.508
     """Length from bumper to bumper, in m."""
-    width: float = 1.610
+    width: Positive = 1.610
     """Width in m, without mirrors."""
-    body_shift: float = 0.0
+    body_shift: NotNegative = 0.0
     """Distance of the body's centre ahead of the middle between the axles, in m; may be 0."""
 
-    tyre_shape: float = 1.3507
+    tyre_shape: Annotated[float, Meta(gt=0.0, le=2.0)] = 1.3507
     """Magic Formula C (p_cy1), up to 2."""
-    tyre_peak: float = 1.0489
+    tyre_peak: Positive = 1.0489
     """Magic Formula D per load (p_dy1): the friction coefficient at `friction` 1."""
-    tyre_stiffness: float = 21.92
+    tyre_stiffness: Positive = 21.92
     """Cornering stiffness per load (-p_ky1) in 1/rad, whatever the `friction`."""
-    friction: float = 1.0
+    friction: Positive = 1.0
     """Scale of the peak force: 1 is a dry road, about 0.7 a wet one, about 0.3 snow."""
-    crawl_speed: float = 2.0
+    crawl_speed: Positive = 2.0
     """Least rolling speed assumed in a tyre's slip, in m/s.
 
     The tyres' damping of lateral motion is proportional to 1/speed, so their equation is stiff near
     standstill. With this floor their force becomes viscous there instead, which holds the wheels to
     the path they point along, as a kinematic model does, and vanishes at rest.
     """
-    slip_control: float = 0.95
+    slip_control: _PositiveShare = 0.95
     """Share (0..1] of an axle's grip that driving and braking may use.
 
     Anti-lock brakes and traction control keep the rest for cornering, sqrt(1 - 0.95²) = 0.31 of it.
     """
 
-    steering_limit: float = 1.066
+    steering_limit: Annotated[float, Meta(gt=0.0, lt=math.pi / 2.0)] = 1.066
     """Largest angle of the front wheels, in rad."""
-    steering_rate: float = 0.4
+    steering_rate: Positive = 0.4
     """Fastest change of that angle, in rad/s."""
-    steering_lag: float = 0.1
+    steering_lag: Positive = 0.1
     """Time constant of the actuator, in s; our choice, typical of electric power steering."""
 
-    engine_acceleration: float = 4.5
+    engine_acceleration: Positive = 4.5
     """Acceleration on a level road at full throttle below `switch_speed`, in m/s², rear axle.
 
     Our choice: CommonRoad's 11.5 m/s² (switching at 7.319 m/s) is a racer's. 4.5 m/s² up to 15 m/s
     are 67.5 W/kg, which take the car from 0 to 100 km/h in 8 s, as a family car does.
     """
-    switch_speed: float = 15.0
+    switch_speed: Positive = 15.0
     """Speed above which the engine's power limits the acceleration (to 1/speed), in m/s."""
-    brake_deceleration: float = 9.0
+    brake_deceleration: Positive = 9.0
     """Deceleration at full pedal, in m/s², within the tyres' limit; our choice, a good car's."""
-    brake_front_share: float = 0.66
+    brake_front_share: _PositiveShare = 0.66
     """Share (0..1] of the brake force at the front axle, at least.
 
     Where the front axle bears more than this share of the load, it gets its share of the load, as
     electronic brake-force distribution does: the rear axle never locks first.
     """
-    drag_area: float = 0.65
+    drag_area: NotNegative = 0.65
     """Drag coefficient times frontal area, in m² (about 0.3 times 2.2 m²); may be 0."""
-    rolling_resistance: float = 0.012
+    rolling_resistance: NotNegative = 0.012
     """Rolling drag per weight; may be 0."""
-    front_stiffness: float = 1.0
+    front_stiffness: Positive = 1.0
     """Cornering stiffness of the front tyres per that of the rear tyres; below 1 the car
     understeers."""
 
     def __post_init__(self) -> None:
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if not math.isfinite(value):
-                raise ValueError(f"{item.name} is {value}: a finite number is needed")
-            if item.name in _MAY_BE_ZERO:
-                if value < 0.0:
-                    raise ValueError(f"{item.name} is {value}: a number of at least 0 is needed")
-            elif value <= 0.0:
-                raise ValueError(f"{item.name} is {value}: a positive number is needed")
-            if value > _AT_MOST.get(item.name, math.inf):
-                raise ValueError(
-                    f"{item.name} is {value}: at most {_AT_MOST[item.name]:g} is allowed"
-                )
-        if self.steering_limit >= math.pi / 2.0:
-            raise ValueError(
-                f"steering_limit is {self.steering_limit} rad: less than a right angle"
-                " (1.5708) is needed"
-            )
+        check(vars(self), Vehicle)
         if self.grip * self.cg_height >= min(self.front_axle, self.rear_axle):
             raise ValueError(
                 f"tyre_peak * friction is {self.grip:g}: such grip lifts an axle off the ground;"
@@ -221,85 +205,16 @@ class Vehicle:
             )
 
     @classmethod
-    def metadrive(cls) -> Vehicle:
-        """Return the car of `frenetic.metadrive`, as far as this model allows.
-
-        Sizes, mass, steering, engine and brakes are those of MetaDrive 0.4.3's default car with
-        constant parameters. Its wheels do not slide before the friction limit and hold it beyond,
-        so the tyres are as stiff as the step rate allows and their force has no peak; they steer at
-        once; nothing but the engine's limit of 80 km/h holds the car back under throttle. It brakes
-        by 8 m/s², beyond which MetaDrive's rear tyres begin to slide.
-
-        MetaDrive drives all wheels, and its friction limit counts forces along a wheel half, which
-        this model cannot. To leave as much grip for cornering, half of it is open to driving and
-        braking, so this car starts with 2.1 instead of 2.9 m/s² and brakes by 4.4 m/s².
-        """
-        return cls(
-            mass=1100.0,
-            yaw_inertia=2183.05,
-            front_axle=1.05234,
-            rear_axle=1.4166,
-            cg_height=0.6,
-            length=4.515,
-            width=1.852,
-            body_shift=0.18213,
-            tyre_shape=1.0,
-            tyre_peak=0.9,
-            tyre_stiffness=40.0,
-            slip_control=0.5,
-            steering_limit=math.radians(40.0),
-            steering_rate=20.0,
-            steering_lag=0.01,
-            engine_acceleration=4.0 * 800.0 / 1100.0,
-            switch_speed=80.0 / 3.6,
-            brake_deceleration=8.0,
-            brake_front_share=0.5,
-            drag_area=0.0,
-            rolling_resistance=0.0,
-        )
-
-    @classmethod
-    def etk800(cls) -> Vehicle:
-        """Return the car that BeamNG.AI drives in the competition, as far as this model allows.
-
-        `docs/beamng-ai.md` says what is known of it and what is fitted to recorded drives.
-        """
-        return cls(
-            mass=1500.0,
-            yaw_inertia=2000.0,
-            front_axle=1.45,
-            rear_axle=1.45,
-            cg_height=0.5,
-            length=4.7,
-            width=1.91,
-            tyre_shape=1.5,
-            tyre_peak=1.03,
-            tyre_stiffness=26.5,
-            front_stiffness=0.43,
-            crawl_speed=3.0,
-            steering_limit=0.6,
-            steering_rate=2.4,
-            steering_lag=0.05,
-            engine_acceleration=4.2,
-            switch_speed=12.0,
-            brake_deceleration=8.0,
-        )
-
-    @classmethod
     def named(cls, name: str) -> Vehicle:
-        """Return the car of a name: ``default``, ``metadrive`` or ``etk800``.
+        """Return the car of a name, see `CARS`.
 
         Raises:
             ValueError: there is no such car.
 
         """
-        if name == "default":
-            return cls()
-        if name == "metadrive":
-            return cls.metadrive()
-        if name == "etk800":
-            return cls.etk800()
-        raise ValueError(f"vehicle is {name!r}: default, metadrive or etk800 is needed")
+        if name not in CARS:
+            raise ValueError(f"vehicle is {name!r}: {' or '.join(CARS)} is needed")
+        return cls(**CARS[name])
 
     @classmethod
     def of(cls, description: Mapping[str, float | str]) -> Vehicle:
@@ -312,12 +227,9 @@ class Vehicle:
         given = dict(description)
         car = cls.named(str(given.pop("name", "default")))
         known = [item.name for item in fields(cls)]
-        for name, value in given.items():
-            if name not in known:
-                raise ValueError(f"vehicle has no {name!r}; it has: {', '.join(known)}")
-            if isinstance(value, bool) or not isinstance(value, (int, float)):
-                raise ValueError(f"{name} of the vehicle is {value!r}: a number is needed")
-        return replace(car, **given)  # type: ignore[arg-type]  # checked above
+        if unknown := given.keys() - known:
+            raise ValueError(f"vehicle has no {min(unknown)!r}; it has: {', '.join(known)}")
+        return replace(car, **given)  # type: ignore[arg-type]  # checked there
 
     @property
     def wheelbase(self) -> float:
@@ -385,6 +297,68 @@ class Vehicle:
         return p
 
 
+CARS: Final[Mapping[str, Mapping[str, float]]] = {
+    "default": {},
+    "metadrive": {
+        "mass": 1100.0,
+        "yaw_inertia": 2183.05,
+        "front_axle": 1.05234,
+        "rear_axle": 1.4166,
+        "cg_height": 0.6,
+        "length": 4.515,
+        "width": 1.852,
+        "body_shift": 0.18213,
+        "tyre_shape": 1.0,
+        "tyre_peak": 0.9,
+        "tyre_stiffness": 40.0,
+        "slip_control": 0.5,
+        "steering_limit": math.radians(40.0),
+        "steering_rate": 20.0,
+        "steering_lag": 0.01,
+        "engine_acceleration": 4.0 * 800.0 / 1100.0,
+        "switch_speed": 80.0 / 3.6,
+        "brake_deceleration": 8.0,
+        "brake_front_share": 0.5,
+        "drag_area": 0.0,
+        "rolling_resistance": 0.0,
+    },
+    "etk800": {
+        "mass": 1500.0,
+        "yaw_inertia": 2000.0,
+        "front_axle": 1.45,
+        "rear_axle": 1.45,
+        "cg_height": 0.5,
+        "length": 4.7,
+        "width": 1.91,
+        "tyre_shape": 1.5,
+        "tyre_peak": 1.03,
+        "tyre_stiffness": 26.5,
+        "front_stiffness": 0.43,
+        "crawl_speed": 3.0,
+        "steering_limit": 0.6,
+        "steering_rate": 2.4,
+        "steering_lag": 0.05,
+        "engine_acceleration": 4.2,
+        "switch_speed": 12.0,
+        "brake_deceleration": 8.0,
+    },
+}
+"""Name of a car -> the parameters in which it differs from the default.
+
+``metadrive`` is the car of `frenetic.metadrive`, as far as this model allows. Sizes, mass,
+steering, engine and brakes are those of MetaDrive 0.4.3's default car with constant parameters. Its
+wheels do not slide before the friction limit and hold it beyond, so the tyres are as stiff as the
+step rate allows and their force has no peak; they steer at once; nothing but the engine's limit of
+80 km/h holds the car back under throttle. It brakes by 8 m/s², beyond which MetaDrive's rear tyres
+begin to slide. MetaDrive drives all wheels, and its friction limit counts forces along a wheel
+half, which this model cannot. To leave as much grip for cornering, half of it is open to driving
+and braking, so this car starts with 2.1 instead of 2.9 m/s² and brakes by 4.4 m/s².
+
+``etk800`` is the car that BeamNG.AI drives in the competition, as far as this model allows;
+`docs/beamng-ai.md` says what is known of it and what is fitted to recorded drives.
+"""
+
+
 @njit(error_model="numpy")
 def _clip(value: float, low: float, high: float) -> float:
     return low if value < low else high if value > high else value
@@ -404,7 +378,7 @@ def _lateral_grip_used(rolling: float, sliding: float, b: float, p: FloatArray) 
 
 
 @njit(error_model="numpy")
-def _axle_forces(
+def axle_forces(
     v_x: float,
     v_y: float,
     r: float,
@@ -414,7 +388,18 @@ def _axle_forces(
     brake: float,
     p: FloatArray,
 ) -> tuple[float, float, float, float, float, float]:
-    """Do what `axle_forces` says, from scalars; cos_d and sin_d are of the steering angle."""
+    """Return the forces on the front axle, then on the rear axle, in newtons: F_x, F_y, F_z each.
+
+    F_x points along the axle's wheels (the front ones are turned by the steering angle), F_y across
+    them to the left, and F_z is the load. F_x² + F_y² <= (μ F_z)² on either axle.
+
+    Args:
+        v_x, v_y, r: speed, lateral speed and yaw rate of the state.
+        cos_d, sin_d: of the steering angle.
+        throttle, brake: 0..1.
+        p: `Vehicle.to_array()`.
+
+    """
     # Velocities of the axles along (rolling) and across (sliding) their wheels.
     front_v_y = v_y + p[FRONT] * r
     front_rolling = v_x * cos_d + front_v_y * sin_d
@@ -458,7 +443,7 @@ def _axle_forces(
 
 
 @njit(error_model="numpy")
-def _motion(
+def motion(
     v_x: float,
     v_y: float,
     r: float,
@@ -476,7 +461,7 @@ def _motion(
     """
     cos_d = math.cos(delta)
     sin_d = math.sin(delta)
-    front_x, front_y, _, rear_x, rear_y, _ = _axle_forces(
+    front_x, front_y, _, rear_x, rear_y, _ = axle_forces(
         v_x, v_y, r, cos_d, sin_d, throttle, brake, p
     )
     front_ahead = front_x * cos_d - front_y * sin_d
@@ -489,72 +474,6 @@ def _motion(
         (rear_y + front_left) / p[MASS] - v_x * r,
         (p[FRONT] * front_left - p[REAR] * rear_y) / p[YAW_INERTIA],
         _clip((wanted - delta) / p[STEERING_LAG], -p[STEERING_RATE], p[STEERING_RATE]),
-    )
-
-
-@njit(error_model="numpy")
-def axle_forces(
-    state: FloatArray, throttle: float, brake: float, p: FloatArray
-) -> tuple[float, float, float, float, float, float]:
-    """Return the forces on the front axle, then on the rear axle, in newtons: F_x, F_y, F_z each.
-
-    F_x points along the axle's wheels (the front ones are turned by the steering angle), F_y across
-    them to the left, and F_z is the load. F_x² + F_y² <= (μ F_z)² on either axle.
-
-    Args:
-        state: (7,), see the module's text.
-        throttle: 0..1.
-        brake: 0..1.
-        p: `Vehicle.to_array()`.
-
-    """
-    return _axle_forces(
-        state[SPEED],
-        state[LATERAL_SPEED],
-        state[YAW_RATE],
-        math.cos(state[STEERING]),
-        math.sin(state[STEERING]),
-        _clip(throttle, 0.0, 1.0),
-        _clip(brake, 0.0, 1.0),
-        p,
-    )
-
-
-@njit(error_model="numpy")
-def derivative(
-    state: FloatArray,
-    steering: float,
-    throttle: float,
-    brake: float,
-    p: FloatArray,
-    out: FloatArray,
-) -> None:
-    """Write the time derivative of a state, per second, to `out`.
-
-    Args:
-        state: (7,), see the module's text.
-        steering: rad, asked of the front wheels, positive to the left.
-        throttle: 0..1.
-        brake: 0..1.
-        p: `Vehicle.to_array()`.
-        out: (7,).
-
-    """
-    v_x, v_y, r = state[SPEED], state[LATERAL_SPEED], state[YAW_RATE]
-    cos_h = math.cos(state[HEADING])
-    sin_h = math.sin(state[HEADING])
-    out[X] = v_x * cos_h - v_y * sin_h
-    out[Y] = v_x * sin_h + v_y * cos_h
-    out[HEADING] = r
-    out[SPEED], out[LATERAL_SPEED], out[YAW_RATE], out[STEERING] = _motion(
-        v_x,
-        v_y,
-        r,
-        state[STEERING],
-        steering,
-        _clip(throttle, 0.0, 1.0),
-        _clip(brake, 0.0, 1.0),
-        p,
     )
 
 
@@ -590,23 +509,23 @@ def advance(
     half = 0.5 * dt
 
     # Each stage: its velocities, the heading since the start, and the derivatives there.
-    a_x1, a_y1, a_r1, rate1 = _motion(v_x, v_y, r, delta, steering, throttle, brake, p)
+    a_x1, a_y1, a_r1, rate1 = motion(v_x, v_y, r, delta, steering, throttle, brake, p)
 
     v_x2, v_y2, r2 = v_x + half * a_x1, v_y + half * a_y1, r + half * a_r1
     east2, north2 = _turned(v_x2, v_y2, half * r)
-    a_x2, a_y2, a_r2, rate2 = _motion(
+    a_x2, a_y2, a_r2, rate2 = motion(
         v_x2, v_y2, r2, delta + half * rate1, steering, throttle, brake, p
     )
 
     v_x3, v_y3, r3 = v_x + half * a_x2, v_y + half * a_y2, r + half * a_r2
     east3, north3 = _turned(v_x3, v_y3, half * r2)
-    a_x3, a_y3, a_r3, rate3 = _motion(
+    a_x3, a_y3, a_r3, rate3 = motion(
         v_x3, v_y3, r3, delta + half * rate2, steering, throttle, brake, p
     )
 
     v_x4, v_y4, r4 = v_x + dt * a_x3, v_y + dt * a_y3, r + dt * a_r3
     east4, north4 = _turned(v_x4, v_y4, dt * r3)
-    a_x4, a_y4, a_r4, rate4 = _motion(
+    a_x4, a_y4, a_r4, rate4 = motion(
         v_x4, v_y4, r4, delta + dt * rate3, steering, throttle, brake, p
     )
 

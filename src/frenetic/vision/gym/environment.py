@@ -13,6 +13,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from frenetic._support.bounds import Count, check
 from frenetic._support.files import require_list
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.store import CampaignStore
@@ -130,8 +131,7 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
 
     Args:
         num_envs: number of cars.
-        autoreset_mode: `gymnasium.vector.AutoresetMode` or its value: ``NextStep``, ``SameStep`` or
-            ``Disabled``.
+        autoreset_mode: `gymnasium.vector.AutoresetMode` or its value: ``NextStep`` or ``SameStep``.
         max_episode_steps: steps after which an episode is truncated; None for the rules' limit.
         roads, map_size, camera, render_mode, simulator: see `LaneKeepingEnv`.
 
@@ -143,22 +143,22 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
     def __init__(
         self,
         *,
-        num_envs: int = 1,
+        num_envs: Count = 1,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        max_episode_steps: int | None = None,
+        max_episode_steps: Count | None = None,
         roads: Sequence[Road | Path | str] | None = None,
         map_size: float = MAP_SIZE,
         camera: Camera | None = None,
         render_mode: None = None,
         **simulator: Any,
     ) -> None:
-        if num_envs < 1:
-            raise ValueError(f"num_envs is {num_envs}: at least 1 is needed")
-        if max_episode_steps is not None and max_episode_steps < 1:
-            raise ValueError(f"max_episode_steps is {max_episode_steps}: at least 1 is needed")
+        limits = {"num_envs": num_envs, "max_episode_steps": max_episode_steps}
+        check(limits, LaneKeepingVectorEnv.__init__)
         self.num_envs = num_envs
         self.render_mode = render_mode
         self.autoreset_mode = AutoresetMode(autoreset_mode)
+        if self.autoreset_mode is AutoresetMode.DISABLED:
+            raise ValueError("autoreset_mode is Disabled: NextStep or SameStep is needed")
         self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
         self._most = max_episode_steps
         self._source = RoadSource(roads, map_size)
@@ -180,23 +180,19 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
 
         Args:
             seed: of the first car, the next one for each other; or one for each car.
-            options: ``reset_mask``, (num_envs,) bool, says which cars; all by default. ``road``, a
-                `Road` for this episode of each of them in place of drawn ones.
+            options: ``road``, a `Road` for this episode of each of them in place of drawn ones.
 
         Raises:
             FreneticError: ``road`` is none.
-            ValueError: mask or seeds are not one for each car.
+            ValueError: the seeds are not one for each car.
         """
         road = _given_road(options)
         seed = plain_seed(seed)
         super().reset(seed=seed if isinstance(seed, int) else None)
-        mask = np.asarray((options or {}).get("reset_mask", np.ones(self.num_envs, np.bool_)))
-        if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
-            raise ValueError(f"reset_mask is {mask!r}: ({self.num_envs},) bool are needed")
         for k, own in enumerate(self._seeds(seed)):
-            if own is not None and mask[k]:
+            if own is not None:
                 self._generators[k], _ = seeding.np_random(plain_seed(own))
-        self._start(mask, road)
+        self._start(np.ones(self.num_envs, np.bool_), road)
         return self._cars.observations(), {}
 
     def step(
@@ -205,13 +201,13 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
         """Drives on for a control period; cars whose episode has ended are reset as the mode says.
 
         Raises:
-            ResetNeeded: an episode has ended, and the mode is ``Disabled``; or none has begun.
+            ResetNeeded: no episode has begun.
             ValueError: the actions are not (num_envs, 2) finite numbers.
         """
         given = checked_actions(actions, self.num_envs)
         resets = self._has_ended
-        if resets.any() and self.autoreset_mode is not AutoresetMode.NEXT_STEP:
-            raise gymnasium.error.ResetNeeded("an episode has ended: call reset() first")
+        if self._cars.road(0) is None:
+            raise gymnasium.error.ResetNeeded("no episode has begun: call reset() first")
         self._place(resets)
         cars = self._cars
         cars.step(np.where(resets, START, STEP), given)

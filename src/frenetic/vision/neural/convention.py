@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import json
-import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct, ValidationError, convert, json
+
+from frenetic._support.bounds import Finite, Index, Positive, check
 
 METADATA: Final = "frenetic"
 """Key in a model's metadata of its convention, a JSON object."""
@@ -23,86 +23,43 @@ _COLOURS: Final[Mapping[str, tuple[tuple[tuple[float, ...], ...], tuple[float, .
     "grey": (_YUV[:1], (0.0,)),
 }
 """Colour space -> (weights of red, green and blue in its channels, what is added to these)."""
-_CHOICES: Final[Mapping[str, Sequence[str]]] = {
-    "inputs": ("image", "vector"),
-    "layout": ("nchw", "nhwc"),
-    "colour": tuple(_COLOURS),
-    "outputs": ("steering", "steering-throttle", "waypoints"),
-    "steering": ("share", "action", "rad", "degrees", "curvature"),
-}
+
+Colour: TypeAlias = Literal["rgb", "bgr", "yuv", "grey"]
+Steering: TypeAlias = Literal["share", "action", "rad", "degrees", "curvature"]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Convention:
-    """What a network is fed with, and what its outputs mean.
+class Convention(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a network is fed with, and what its outputs mean."""
 
-    Raises:
-        ValueError: a value is out of range.
-    """
-
-    inputs: str = "image"
+    preset: Literal["dave2"] | None = None
+    """Name of one of `PRESETS`, which all others override."""
+    inputs: Literal["image", "vector"] = "image"
     """What it is fed with: the camera's ``image``, or the ``vector`` of `frenetic.vision.policy`,
     which the environment of `frenetic.vision.gym` gives; a vector has none of the image's
     settings."""
-    layout: str | None = None
-    """Order of the input's axes: ``nchw`` or ``nhwc``; None to tell it by the axis of
-    length 1 or 3."""
-    colour: str = "rgb"
+    layout: Literal["nchw", "nhwc"] | None = None
+    """Order of the input's axes; None to tell it by the axis of length 1 or 3."""
+    colour: Colour = "rgb"
     """Colour space: ``rgb``, ``bgr``, ``grey``, or ``yuv`` as OpenCV's ``COLOR_RGB2YUV`` has it,
     with U and V in the middle of their range where there is no colour."""
-    mean: tuple[float, ...] = (0.0,)
+    mean: Finite | tuple[Finite, ...] = 0.0
     """Subtracted from pixels in 0..1: one number, or one for each channel."""
-    std: tuple[float, ...] = (1.0,)
+    std: Positive | tuple[Positive, ...] = 1.0
     """Divides them then, likewise."""
-    crop: tuple[int, int] = (0, 0)
+    crop: tuple[Index, Index] = (0, 0)
     """Rows that are cut off the camera's image, at the top and at the bottom."""
-    camera: Mapping[str, float] = field(default_factory=dict)
+    camera: Mapping[str, int | Finite] = {}
     """Fields of a `frenetic.Camera` that differ from its defaults."""
-    outputs: str = "steering"
-    """``steering``; ``steering-throttle``, the latter from -1, full brake, to 1; or ``waypoints``,
-    pairs (ahead, left) in m from the centre of mass, the nearest first."""
-    steering: str = "share"
+    outputs: Literal["steering", "steering-throttle"] = "steering"
+    """Whether there is a throttle, too, from -1, full brake, to 1."""
+    steering: Steering = "share"
     """What steering is: the ``share`` of the front wheels' largest angle, -1..1; that of an
     ``action`` in `frenetic.vision.gym`, -1..1; their angle in ``rad`` or ``degrees``; or the
     ``curvature`` to drive, in 1/m."""
-    steering_sign: int = 1
+    steering_sign: Literal[1, -1] = 1
     """1 if positive steering turns left, -1 if it turns right."""
-    lookahead: float = 6.0
-    """Distance from the rear axle to the place among waypoints that is steered for, in m."""
-    max_speed: float | None = None
+    max_speed: Positive | None = None
     """Speed that is kept if the network has no throttle, in km/h; None for the speed limit."""
-
-    def __post_init__(self) -> None:
-        for name, allowed in _CHOICES.items():
-            value = getattr(self, name)
-            if value not in allowed and not (name == "layout" and value is None):
-                raise ValueError(f"{name} is {shown(value)}: {', '.join(allowed)} are allowed")
-        for name in ("mean", "std"):
-            values = _numbers(getattr(self, name))
-            if len(values) not in (1, self.channels) or (name == "std" and min(values) <= 0.0):
-                what = "a positive number" if name == "std" else "a number"
-                raise ValueError(
-                    f"{name} is {shown(getattr(self, name))}: {what} is needed, or one for each"
-                    f" channel of {self.colour}"
-                )
-            object.__setattr__(self, name, values)
-        crop = _numbers(self.crop)
-        if len(crop) != 2 or any(rows < 0.0 or rows % 1.0 for rows in crop):
-            raise ValueError(
-                f"crop is {shown(self.crop)}: the number of rows at the top and that at the bottom"
-                " are needed"
-            )
-        object.__setattr__(self, "crop", (int(crop[0]), int(crop[1])))
-        if not isinstance(self.camera, Mapping):
-            raise ValueError(f"camera is {shown(self.camera)}: an object of numbers is needed")
-        if self.steering_sign not in (1, -1):
-            raise ValueError(f"steering_sign is {shown(self.steering_sign)}: 1 or -1 is needed")
-        for name in ("lookahead", "max_speed"):
-            value = getattr(self, name)
-            if value is None and name == "max_speed":
-                continue
-            if not _is_number(value) or value <= 0.0:
-                raise ValueError(f"{name} is {shown(value)}: a positive number is needed")
 
     @classmethod
     def of(cls, metadata: Mapping[str, str], given: Mapping[str, Any]) -> Convention:
@@ -110,23 +67,34 @@ class Convention:
 
         Args:
             metadata: of the file.
-            given: name -> value, ``preset`` among them.
+            given: name -> value.
 
         Raises:
             ValueError: an entry is damaged, unknown or out of range.
         """
-        own = _decoded(metadata[METADATA]) if METADATA in metadata else {}
-        name = given.get("preset", own.get("preset"))
-        if name is not None and (not isinstance(name, str) or name not in PRESETS):
-            raise ValueError(f"preset is {shown(name)}: {', '.join(PRESETS)} is allowed")
+        own: Any = {}
+        try:
+            if METADATA in metadata:
+                own = json.decode(metadata[METADATA])
+                convert(own, cls)
+        except (ValidationError, ValueError, RecursionError) as error:
+            raise ValueError(f"its metadata {METADATA} are damaged: {error}") from None
+        check(given, cls)
+        preset = given.get("preset", own.get("preset"))
         merged: dict[str, Any] = {}
-        for source in ({} if name is None else PRESETS[name], own, given):
-            camera = merged.get("camera", {})
-            merged |= source
-            if isinstance(merged.get("camera"), Mapping):
-                merged["camera"] = {**camera, **merged["camera"]}
-        merged.pop("preset", None)
-        return cls(**merged)
+        for source in ({} if preset is None else PRESETS[preset], own, given):
+            camera = {**merged.get("camera", {}), **(source.get("camera") or {})}
+            merged |= {name: one for name, one in source.items() if one is not None}
+            merged["camera"] = camera
+        convention = convert(merged, cls)
+        for name in ("mean", "std"):
+            value = getattr(convention, name)
+            if isinstance(value, tuple) and len(value) != convention.channels:
+                raise ValueError(
+                    f"{name} is {list(value)}: a number is needed, or one for each channel of"
+                    f" {convention.colour}"
+                )
+        return convention
 
     @property
     def channels(self) -> int:
@@ -163,45 +131,3 @@ PRESETS: Final[Mapping[str, Mapping[str, Any]]] = MappingProxyType(
 )
 """Name -> what it sets: ``dave2`` is the input of M. Bojarski et al., "End to End Learning for
 Self-Driving Cars" (arXiv:1604.07316), 66 x 200 pixels in YUV, scaled to -1..1."""
-
-
-def _decoded(text: str) -> dict[str, Any]:
-    """The convention in a file's metadata.
-
-    Raises:
-        ValueError: it is none.
-    """
-    try:
-        value = json.loads(text)
-    except (ValueError, RecursionError):
-        raise ValueError(f"its metadata {METADATA} is {shown(text)}: JSON is needed") from None
-    known = ["preset", *(item.name for item in fields(Convention))]
-    if not isinstance(value, dict):
-        raise ValueError(f"its metadata {METADATA} is {shown(value)}: a JSON object is needed")
-    if unknown := [name for name in value if name not in known]:
-        raise ValueError(
-            f"its metadata {METADATA} has an entry {shown(unknown[0])}: {', '.join(known)} are"
-            " allowed"
-        )
-    return {name: one for name, one in value.items() if one is not None}
-
-
-def shown(value: object) -> str:
-    """The repr of a value, shortened."""
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
-
-
-def _is_number(value: object) -> bool:
-    # A whole number may be too large for a float.
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        return False
-    return abs(value) <= sys.float_info.max
-
-
-def _numbers(value: object) -> tuple[float, ...]:
-    """A number or some as a tuple; empty for anything else."""
-    values = (value,) if _is_number(value) else value
-    if not isinstance(values, Sequence) or not all(map(_is_number, values)):
-        return ()
-    return tuple(float(one) for one in values)

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
+from msgspec import structs
 
 from frenetic._support.arrays import FloatArray
 from frenetic.drivers.camera import Camera
 from frenetic.drivers.driver import Controls, DriveSetup, Observation
 from frenetic.drivers.laws import setup_array
 from frenetic.errors import DriverError
-from frenetic.vision.neural.convention import Convention, shown
+from frenetic.vision.neural.convention import Convention
 from frenetic.vision.neural.model import LONGEST, Model, check_loading, read_model
 from frenetic.vision.policy import VECTOR_SIZE, controls_of, vector_of
 
@@ -71,7 +71,6 @@ class Network:
         outputs: str | None = None,
         steering: str | None = None,
         steering_sign: int | None = None,
-        lookahead: float | None = None,
         max_speed: float | None = None,
     ) -> None:
         given = dict(locals())  # the arguments, by now
@@ -109,9 +108,9 @@ class Network:
             self.convention = convention
             return
         if self._model.type is np.uint8:
-            if convention.mean != (0.0,) or convention.std != (1.0,):
+            if (convention.mean, convention.std) != (0.0, 1.0):
                 raise ValueError("its input is uint8, pixels in 0..255: it takes no mean and std")
-            convention = replace(convention, std=(1.0 / 255.0,))
+            convention = structs.replace(convention, std=1.0 / 255.0)
         self.convention = convention
         """What it is fed with, and what its outputs mean."""
         self._is_nchw, height, width = _image_shape(self._model.shape, convention)
@@ -121,7 +120,7 @@ class Network:
         seen = (self.camera.height - cut, self.camera.width)
         if seen[0] < 1:
             raise ValueError(
-                f"crop is {shown(convention.crop)}: nothing is left of {self.camera.height} rows"
+                f"crop is {list(convention.crop)}: nothing is left of {self.camera.height} rows"
             )
         wanted = (height or seen[0], width or seen[1])
         self._resizing = None if wanted == seen else Resizing(seen, wanted)
@@ -186,13 +185,11 @@ class Network:
             ValueError: see `_answer`.
         """
         answer = self._model.run(np.ascontiguousarray(fed, dtype=self._model.type), limit)
-        outputs, n = self.convention.outputs, len(answer)
-        needed = {"steering": "one number", "steering-throttle": "two numbers"}
-        fits = {"steering": n == 1, "steering-throttle": n == 2}
-        if not fits.get(outputs, n >= 2 and n % 2 == 0):
+        outputs = self.convention.outputs
+        if len(answer) != len(outputs.split("-")):
             raise ValueError(
-                f"the network gives {n} numbers, but its outputs are {outputs}:"
-                f" {needed.get(outputs, 'pairs of numbers')} are needed; give outputs"
+                f"the network gives {len(answer)} numbers, but its outputs are {outputs}: give"
+                " outputs"
             )
         if not np.isfinite(answer).all():
             raise ValueError(f"the network gives {answer[~np.isfinite(answer)][0]}")
@@ -200,9 +197,6 @@ class Network:
 
     def _steering(self, answer: FloatArray, setup: DriveSetup) -> float:
         """Angle of the front wheels in rad."""
-        if self.convention.outputs == "waypoints":
-            curvature = pursuit(answer.reshape(-1, 2), setup.rear_axle, self.convention.lookahead)
-            return math.atan(setup.wheelbase * curvature)
         value = self.convention.steering_sign * float(answer[0])
         if self.convention.steering == "share":
             return value * setup.max_steering
@@ -274,26 +268,6 @@ def _neighbours(
     return before, behind, (places - before).astype(np.float32)
 
 
-def pursuit(waypoints: FloatArray, rear_axle: float, lookahead: float) -> float:
-    """Curvature in 1/m of the arc that leads the rear axle to a place among waypoints.
-
-    Args:
-        waypoints: (n, 2), ahead and left of the centre of mass in m, the nearest first.
-        rear_axle: its distance from the centre of mass, in m.
-        lookahead: distance of the place from the rear axle, in m; beyond the last waypoint, that
-            one is taken.
-    """
-    points = waypoints + np.array([rear_axle, 0.0])
-    distances = np.hypot(points[:, 0], points[:, 1])
-    far = np.flatnonzero(distances >= lookahead)
-    i = int(far[0]) if len(far) else len(points) - 1
-    place = points[i]
-    if len(far) and i > 0:
-        share = (lookahead - distances[i - 1]) / (distances[i] - distances[i - 1])
-        place = points[i - 1] + share * (points[i] - points[i - 1])
-    return float(2.0 * place[1] / max(float(place @ place), 1.0))
-
-
 def _shown(shape: Sequence[int | None]) -> str:
     return f"({', '.join('any' if size is None else str(size) for size in shape)})"
 
@@ -348,6 +322,6 @@ def _camera(given: Mapping[str, float], height: int | None, width: int | None) -
     """
     if unknown := given.keys() - Camera.__dataclass_fields__.keys():
         known = ", ".join(Camera.__dataclass_fields__)
-        raise ValueError(f"a camera has no {shown(min(map(str, unknown)))}; it has: {known}")
+        raise ValueError(f"a camera has no {min(unknown)!r}; it has: {known}")
     sizes = {"height": height, "width": width}
     return Camera(**{name: size for name, size in sizes.items() if size is not None} | dict(given))  # type: ignore[arg-type]

@@ -1,0 +1,115 @@
+"""One drive of a car that a simulator in Python moves, record by record."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+from frenetic.drive import Breakdown, CarBody, Drive, Rules, Trajectory
+from frenetic.drivers.camera import Image
+from frenetic.drivers.driver import Driver, DriveSetup, blaming_driver, checked_controls
+from frenetic.errors import DriverError, FreneticError
+from frenetic.road import Road
+from frenetic.simulators.observing import Observer
+from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
+
+
+class MovedCar(Protocol):
+    """The car, which stands at the start of the road."""
+
+    def motion(self) -> Sequence[float]:
+        """Its columns of a `Trajectory` from ``x`` to ``steering``, with the heading unwrapped.
+
+        Those after them, too, if it drives itself.
+        """
+
+    def picture(self) -> Image | None:
+        """What the driver's camera sees now; None without one."""
+
+    def advance(self, steering: float, throttle: float, brake: float) -> None:
+        """Moves it on by a period."""
+
+
+def follow(
+    car: MovedCar,
+    road: Road,
+    rules: Rules,
+    body: CarBody,
+    setup: DriveSetup,
+    driver: Driver | None,
+    limit: float,
+    *,
+    may_stall: bool = False,
+) -> Drive:
+    """Drives until the rules end it; a driver that breaks ends it, too.
+
+    Args:
+        car: what is moved.
+        road: under it.
+        rules: say when the drive ends.
+        body: of the car.
+        setup: the driver's.
+        driver: asked every period; None if the car drives itself.
+        limit: s of wall time.
+        may_stall: whether the simulator itself may need that long.
+
+    Raises:
+        FreneticError: it did, while nobody waited for the driver.
+    """
+    # The record after the timeout ends every drive.
+    most = math.ceil(rules.timeout(road.length) / setup.period) + 2
+    observer = Observer(road, rules, body, most)
+    rows: list[list[float]] = []
+    waits = False  # for the driver
+    breakdown: Breakdown | None = None
+
+    def loop() -> None:
+        nonlocal waits
+        controls = (0.0, 0.0, 0.0)
+        if driver is not None:
+            waits = True
+            driver.reset(setup)
+            waits = False
+        for i in range(most):
+            time = i * setup.period
+            motion = [time, *car.motion()]
+            rows.append(motion if driver is None else [*motion, *controls])
+            x, y, heading, speed, _, yaw_rate, steering = motion[1:8]
+            if not observer.see(time, x, y, heading):
+                return
+            if driver is not None:
+                seen = observer.observation(speed, yaw_rate, steering, car.picture())
+                waits = True
+                controls = checked_controls(driver.act(seen))
+                waits = False
+                rows[-1] = [*motion, *controls]
+            car.advance(*controls)
+
+    try:
+        with wall_limit(limit):
+            try:
+                loop()
+            except BaseException:
+                if waits:
+                    with blaming_driver():
+                        raise
+                raise
+    except WallLimitExceeded as error:
+        if may_stall and not waits:
+            raise FreneticError(
+                f"the simulator did not finish a drive within {limit:g} s of wall time"
+                f" ({len(rows)} records)"
+            ) from None
+        at = max(len(rows) - 1, 0) * setup.period
+        text = (
+            f"the driver did not finish its drive within {limit:g} s of wall time"
+            f" (it had driven {at:.1f} s{error.place})"
+        )
+        breakdown = Breakdown.of(error, text)
+    except DriverError as error:
+        breakdown = Breakdown.of(error)
+    path = Trajectory.from_rows(np.array(rows).reshape(-1, len(Trajectory.names())))
+    return Drive.of(path, body, rules, road, breakdown)
