@@ -76,7 +76,7 @@ def test_thirty_random_roads_come_first_and_fewer_in_a_short_budget() -> None:
 
 def test_roads_that_are_out_count_among_the_first_ones() -> None:
     for budget, least, most in ((1.0, 30, 32), (0.2, 20, 22)):
-        search = Frenetic(seed=1, random_budget=budget, random_share=0.0)
+        search = Frenetic(seed=1, random_budget=budget)
         out: list[Candidate] = []
         first = 0
         for count in range(1, 61):
@@ -84,7 +84,7 @@ def test_roads_that_are_out_count_among_the_first_ones() -> None:
                 out.append(search.ask())
                 first += out[-1].origin.operator == "random"
             search.tell(drive(out.pop(0), -1.0, 50.0, spent=count / 100))
-        assert least <= first <= most
+        assert least <= first <= most + 4  # and one in twenty of the others
 
 
 def test_a_child_avoids_the_failures_that_those_out_are_expected_to_be() -> None:

@@ -205,7 +205,7 @@ def test_the_car_starts_at_rest_on_the_ego_lanes_centre_along_the_road(
     road: Road, driver: Driver
 ) -> None:
     t = EmbeddedSimulator().drive(road, driver).trajectory
-    start = road.ego_lane.centre[0]
+    start = road.sample(2.0, -0.5 * road.lane_width)[0]
     assert (t.x[0], t.y[0]) == pytest.approx(tuple(start), abs=1e-9)
     assert t.heading[0] == pytest.approx(road.pose.heading)
     for column in (t.time, t.speed, t.lateral_speed, t.yaw_rate, t.steering):

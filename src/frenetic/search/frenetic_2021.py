@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import bisect
-import hashlib
 import heapq
 import math
 from collections.abc import Iterator
@@ -28,10 +27,8 @@ from frenetic.search.operators import (
 from frenetic.search.random_search import (
     LENGTH_JITTER,
     MAX_LENGTH,
-    MAX_REDRAWS,
     RANDOM,
     STEP,
-    MapCheck,
     RandomRoads,
     RoadCheck,
 )
@@ -87,11 +84,10 @@ class Frenetic2021(Strategy):
     no more are asked and the outstanding ones are unwanted. Asked and told one by one, the strategy
     is exactly Listing 1.
 
-    Our two deviations are off by default: `max_redraws`, which draws again what `is_valid` refuses,
-    and `skip_repeats`.
+    Our deviation is off by default: `max_redraws`, which draws again what `is_valid` refuses.
 
     The strategy remembers only roads below the threshold that can still become parents, and the
-    `cross_num` best; with `skip_repeats` also 16 bytes of every road.
+    `cross_num` best.
 
     Args:
         seed: A whole number of at least 0.
@@ -114,11 +110,7 @@ class Frenetic2021(Strategy):
             Random roads, the mutants P1 .. P6 and children of crossover that it refuses are drawn
             again (for a child: parents and operator, too). F1 .. F4 have nothing to draw: their
             mutants are always proposed. So is the last draw when all were refused.
-        max_redraws: How often a refused road is drawn again; by default 0, as in the paper, or 10
-            with `skip_repeats`.
-        skip_repeats: Whether a road that was proposed before is drawn again like a refused one, and
-            left out where there is nothing to draw (F1 .. F4). Listing 1 tests about one road in
-            five a second time.
+        max_redraws: How often a refused road is drawn again; by default 0, as in the paper.
 
     Raises:
         ValueError: An option is out of range; the message says which and what is allowed.
@@ -149,11 +141,8 @@ class Frenetic2021(Strategy):
         min_scale: float = LISTING_1.min_scale,
         max_scale: float = LISTING_1.max_scale,
         is_valid: RoadCheck | None = None,
-        max_redraws: int | None = None,
-        skip_repeats: bool = False,
+        max_redraws: int = 0,
     ) -> None:
-        if max_redraws is None:
-            max_redraws = MAX_REDRAWS if skip_repeats else 0
         self.options = options_of(locals())
         require(0 <= random_budget <= 1, "random_budget", random_budget, "between 0 and 1")
         require(math.isfinite(threshold), "threshold", threshold, "a finite number (m)")
@@ -162,9 +151,6 @@ class Frenetic2021(Strategy):
         self._threshold = threshold
         self._cross_freq = require_whole("cross_freq", cross_freq, 0)
         self._cross_num = require_whole("cross_num", cross_num, 2)
-        require(0 < map_size < math.inf, "map_size", map_size, "positive (m)")
-        self._is_valid = MapCheck(map_size, is_valid)
-        self._proposed: set[bytes] | None = set() if skip_repeats else None
         self._roads = RandomRoads(
             map_size=map_size,
             step=step,
@@ -172,7 +158,7 @@ class Frenetic2021(Strategy):
             max_length=max_length,
             curvature_bound=curvature_bound,
             max_change=max_change,
-            is_valid=self._is_new_and_valid if skip_repeats else self._is_valid,
+            is_valid=is_valid,
             max_redraws=max_redraws,
         )
         self._max_redraws = max_redraws
@@ -198,7 +184,7 @@ class Frenetic2021(Strategy):
 
         An `is_valid` of your own stays as it is.
         """
-        self._is_valid.keep_margin(margin)
+        self._roads.keep_margin(margin)
 
     def ask(self) -> Candidate:
         """Return the next road to try."""
@@ -279,9 +265,7 @@ class Frenetic2021(Strategy):
         road = parent.candidate.curvatures
         if parent.outcome is Outcome.FAIL:
             for name, vary in FAIL_OPERATORS.items():
-                varied = vary(road)
-                if self._is_new(varied):
-                    yield name, varied
+                yield name, vary(road)
             return
         for name, mutate in PASS_OPERATORS.items():
             mutant = self._roads.redrawn(partial(mutate, self._rng, road, self._options))
@@ -331,18 +315,4 @@ class Frenetic2021(Strategy):
                 (parent.candidate.origin.generation + 1 for parent in parents), default=0
             ),
         )
-        if self._proposed is not None:
-            self._proposed.add(fingerprint(curvatures))
         return self._ledger.issue(curvatures, self._roads.step, origin)
-
-    def _is_new(self, curvatures: FloatArray) -> bool:
-        return self._proposed is None or fingerprint(curvatures) not in self._proposed
-
-    def _is_new_and_valid(self, curvatures: FloatArray, step: float) -> bool:
-        return self._is_new(curvatures) and self._is_valid(curvatures, step)
-
-
-def fingerprint(curvatures: FloatArray) -> bytes:
-    """16 bytes that no two different roads share."""
-    values = np.ascontiguousarray(curvatures, dtype="<f8") + 0.0  # no negative zeros
-    return hashlib.blake2b(values.tobytes(), digest_size=16).digest()
