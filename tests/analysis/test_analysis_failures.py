@@ -103,13 +103,6 @@ def test_moving_and_turning_a_road_makes_no_difference(x: float, y: float, headi
     assert difference(here, there) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_what_lies_far_behind_the_place_or_ahead_of_it_makes_no_difference() -> None:
-    base = failure(STRAIGHT)
-    assert difference(base, failure([0.0, 0.03, 0.0, *STRAIGHT[3:]])) == pytest.approx(0.0, abs=0.5)
-    # The road bends from 90 m on: 20 m and more after the place.
-    assert difference(base, failure([*STRAIGHT[:9], 0.0, 0.06, 0.06, 0.06])) < 1e-9
-
-
 # Which are put together
 
 
@@ -164,33 +157,6 @@ def test_neither_order_nor_number_of_doubles_matters() -> None:
             assert among.of(10 * one.id + 1000 + k) is among.of(one.id)
 
 
-def test_one_of_a_kind_is_a_cluster_of_its_own() -> None:
-    odd = failure([0.06] * 13, "left", id=999, moobd=-0.5)
-    found = cluster_failures([*three_families(), odd])
-    assert len(found) == 4
-    assert found.of(999).ids == (999,)
-    assert found.of(999).spread == 0.0
-
-
-def test_no_failures_no_clusters() -> None:
-    assert len(cluster_failures([])) == 0
-    assert cluster_failures([]).failures == 0
-
-
-def test_one_and_two_failures() -> None:
-    one = failure(LEFT, id=7)
-    assert members(cluster_failures([one])) == {(7,)}
-    assert members(cluster_failures([one, replace(one, id=9)])) == {(7, 9)}
-    assert len(cluster_failures([one, failure(RIGHT, id=9)])) == 2
-
-
-def test_more_failures_leave_clusters_of_separate_problems_as_they_were() -> None:
-    everything = three_families()
-    whole, half = cluster_failures(everything), cluster_failures(everything[::2])
-    kept = {one.id for one in everything[::2]}
-    assert {tuple(i for i in ids if i in kept) for ids in members(whole)} == members(half)
-
-
 def test_failures_beyond_a_batch_join_or_are_linked_in_turn(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -200,15 +166,6 @@ def test_failures_beyond_a_batch_join_or_are_linked_in_turn(
         monkeypatch.setattr(module, "BATCH", size)
         assert members(cluster_failures(failures)) == expected
         assert cluster_failures(failures[::-1]) == cluster_failures(failures)
-
-
-@settings(max_examples=20)
-@given(st.lists(st.floats(0.2, 8.0), min_size=2, max_size=5))
-def test_a_larger_threshold_never_gives_more_clusters(thresholds: list[float]) -> None:
-    numbers = [
-        len(cluster_failures(three_families(), threshold=value)) for value in sorted(thresholds)
-    ]
-    assert numbers == sorted(numbers, reverse=True)
 
 
 @pytest.mark.parametrize("threshold", [0.0, -1.0, math.inf, math.nan])

@@ -11,7 +11,7 @@ from made_drives import departing, drive
 
 from frenetic.analysis import FEATURES, Features, Segment, feature, features_of, segment_of
 from frenetic.errors import UnknownNameError
-from frenetic.road import Pose, Road
+from frenetic.road import Road
 
 STRAIGHT = Road(np.zeros(11))
 
@@ -47,14 +47,6 @@ def test_features_of_a_drive_worked_out_by_hand() -> None:
             )
         )
     )
-
-
-def test_the_largest_curvature_may_lie_where_the_segment_is_cut() -> None:
-    # From 0 at 40 m to 0.06 at 100 m: at 70 m, where the segment around 40 m ends, 0.03.
-    road = Road(np.concatenate([np.zeros(4), np.linspace(0.0, 0.06, 7)]))
-    found = features_of(departing(road, 40.0))
-    assert found.max_curvature == pytest.approx(0.03)
-    assert found.length == 60.0
 
 
 @pytest.mark.parametrize(
@@ -104,17 +96,6 @@ def test_values_fall_into_bins_and_those_beyond_into_the_last() -> None:
 def test_an_unknown_feature_is_refused_with_those_there_are() -> None:
     with pytest.raises(UnknownNameError, match="'curviness': choose from length, max_curvature"):
         feature("curviness")
-
-
-@settings(max_examples=50)
-@given(ROADS, st.floats(-500.0, 500.0), st.floats(-500.0, 500.0), st.floats(-math.pi, math.pi))
-def test_moving_and_turning_a_road_changes_no_feature(
-    values: list[float], x: float, y: float, heading: float
-) -> None:
-    here = features_of(departing(Road(values), 50.0))
-    there = features_of(departing(Road(values, pose=Pose(x, y, heading)), 50.0))
-    for item in fields(Features):
-        assert getattr(there, item.name) == pytest.approx(getattr(here, item.name), abs=1e-6)
 
 
 @settings(max_examples=50)

@@ -249,7 +249,7 @@ def test_lines_and_arcs_as_they_are_usually_drawn() -> None:
     plan, points = chain([(50.0, 0.0, 0.0), (31.4, 0.066, 0.066), (40.0, 0.0, 0.0)], digits=5)
     road = from_opendrive(foreign(plan))
     assert away(road, points) < 0.004
-    assert (road.step, road.lane_width) == (pytest.approx(0.5, abs=0.01), 3.5)
+    assert [road.step, road.lane_width] == pytest.approx([0.5, 3.5], abs=0.01)
     assert road.curvature_at([25.0, 65.0, 100.0]) == pytest.approx([0.0, 0.066, 0.0], abs=1e-3)
 
 

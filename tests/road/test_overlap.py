@@ -5,8 +5,6 @@ import math
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from shapely.geometry import Polygon
 
 from frenetic.road import Pose, Road, geometry
@@ -128,14 +126,3 @@ def test_the_lane_of_another_leg_does_not_count() -> None:
         # Seen from the leg that the car drives on, it is outside; from the one back, perhaps not.
         assert share(road, 20.0, -x, 0.0) == 1.0
         assert share(road, s_back, d_back, 0.0) == (0.0 if x == -11.0 else 1.0)
-
-
-@given(st.integers(0, 2**32 - 1), st.floats(-100.0, 100.0), st.floats(-10.0, 10.0))
-@settings(max_examples=50)
-def test_a_share_is_a_share_however_far_away_the_car_is(seed: int, d: float, error: float) -> None:
-    rng = np.random.default_rng(seed)
-    road = random_road(rng)
-    found = share(road, float(rng.uniform(0.0, road.length)), d, error)
-    assert 0.0 <= found <= 1.0
-    if not -7.0 < d < 3.0 and abs(d) < 11.0:
-        assert found == 1.0
