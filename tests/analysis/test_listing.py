@@ -45,9 +45,9 @@ def test_severity_is_the_order_of_moobd(drifting: Path) -> None:
 def test_tests_are_chosen_by_outcome_and_feature_and_sorted_by_a_feature(drifting: Path) -> None:
     with CampaignStore.open(drifting) as store:
         expected = {
-            record.id: features_of(segment).max_curvature
+            record.id: features_of(segment)["max_curvature"]
             for record, segment in segments_of(store, Outcome.PASS)
-            if 0.03 <= features_of(segment).max_curvature <= 0.06
+            if 0.03 <= features_of(segment)["max_curvature"] <= 0.06
         }
         assert 1 < len(expected) < store.counts().passed
         listed = list_tests(

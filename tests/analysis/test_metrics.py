@@ -99,7 +99,7 @@ def test_cells_and_unlike_roads_are_those_of_the_failures(
     axes = ("direction_coverage", "max_curvature", "std_steering", "mean_offset")
     with CampaignStore.open(searched) as store:
         failures = [segment for _, segment in segments_of(store, Outcome.FAIL)]
-    cells = {tuple(FEATURES[n].bin_of(features_of(one)) for n in axes) for one in failures}
+    cells = {tuple(FEATURES[n].bin(features_of(one)[n]) for n in axes) for one in failures}
     assert measured.cells == len(cells) > 1
     assert measured.unlike_roads == unlike_lines([one.road.sample(5.0) for one in failures]) > 1
 

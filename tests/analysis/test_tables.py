@@ -8,8 +8,13 @@ from pathlib import Path
 import pytest
 from made_campaigns import measures
 
-from frenetic.analysis.comparison import Comparison, compare_measured
-from frenetic.analysis.conclusions import findings, p_text, verdict
+from frenetic.analysis.comparison import (
+    Comparison,
+    compare_measured,
+    findings,
+    p_text,
+    verdict,
+)
 from frenetic.analysis.tables import (
     comparison_table_csv,
     comparison_table_markdown,

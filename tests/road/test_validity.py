@@ -354,7 +354,7 @@ def test_what_cannot_be_interpolated_is_told() -> None:
     for points, told in (
         ([[1.0, 2.0]], "at least 2 points"),
         ([[1.0, 2.0], [1.0, 2.0]], "are the same"),
-        ([[0, 0], [2e6, 0]], "at most 1000000 m"),
+        ([[0.0, 0.0], [2e6, 0.0]], "at most 1000000 m"),
     ):
         with pytest.raises(RoadError, match=told):
             interpolate(points)

@@ -78,7 +78,7 @@ def _features(store: CampaignStore, record: Test) -> Features | None:
 
 def _value(features: Features | None, name: str) -> float:
     """A feature; NaN without it, which no range holds."""
-    return math.nan if features is None else FEATURES[name].of(features)
+    return math.nan if features is None else features[name]
 
 
 def _place(record: Test, features: Features | None, sort: str) -> float:

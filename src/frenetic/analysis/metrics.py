@@ -243,7 +243,7 @@ def measure_campaign(folder: Path | str) -> CampaignMeasures:
                 continue  # of a campaign that goes on
             failures.append(Failure.of(segment, id=test.id, moobd=test.moobd or 0.0))
             features = features_of(segment)
-            cells.add(tuple(FEATURES[name].bin_of(features) for name in MAP_AXES))
+            cells.add(tuple(FEATURES[name].bin(features[name]) for name in MAP_AXES))
             roads.append(test.road.sample(ROAD_SPACING))
             if (cut := failure_segment(test)) is not None:
                 cuts.append(cut.points)

@@ -235,7 +235,7 @@ def print_comparison(comparison: Comparison) -> None:
 
     Of many groups the pairs are told apart by the headline measure only.
     """
-    from frenetic.analysis.conclusions import verdict
+    from frenetic.analysis.comparison import verdict
     from frenetic.campaign.counts import Counts
 
     sizes = ", ".join(f"{len(campaigns)} of {n}" for n, campaigns in comparison.groups.items())

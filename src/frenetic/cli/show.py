@@ -155,9 +155,7 @@ def _list_tests(
             "duration": simulated_time(test.result.duration),
             "operator": test.candidate.origin.operator,
             "reason": test.reason,
-            "features": {
-                name: None if features is None else FEATURES[name].of(features) for name in names
-            },
+            "features": {name: None if features is None else features[name] for name in names},
         }
         for test, features in listed
     ]

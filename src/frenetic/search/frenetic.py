@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Sequence
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 
@@ -51,15 +51,6 @@ _SAME = 1.6  # [m] least difference that a child is expected to have from the kn
 _REDRAWS = 36  # of a road or child that is refused
 _PARENTS = 8  # that are tried before a random road is proposed
 _LIMITS = np.array([CURVATURE_BOUND, MAX_CHANGE])
-
-
-class _Parent(NamedTuple):
-    """The parent of an outstanding child, and its operator."""
-
-    row: int
-    """Number of its place in the archive."""
-    operator: int
-    """Number of the operator."""
 
 
 class Frenetic(Strategy):
@@ -170,7 +161,8 @@ class Frenetic(Strategy):
         # By whether the parent had failed, and operator:
         self._used = np.zeros((2, len(OPERATORS)))
         self._brought = np.zeros((2, len(OPERATORS)))
-        self._parents: dict[int, _Parent] = {}  # of the children that are outstanding
+        # Row in the archive of each outstanding child's parent, and the operator:
+        self._parents: dict[int, tuple[int, int]] = {}
         self._earlier = Archive()  # of earlier campaigns, none of it believed
         self._earlier_left = 0  # roads of it that were not proposed
         self._driven_again, self._brought_again = 0, 0.0
@@ -222,7 +214,7 @@ class Frenetic(Strategy):
         self._archive.settle(candidate.id)
         parent = self._parents.pop(candidate.id, None)
         if parent is not None:
-            self._archive.places["cost"][parent.row] -= _USE
+            self._archive.places["cost"][parent[0]] -= _USE
 
     def tell(self, evaluation: Evaluation) -> None:
         """Learn the result of a candidate.
@@ -257,10 +249,11 @@ class Frenetic(Strategy):
             self._driven_again += 1
             self._brought_again += brought
         if parent is not None:
-            had_failed = int(self._archive.places["has_failed"][parent.row])
-            self._used[had_failed, parent.operator] += 1.0
-            self._brought[had_failed, parent.operator] += brought
-            self._archive.places["cost"][parent.row] -= _SUCCESS * brought
+            row, operator = parent
+            had_failed = int(self._archive.places["has_failed"][row])
+            self._used[had_failed, operator] += 1.0
+            self._brought[had_failed, operator] += brought
+            self._archive.places["cost"][row] -= _SUCCESS * brought
 
     @property
     def notice(self) -> str | None:
@@ -403,7 +396,7 @@ class Frenetic(Strategy):
         parent = self._archive.candidates[row]
         origin = Origin(OPERATORS[operator], (parent.id,), parent.origin.generation + 1)
         child = self._ledger.issue(curvatures, self._roads.step, origin)
-        self._parents[child.id] = _Parent(row, operator)
+        self._parents[child.id] = row, operator
         self._archive.places["cost"][row] += _USE
         return child
 

@@ -47,13 +47,6 @@ class _Scored(NamedTuple):
     candidate: Candidate
 
 
-class _Siblings:
-    """The mutants of one parent: they are tried until one of them fails."""
-
-    def __init__(self) -> None:
-        self.has_failed = False
-
-
 class Frenetic2021(Strategy):
     """A `Strategy` that mutates and crosses the roads on which the driver did worst: Listing 1.
 
@@ -176,7 +169,8 @@ class Frenetic2021(Strategy):
         self._tests_since_crossover = 0
         self._unvisited: list[_Scored] = []  # a heap
         self._best: list[_Scored] = []  # sorted, at most cross_num
-        self._siblings_of: dict[int, _Siblings] = {}  # of the mutants that are outstanding
+        # Those siblings of each outstanding mutant that failed, a list for all of them:
+        self._failed_siblings: dict[int, list[int]] = {}
         self._proposals = self._listing_1()
 
     def keep_margin(self, margin: float) -> None:
@@ -198,7 +192,7 @@ class Frenetic2021(Strategy):
 
         """
         candidate = self._ledger.settle(evaluation)
-        siblings = self._siblings_of.pop(candidate.id, None)
+        siblings = self._failed_siblings.pop(candidate.id, None)
         ran_in_main_loop = not self._in_random_phase
         self._budget_spent = max(self._budget_spent, evaluation.budget_spent)
         if not evaluation.outcome.is_driven:
@@ -206,7 +200,7 @@ class Frenetic2021(Strategy):
         self._has_driven = True
         severity = evaluation.severity
         if siblings is not None and evaluation.outcome is Outcome.FAIL:
-            siblings.has_failed = True
+            siblings.append(candidate.id)
         if ran_in_main_loop and candidate.origin.operator not in (_MIX, _SPLICE):
             self._tests_since_crossover += 1
         if severity is not None and severity < self._threshold:
@@ -214,8 +208,7 @@ class Frenetic2021(Strategy):
 
     def is_wanted(self, candidate: Candidate) -> bool:
         """Return whether no sibling has failed: a parent's mutants are tried until one fails."""
-        siblings = self._siblings_of.get(candidate.id)
-        return siblings is None or not siblings.has_failed
+        return not self._failed_siblings.get(candidate.id)
 
     @property
     def notice(self) -> str | None:
@@ -253,12 +246,12 @@ class Frenetic2021(Strategy):
         return self._issue(self._roads.draw(self._rng), RANDOM)
 
     def _mutants(self, parent: _Scored) -> Iterator[Candidate]:
-        siblings = _Siblings()
+        failed: list[int] = []
         for name, curvatures in self._mutations(parent):
             mutant = self._issue(curvatures, name, parent)
-            self._siblings_of[mutant.id] = siblings
+            self._failed_siblings[mutant.id] = failed
             yield mutant
-            if siblings.has_failed:
+            if failed:
                 return
 
     def _mutations(self, parent: _Scored) -> Iterator[tuple[str, FloatArray]]:
