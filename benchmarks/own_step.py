@@ -68,14 +68,14 @@ class OwnStep(Frenetic):
         """Makes roads with another step meanwhile."""
         roads = self._roads
         self._usual_length = int(LONGEST / step)
-        self._jitter = round(LENGTH_JITTER * STEP / step)
+        jitter = round(LENGTH_JITTER * STEP / step)
         self._roads = RandomRoads(
             map_size=(self._usual_length + 0.5) * step,
             step=step,
-            length_jitter=self._jitter,
+            length_jitter=jitter,
             max_length=self._usual_length,
             is_valid=self._is_valid,
-            max_redraws=self._draws - 1,
+            max_redraws=36,
         )
         try:
             yield

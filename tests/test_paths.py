@@ -112,7 +112,7 @@ def test_a_bench(tmp_path: Path) -> None:
 def test_files(tmp_path: Path) -> None:
     road = str(tmp_path / "road.xodr")
     write_road(ExportedRoad(ROAD, "road"), format_of(road).name, road)
-    assert [named.name for named in find_roads([road]).roads] == [road]
+    assert list(find_roads([road]).roads) == [road]
     draw_road(ROAD, str(tmp_path / "road.png"))
     Profile.of("twin", Spec(driver=Part("stanley"))).write(str(tmp_path / "twin.json"))
     assert Profile.read(str(tmp_path / "twin.json")).name == "twin"

@@ -136,10 +136,6 @@ class RoadError(FreneticError, ValueError):
     """Values or points that do not describe a road."""
 
 
-class LaneError(RoadError):
-    """A lane of an OpenDRIVE file that cannot be driven, where others can."""
-
-
 class CampaignError(FreneticError):
     """A campaign's folder or database that cannot be used as asked."""
 

@@ -67,40 +67,30 @@ def _version(part: object, arguments: Mapping[str, Any]) -> Version:
     values = [made.factory] if made is not None and made.factory is not type(part) else []
     for kind in [*kinds, *values, *map(_kind, arguments.values())]:
         name = str(kind.__module__)
-        top = name.partition(".")[0]
+        top, file = name.partition(".")[0], _file(name)
         if top == _OURS:
             if kind in kinds:  # the behaviour of a class covers that of its own bases
                 texts.append(f"{kind.__qualname__} {_behaviour(kind)}" if sources else "")
                 texts[-1] = texts[-1] or _behaviour(kind)
                 break
-        elif name == "__main__" or ((file := _file(name)) is not None and is_local(Path(file))):
-            sources |= sources_of_module(name) or {name: inspect.getsource(kind)}
+        elif name == "__main__" or (file is not None and is_local(Path(file))):
+            loaded = {} if file is None else _sources(Path(file), name)
+            sources |= loaded or {name: inspect.getsource(kind)}
         elif kind in kinds and top not in sys.stdlib_module_names:
             texts.append(_distribution(name))
     files = [digest_of_file(Path(path)) for path in _paths(arguments)]
     if sources:
-        texts.insert(0, f"source {digest_of(sources)}")
+        digest = hashlib.sha256(json.dumps(sorted(sources.items())).encode()).hexdigest()
+        texts.insert(0, f"source {digest[:SHORT]}")
     if files:
         texts.append(f"files {hashlib.sha256(''.join(files).encode()).hexdigest()[:SHORT]}")
     return Version(", ".join(dict.fromkeys(texts)), sources)
 
 
-def digest_of(sources: Mapping[str, str]) -> str:
-    """The first characters of a digest of some sources."""
-    return hashlib.sha256(json.dumps(sorted(sources.items())).encode()).hexdigest()[:SHORT]
-
-
-def sources_of_module(name: str) -> dict[str, str]:
-    """The source of a loaded module and of the local ones that it imports, by their files' names.
-
-    Empty if it has no file.
-    """
-    file = _file(name)
-    return {} if file is None else _sources(Path(file), name)
-
-
 def sources_named(name: str) -> dict[str, str]:
-    """The same of ``file.py:Class`` or ``package.module:Class``; nothing is imported.
+    """The source of ``file.py:Class`` or ``package.module:Class``, by the names of its files.
+
+    Those of the local modules that it imports are among them; nothing is imported for it.
 
     Raises:
         OSError: a file cannot be read.
@@ -124,30 +114,8 @@ def _local_file(module: str) -> Path | None:
     return None
 
 
-_READ: Final[dict[tuple[Path, str], tuple[dict[Path, object], dict[str, str]]]] = {}
-"""File and module -> states of the files that it takes, and its sources."""
-
-
 def _sources(path: Path, name: str) -> dict[str, str]:
-    """The sources of a module, read again if a file was changed; nothing is imported."""
-    states, sources = _READ.get((path, name), ({}, {}))
-    if not states or any(_state(one) != state for one, state in states.items()):
-        sources, files = _read(path, name)
-        _READ[path, name] = {one: _state(one) for one in files}, sources
-    return dict(sources)
-
-
-def _state(file: Path) -> object:
-    """What an edit of a file changes; None if it is gone."""
-    try:
-        state = file.stat()
-    except OSError:
-        return None
-    return state.st_size, state.st_mtime_ns
-
-
-def _read(path: Path, name: str) -> tuple[dict[str, str], set[Path]]:
-    """The sources of a module, and their files."""
+    """The sources of a module; nothing is imported."""
     is_alone = name == "__main__" or name.startswith(USER_MODULE)
     packages = 0 if is_alone else name.count(".") + (path.name == "__init__.py")
     root = path.parents[packages]
@@ -166,7 +134,7 @@ def _read(path: Path, name: str) -> tuple[dict[str, str], set[Path]]:
         package = module if file.name == "__init__.py" else module.rpartition(".")[0]
         for imported in _imports(text, package):
             waiting += _files_of(imported, places)
-    return sources, files
+    return sources
 
 
 def _imports(text: str, package: str) -> Iterator[str]:
@@ -236,31 +204,29 @@ def _behaviour(kind: type[Any]) -> str:
 
 def _distribution(name: str) -> str:
     """The distribution of a module, or of this name, with its version."""
-    from importlib.metadata import (  # takes its time, and no help needs it
-        PackageNotFoundError,
-        packages_distributions,
-        version,
-    )
+    from importlib.metadata import packages_distributions  # takes its time
 
     top = _DISTRIBUTION if name == _OURS else name.partition(".")[0]
+    if version := _installed(top):
+        return f"{top} {version}"
+    names = sorted(set(packages_distributions().get(top, ())))
+    return ", ".join(f"{one} {_installed(one)}" for one in names) or f"{top} of unknown version"
+
+
+def _installed(name: str) -> str | None:
+    """The version of a distribution; None if it is not installed."""
+    from importlib.metadata import PackageNotFoundError, version  # takes its time
+
     try:
-        return f"{top} {version(top)}"
+        return version(name)
     except PackageNotFoundError:
-        names = sorted(set(packages_distributions().get(top, ())))
-        return ", ".join(f"{one} {version(one)}" for one in names) or f"{top} of unknown version"
+        return None
 
 
 def package_versions() -> dict[str, str]:
     """Versions of Python and of `PACKAGES`."""
-    from importlib.metadata import PackageNotFoundError, version  # as above
-
-    versions = {"python": platform.python_version()}
-    for name in PACKAGES:
-        try:
-            versions[name] = version(name)
-        except PackageNotFoundError:
-            versions[name] = "unknown"
-    return versions
+    versions = {name: _installed(name) or "unknown" for name in PACKAGES}
+    return {"python": platform.python_version(), **versions}
 
 
 def changed_packages(recorded: object) -> list[str]:

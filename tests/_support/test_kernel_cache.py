@@ -5,26 +5,17 @@ from pathlib import Path
 from frenetic._support.kernel_cache import VARIABLE, ensure_kernel_cache
 
 
-def test_a_writable_package_needs_no_other_cache() -> None:
-    environment: dict[str, str] = {}
-    ensure_kernel_cache(environment, lambda folder: True)
-    assert environment == {}
+def cache(tmp_path: Path, *writable: Path, **chosen: str) -> str | None:
+    environment = {"XDG_CACHE_HOME": str(tmp_path / "not yet"), "LOCALAPPDATA": str(tmp_path)}
+    environment |= chosen
+    ensure_kernel_cache(environment, lambda folder: not writable or folder in writable)
+    return environment.get(VARIABLE)
 
 
-def test_a_writable_home_needs_no_other_cache(tmp_path: Path) -> None:
-    environment = {"XDG_CACHE_HOME": str(tmp_path / "not" / "yet"), "LOCALAPPDATA": str(tmp_path)}
-    before = dict(environment)
-    ensure_kernel_cache(environment, lambda folder: folder == tmp_path)
-    assert environment == before
-
-
-def test_where_nothing_can_be_written_there_is_a_temporary_cache() -> None:
-    environment: dict[str, str] = {}
-    ensure_kernel_cache(environment, lambda folder: False)
-    assert Path(environment[VARIABLE]).is_dir()
-
-
-def test_the_users_choice_stands() -> None:
-    environment = {VARIABLE: "mine"}
-    ensure_kernel_cache(environment, lambda folder: False)
-    assert environment == {VARIABLE: "mine"}
+def test_the_cache_is_elsewhere_only_if_neither_package_nor_home_takes_it(tmp_path: Path) -> None:
+    assert cache(tmp_path) is None
+    assert cache(tmp_path, tmp_path) is None
+    nowhere = cache(tmp_path, tmp_path / "other")
+    assert nowhere is not None
+    assert Path(nowhere).is_dir()
+    assert cache(tmp_path, tmp_path / "other", **{VARIABLE: "mine"}) == "mine"

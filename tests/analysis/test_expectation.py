@@ -49,18 +49,6 @@ def test_more_roads_are_extrapolated_as_chao_does() -> None:
     assert known.distinct_after([10, 100]).value == pytest.approx([2, 2])
 
 
-@given(random=random_roads)
-def test_the_curve_rises_and_stays_below_the_failures(random: RandomRoads) -> None:
-    numbers = np.arange(0, 4 * random.roads)
-    distinct, failures = random.distinct_after(numbers), random.failures_after(numbers)
-    assert (np.diff(distinct.value) >= -1e-9).all()
-    assert (distinct.value <= failures.value + 1e-9).all()
-    assert distinct.value[random.roads] == pytest.approx(len(random.found))
-    assert (distinct.low >= 0.0).all()
-    assert (distinct.low <= distinct.value).all()
-    assert (distinct.high <= failures.high).all()
-
-
 def test_the_interval_is_the_same_each_time_and_holds_what_more_roads_find() -> None:
     # Twenty problems, of which five are ten times as frequent as the others.
     rng = np.random.default_rng(3)

@@ -43,12 +43,6 @@ def test_segment_ends_with_the_road() -> None:
     assert (late.start, late.end) == (61.0, 100.0)
 
 
-def test_the_whole_road_can_be_taken() -> None:
-    made = drive(STRAIGHT, np.arange(0.0, 90.0, 10.0).tolist(), [0.0] * 4 + [1.0] + [0.0] * 4)
-    whole = segment_of(STRAIGHT, made, None).whole()
-    assert (whole.start, whole.place, whole.end, len(whole.speed)) == (0.0, 40.0, 100.0, 9)
-
-
 def test_a_second_passage_does_not_count() -> None:
     """A car that went through the stretch before, turned and came again, is seen once."""
     places = [0.0, 25.0, 45.0, 25.0, 0.0, 25.0, 45.0]

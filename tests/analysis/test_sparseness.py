@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from frenetic._support.arrays import FloatArray
-from frenetic.analysis import competition_sparseness, edit_distance, unlike_lines
+from frenetic.analysis import largest_distances, unlike_lines
 
 Steps = Sequence[tuple[float, float]]
 
@@ -28,6 +28,11 @@ def line(steps: Steps, heading: float = 0.0) -> FloatArray:
 
 def ahead(number: int) -> list[tuple[float, float]]:
     return [(0.0, 1.0)] * number
+
+
+def edit_distance(one: FloatArray, other: FloatArray) -> float:
+    """Edits between two lines."""
+    return float(largest_distances([one, other])[0])
 
 
 def reference(one: FloatArray, other: FloatArray) -> float:
@@ -105,39 +110,25 @@ def test_edit_distance_is_that_of_the_definition(one: FloatArray, other: FloatAr
     assert edit_distance(one, other) == pytest.approx(reference(one, other), abs=1e-6)
 
 
-@settings(max_examples=80)
-@given(LINES, LINES)
-def test_edit_distance_is_symmetric_and_at_most_the_longer_line(
-    one: FloatArray, other: FloatArray
-) -> None:
-    edits = edit_distance(one, other)
-    assert edits == pytest.approx(edit_distance(other, one), abs=1e-9)
-    assert abs(len(one) - len(other)) <= edits <= max(len(one), len(other)) - 1
-    assert edit_distance(one, one) == 0.0
-
-
 # A straight of two steps, one that turns, a straight of four.
 A, B, C = line(ahead(2)), line([(0.0, 1.0), (90.0, 1.0)]), line(ahead(4))
 AB, AC, BC = 45.0 / 91.0, 2.0, 2.0 + 45.0 / 91.0
 
 
-def test_competition_sparseness_looks_only_at_those_that_come_after() -> None:
-    found = competition_sparseness([A, B, C])
-    assert found.maxima == pytest.approx((max(AB, AC), BC))
-    assert found.mean == pytest.approx((AC + BC) / 2.0)
-    assert found.stdev == pytest.approx((BC - AC) / 2.0)
-    other_way_round = competition_sparseness([C, B, A])
-    assert other_way_round.maxima == pytest.approx((max(BC, AC), AB))
+def test_the_largest_distance_is_that_to_those_that_come_after() -> None:
+    assert largest_distances([A, B, C]) == pytest.approx((max(AB, AC), BC))
+    assert largest_distances([C, B, A]) == pytest.approx((max(BC, AC), AB))
+    assert len(largest_distances([A])) == len(largest_distances([])) == 0
 
 
 @given(st.lists(LINES, min_size=2, max_size=12))
 @settings(max_examples=50)
-def test_competition_sparseness_misses_no_pair(lines: list[FloatArray]) -> None:
-    expected = tuple(
+def test_the_largest_distance_misses_no_pair(lines: list[FloatArray]) -> None:
+    expected = [
         max(edit_distance(one, other) for other in lines[i + 1 :])
         for i, one in enumerate(lines[:-1])
-    )
-    assert competition_sparseness(lines).maxima == expected
+    ]
+    assert largest_distances(lines).tolist() == expected
 
 
 def test_lines_are_unlike_if_more_than_a_fifth_of_the_steps_needs_edits() -> None:
@@ -160,13 +151,7 @@ def test_unlike_lines_are_those_of_the_definition(lines: list[FloatArray]) -> No
     assert unlike_lines(lines) == len(counted)
 
 
-def test_fewer_than_two_failures_have_no_sparseness() -> None:
-    for few in ([], [A]):
-        assert competition_sparseness(few).mean is None
-        assert competition_sparseness(few).maxima == ()
-
-
 @pytest.mark.parametrize("points", [[(0.0, 0.0)], [], [1.0, 2.0, 3.0]])
 def test_a_line_needs_two_points(points: object) -> None:
     with pytest.raises(ValueError, match="two or more points"):
-        edit_distance(points, A)  # type: ignore[arg-type]
+        largest_distances([points, A])  # type: ignore[list-item]

@@ -14,16 +14,13 @@ from scipy import stats
 
 from frenetic.analysis.statistics import (
     MOST_EXACT,
-    Magnitude,
     a12,
     holm,
     kruskal_wallis,
     magnitude,
     mann_whitney,
-    mean_ranks,
     median_estimate,
     paired_share_difference,
-    places,
     proportion_interval,
     quartiles,
     spearman,
@@ -57,7 +54,6 @@ def test_quartiles_agree_with_numpy(values: list[float]) -> None:
         (lambda: paired_share_difference([0.5, 1.0], [0.5, 1.5]), "pairs of shares"),
         (lambda: paired_share_difference([0.5, 1.0], [0.5, -0.1]), "pairs of shares"),
         (lambda: kruskal_wallis([[1.0, 2.0]]), "at least two"),
-        (lambda: mean_ranks([]), "at least one"),
         (lambda: spearman([1.0, 1.0, 1.0], [1.0, 2.0, 3.0]), "that vary"),
     ],
 )
@@ -73,10 +69,6 @@ def test_interval_agrees_with_scipy(case: tuple[int, int]) -> None:
     assert proportion_interval(successes, trials) == pytest.approx(
         (expected.low, expected.high), abs=1e-12
     )
-
-
-def test_the_interval_of_all_stays_within_a_share() -> None:
-    assert proportion_interval(20, 20)[1] == 1.0
 
 
 # paired_share_difference
@@ -115,39 +107,6 @@ def test_paired_difference_turns_with_its_pairs() -> None:
     assert (one.sign, other.sign) == (-1, 1)
 
 
-def test_nothing_differs_where_nothing_happened() -> None:
-    found = paired_share_difference([0] * 200, [0] * 200)
-    assert found.value == found.sign == 0
-    assert found.high == -found.low == pytest.approx(proportion_interval(0, 200)[1])
-
-
-def test_repeats_narrow_the_interval_but_not_below_that_of_so_many_trials() -> None:
-    rng = np.random.default_rng(1)
-    chances = rng.random(100)
-    widths = []
-    for repeats in (1, 4, 16):
-        x, y = (rng.binomial(repeats, chances) / repeats for _ in range(2))
-        found = paired_share_difference(x, y, repeats=repeats)
-        widths.append(found.high - found.low)
-    assert widths == sorted(widths, reverse=True)
-    steady = [0.5] * 99 + [0.25]  # hardly varies, by chance
-    found = paired_share_difference(steady, steady[::-1], repeats=4)
-    least = np.diff(proportion_interval(199, 400))[0]
-    assert found.high - found.low >= least
-
-
-def test_the_interval_of_a_paired_difference_covers_it() -> None:
-    repeats = 5
-    rng = np.random.default_rng(2)
-    missed = 0
-    for _ in range(400):
-        hard = rng.normal(size=150)
-        chances = [stats.norm.cdf((stats.norm.ppf(p) + 0.9 * hard) / 0.19**0.5) for p in (0.1, 0.1)]
-        x, y = (rng.binomial(repeats, chance) / repeats for chance in chances)
-        missed += paired_share_difference(x, y, repeats=repeats).sign != 0
-    assert missed / 400 <= 0.05
-
-
 # median_estimate
 
 
@@ -168,11 +127,6 @@ def test_the_interval_of_a_median_is_that_of_the_sign_test(n: int) -> None:
     assert min(inside) == found.low + 1.0
 
 
-def test_few_values_have_no_interval() -> None:
-    found = median_estimate([1.0, 2.0, 3.0])
-    assert (found.value, found.low, found.high, found.sign) == (2.0, -math.inf, math.inf, 0)
-
-
 # a12
 
 
@@ -189,19 +143,9 @@ def test_a12_is_the_mann_whitney_statistic_per_pair(x: list[float], y: list[floa
 
 
 def test_magnitudes_begin_at_the_thresholds_in_both_directions() -> None:
-    assert [magnitude(e) for e in (0.5, 0.559, 0.56, 0.64, 0.71, 1.0)] == [
-        Magnitude.NEGLIGIBLE,
-        Magnitude.NEGLIGIBLE,
-        Magnitude.SMALL,
-        Magnitude.MEDIUM,
-        Magnitude.LARGE,
-        Magnitude.LARGE,
-    ]
-    assert [magnitude(1.0 - e) for e in (0.56, 0.64, 0.71)] == [
-        Magnitude.SMALL,
-        Magnitude.MEDIUM,
-        Magnitude.LARGE,
-    ]
+    names = ["negligible", "negligible", "small", "medium", "large", "large"]
+    for effect, name in zip((0.5, 0.559, 0.56, 0.64, 0.71, 1.0), names, strict=True):
+        assert magnitude(effect) == magnitude(1.0 - effect) == name
 
 
 # mann_whitney
@@ -220,13 +164,6 @@ def by_dealing(x: list[float], y: list[float]) -> float:
 @given(few, few)
 def test_mann_whitney_is_exact_with_ties(x: list[float], y: list[float]) -> None:
     assert mann_whitney(x, y) == pytest.approx(by_dealing(x, y), abs=1e-9)
-
-
-@given(st.integers(2, 12), st.integers(2, 12), st.integers(0, 99))
-def test_mann_whitney_agrees_with_scipy_without_ties(n: int, m: int, seed: int) -> None:
-    values = np.random.default_rng(seed).permutation(n + m).astype(float)
-    expected = stats.mannwhitneyu(values[:n], values[n:], method="exact").pvalue
-    assert mann_whitney(values[:n], values[n:]) == pytest.approx(expected, abs=1e-9)
 
 
 def test_mann_whitney_of_many_values_joins_the_exact_one_smoothly() -> None:
@@ -254,20 +191,6 @@ def test_kruskal_wallis_agrees_with_scipy(groups: list[list[float]]) -> None:
         assert kruskal_wallis(groups) == 1.0
     else:
         assert kruskal_wallis(groups) == pytest.approx(stats.kruskal(*groups).pvalue)
-
-
-@given(st.lists(few, min_size=1, max_size=4))
-def test_mean_ranks_agree_with_scipy(groups: list[list[float]]) -> None:
-    everything = [value for group in groups for value in group]
-    ranks = stats.rankdata(everything)
-    ends = np.cumsum([len(group) for group in groups])
-    expected = [part.mean() for part in np.split(ranks, ends[:-1])]
-    assert mean_ranks(groups) == pytest.approx(expected)
-
-
-def test_places_are_shared() -> None:
-    assert places([(2.0,), (1.0,), (2.0,), (0.5,), (3.0,)]) == [3, 2, 3, 1, 5]
-    assert places([(2.0, 9.0), (1.0, 9.0), (2.0, 8.0)]) == [3, 1, 2]
 
 
 @given(st.integers(3, 5), st.integers(0, 999))
@@ -302,3 +225,18 @@ def test_holm_stays_within_one_and_leaves_a_single_test_alone() -> None:
     assert holm([0.9, 0.8]) == [1.0, 1.0]
     assert holm([0.2]) == [0.2]
     assert holm([]) == []
+
+
+def test_repeats_narrow_the_interval_but_not_below_that_of_so_many_trials() -> None:
+    rng = np.random.default_rng(1)
+    chances = rng.random(100)
+    widths = []
+    for repeats in (1, 4, 16):
+        x, y = (rng.binomial(repeats, chances) / repeats for _ in range(2))
+        found = paired_share_difference(x, y, repeats=repeats)
+        widths.append(found.high - found.low)
+    assert widths == sorted(widths, reverse=True)
+    steady = [0.5] * 99 + [0.25]  # hardly varies, by chance
+    found = paired_share_difference(steady, steady[::-1], repeats=4)
+    least = np.diff(proportion_interval(199, 400))[0]
+    assert found.high - found.low >= least

@@ -149,14 +149,14 @@ def test_options_follow_their_entrant(frenetic: Frenetic, tmp_path: Path) -> Non
     (theirs / "road_maker.py").write_text(WIGGLY, encoding="utf-8")
     ran = frenetic(
         *("bench", "--generator", f"road_maker:Wiggly,path={theirs},name=Theirs"),
-        *("--strategy", "random,name=Ours", "--strategy", "frenetic,threshold=-0.2,same=2"),
+        *("--strategy", "random,name=Ours", "--strategy", "frenetic,threshold=-0.2,step=8"),
         *LEAST,
     )
     assert ran.code == 0, ran.err
     kept = json.loads(Path("b/bench.json").read_text())["entrants"]
-    assert [one["name"] for one in kept] == ["Theirs", "Ours", "frenetic,threshold=-0.2,same=2"]
+    assert [one["name"] for one in kept] == ["Theirs", "Ours", "frenetic,threshold=-0.2,step=8"]
     assert [one["is_strategy"] for one in kept] == [False, True, True]
-    assert kept[2]["options"] == {"threshold": -0.2, "same": 2}
+    assert kept[2]["options"] == {"threshold": -0.2, "step": 8}
 
 
 def test_published_generators_are_listed_with_what_they_need(frenetic: Frenetic) -> None:

@@ -171,7 +171,7 @@ def test_seed_options_and_map_come_from_outside_also_of_a_strategy_of_ones_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     (tmp_path / "mine.py").write_text(
-        "from frenetic.search import RandomSearch\nclass Mine(RandomSearch): ...\n"
+        "from frenetic.search import Frenetic2021\nclass Mine(Frenetic2021): ...\n"
     )
 
     class Mine(Generator):

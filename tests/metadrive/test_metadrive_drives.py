@@ -82,7 +82,7 @@ def test_road_becomes_a_map_with_two_opposite_lanes(simulator: MetaDriveSimulato
     assert len(network.get_all_lanes()) == 2
     ego, other = network.get_lane(EGO_LANE), network.get_lane("other")
     origin = np.array(road.pose[:2])
-    for lane, centre in ((ego, road.ego_lane.centre), (other, road.other_lane.centre[::-1])):
+    for lane, centre in ((ego, road.sample(1.0, -1.5)), (other, road.sample(1.0, 1.5)[::-1])):
         places = np.array([lane.local_coordinates(point - origin) for point in centre])
         assert np.abs(places[:, 1]).max() < 0.02
         assert np.all(np.diff(places[:, 0]) > 0.0), "points in the lane's direction"
@@ -189,7 +189,7 @@ def test_pieces_of_a_road_are_its_arcs() -> None:
     assert [piece.turn for piece in pieces] == pytest.approx([0.8] * 3)
     assert pieces[-1].end == pytest.approx(120.0 * 52.0 / 50.0)
     end = np.array([pieces[-1].x, pieces[-1].y]) + road.pose[:2]
-    assert end == pytest.approx(road.ego_lane.centre[-1], abs=1e-6)
+    assert end == pytest.approx(road.sample(1.0, -2.0)[-1], abs=1e-6)
     assert all(piece.radius == piece.turn == 0.0 for piece in pieces_of(STRAIGHT))
 
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from frenetic.analysis.features import FEATURES as AXES
-from frenetic.analysis.features import Features
 from frenetic.outcome import Outcome
 from frenetic.report.html import feature_map
 from frenetic.report.html.blocks import Part
@@ -18,17 +16,17 @@ from frenetic.report.html.feature_map import MapAxis, Measured, choose_mapped, m
 from frenetic.report.html.tests import TestSummary
 from frenetic.search import Origin
 
-FEATURES = Features(
-    length=60.0,
-    max_curvature=0.03,
-    direction_coverage=0.2,
-    bends=2,
-    mean_speed=15.0,
-    std_speed=1.0,
-    std_steering=0.1,
-    mean_offset=0.0,
-    extreme_offset=0.5,
-)
+FEATURES = {
+    "length": 60.0,
+    "max_curvature": 0.03,
+    "direction_coverage": 0.2,
+    "bends": 2,
+    "mean_speed": 15.0,
+    "std_speed": 1.0,
+    "std_steering": 0.1,
+    "mean_offset": 0.0,
+    "extreme_offset": 0.5,
+}
 
 
 @pytest.fixture
@@ -153,7 +151,7 @@ def test_an_axis_has_the_range_of_its_values(
     name: str, values: list[Any], shown: tuple[float, float]
 ) -> None:
     changes: list[Any] = [{name: value} for value in values]
-    axis = MapAxis.of(AXES[name], [replace(FEATURES, **change) for change in changes])
+    axis = MapAxis.of(AXES[name], [FEATURES | change for change in changes])
     steps = np.diff(axis.edges)
     assert steps == pytest.approx(steps[0])
     assert 4 <= len(steps) <= 12

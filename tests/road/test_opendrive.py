@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from frenetic._support.arrays import FloatArray
-from frenetic.errors import LaneError, RoadError
+from frenetic.errors import RoadError
 from frenetic.road import Road
 from frenetic.road.opendrive import from_opendrive, to_opendrive
 from frenetic.road.opendrive.writing import Clothoid
@@ -91,15 +91,6 @@ def test_the_geometries_join_end_where_the_road_ends_and_suit_all_readers(road: 
     assert math.hypot(expected[0] - x, expected[1] - y) < 1e-6
 
 
-def test_same_road_same_bytes_without_a_date() -> None:
-    values = [0.01, -0.02, 0.03]
-    text = to_opendrive(Road(values))
-    assert text == to_opendrive(Road(np.array(values)))
-    assert "date" not in text
-    assert text.endswith("</OpenDRIVE>\n")
-    assert '-0.0"' not in to_opendrive(Road([0.0, 0.0], pose=(-0.0, 0.0, 0.0)))
-
-
 def test_header_lanes_marks_and_speed() -> None:
     road = Road([0.01, 0.05, -0.03, 0.0], pose=(5.0, -7.0, 1.0), lane_width=3.5)
     root = ElementTree.fromstring(to_opendrive(road, speed_limit=50.0, origin=(-33.5, 151.25)))
@@ -161,14 +152,13 @@ def test_our_own_file_gives_the_same_road_bit_for_bit(road: Road) -> None:
 def test_a_file_that_was_edited_counts_for_what_its_geometries_say() -> None:
     text = to_opendrive(Road([0.02, 0.02 + 1e-10]))
     bent = re.sub(r'curvature="0.02\d*"', 'curvature="0.03"', text)
-    assert set(from_opendrive(bent.encode()).curvatures) == {0.03}
+    assert from_opendrive(bent.encode()).curvatures == pytest.approx([0.03] * 21, abs=1e-9)
     longer = text.replace('length="10.0"', 'length="20.0"')
     assert from_opendrive(longer.encode()).length == 20.0
     for note in ("", "x", "10 0.02", "10 9 9", "nan nan nan", "0 0 0"):
         damaged = re.sub(r'(frenetic:road" value=)"[^"]*"', rf'\1"{note}"', text)
-        assert from_opendrive(damaged.encode()).curvatures == pytest.approx([0.02] * 2, abs=1e-9)
-    without = re.sub(r"<userData.*/>", "", to_opendrive(Road([0.0, 0.0, 0.02, 0.0])))
-    assert from_opendrive(without.encode()).curvatures.tolist() == [0.0, 0.0, 0.02, 0.0]
+        followed = from_opendrive(damaged.encode())
+        assert followed.curvatures == pytest.approx([0.02] * 21, abs=1e-9)
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "iso-8859-1"])
@@ -230,16 +220,6 @@ def away(road: Road, points: FloatArray) -> float:
     return max(*map(float, ends), float(np.abs(track[:, 1]).max()))
 
 
-def test_a_file_of_another_tool_that_is_a_clothoid_chain_is_read_as_it_is() -> None:
-    pieces = [(50.0, 0.0, 0.0), (20.0, 0.0, 0.05), (30.0, 0.05, 0.05), (20.0, 0.05, -0.01)]
-    plan, points = chain(pieces, digits=4)
-    road = from_opendrive(foreign(plan))
-    assert (road.step, road.lane_width) == (10.0, 3.5)
-    expected = [0.0] * 6 + [0.025, 0.05, 0.05, 0.05, 0.05, 0.02, -0.01]
-    assert road.curvatures == pytest.approx(expected, abs=1e-15)
-    assert away(road, points) < 1e-3
-
-
 def test_a_file_whose_small_gaps_add_up_is_followed_as_it_is_drawn() -> None:
     starts = np.array([(20.0 * i, 0.006 * i) for i in range(6)])
     geometry = '<geometry x="{}" y="{}" hdg="0" length="20"><line/></geometry>'
@@ -269,29 +249,24 @@ def test_lines_and_arcs_as_they_are_usually_drawn() -> None:
     plan, points = chain([(50.0, 0.0, 0.0), (31.4, 0.066, 0.066), (40.0, 0.0, 0.0)], digits=5)
     road = from_opendrive(foreign(plan))
     assert away(road, points) < 0.004
-    assert road.step == pytest.approx(0.5, abs=0.01)
+    assert [road.step, road.lane_width] == pytest.approx([0.5, 3.5], abs=0.01)
     assert road.curvature_at([25.0, 65.0, 100.0]) == pytest.approx([0.0, 0.066, 0.0], abs=1e-3)
 
 
-@pytest.mark.parametrize("shape", ["arcLength", "normalized", "", "poly3"])
+@pytest.mark.parametrize("shape", ["arcLength", "normalized", ""])
 def test_polynomials_after_a_line(shape: str) -> None:
     p = np.linspace(0.0, 1.0, 4001)
     u, v = np.array([0.0, 90.0, -90.0, 60.0]), np.array([0.0, 0.0, 60.0, -40.0])  # a Bezier curve
-    if shape == "poly3":
-        u, v = np.array([0.0, 50.0, 0.0, 0.0]), np.array([0.0, 0.0, 15.0, -10.0])
     points = np.column_stack([30.0 + np.polyval(u[::-1], p), np.polyval(v[::-1], p)])
     length = float(np.hypot(*np.diff(points, axis=0).T).sum())
-    unit = {"poly3": 50.0, "arcLength": length}.get(shape, 1.0)
+    unit = length if shape == "arcLength" else 1.0
     numbers = {
         f"{name}{axis}": coefficient / unit**power
         for axis, values in (("U", u), ("V", v))
         for power, (name, coefficient) in enumerate(zip("abcd", values.tolist(), strict=True))
     }
-    if shape == "poly3":
-        numbers = {name: numbers[f"{name}V"] for name in "abcd"}
     texts = " ".join(f'{name}="{value}"' for name, value in numbers.items())
-    p_range = f'pRange="{shape}"' if shape.endswith(("h", "d")) else ""
-    element = f"<poly3 {texts}/>" if shape == "poly3" else f"<paramPoly3 {texts} {p_range}/>"
+    element = f"<paramPoly3 {texts} " + (f'pRange="{shape}"/>' if shape else "/>")
     bend = f'<geometry x="30" y="0" hdg="0" length="{length}">{element}</geometry>'
     road = from_opendrive(foreign(LINE + bend))
     assert road.length == pytest.approx(30.0 + length, abs=1e-3)
@@ -319,7 +294,7 @@ def test_offsets_and_slopes_that_are_nothing_do_not_matter() -> None:
         '<lateralProfile><superelevation s="0" a="1e-6" b="0"/></lateralProfile>',
         offsets='<laneOffset s="0" a="1e-12"/>',
     )
-    assert from_opendrive(data).curvatures.tolist() == [0.0, 0.0]
+    assert set(from_opendrive(data).curvatures) == {0.0}
 
 
 def test_any_lane_can_be_chosen() -> None:
@@ -342,9 +317,9 @@ def test_any_lane_can_be_chosen() -> None:
         assert ends[0] == pytest.approx([0.0, shift], abs=0.005)
         mean = float(road.curvature_at(0.5 * road.length))
         assert mean == pytest.approx(math.copysign(1.0 / (radius - shift), -lane), rel=0.01)
-    with pytest.raises(LaneError, match=r"lane -1.*'median'.*chosen as 'lane': -2, -3, 2, 1\)"):
+    with pytest.raises(RoadError, match=r"lane -1.*'median'.*chosen as 'lane': -2, -3, 2, 1\)"):
         from_opendrive(data)
-    with pytest.raises(LaneError, match="lane -4, right of the centre, is missing"):
+    with pytest.raises(RoadError, match="lane -4, right of the centre, is missing"):
         from_opendrive(data, lane=-4)
     with pytest.raises(RoadError, match="lane 0 is the centre"):
         from_opendrive(data, lane=0)
@@ -373,7 +348,7 @@ def test_the_links_of_lanes_are_followed_from_section_to_section() -> None:
     offsets = '<laneOffset s="0" a="0"/><laneOffset s="12" a="3.5"/>'
     sections = section(linked(-1, "successor", -2)) + section(linked(-1) + linked(-2), start=12.0)
     road = from_opendrive(foreign(offsets=offsets, sections=sections))
-    assert (road.curvatures.tolist(), road.points[0].tolist()) == ([0.0, 0.0], [0.0, 0.0])
+    assert (set(road.curvatures), road.points[0].tolist()) == ({0.0}, [0.0, 0.0])
     against = offsets.replace("3.5", "-3.5")
     sections = section("", linked(1)) + section("", linked(1) + linked(2, "predecessor", 1), 12.0)
     road = from_opendrive(foreign(offsets=against, sections=sections), lane=2)
@@ -408,10 +383,8 @@ def joint(text: str, other: str) -> bytes:
     [
         (b"", "not XML: no element found"),
         (b"{}", "not XML: .* line 1, column 0"),
-        (b"<OpenDRIVE>", "not XML: no element found"),
         (b'<?xml version="1.0" encoding="klingon"?><a/>', "not XML"),
         (b"<a/>", "no OpenDRIVE: its root is <a>"),
-        (b"<OpenDRIVE/>", "revMajor None, but only OpenDRIVE 1.x"),
         (foreign(header='<header revMajor="2"/>'), "revMajor '2', but only OpenDRIVE 1.x"),
         (b'<OpenDRIVE><header revMajor="1"/></OpenDRIVE>', "it has 0 roads"),
         (foreign(after="<road/>"), "it has 2 roads .* a single road is read"),
@@ -430,7 +403,6 @@ def joint(text: str, other: str) -> bytes:
         (place('"30"', '"1e9"'), "longer than the 50000 m"),
         (place('"30"', '"nan"'), "length='nan': a number"),
         (place('hdg="0"', ""), "a <geometry> has no 'hdg'"),
-        (place('hdg="0"', 'hdg="east"'), "hdg='east'"),
         (place('hdg="0"', 'hdg="1e300"'), r"hdg='1e300': a number of at most 1e\+06"),
         (place('x="0"', 'x="1e200"'), r"x='1e200': a number of at most 1e\+07"),
         (joint('"30"', '"31"'), "jumps by 1.000 m 30.00 m along"),
@@ -450,7 +422,6 @@ def joint(text: str, other: str) -> bytes:
         (lane(WIDTH, ""), "has no width"),
         (lane('b="0"', 'b="0.02"'), "3.5 to 4.1 m wide"),
         (lane("3.5", "-3.5"), "lane_width is -3.5"),
-        (lane("3.5", "1e4"), "lane_width is 10000"),
         (lane("3.5", "1e308"), "a='1e308': a number of at most"),
         (
             foreign(

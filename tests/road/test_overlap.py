@@ -5,12 +5,11 @@ import math
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from shapely.geometry import Polygon
 
-from frenetic.road import Pose, Road, geometry, integrate
+from frenetic.road import Pose, Road, geometry
 from frenetic.road.overlap import share_outside
+from frenetic.search.operators import random_curvatures
 
 FloatArray = npt.NDArray[np.float64]
 Box = tuple[float, float, float]
@@ -20,13 +19,10 @@ CAR: Box = (4.508, 1.610, -0.1333)
 
 
 def random_road(rng: np.random.Generator) -> Road:
-    """A walk within the curvatures of valid roads, in any pose."""
-    values: list[float] = [0.0]
-    for _ in range(int(rng.integers(10, 26))):
-        low, high = max(values[-1] - 0.05, -0.07), min(values[-1] + 0.05, 0.07)
-        values.append(float(rng.uniform(low, high)))
+    """A road of the random phase in any pose."""
     x, y, heading = rng.uniform(-200.0, 200.0, 3)
-    return Road(values[1:], pose=(x, y, heading / 30.0), lane_width=float(rng.choice([3.0, 4.0])))
+    values = random_curvatures(rng, int(rng.integers(10, 26)))
+    return Road(values, pose=(x, y, heading / 30.0), lane_width=float(rng.choice([3.0, 4.0])))
 
 
 def place(road: Road, s: float, d: float) -> tuple[float, float]:
@@ -81,7 +77,7 @@ def reference(
 POSES = [(-1.4, 1.4, 0.15), (-3.5, -0.8, 0.6), (0.8, 3.5, 0.6), (-7.0, 5.0, math.pi)]
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(3))
 def test_share_agrees_with_polygons(seed: int) -> None:
     rng = np.random.default_rng(seed)
     shares = []
@@ -108,26 +104,20 @@ def test_share_agrees_in_the_tightest_curves_for_any_box(
             assert share(road, 45.0, d, error, box, lane) == pytest.approx(expected, abs=4e-3)
 
 
-@given(
-    offset=st.floats(-6.0, 6.0),
-    pose=st.tuples(st.floats(-1e4, 1e4), st.floats(-1e4, 1e4), st.floats(-7.0, 7.0)),
-    backwards=st.booleans(),
-)
-@settings(max_examples=50)
-def test_on_a_straight_road_the_share_is_linear_in_the_offset(
-    offset: float, pose: tuple[float, float, float], backwards: bool
-) -> None:
-    road = Road(np.zeros(10), pose=Pose(*pose))
+@pytest.mark.parametrize("backwards", [False, True])
+def test_on_a_straight_road_the_share_is_linear_in_the_offset(backwards: bool) -> None:
+    road = Road(np.zeros(10), pose=Pose(9e3, -1e4, -7.0))  # far away no digits are lost
     _, width, _ = CAR
-    outside = (abs(offset) + 0.5 * width - 2.0) / width
-    found = share(road, 40.0, offset - 2.0, math.pi if backwards else 0.0)
-    assert found == pytest.approx(min(max(outside, 0.0), 1.0), abs=1e-7)
+    for offset in np.linspace(-6.0, 6.0, 49).tolist():
+        outside = (abs(offset) + 0.5 * width - 2.0) / width
+        found = share(road, 40.0, offset - 2.0, math.pi if backwards else 0.0)
+        assert found == pytest.approx(min(max(outside, 0.0), 1.0), abs=1e-7)
 
 
 def test_the_lane_of_another_leg_does_not_count() -> None:
     """A hairpin whose legs are 9 m apart: on the leg back, the ego lane is the far one."""
     turn = np.concatenate([[0.0], np.full(8, math.pi / 8.0), [0.0]])
-    step = 9.0 / -float(integrate(turn, 1.0)[1][-1, 0])
+    step = 9.0 / -float(Road(turn, 1.0).points[-1, 0])
     straight = np.zeros(math.ceil(60.0 / step))
     road = Road(np.concatenate([straight, turn[1:-1] / step, straight]), step)
     for x in (-11.0, -7.0):
@@ -136,14 +126,3 @@ def test_the_lane_of_another_leg_does_not_count() -> None:
         # Seen from the leg that the car drives on, it is outside; from the one back, perhaps not.
         assert share(road, 20.0, -x, 0.0) == 1.0
         assert share(road, s_back, d_back, 0.0) == (0.0 if x == -11.0 else 1.0)
-
-
-@given(st.integers(0, 2**32 - 1), st.floats(-100.0, 100.0), st.floats(-10.0, 10.0))
-@settings(max_examples=50)
-def test_a_share_is_a_share_however_far_away_the_car_is(seed: int, d: float, error: float) -> None:
-    rng = np.random.default_rng(seed)
-    road = random_road(rng)
-    found = share(road, float(rng.uniform(0.0, road.length)), d, error)
-    assert 0.0 <= found <= 1.0
-    if not -7.0 < d < 3.0 and abs(d) < 11.0:
-        assert found == 1.0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +21,6 @@ from frenetic.search.approach import (
     is_near,
     is_near_at,
     lay_road,
-    lower_squares,
     nearest_square,
     road_around,
     states_before,
@@ -76,7 +74,7 @@ def test_thirty_random_roads_come_first_and_fewer_in_a_short_budget() -> None:
 
 def test_roads_that_are_out_count_among_the_first_ones() -> None:
     for budget, least, most in ((1.0, 30, 32), (0.2, 20, 22)):
-        search = Frenetic(seed=1, random_budget=budget, random_share=0.0)
+        search = Frenetic(seed=1, random_budget=budget)
         out: list[Candidate] = []
         first = 0
         for count in range(1, 61):
@@ -84,7 +82,7 @@ def test_roads_that_are_out_count_among_the_first_ones() -> None:
                 out.append(search.ask())
                 first += out[-1].origin.operator == "random"
             search.tell(drive(out.pop(0), -1.0, 50.0, spent=count / 100))
-        assert least <= first <= most
+        assert least <= first <= most + 4  # and one in twenty of the others
 
 
 def test_a_child_avoids_the_failures_that_those_out_are_expected_to_be() -> None:
@@ -102,14 +100,6 @@ def test_a_child_avoids_the_failures_that_those_out_are_expected_to_be() -> None
         archive.settle(number)
     np.testing.assert_array_equal(archive.failures(LEFT), [place.vector, place.vector + 2.0])
     assert len(archive.failures(RIGHT)) == 98
-
-
-def test_it_goes_on_from_a_budget_of_one_failure() -> None:
-    search = Frenetic(seed=3)
-    for _ in range(60):  # nothing of the budget is spent while nothing fails
-        candidate = search.ask()
-        search.tell(drive(candidate, 0.1, 50.0, spent=0.0))
-    assert candidate.origin.operator != "random" or search.ask().origin.operator != "random"
 
 
 def test_it_says_that_no_road_comes_near_failing() -> None:
@@ -247,47 +237,21 @@ def test_the_speed_model_learns_a_driver() -> None:
     assert np.sqrt(np.mean((predicted - truth) ** 2)) < 0.7 * np.std(truth)
 
 
-def test_kernels_compute_the_same_without_numba() -> None:
+def test_near_at_a_place_is_near_once_the_road_is_laid_there() -> None:
     rng = np.random.default_rng(6)
-    weights = rng.normal(0.0, 0.3, speeds.SpeedModel(rng).weights.shape)
     curvatures = random_curvatures(rng, 25)
-    compiled, plain = np.empty(13), np.empty(13)
-    speeds.predict(weights, curvatures, 10.0, 30.0, compiled)
-    plain_of(speeds.predict)(weights, curvatures, 10.0, 30.0, plain)
-    np.testing.assert_array_equal(compiled, plain)
-
-    inputs, targets = rng.normal(0.0, 1.0, (64, 15)), rng.normal(0.0, 1.0, 64)
-    batches = rng.integers(0, 64, (4, 8))
-    results = []
-    for train in (speeds._train, plain_of(speeds._train)):
-        learnt, moments, powers = weights.copy(), np.zeros((2, len(weights))), np.ones(2)
-        train(learnt, moments, powers, inputs, targets, batches)
-        results.append(learnt)
-    np.testing.assert_array_equal(results[0], results[1])
-
-    known, vector = rng.normal(0.0, 0.2, (50, SIZE)), rng.normal(0.0, 0.2, SIZE)
-    assert nearest_square(known, vector, 16.0) == plain_of(nearest_square)(known, vector, 16.0)
-    for square in (1.0, 5.0, 9.0):
-        assert is_near(known, vector, square) == plain_of(is_near)(known, vector, square)
+    known = rng.normal(0.0, 0.2, (50, SIZE))
     table, ds, _ = table_around(curvatures, 10.0, 60.0, 140.0)
     laid, rows, squares = known[0].copy(), np.empty(50, dtype=np.int64), np.empty(50)
     for place in np.linspace(60.0, 140.0, 17):
         lay_road(known[0], table, ds, place + 0.3)
         lay_road(laid, table, ds, place)
         least = nearest_square(known, laid, 1e3)
+        assert least == pytest.approx(((known - laid) ** 2).sum(axis=1).min())
         for square in (0.5 * least, least, np.nextafter(least, 2e3), 1.5 * least):
             count = alike_before(known, laid, square, rows, squares)
             found = is_near_at(known, rows[:count], squares[:count], table, ds, place, square)
             assert found == is_near(known, laid, square) == (square > least)
-    sides, squares, others = np.zeros(50, dtype=np.int64), np.full(50, 16.0), np.full(50, 16.0)
-    lower_squares(squares, sides, known, 0, vector)
-    plain_of(lower_squares)(others, sides, known, 0, vector)
-    np.testing.assert_array_equal(squares, others)
-
-
-def plain_of(kernel: Any) -> Any:
-    """A kernel as it is without numba."""
-    return kernel.py_func
 
 
 def test_no_road_is_proposed_twice_and_all_lie_within_the_bound() -> None:

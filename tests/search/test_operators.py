@@ -219,13 +219,6 @@ def test_mix_takes_each_value_from_either_parent(
     assert np.all((child == first[:n]) | (child == second[:n]))
 
 
-def test_mix_takes_half_from_each_parent_independently() -> None:
-    child = mix(rng_of(1), np.zeros(10_000), np.ones(12_000))
-
-    assert child.mean() == pytest.approx(0.5, abs=0.02)
-    assert np.mean(child[1:] == child[:-1]) == pytest.approx(0.5, abs=0.02)
-
-
 @given(roads(), roads())
 def test_splice_joins_a_front_half_and_a_back_half(first: FloatArray, second: FloatArray) -> None:
     one, other = splice(first, second)
@@ -233,3 +226,10 @@ def test_splice_joins_a_front_half_and_a_back_half(first: FloatArray, second: Fl
     n, m = len(first) // 2, len(second) // 2
     assert one.tolist() == [*first[:n], *second[m:]]
     assert other.tolist() == [*second[:m], *first[n:]]
+
+
+def test_mix_takes_half_from_each_parent_independently() -> None:
+    child = mix(rng_of(1), np.zeros(10_000), np.ones(12_000))
+
+    assert child.mean() == pytest.approx(0.5, abs=0.02)
+    assert np.mean(child[1:] == child[:-1]) == pytest.approx(0.5, abs=0.02)

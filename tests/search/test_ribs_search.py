@@ -69,8 +69,3 @@ def test_it_goes_where_the_driver_is_worse_and_proposes_valid_roads_only(algorit
     assert all(valid for _, _, valid in found)
     first, last = ([bent for _, bent, _ in part] for part in (found[:30], found[-60:]))
     assert np.median(last) > np.median(first)
-
-
-def test_an_unknown_algorithm_is_refused() -> None:
-    with pytest.raises(Exception, match="algorithm must be one of map-elites, cma-mae, cma-es"):
-        peer("nsga")

@@ -81,7 +81,7 @@ def test_roads_that_promise_the_same_are_named_and_left_out_of_the_top() -> None
 def test_folders_are_searched_and_what_holds_no_road_is_told(roads: Path, tmp_path: Path) -> None:
     missing = tmp_path / "missing.json"
     found = find_roads([roads, missing])
-    names = [Path(one.name).relative_to(roads).as_posix() for one in found.roads]
+    names = [Path(name).relative_to(roads).as_posix() for name in found.roads]
     assert names == [
         "again.json",
         "circle.json",
@@ -89,14 +89,15 @@ def test_folders_are_searched_and_what_holds_no_road_is_told(roads: Path, tmp_pa
         "gentle.json",
         "sharp.json",
     ]
-    assert found.skipped == (roads / "settings.json",)
+    (skipped,) = found.skipped
+    assert skipped.startswith(f"{roads / 'settings.json'} has neither")
     assert found.faults == (f"there is no file {missing}",)
     british = tmp_path / "british"
     british.mkdir()
     text = to_opendrive(Road(GENTLE))
     text = text.replace('<lane id="-1" type="driving"', '<lane id="-1" type="parking"')
     (british / "one-way.xodr").write_text(text, encoding="utf-8")
-    (missing_lane,) = find_roads([roads, british]).other_lanes
+    _, missing_lane = find_roads([roads, british]).skipped
     assert missing_lane.startswith(f"{british / 'one-way.xodr'} cannot be read as OpenDRIVE: ")
     assert missing_lane.endswith("(driving lanes, to be chosen as 'lane': 1)")
     with pytest.raises(RoadError, match="to be chosen as 'lane': 1"):
@@ -145,7 +146,7 @@ def test_the_table_the_top_and_invalid_roads(frenetic: Frenetic, roads: Path) ->
     answer = frenetic("rank", str(roads), *FAST, "--top", "9")
     assert answer.code == 0
     assert "Different problems: 3 of the 9 asked for." in answer.out
-    assert "1 other file without a road left out" in answer.err
+    assert "1 other file without such a road left out" in answer.err
     assert "circle" not in answer.out
     circle, sharp = str(roads / "circle.json"), str(roads / "sharp.json")
     assert "INVALID" in frenetic("rank", circle).out

@@ -21,12 +21,7 @@ from frenetic.analysis.segments import (
     segment_profile,
     segments_of,
 )
-from frenetic.analysis.sparseness import (
-    CompetitionSparseness,
-    competition_sparseness,
-    edit_distance,
-    unlike_lines,
-)
+from frenetic.analysis.sparseness import largest_distances, unlike_lines
 
 __all__ = [
     "FEATURES",
@@ -37,7 +32,6 @@ __all__ = [
     "Clusters",
     "Comparison",
     "CompetitionSegment",
-    "CompetitionSparseness",
     "Failure",
     "Feature",
     "Features",
@@ -47,8 +41,6 @@ __all__ = [
     "compare",
     "compare_measured",
     "competition_segment",
-    "competition_sparseness",
-    "edit_distance",
     "failure_segment",
     "failures_of",
     "feature",
@@ -56,6 +48,7 @@ __all__ = [
     "find_bends",
     "find_campaigns",
     "group_campaigns",
+    "largest_distances",
     "measure_campaign",
     "nearest_misses",
     "segment_of",

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from enum import StrEnum
 from functools import cached_property
 from itertools import combinations
 from pathlib import Path
@@ -34,28 +33,16 @@ from frenetic.analysis.sparseness import MOST_COMPARED
 from frenetic.analysis.statistics import (
     LEAST_REPEATS,
     SIGNIFICANT,
-    Magnitude,
     Quartiles,
     a12,
     holm,
     kruskal_wallis,
     magnitude,
     mann_whitney,
-    mean_ranks,
-    places,
     quartiles,
+    ranks,
 )
 from frenetic.errors import FreneticError
-
-
-class Verdict(StrEnum):
-    """Verdict on two groups."""
-
-    FIRST_IS_BETTER = "the first is better"
-    SECOND_IS_BETTER = "the second is better"
-    NOT_SHOWN = "no difference shown"
-    """A difference may exist, but chance explains the values."""
-    TOO_FEW = "too few repeats to tell"
 
 
 @dataclass(frozen=True)
@@ -77,18 +64,21 @@ class PairComparison:
     """Campaigns in each group."""
 
     @property
-    def magnitude(self) -> Magnitude:
+    def is_told(self) -> bool:
+        """Whether there are enough repeats to tell."""
+        return min(self.repeats) >= LEAST_REPEATS
+
+    @property
+    def magnitude(self) -> str:
         """Size of the effect."""
         return magnitude(self.a12)
 
     @property
-    def verdict(self) -> Verdict:
-        """Verdict on the two groups."""
-        if min(self.repeats) < LEAST_REPEATS:
-            return Verdict.TOO_FEW
-        if self.p_corrected >= SIGNIFICANT:
-            return Verdict.NOT_SHOWN
-        return Verdict.FIRST_IS_BETTER if self.a12 > 0.5 else Verdict.SECOND_IS_BETTER
+    def verdict(self) -> str:
+        """Verdict on the two groups. Where no difference is shown, chance explains the values."""
+        if self.better is not None:
+            return f"the {'first' if self.better == self.first else 'second'} is better"
+        return "no difference shown" if self.is_told else "too few repeats to tell"
 
     @property
     def turned(self) -> PairComparison:
@@ -100,19 +90,9 @@ class PairComparison:
     @property
     def better(self) -> str | None:
         """The better group; None if no difference is shown."""
-        match self.verdict:
-            case Verdict.FIRST_IS_BETTER:
-                return self.first
-            case Verdict.SECOND_IS_BETTER:
-                return self.second
-            case _:
-                return None
-
-    def __str__(self) -> str:
-        if self.better is None:
-            return f"{self.first} and {self.second}: {self.verdict}"
-        worse = self.second if self.better == self.first else self.first
-        return f"{self.better} is better than {worse}"
+        if not self.is_told or self.p_corrected >= SIGNIFICANT:
+            return None
+        return self.first if self.a12 > 0.5 else self.second
 
 
 @dataclass(frozen=True)
@@ -149,27 +129,30 @@ class MeasureComparison:
 
         Equal campaigns share the mean of their ranks, as in the Kruskal-Wallis test.
         """
-        sign = -1.0 if self.measure.more_is_better else 1.0
-        found = mean_ranks([sign * np.array(values) for values in self.values.values()])
-        return MappingProxyType(dict(zip(self.values, found, strict=True)))
+        every = ranks(-self.measure.sign * np.concatenate([*self.values.values()]))
+        ends = np.cumsum([len(values) for values in self.values.values()])
+        parts = zip(self.values, np.split(every, ends[:-1]), strict=True)
+        return {name: float(part.mean()) for name, part in parts}
 
     @cached_property
     def places(self) -> Mapping[str, int]:
         """Name of a group -> its place from 1, by the median and among equal ones by the mean rank.
 
-        Groups that have both alike share a place.
+        Groups that have both alike share the better place: 1, 1, 3.
         """
-        sign = -1.0 if self.measure.more_is_better else 1.0
-        scores = [
-            (sign * self.quartiles(name).median, round(rank, 9))
+        scores = {
+            name: (-self.measure.sign * self.quartiles(name).median, round(rank, 9))
             for name, rank in self.mean_ranks.items()
-        ]
-        return MappingProxyType(dict(zip(self.mean_ranks, places(scores), strict=True)))
+        }
+        return {
+            name: 1 + sum(other < score for other in scores.values())
+            for name, score in scores.items()
+        }
 
     def said(self, pair: PairComparison) -> str:
         """The verdict on two groups in words of this measure, such as "a has more than b"."""
         if pair.better is None:
-            return str(pair)
+            return f"{pair.first} and {pair.second}: {pair.verdict}"
         worse = pair.second if pair.better == pair.first else pair.first
         return f"{pair.better} has {self.measure.better} than {worse}"
 
@@ -240,7 +223,7 @@ def compare(groups: Mapping[str, Iterable[Path | str]]) -> Comparison:
             " differ in nothing but the seed are one group"
         )
     listed = {name: require_list(f"group {name}", given) for name, given in groups.items()}
-    places: dict[Path, str] = {}
+    places: set[Path] = set()
     for name, folders in listed.items():
         if not folders:
             raise FreneticError(f"group {name} has no campaigns: at least one is needed")
@@ -248,7 +231,7 @@ def compare(groups: Mapping[str, Iterable[Path | str]]) -> Comparison:
             place = Path(folder).resolve()
             if place in places:
                 raise FreneticError(f"{folder} is there twice: give each campaign once")
-            places[place] = name
+            places.add(place)
     measured = {
         name: tuple(measure_campaign(folder) for folder in folders)
         for name, folders in listed.items()
@@ -270,10 +253,10 @@ def compare_measured(
     """Compares groups of measured campaigns, as `compare` does."""
     compared = (_compare_by(measure, groups) for measure in MEASURES.values())
     return Comparison(
-        groups=MappingProxyType(dict(groups)),
+        groups=groups,
         measures=tuple(one for one in compared if one is not None),
         notes=(*notes, *_weakness(groups)),
-        shared=MappingProxyType(dict(shared)),
+        shared=shared,
     )
 
 
@@ -287,15 +270,13 @@ def _compare_by(
         values[name] = tuple(value for value in found if value is not None)
         if len(values[name]) < len(found):
             return None
-    held = MappingProxyType(values)
-    sign = 1.0 if measure.more_is_better else -1.0
     names = list(combinations(groups, 2))
     p_values = [mann_whitney(values[one], values[other]) for one, other in names]
     pairs = tuple(
         PairComparison(
             first=one,
             second=other,
-            a12=a12(sign * np.array(values[one]), sign * np.array(values[other])),
+            a12=a12(measure.sign * np.array(values[one]), measure.sign * np.array(values[other])),
             p=p,
             p_corrected=corrected,
             repeats=(len(values[one]), len(values[other])),
@@ -303,7 +284,7 @@ def _compare_by(
         for (one, other), p, corrected in zip(names, p_values, holm(p_values), strict=True)
     )
     overall = kruskal_wallis(list(values.values())) if len(groups) > 2 else None
-    return MeasureComparison(measure, held, pairs, overall)
+    return MeasureComparison(measure, values, pairs, overall)
 
 
 def _weakness(groups: Mapping[str, Sequence[object]]) -> Iterator[str]:
@@ -363,3 +344,58 @@ def _notes(
             " many, evenly spaced"
         )
     return notes
+
+
+# In words
+
+
+def findings(comparison: Comparison) -> str:
+    """Findings of a comparison by its headline measure, in a sentence or two."""
+    by = comparison.headline
+    order = by.order
+    few = order if len(order) <= 4 else (*order[:3], order[-1])
+    values = [f"{name} {by.text(name)}" for name in few]
+    left = len(order) - len(few)
+    rest = f", {counted(left, 'group')} between" if left else ""
+    told = f"Median (quartiles) of {by.measure.title}: {'; '.join(values)}{rest}."
+    return f"{verdict(comparison)} {told}"
+
+
+def verdict(comparison: Comparison) -> str:
+    """Verdict on the first group by the headline measure, in a sentence."""
+    by = comparison.headline
+    if len(by.values) == 1:
+        return "There is nobody to compare with."
+    if min(len(values) for values in by.values.values()) < LEAST_REPEATS:
+        return f"Too few repeats to tell: at least {LEAST_REPEATS} campaigns a group are needed."
+    if not any(pair.better for pair in by.pairs):
+        return f"No difference in {by.measure.title} is shown."
+    best, second = by.order[:2]
+    worse = by.worse_than(best)
+    if by.places[second] == 1 or not worse:
+        return f"No group is shown to find the most {by.measure.title}."
+    if level := [name for name in by.values if name != best and name not in worse]:
+        return (
+            f"{best} comes first in {by.measure.title}, shown to find more than {in_short(worse)},"
+            f" not than {in_short(level)}."
+        )
+    evidence = ", which is shown for each of them"
+    if len(by.pairs) == 1:
+        (pair,) = by.pairs
+        odds = max(pair.a12, 1.0 - pair.a12)
+        evidence = f" (A12 {odds:.2f}, {pair.magnitude}; p {p_text(pair.p)})"
+    return f"{best} finds more {by.measure.title} than {in_short(worse)}{evidence}."
+
+
+def in_short(names: Sequence[str], most: int = 3) -> str:
+    """Names in a row; of many, the first and the number of others."""
+    if len(names) > most:
+        names = [*names[: most - 1], f"{len(names) - most + 1} others"]
+    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
+
+
+def p_text(value: float) -> str:
+    """A p value with its meaningful digits."""
+    if value < 0.001:
+        return "< 0.001"
+    return f"{value:.2g}" if value < 0.1 else f"{value:.2f}"

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 
@@ -19,34 +19,11 @@ HEADING_BINS: Final = 10
 """Bins of 36 degrees in the full circle."""
 
 
-@dataclass(frozen=True)
-class Features:
-    """Features of a stretch of road and the drive along it; see `FEATURES` for the ranges.
+Features: TypeAlias = Mapping[str, float]
+"""Features of a stretch of road and the drive along it: those of `FEATURES`, by name.
 
-    Moving or turning the road changes none of them; mirroring it flips the signs of the offsets.
-    """
-
-    length: float
-    """Length of road, in m."""
-    max_curvature: float
-    """Largest curvature of the centre line in 1/m, without its sign."""
-    direction_coverage: float
-    """Share 0..1 of the ten directions, 36 degrees each, in which the road leads somewhere.
-
-    Directions are counted from the one in which the stretch begins, the middle of its bin.
-    """
-    bends: int
-    """Bends, see `frenetic.analysis.Bend`."""
-    mean_speed: float
-    """Mean speed over the drive's time, in m/s."""
-    std_speed: float
-    """Standard deviation of the speed over the drive's time, in m/s."""
-    std_steering: float
-    """Standard deviation of the front wheels' angle over the drive's time, in rad."""
-    mean_offset: float
-    """Distance left of the ego lane's centre line in m, over the drive's time."""
-    extreme_offset: float
-    """Distance left of the ego lane's centre line where the car was furthest from it, in m."""
+Moving or turning the road changes none of them; mirroring it flips the signs of the offsets.
+"""
 
 
 @dataclass(frozen=True)
@@ -54,7 +31,7 @@ class Feature:
     """A feature's published range, cut into equal bins: an axis of a feature map."""
 
     name: str
-    """Name of the field in `Features`."""
+    """Name in `Features`."""
     description: str
     unit: str
     """Empty for a share or a number."""
@@ -76,16 +53,12 @@ class Feature:
 
     def of(self, features: Features) -> float:
         """This feature's value."""
-        return float(getattr(features, self.name))
+        return float(features[self.name])
 
     def bin(self, value: float) -> int:
         """The bin of a value, from 0."""
         found = int(np.searchsorted(self.edges, value, side="right")) - 1
         return min(max(found, 0), self.bins - 1)
-
-    def bin_of(self, features: Features) -> int:
-        """The bin of a stretch's value, from 0."""
-        return self.bin(self.of(features))
 
 
 FEATURES: Final[Mapping[str, Feature]] = MappingProxyType(
@@ -104,7 +77,7 @@ FEATURES: Final[Mapping[str, Feature]] = MappingProxyType(
         )
     }
 )
-"""Name of a field of `Features` -> its range."""
+"""Name of a feature -> its range."""
 
 
 def feature(name: str) -> Feature:
@@ -119,20 +92,24 @@ def feature(name: str) -> Feature:
 
 
 def features_of(segment: Segment) -> Features:
-    """The features of a segment, or of a whole test: ``features_of(segment.whole())``."""
+    """The features of a segment, or of a whole test: ``features_of(segment.whole())``.
+
+    Directions are counted from the one in which the stretch begins, the middle of its bin. Means
+    and deviations are over the drive's time; offsets are to the left of the ego lane's centre line.
+    """
     distances, curvatures = segment.curvature_samples
     offset = segment.lateral_offset
-    return Features(
-        length=segment.length,
-        max_curvature=float(np.abs(curvatures).max()),
-        direction_coverage=_directions(distances, curvatures) / HEADING_BINS,
-        bends=len(segment.bends),
-        mean_speed=float(segment.speed.mean()),
-        std_speed=float(segment.speed.std()),
-        std_steering=float(segment.steering.std()),
-        mean_offset=float(offset.mean()),
-        extreme_offset=float(offset[np.argmax(np.abs(offset))]),
-    )
+    return {
+        "length": segment.length,
+        "max_curvature": float(np.abs(curvatures).max()),
+        "direction_coverage": _directions(distances, curvatures) / HEADING_BINS,
+        "bends": float(len(segment.bends)),
+        "mean_speed": float(segment.speed.mean()),
+        "std_speed": float(segment.speed.std()),
+        "std_steering": float(segment.steering.std()),
+        "mean_offset": float(offset.mean()),
+        "extreme_offset": float(offset[np.argmax(np.abs(offset))]),
+    }
 
 
 def _directions(distances: FloatArray, curvatures: FloatArray) -> int:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
 from typing import Final
 
 from frenetic.analysis.features import FEATURES, Features, features_of
@@ -18,28 +17,19 @@ ORDERS: Final = ("severity", "told", "duration")
 """Orders that need no features: lowest MOOBD first, first told first, longest first."""
 
 
-@dataclass(frozen=True, eq=False)
-class ListedTest:
-    """A test of a list."""
-
-    record: Test
-    """Without its trajectory."""
-    features: Features | None
-    """Features of its segment; None if the list asks for none, or if nothing was driven."""
-
-
 def list_tests(
     store: CampaignStore,
     *,
     outcomes: Collection[Outcome | str] = (),
     within: Mapping[str, tuple[float, float]] | None = None,
     sort: str = "severity",
-) -> list[ListedTest]:
+) -> list[tuple[Test, Features | None]]:
     """The tests of a campaign in a chosen order; equal ones stay in the order of telling.
 
-    A test without the value by which the list is sorted comes last. Features are those of the
-    segment around the place of departure, or else of the least oob distance; they take about a
-    millisecond a test.
+    They come without their trajectories. A test without the value by which the list is sorted comes
+    last. Features are those of the segment around the place of departure, or else of the least oob
+    distance, None if the list asks for none or nothing was driven; they take about a millisecond a
+    test.
 
     Args:
         store: the campaign.
@@ -64,17 +54,17 @@ def list_tests(
     for name, (low, high) in within.items():
         if low > high:
             raise ValueError(f"{name} from {low:g} to {high:g}: the lower end comes first")
-    tests = [
-        ListedTest(record, _features(store, record) if asked else None)
+    tests = (
+        (record, _features(store, record) if asked else None)
         for record in store.tests()
         if record.outcome in wanted
-    ]
+    )
     chosen = [
-        test
-        for test in tests
-        if all(low <= _value(test, name) <= high for name, (low, high) in within.items())
+        (record, features)
+        for record, features in tests
+        if all(low <= _value(features, name) <= high for name, (low, high) in within.items())
     ]
-    return sorted(chosen, key=lambda test: _place(test, sort))
+    return sorted(chosen, key=lambda test: _place(test[0], test[1], sort))
 
 
 def _features(store: CampaignStore, record: Test) -> Features | None:
@@ -86,17 +76,16 @@ def _features(store: CampaignStore, record: Test) -> Features | None:
     return features_of(segment_of(test.road, test.drive, test.departure))
 
 
-def _value(test: ListedTest, name: str) -> float:
+def _value(features: Features | None, name: str) -> float:
     """A feature; NaN without it, which no range holds."""
-    return math.nan if test.features is None else FEATURES[name].of(test.features)
+    return math.nan if features is None else features[name]
 
 
-def _place(test: ListedTest, sort: str) -> float:
+def _place(record: Test, features: Features | None, sort: str) -> float:
     """A number that is smaller for a test that comes earlier."""
-    record = test.record
     if sort == "told":
         return record.told
     if sort == "severity":
         return math.inf if record.moobd is None else record.moobd
-    value = record.result.duration if sort == "duration" else _value(test, sort)
+    value = record.result.duration if sort == "duration" else _value(features, sort)
     return math.inf if value is None or math.isnan(value) else -value

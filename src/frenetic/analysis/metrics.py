@@ -17,7 +17,7 @@ from frenetic.analysis.competition import failure_segment
 from frenetic.analysis.failures import Failure, cluster_failures
 from frenetic.analysis.features import FEATURES, features_of
 from frenetic.analysis.segments import segments_of
-from frenetic.analysis.sparseness import MOST_COMPARED, competition_sparseness, unlike_lines
+from frenetic.analysis.sparseness import MOST_COMPARED, largest_distances, unlike_lines
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.store import CampaignStore
 from frenetic.outcome import Outcome
@@ -54,7 +54,7 @@ class CampaignMeasures:
     unlike_roads: int = 0
     """Failing roads that are unlike each other, see `unlike_lines`."""
     competition_sparseness: float = -math.inf
-    """Sparseness in edits, see `CompetitionSparseness.mean`; minus infinity below two failures."""
+    """Sparseness in edits, see `largest_distances`; minus infinity below two failures."""
 
     @property
     def simulations(self) -> int:
@@ -123,6 +123,11 @@ class Measure:
     def heading(self) -> str:
         """Its title, with its unit if it has one."""
         return f"{self.title} ({self.unit})" if self.unit else self.title
+
+    @property
+    def sign(self) -> float:
+        """1 or -1: a value times it is larger where it is better."""
+        return 1.0 if self.more_is_better else -1.0
 
     @property
     def better(self) -> str:
@@ -238,13 +243,13 @@ def measure_campaign(folder: Path | str) -> CampaignMeasures:
                 continue  # of a campaign that goes on
             failures.append(Failure.of(segment, id=test.id, moobd=test.moobd or 0.0))
             features = features_of(segment)
-            cells.add(tuple(FEATURES[name].bin_of(features) for name in MAP_AXES))
+            cells.add(tuple(FEATURES[name].bin(features[name]) for name in MAP_AXES))
             roads.append(test.road.sample(ROAD_SPACING))
             if (cut := failure_segment(test)) is not None:
                 cuts.append(cut.points)
         facts, seed = store.facts, store.config.get("seed")
     clusters = cluster_failures(failures)
-    sparseness = competition_sparseness([cuts[i] for i in evenly(len(cuts), MOST_COMPARED)]).mean
+    distances = largest_distances([cuts[i] for i in evenly(len(cuts), MOST_COMPARED)])
     return CampaignMeasures(
         folder=Path(folder),
         seed=seed,
@@ -256,7 +261,7 @@ def measure_campaign(folder: Path | str) -> CampaignMeasures:
         is_finished=_is_finished(facts, len(found) - 1),
         cells=len(cells),
         unlike_roads=unlike_lines(roads),
-        competition_sparseness=-math.inf if sparseness is None else sparseness,
+        competition_sparseness=float(distances.mean()) if len(distances) else -math.inf,
     )
 
 

@@ -9,7 +9,6 @@ nearly the same, and otherwise up to 1, growing with their difference.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -28,37 +27,11 @@ MOST_COMPARED: Final = 2000
 """Most failures for the competition's sparseness, whose time grows with the square."""
 
 
-@dataclass(frozen=True)
-class CompetitionSparseness:
-    """Sparseness as the competition of 2021 and 2022 computed it; see `competition_sparseness`."""
+def largest_distances(segments: Sequence[npt.ArrayLike]) -> FloatArray:
+    """Largest edit distance of each failure but the last to those *after* it, (n - 1,) in edits.
 
-    mean: float | None
-    """Mean in edits; None for fewer than two failures."""
-    stdev: float | None
-    """Standard deviation of the population in edits; None for fewer than two failures."""
-    maxima: tuple[float, ...]
-    """Largest distance of each failure but the last, in edits."""
-
-
-def edit_distance(one: npt.ArrayLike, other: npt.ArrayLike) -> float:
-    """Edits between two lines, from 0 to the number of steps of the longer one.
-
-    Args:
-        one: (n, 2) m, points about 1 m apart.
-        other: (m, 2) m, likewise.
-
-    Raises:
-        ValueError: a line has fewer than two points.
-    """
-    angles, lengths, starts = _words([one, other])
-    return float(_distance(angles, lengths, starts[0], starts[1], starts[1], starts[2]))
-
-
-def competition_sparseness(segments: Sequence[npt.ArrayLike]) -> CompetitionSparseness:
-    """Sparseness of failures as the competition's published code computes it.
-
-    It takes for each failure the largest distance to those *after* it in the sequence, so the last
-    one counts nothing and the order matters; then mean and standard deviation.
+    Their mean and deviation are the sparseness that the competition's published code computes: the
+    last failure counts nothing, and the order matters.
 
     Args:
         segments: (n, 2) points each, see `frenetic.analysis.competition_segment`, in the order of
@@ -67,12 +40,8 @@ def competition_sparseness(segments: Sequence[npt.ArrayLike]) -> CompetitionSpar
     Raises:
         ValueError: a segment has fewer than two points.
     """
-    if len(segments) < 2:
-        return CompetitionSparseness(None, None, ())
-    largest = _largest_later(*_words(segments))
-    return CompetitionSparseness(
-        float(largest.mean()), float(largest.std()), tuple(largest.tolist())
-    )
+    largest: FloatArray = _largest_later(*_words(segments)) if segments else np.empty(0)
+    return largest
 
 
 def unlike_lines(lines: Sequence[npt.ArrayLike]) -> int:

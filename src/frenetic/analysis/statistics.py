@@ -9,9 +9,9 @@ report.
 from __future__ import annotations
 
 import math
+from bisect import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from itertools import permutations
 from typing import Final
 
@@ -56,18 +56,6 @@ class Estimate:
     def sign(self) -> int:
         """1 or -1 if the whole interval lies above or below 0; 0 if it holds 0."""
         return (self.low > 0.0) - (self.high < 0.0)
-
-
-class Magnitude(StrEnum):
-    """Size of an effect, by the thresholds of Vargha and Delaney (2000)."""
-
-    NEGLIGIBLE = "negligible"
-    SMALL = "small"
-    """A12 from 0.56."""
-    MEDIUM = "medium"
-    """A12 from 0.64."""
-    LARGE = "large"
-    """A12 from 0.71."""
 
 
 def quartiles(values: npt.ArrayLike) -> Quartiles:
@@ -209,14 +197,13 @@ def a12(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
     return float(larger / (n * len(y)))
 
 
-def magnitude(effect: float) -> Magnitude:
-    """Size of an A12, in either direction."""
+def magnitude(effect: float) -> str:
+    """Size of an A12 in either direction, by the thresholds of Vargha and Delaney (2000).
+
+    It is negligible, small from 0.56, medium from 0.64 and large from 0.71.
+    """
     distance = abs(effect - 0.5) + 1e-12  # 0.56 is small, however it was rounded
-    if distance < 0.06:
-        return Magnitude.NEGLIGIBLE
-    if distance < 0.14:
-        return Magnitude.SMALL
-    return Magnitude.MEDIUM if distance < 0.21 else Magnitude.LARGE
+    return ("negligible", "small", "medium", "large")[bisect((0.06, 0.14, 0.21), distance)]
 
 
 def mann_whitney(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
@@ -235,18 +222,14 @@ def mann_whitney(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
     seen = int(doubled[:n].sum())
     mean = n * (total + 1)  # of the doubled rank sum
     if total > MOST_EXACT:
-        return _mann_whitney_normal(x, y)
+        from scipy.stats import mannwhitneyu  # takes its time
+
+        if np.ptp(doubled) == 0:
+            return 1.0
+        return float(mannwhitneyu(x, y, alternative="two-sided", method="asymptotic").pvalue)
     shares = _rank_sums(doubled, n)
     sums = np.arange(len(shares))
     return min(1.0, float(shares[np.abs(sums - mean) >= abs(seen - mean)].sum()))
-
-
-def _mann_whitney_normal(x: FloatArray, y: FloatArray) -> float:
-    from scipy.stats import mannwhitneyu  # takes its time
-
-    if len(np.unique(np.concatenate([x, y]))) == 1:
-        return 1.0
-    return float(mannwhitneyu(x, y, alternative="two-sided", method="asymptotic").pvalue)
 
 
 def _rank_sums(ranks: npt.NDArray[np.int64], n: int) -> FloatArray:
@@ -277,32 +260,6 @@ def kruskal_wallis(groups: Sequence[npt.ArrayLike]) -> float:
     if len(np.unique(np.concatenate(samples))) == 1:
         return 1.0
     return float(kruskal(*samples).pvalue)
-
-
-def mean_ranks(groups: Sequence[npt.ArrayLike]) -> list[float]:
-    """Each group's mean rank among the values of all, as the Kruskal-Wallis test ranks them.
-
-    The smallest of all values has rank 1, equal ones share the mean of their ranks. If all groups
-    came from one distribution, each could expect (values + 1) / 2.
-
-    Raises:
-        ValueError: no group, an empty one, or a value that is not a number.
-    """
-    samples = [_values(group) for group in groups]
-    if not samples:
-        raise ValueError("0 groups: at least one is needed")
-    parts = np.split(
-        ranks(np.concatenate(samples)), np.cumsum([len(sample) for sample in samples])[:-1]
-    )
-    return [float(part.mean()) for part in parts]
-
-
-def places(scores: Sequence[tuple[float, ...]]) -> list[int]:
-    """Places from 1 by score, the lowest first; equal scores share the better place: 1, 1, 3.
-
-    Later numbers of a score count among those of equal earlier ones.
-    """
-    return [1 + sum(other < score for other in scores) for score in scores]
 
 
 def rank_correlation(first: npt.ArrayLike, second: npt.ArrayLike) -> float | None:

@@ -17,7 +17,7 @@ import numpy as np
 
 from frenetic._support.json_value import JSONValue
 from frenetic._support.scalars import take_numpy_scalars
-from frenetic.analysis.sparseness import competition_sparseness, unlike_lines
+from frenetic.analysis.sparseness import largest_distances, unlike_lines
 from frenetic.bench.entrants import Entrant
 from frenetic.bench.generator import GeneratorProcess
 from frenetic.bench.hosting.messages import Assignment
@@ -317,7 +317,7 @@ def compile_measures() -> None:
     min_radius(interpolate(points))
     overlaps_itself(points, points + 4.0)
     segments = [points, 1.5 * points, points[:-4].copy()]
-    competition_sparseness(segments)
+    largest_distances(segments)
     unlike_lines(segments)
 
 

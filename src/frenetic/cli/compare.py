@@ -197,8 +197,8 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
     def pair_document(pair: PairComparison) -> dict[str, Any]:
         return {
             **asdict(pair),
-            "magnitude": str(pair.magnitude),
-            "verdict": str(pair.verdict),
+            "magnitude": pair.magnitude,
+            "verdict": pair.verdict,
         }
 
     def measure_document(measured: MeasureComparison) -> dict[str, Any]:
@@ -240,7 +240,7 @@ def print_comparison(comparison: Comparison) -> None:
 
     Of many groups the pairs are told apart by the headline measure only.
     """
-    from frenetic.analysis.conclusions import verdict
+    from frenetic.analysis.comparison import verdict
     from frenetic.campaign.counts import Counts
 
     sizes = ", ".join(f"{len(campaigns)} of {n}" for n, campaigns in comparison.groups.items())
@@ -295,8 +295,6 @@ def _print_by_group(comparison: Comparison) -> None:
 
 
 def _print_pairs(measures: Sequence[MeasureComparison], *, several: bool) -> None:
-    from frenetic.analysis.comparison import Verdict
-
     print_table(
         ("", "what can be said", ">A12", ">effect", ">p (Holm)" if several else ">p"),
         [
@@ -304,8 +302,8 @@ def _print_pairs(measures: Sequence[MeasureComparison], *, several: bool) -> Non
                 "" if i else by.measure.title,
                 by.said(pair),
                 f"{pair.a12:.2f}",
-                str(pair.magnitude) if pair.verdict is not Verdict.TOO_FEW else None,
-                f"{pair.p_corrected:.2g}" if pair.verdict is not Verdict.TOO_FEW else None,
+                pair.magnitude if pair.is_told else None,
+                f"{pair.p_corrected:.2g}" if pair.is_told else None,
             )
             for by in measures
             for i, pair in enumerate(by.pairs)

@@ -147,19 +147,16 @@ def _list_tests(
     names = list(dict.fromkeys([*within, *([] if sort in ORDERS else [sort])]))
     rows: list[dict[str, Any]] = [
         {
-            "id": test.record.id,
-            "told": test.record.told,
-            "outcome": str(test.record.outcome),
-            "moobd": test.record.moobd,
-            "duration": simulated_time(test.record.result.duration),
-            "operator": test.record.candidate.origin.operator,
-            "reason": test.record.reason,
-            "features": {
-                name: None if test.features is None else FEATURES[name].of(test.features)
-                for name in names
-            },
+            "id": test.id,
+            "told": test.told,
+            "outcome": str(test.outcome),
+            "moobd": test.moobd,
+            "duration": simulated_time(test.result.duration),
+            "operator": test.candidate.origin.operator,
+            "reason": test.reason,
+            "features": {name: None if features is None else features[name] for name in names},
         }
-        for test in listed
+        for test, features in listed
     ]
     if as_json:
         document = {"folder": str(store.folder), "matching": len(tests), "listed": rows}
@@ -172,12 +169,12 @@ def _list_tests(
             (
                 row["id"],
                 row["outcome"],
-                two_digits(test.record.moobd),
-                two_digits(test.record.result.duration),
+                two_digits(row["moobd"]),
+                two_digits(row["duration"]),
                 *(None if v is None else f"{v:.3g}" for v in row["features"].values()),
                 row["reason"],
             )
-            for test, row in zip(listed, rows, strict=True)
+            for row in rows
         ],
     )
     shown = f"; the first {len(listed)} are listed" if len(listed) < len(tests) else ""

@@ -19,7 +19,7 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic._support.words import text_cell
 from frenetic.analysis.competition import failure_segment
-from frenetic.analysis.sparseness import MOST_COMPARED, competition_sparseness
+from frenetic.analysis.sparseness import MOST_COMPARED, largest_distances
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.drive import Drive
@@ -295,18 +295,14 @@ class _Statistics:
 
     def out_of_bounds(self) -> dict[str, object]:
         """The row of oob_stats.csv."""
-        sparseness = competition_sparseness(self._segments)
+        found = largest_distances(self._segments)
         return {
             "total_oob": self._departures,
             "left_oob": self._sides["left"],
             "right_oob": self._sides["right"],
-            "avg_sparseness": _or_nothing(sparseness.mean),
-            "stdev_sparseness": _or_nothing(sparseness.stdev),
+            "avg_sparseness": round(float(found.mean()), 6) if len(found) else "",
+            "stdev_sparseness": round(float(found.std()), 6) if len(found) else "",
         }
-
-
-def _or_nothing(value: float | None) -> object:
-    return "" if value is None else round(value, 6)
 
 
 def _experiment(store: CampaignStore) -> dict[str, object]:

@@ -147,7 +147,8 @@ def _comparison(comparison: Comparison) -> str:
         for group in comparison.headline.order
     ]
     titles = ("group", "campaigns", *(html.escape(by.measure.heading) for by in shown))
-    said = "".join(f"<li>{html.escape(str(pair))}</li>" for pair in comparison.headline.pairs)
+    by = comparison.headline
+    said = "".join(f"<li>{html.escape(by.said(pair))}</li>" for pair in by.pairs)
     notes = "".join(f"<p>Note: {html.escape(note)}</p>" for note in comparison.notes)
     return f"{picture}{_table(titles, rows)}<ul>{said}</ul>{notes}"
 

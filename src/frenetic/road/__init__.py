@@ -1,20 +1,17 @@
 """Roads from curvature: their geometry, fitting the map, validity and lanes."""
 
 from frenetic.road.fitting import MARGIN, RigidMotion, fit_to_map
-from frenetic.road.geometry import integrate
-from frenetic.road.road import BEHAVIOUR, Lane, Pose, Road
+from frenetic.road.road import BEHAVIOUR, Pose, Road
 from frenetic.road.validity import MAP_SIZE, Verdict, check_validity
 
 __all__ = [
     "BEHAVIOUR",
     "MAP_SIZE",
     "MARGIN",
-    "Lane",
     "Pose",
     "RigidMotion",
     "Road",
     "Verdict",
     "check_validity",
     "fit_to_map",
-    "integrate",
 ]

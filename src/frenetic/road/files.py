@@ -11,7 +11,7 @@ from typing import Any, Final
 from msgspec import Struct, ValidationError, convert
 
 from frenetic._support.files import require_list
-from frenetic.errors import LaneError, RoadError
+from frenetic.errors import RoadError
 from frenetic.road.opendrive import from_opendrive
 from frenetic.road.road import START, Road
 from frenetic.road.validity import MAP_SIZE, Verdict, check_validity
@@ -107,7 +107,7 @@ def read_road(path: Path | str, *, lane: int | None = None) -> RoadFile:
         try:
             road = from_opendrive(data, lane=-1 if lane is None else lane)
         except RoadError as error:
-            raise type(error)(f"{path} cannot be read as OpenDRIVE: {error}") from None
+            raise RoadError(f"{path} cannot be read as OpenDRIVE: {error}") from None
         curvatures = road.curvatures.tolist()
         return RoadFile(path, RoadEntries(curvatures, None, road.step, road.pose, road.lane_width))
     if lane is not None:
@@ -167,33 +167,23 @@ def _load(path: Path) -> bytes:
 # Folders
 
 
-@dataclass(frozen=True, eq=False)
-class NamedRoad:
-    """A road and its name, such as its file's."""
-
-    name: str
-    road: Road
-
-
 @dataclass(frozen=True)
 class FoundRoads:
     """The roads of files and folders, in the order of their names within each folder."""
 
-    roads: tuple[NamedRoad, ...]
+    roads: Mapping[str, Road]
+    """Name of a file -> its road."""
     faults: tuple[str, ...]
     """Files that were named and hold no road, each in one line."""
-    skipped: tuple[Path, ...]
-    """JSON and OpenDRIVE files within folders that hold no road."""
-    other_lanes: tuple[str, ...] = ()
-    """OpenDRIVE files within folders of which only other lanes can be driven, each in one line."""
+    skipped: tuple[str, ...]
+    """JSON and OpenDRIVE files within folders that hold none, each in one line."""
 
 
 def find_roads(places: Iterable[Path | str], *, lane: int | None = None) -> FoundRoads:
     """The roads in files, see `read_road`, and in folders.
 
     In a folder every file that ends in .json or .xodr is read, and in the folders below it. One
-    that holds no road is skipped there, since folders hold other files, too; one that lacks only
-    the lane is told.
+    that holds no road, or not the lane, is skipped there, since folders hold other files, too.
 
     Args:
         places: files and folders.
@@ -202,33 +192,26 @@ def find_roads(places: Iterable[Path | str], *, lane: int | None = None) -> Foun
     Raises:
         RoadError: no file holds a road, or a folder cannot be read.
     """
-    roads: list[NamedRoad] = []
+    roads: dict[str, Road] = {}
     faults: list[str] = []
-    skipped: list[Path] = []
-    other_lanes: list[str] = []
+    skipped: list[str] = []
     places = require_list("places", places, "files and folders")
     for place in map(Path, places):
         is_folder = place.is_dir()
         for path in _files_in(place) if is_folder else [place]:
+            chosen = lane if not is_folder or path.suffix.lower() == ".xodr" else None
             try:
-                chosen = lane if not is_folder or path.suffix.lower() == ".xodr" else None
-                roads.append(NamedRoad(str(path), read_road(path, lane=chosen).road()))
+                roads[str(path)] = read_road(path, lane=chosen).road()
             except RoadError as error:
-                if is_folder and isinstance(error, LaneError):
-                    other_lanes.append(str(error))
-                elif is_folder:
-                    skipped.append(path)
-                else:
-                    faults.append(str(error))
-    if not roads and (told := [*faults, *other_lanes]):
-        raise RoadError(told[0])
+                (skipped if is_folder else faults).append(str(error))
     if not roads:
         looked = ", ".join(map(str, places))
-        raise RoadError(
+        nothing = (
             f"no road in {looked}: files with curvatures or road_points (.json) or OpenDRIVE"
             " (.xodr) are needed"
         )
-    return FoundRoads(tuple(roads), tuple(faults), tuple(skipped), tuple(other_lanes))
+        raise RoadError([*faults, *skipped, nothing][0])
+    return FoundRoads(roads, tuple(faults), tuple(skipped))
 
 
 def _files_in(folder: Path) -> list[Path]:

@@ -20,16 +20,11 @@ first or last point stands on a lane.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
-from frenetic.errors import RoadError
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
 
 X, Y, HEADING, CURVATURE, COS, SIN = range(6)
 
@@ -272,49 +267,3 @@ def sample_line(table: FloatArray, ds: float, distances: FloatArray, offset: flo
         out[i, 0] = x - offset * sine
         out[i, 1] = y + offset * cosine
     return out
-
-
-@njit()
-def _integrate(
-    curvatures: FloatArray, step: float, x: float, y: float, heading: float
-) -> tuple[FloatArray, FloatArray]:
-    roads, samples = curvatures.shape
-    headings = np.empty((roads, samples))
-    points = np.empty((roads, samples, 2))
-    for k in range(roads):
-        per_piece = sub_steps(curvatures[k], step)
-        table = build_table(curvatures[k], step, x, y, heading, per_piece)
-        for i in range(samples):
-            points[k, i, 0] = table[i * per_piece, 0]
-            points[k, i, 1] = table[i * per_piece, 1]
-            headings[k, i] = table[i * per_piece, 2]
-    return headings, points
-
-
-def integrate(
-    curvatures: npt.ArrayLike,
-    step: float = 10.0,
-    pose: tuple[float, float, float] = (0.0, 0.0, math.pi / 2),
-) -> tuple[FloatArray, FloatArray]:
-    """Headings and positions at the curvature samples of one road or of a batch of roads.
-
-    Args:
-        curvatures: (..., N) curvature samples in 1/m, positive to the left, linear in between.
-        step: m between two samples.
-        pose: x [m], y [m] and heading [rad] of every road's first sample.
-
-    Returns:
-        Headings (..., N) in rad, exact, not wrapped; positions (..., N, 2) in m, accurate to far
-        below a micrometre for roads of some hundred metres.
-
-    Raises:
-        RoadError: the step is not a positive number, or there are fewer than 2 samples.
-    """
-    if not (math.isfinite(step) and step > 0.0):
-        raise RoadError(f"step is {step:g}: a positive number of metres is needed")
-    values = np.asarray(curvatures, dtype=np.float64)
-    if values.ndim < 1 or values.shape[-1] < 2:
-        raise RoadError(f"curvatures have shape {values.shape}: at least 2 samples are needed")
-    flat = np.ascontiguousarray(values.reshape(-1, values.shape[-1]))
-    headings, points = _integrate(flat, float(step), *(float(v) for v in pose))
-    return headings.reshape(values.shape), points.reshape((*values.shape, 2))

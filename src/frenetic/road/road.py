@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -58,18 +58,6 @@ class Pose(NamedTuple):
 
 START = Pose(0.0, 0.0, math.pi / 2)
 """Default start of a road."""
-
-
-@dataclass(frozen=True)
-class Lane:
-    """A lane's lines as points that face each other, from the road's start to its end."""
-
-    centre: FloatArray
-    """(n, 2) m."""
-    left: FloatArray
-    """Left edge seen in driving order of the road, (n, 2) in m."""
-    right: FloatArray
-    """(n, 2) m."""
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -252,23 +240,6 @@ class Road(Shown):
         result: FloatArray = geometry.track(self.table, self.sub_step, xy)
         return result
 
-    @property
-    def ego_lane(self) -> Lane:
-        """The right-hand lane, in which the car has to stay."""
-        return self._lane(0.0, -self.lane_width)
-
-    @property
-    def other_lane(self) -> Lane:
-        """The left-hand lane, for traffic from the other side."""
-        return self._lane(self.lane_width, 0.0)
-
-    def _lane(self, left: float, right: float) -> Lane:
-        return Lane(
-            centre=self.sample(self.sub_step, 0.5 * (left + right)),
-            left=self.sample(self.sub_step, left),
-            right=self.sample(self.sub_step, right),
-        )
-
     def fitted(self, map_size: float = MAP_SIZE, margin: float = MARGIN) -> Road | None:
         """This road moved and, if needed, rotated into the map [0, map_size]^2.
 
@@ -312,17 +283,12 @@ class Road(Shown):
 
     def __reduce__(self) -> tuple[Any, ...]:
         # What it was made of; everything else follows from it.
-        return _make_road, (self.curvatures, self.step, tuple(self.pose), self.lane_width)
+        made = partial(Road, lane_width=self.lane_width)
+        return made, (self.curvatures, self.step, tuple(self.pose))
 
     def check_validity(self, map_size: float = MAP_SIZE) -> Verdict:
         """The competition's verdict on this road where it lies, from its `road_points`."""
         return check_validity(self.road_points, map_size)
-
-
-def _make_road(
-    curvatures: FloatArray, step: float, pose: tuple[float, float, float], lane_width: float
-) -> Road:
-    return Road(curvatures, step, pose, lane_width=lane_width)
 
 
 def checked_lane_width(value: float) -> float:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Sequence
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 
@@ -13,13 +14,11 @@ from frenetic.outcome import Outcome
 from frenetic.road import MAP_SIZE
 from frenetic.search.approach import SIZE, lower_squares
 from frenetic.search.archive import LEFT, RIGHT, Archive, places_of
-from frenetic.search.frenetic_2021 import fingerprint
 from frenetic.search.operators import CURVATURE_BOUND, MAX_CHANGE, MIN_VALUES
 from frenetic.search.random_search import (
     EARLIER,
     LENGTH_JITTER,
     MAX_LENGTH,
-    MOST_JITTER,
     RANDOM,
     STEP,
     MapCheck,
@@ -47,15 +46,11 @@ _NOTHING_NEW, _NEW = 1.0, 2.0  # [m] of difference from the known failures
 _POWER = 2.5  # of an operator's success
 _TRIED = 2.0  # earlier roads that count as driven, with a new failure each, before the first is
 _LEAST_SHARE = 0.5  # of earlier roads among the first ones
-
-
-class _Parent(NamedTuple):
-    """The parent of an outstanding child, and its operator."""
-
-    row: int
-    """Number of its place in the archive."""
-    operator: int
-    """Number of the operator."""
+_RANDOM_SHARE = 0.05  # of random roads after the first ones
+_SAME = 1.6  # [m] least difference that a child is expected to have from the known failures
+_REDRAWS = 36  # of a road or child that is refused
+_PARENTS = 8  # that are tried before a random road is proposed
+_LIMITS = np.array([CURVATURE_BOUND, MAX_CHANGE])
 
 
 class Frenetic(Strategy):
@@ -72,7 +67,7 @@ class Frenetic(Strategy):
        proportion to a power of the share of new failures that it has brought, counted apart for
        parents that failed and others.
     5. *Refusal*: where the child is expected to fail as a known failure did, another one is drawn,
-       up to `max_redraws` times, then another parent taken. Expected are the child's own road, the
+       up to 36 times, then another parent taken. Expected are the child's own road, the
        parent's offsets, and the parent's speeds with the change that a `SpeedModel` predicts, from
        5 m before the parent's place to 15 m after it. Until a child is told, it counts as failing
        where it is expected to.
@@ -95,22 +90,15 @@ class Frenetic(Strategy):
         random_budget: Share of the budget that the first random roads may take, 0..1, and those
             of earlier campaigns.
         random_roads: Number of the first random roads.
-        random_share: Share of random roads afterwards, 0..1.
         threshold: m, only failures and places with a lower oob distance become parents; None for
             one that adapts to the driver.
-        same: m, least difference that a child is expected to have from the known failures.
         use_archive: Whether second places, and the differences from the known failures, count.
         learn_shares: Whether operators are chosen by what they have brought.
         predict_speeds: Whether a child's speeds are predicted.
-        curvature_bound: 1/m, largest absolute value of new curvatures.
-        max_change: 1/m, largest difference of a new curvature to the one before it.
         step: m between two curvature values.
-        length_jitter: Largest deviation of a road from the usual number of values.
-        max_length: Largest usual number of values of a road, before the jitter.
+        max_length: Largest usual number of values of a road; it has up to five more or fewer.
         is_valid: Refuses roads that are not worth a test; by default those that do not fit the map
             or that the competition calls invalid.
-        max_redraws: How often a refused road or child is drawn again.
-        max_parents: Number of parents that are tried before a random road is proposed.
 
     Raises:
         ValueError: An option is out of range; the message says which and what is allowed.
@@ -127,56 +115,38 @@ class Frenetic(Strategy):
         map_size: float = MAP_SIZE,
         random_budget: float = 0.2,
         random_roads: int = 30,
-        random_share: float = 0.05,
         threshold: float | None = None,
-        same: float = 1.6,
         use_archive: bool = True,
         learn_shares: bool = True,
         predict_speeds: bool = True,
-        curvature_bound: float = CURVATURE_BOUND,
-        max_change: float = MAX_CHANGE,
         step: float = STEP,
-        length_jitter: int = LENGTH_JITTER,
         max_length: int = MAX_LENGTH,
         is_valid: RoadCheck | None = None,
-        max_redraws: int = 36,
-        max_parents: int = 8,
     ) -> None:
         self.options = options_of(locals())
         require(0 <= random_budget <= 1, "random_budget", random_budget, "between 0 and 1")
-        require(0 <= random_share <= 1, "random_share", random_share, "between 0 and 1")
         require(0 < map_size < math.inf, "map_size", map_size, "positive (m)")
         require(0 < step < math.inf, "step", step, "positive (m)")
-        require(0 <= same < math.inf, "same", same, "at least 0 (m)")
         require(
             threshold is None or math.isfinite(threshold), "threshold", threshold, "a finite number"
         )
         self._rng = np.random.default_rng(require_whole("seed", seed, 0))
         self._random_budget = random_budget
         self._first_roads = require_whole("random_roads", random_roads, 1)
-        self._random_share = random_share
         self._fixed_threshold = threshold
-        self._same = float(same)
         self._use_archive = use_archive
         self._learn_shares = learn_shares
-        self._max_parents = require_whole("max_parents", max_parents, 1)
-        self._draws = 1 + require_whole("max_redraws", max_redraws, 0)
-        self._jitter = require_whole("length_jitter", length_jitter, 0, MOST_JITTER)
         longest = require_whole("max_length", max_length, MIN_VALUES)
         self._usual_length = max(min(int(_ROAD_PER_MAP * map_size / step), longest), MIN_VALUES)
         self._is_valid = MapCheck(map_size, is_valid)
         self._roads = RandomRoads(
             map_size=(self._usual_length + 0.5) * step,
             step=step,
-            length_jitter=length_jitter,
             max_length=self._usual_length,
-            curvature_bound=curvature_bound,
-            max_change=max_change,
             is_valid=self._is_valid,
-            max_redraws=max_redraws,
+            max_redraws=_REDRAWS,
         )
-        self._limits = np.array([curvature_bound, max_change], dtype=np.float64)
-        self._room = np.empty(self._usual_length + self._jitter + _MORE_VALUES)
+        self._room = np.empty(self._usual_length + LENGTH_JITTER + _MORE_VALUES)
         self._ledger = Ledger()
         self._archive = Archive()
         self._model = SpeedModel(self._rng) if predict_speeds else None
@@ -191,7 +161,8 @@ class Frenetic(Strategy):
         # By whether the parent had failed, and operator:
         self._used = np.zeros((2, len(OPERATORS)))
         self._brought = np.zeros((2, len(OPERATORS)))
-        self._parents: dict[int, _Parent] = {}  # of the children that are outstanding
+        # Row in the archive of each outstanding child's parent, and the operator:
+        self._parents: dict[int, tuple[int, int]] = {}
         self._earlier = Archive()  # of earlier campaigns, none of it believed
         self._earlier_left = 0  # roads of it that were not proposed
         self._driven_again, self._brought_again = 0, 0.0
@@ -225,11 +196,11 @@ class Frenetic(Strategy):
                 share = max(share, _LEAST_SHARE)
             if self._rng.random() < share:
                 return self._earlier_road()
-        if self._in_random_phase or self._rng.random() < self._random_share:
+        if self._in_random_phase or self._rng.random() < _RANDOM_SHARE:
             return self._random_road()
         if len(self._severities) >= self._pool_end:
             self._choose_pool()
-        for _ in range(self._max_parents if len(self._pool) else 0):
+        for _ in range(_PARENTS if len(self._pool) else 0):
             child = self._child_of(self._choose_parent())
             if child is not None:
                 return child
@@ -243,7 +214,7 @@ class Frenetic(Strategy):
         self._archive.settle(candidate.id)
         parent = self._parents.pop(candidate.id, None)
         if parent is not None:
-            self._archive.places["cost"][parent.row] -= _USE
+            self._archive.places["cost"][parent[0]] -= _USE
 
     def tell(self, evaluation: Evaluation) -> None:
         """Learn the result of a candidate.
@@ -278,10 +249,11 @@ class Frenetic(Strategy):
             self._driven_again += 1
             self._brought_again += brought
         if parent is not None:
-            had_failed = int(self._archive.places["has_failed"][parent.row])
-            self._used[had_failed, parent.operator] += 1.0
-            self._brought[had_failed, parent.operator] += brought
-            self._archive.places["cost"][parent.row] -= _SUCCESS * brought
+            row, operator = parent
+            had_failed = int(self._archive.places["has_failed"][row])
+            self._used[had_failed, operator] += 1.0
+            self._brought[had_failed, operator] += brought
+            self._archive.places["cost"][row] -= _SUCCESS * brought
 
     @property
     def notice(self) -> str | None:
@@ -357,12 +329,12 @@ class Frenetic(Strategy):
 
     def _child_of(self, row: int) -> Candidate | None:
         """A child of a place of the archive, None if all draws were refused."""
-        archive, rng, draws, step = self._archive, self._rng, self._draws, self._roads.step
+        archive, rng, draws, step = self._archive, self._rng, 1 + _REDRAWS, self._roads.step
         place, parent = archive.places[row], archive.candidates[row]
         had_failed, side = int(place["has_failed"]), int(place["side"])
         operators = np.searchsorted(self._shares(had_failed), rng.random(draws), side="right")
         u = rng.random((draws, PARAMETERS + len(self._room)))
-        lengths = self._usual_length + rng.integers(-self._jitter, self._jitter + 1, draws)
+        lengths = self._usual_length + rng.integers(-LENGTH_JITTER, LENGTH_JITTER + 1, draws)
         others = np.zeros((draws, len(self._room)))
         sizes, sites = np.zeros(draws, dtype=np.int64), np.zeros(draws, dtype=np.int64)
         mates = self._pool[rng.integers(0, len(self._pool), draws)]
@@ -390,9 +362,9 @@ class Frenetic(Strategy):
                 sizes[first:],
                 sites[first:],
                 lengths[first:],
-                self._limits,
+                _LIMITS,
                 *known,
-                self._same,
+                _SAME,
                 np.empty(0) if model is None else model.weights,
                 self._room,
                 expected,
@@ -424,6 +396,12 @@ class Frenetic(Strategy):
         parent = self._archive.candidates[row]
         origin = Origin(OPERATORS[operator], (parent.id,), parent.origin.generation + 1)
         child = self._ledger.issue(curvatures, self._roads.step, origin)
-        self._parents[child.id] = _Parent(row, operator)
+        self._parents[child.id] = row, operator
         self._archive.places["cost"][row] += _USE
         return child
+
+
+def fingerprint(curvatures: FloatArray) -> bytes:
+    """16 bytes that no two different roads share."""
+    values = np.ascontiguousarray(curvatures, dtype="<f8") + 0.0  # no negative zeros
+    return hashlib.blake2b(values.tobytes(), digest_size=16).digest()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import bisect
-import hashlib
 import heapq
 import math
 from collections.abc import Iterator
@@ -28,10 +27,8 @@ from frenetic.search.operators import (
 from frenetic.search.random_search import (
     LENGTH_JITTER,
     MAX_LENGTH,
-    MAX_REDRAWS,
     RANDOM,
     STEP,
-    MapCheck,
     RandomRoads,
     RoadCheck,
 )
@@ -48,13 +45,6 @@ class _Scored(NamedTuple):
     id: int
     outcome: Outcome
     candidate: Candidate
-
-
-class _Siblings:
-    """The mutants of one parent: they are tried until one of them fails."""
-
-    def __init__(self) -> None:
-        self.has_failed = False
 
 
 class Frenetic2021(Strategy):
@@ -87,11 +77,10 @@ class Frenetic2021(Strategy):
     no more are asked and the outstanding ones are unwanted. Asked and told one by one, the strategy
     is exactly Listing 1.
 
-    Our two deviations are off by default: `max_redraws`, which draws again what `is_valid` refuses,
-    and `skip_repeats`.
+    Our deviation is off by default: `max_redraws`, which draws again what `is_valid` refuses.
 
     The strategy remembers only roads below the threshold that can still become parents, and the
-    `cross_num` best; with `skip_repeats` also 16 bytes of every road.
+    `cross_num` best.
 
     Args:
         seed: A whole number of at least 0.
@@ -114,11 +103,7 @@ class Frenetic2021(Strategy):
             Random roads, the mutants P1 .. P6 and children of crossover that it refuses are drawn
             again (for a child: parents and operator, too). F1 .. F4 have nothing to draw: their
             mutants are always proposed. So is the last draw when all were refused.
-        max_redraws: How often a refused road is drawn again; by default 0, as in the paper, or 10
-            with `skip_repeats`.
-        skip_repeats: Whether a road that was proposed before is drawn again like a refused one, and
-            left out where there is nothing to draw (F1 .. F4). Listing 1 tests about one road in
-            five a second time.
+        max_redraws: How often a refused road is drawn again; by default 0, as in the paper.
 
     Raises:
         ValueError: An option is out of range; the message says which and what is allowed.
@@ -149,11 +134,8 @@ class Frenetic2021(Strategy):
         min_scale: float = LISTING_1.min_scale,
         max_scale: float = LISTING_1.max_scale,
         is_valid: RoadCheck | None = None,
-        max_redraws: int | None = None,
-        skip_repeats: bool = False,
+        max_redraws: int = 0,
     ) -> None:
-        if max_redraws is None:
-            max_redraws = MAX_REDRAWS if skip_repeats else 0
         self.options = options_of(locals())
         require(0 <= random_budget <= 1, "random_budget", random_budget, "between 0 and 1")
         require(math.isfinite(threshold), "threshold", threshold, "a finite number (m)")
@@ -162,9 +144,6 @@ class Frenetic2021(Strategy):
         self._threshold = threshold
         self._cross_freq = require_whole("cross_freq", cross_freq, 0)
         self._cross_num = require_whole("cross_num", cross_num, 2)
-        require(0 < map_size < math.inf, "map_size", map_size, "positive (m)")
-        self._is_valid = MapCheck(map_size, is_valid)
-        self._proposed: set[bytes] | None = set() if skip_repeats else None
         self._roads = RandomRoads(
             map_size=map_size,
             step=step,
@@ -172,7 +151,7 @@ class Frenetic2021(Strategy):
             max_length=max_length,
             curvature_bound=curvature_bound,
             max_change=max_change,
-            is_valid=self._is_new_and_valid if skip_repeats else self._is_valid,
+            is_valid=is_valid,
             max_redraws=max_redraws,
         )
         self._max_redraws = max_redraws
@@ -190,7 +169,8 @@ class Frenetic2021(Strategy):
         self._tests_since_crossover = 0
         self._unvisited: list[_Scored] = []  # a heap
         self._best: list[_Scored] = []  # sorted, at most cross_num
-        self._siblings_of: dict[int, _Siblings] = {}  # of the mutants that are outstanding
+        # Those siblings of each outstanding mutant that failed, a list for all of them:
+        self._failed_siblings: dict[int, list[int]] = {}
         self._proposals = self._listing_1()
 
     def keep_margin(self, margin: float) -> None:
@@ -198,7 +178,7 @@ class Frenetic2021(Strategy):
 
         An `is_valid` of your own stays as it is.
         """
-        self._is_valid.keep_margin(margin)
+        self._roads.keep_margin(margin)
 
     def ask(self) -> Candidate:
         """Return the next road to try."""
@@ -212,7 +192,7 @@ class Frenetic2021(Strategy):
 
         """
         candidate = self._ledger.settle(evaluation)
-        siblings = self._siblings_of.pop(candidate.id, None)
+        siblings = self._failed_siblings.pop(candidate.id, None)
         ran_in_main_loop = not self._in_random_phase
         self._budget_spent = max(self._budget_spent, evaluation.budget_spent)
         if not evaluation.outcome.is_driven:
@@ -220,7 +200,7 @@ class Frenetic2021(Strategy):
         self._has_driven = True
         severity = evaluation.severity
         if siblings is not None and evaluation.outcome is Outcome.FAIL:
-            siblings.has_failed = True
+            siblings.append(candidate.id)
         if ran_in_main_loop and candidate.origin.operator not in (_MIX, _SPLICE):
             self._tests_since_crossover += 1
         if severity is not None and severity < self._threshold:
@@ -228,8 +208,7 @@ class Frenetic2021(Strategy):
 
     def is_wanted(self, candidate: Candidate) -> bool:
         """Return whether no sibling has failed: a parent's mutants are tried until one fails."""
-        siblings = self._siblings_of.get(candidate.id)
-        return siblings is None or not siblings.has_failed
+        return not self._failed_siblings.get(candidate.id)
 
     @property
     def notice(self) -> str | None:
@@ -267,21 +246,19 @@ class Frenetic2021(Strategy):
         return self._issue(self._roads.draw(self._rng), RANDOM)
 
     def _mutants(self, parent: _Scored) -> Iterator[Candidate]:
-        siblings = _Siblings()
+        failed: list[int] = []
         for name, curvatures in self._mutations(parent):
             mutant = self._issue(curvatures, name, parent)
-            self._siblings_of[mutant.id] = siblings
+            self._failed_siblings[mutant.id] = failed
             yield mutant
-            if siblings.has_failed:
+            if failed:
                 return
 
     def _mutations(self, parent: _Scored) -> Iterator[tuple[str, FloatArray]]:
         road = parent.candidate.curvatures
         if parent.outcome is Outcome.FAIL:
             for name, vary in FAIL_OPERATORS.items():
-                varied = vary(road)
-                if self._is_new(varied):
-                    yield name, varied
+                yield name, vary(road)
             return
         for name, mutate in PASS_OPERATORS.items():
             mutant = self._roads.redrawn(partial(mutate, self._rng, road, self._options))
@@ -331,18 +308,4 @@ class Frenetic2021(Strategy):
                 (parent.candidate.origin.generation + 1 for parent in parents), default=0
             ),
         )
-        if self._proposed is not None:
-            self._proposed.add(fingerprint(curvatures))
         return self._ledger.issue(curvatures, self._roads.step, origin)
-
-    def _is_new(self, curvatures: FloatArray) -> bool:
-        return self._proposed is None or fingerprint(curvatures) not in self._proposed
-
-    def _is_new_and_valid(self, curvatures: FloatArray, step: float) -> bool:
-        return self._is_new(curvatures) and self._is_valid(curvatures, step)
-
-
-def fingerprint(curvatures: FloatArray) -> bytes:
-    """16 bytes that no two different roads share."""
-    values = np.ascontiguousarray(curvatures, dtype="<f8") + 0.0  # no negative zeros
-    return hashlib.blake2b(values.tobytes(), digest_size=16).digest()

@@ -190,10 +190,7 @@ class RandomSearch(Strategy):
         seed: A whole number of at least 0.
         map_size: m, side of the square map.
         step: m between two curvature values.
-        length_jitter: Largest deviation from the usual number of values.
-        max_length: Largest usual number of values, before the jitter.
-        curvature_bound: 1/m, largest absolute value.
-        max_change: 1/m, largest difference of neighbouring values.
+        max_length: Largest usual number of values; a road has up to five more or fewer.
         is_valid: Refuses roads that are not worth a test, see `RandomRoads`.
         max_redraws: How often a refused road is drawn again; 0 is the paper's behaviour.
 
@@ -211,10 +208,7 @@ class RandomSearch(Strategy):
         seed: int,
         map_size: float = MAP_SIZE,
         step: float = STEP,
-        length_jitter: int = LENGTH_JITTER,
         max_length: int = MAX_LENGTH,
-        curvature_bound: float = CURVATURE_BOUND,
-        max_change: float = MAX_CHANGE,
         is_valid: RoadCheck | None = None,
         max_redraws: int = MAX_REDRAWS,
     ) -> None:
@@ -223,10 +217,7 @@ class RandomSearch(Strategy):
         self._roads = RandomRoads(
             map_size=map_size,
             step=step,
-            length_jitter=length_jitter,
             max_length=max_length,
-            curvature_bound=curvature_bound,
-            max_change=max_change,
             is_valid=is_valid,
             max_redraws=max_redraws,
         )

@@ -9,8 +9,7 @@ from typing import Final
 from urllib.parse import quote
 
 from frenetic._support.words import capitalised
-from frenetic.analysis.comparison import Comparison
-from frenetic.analysis.conclusions import findings, in_short
+from frenetic.analysis.comparison import Comparison, findings, in_short
 from frenetic.analysis.metrics import CampaignMeasures, Measure
 from frenetic.analysis.statistics import LEAST_REPEATS, SIGNIFICANT
 from frenetic.report.html.blocks import (

@@ -10,8 +10,7 @@ import numpy as np
 
 from frenetic._support.arrays import evenly
 from frenetic._support.words import capitalised
-from frenetic.analysis.comparison import Comparison, MeasureComparison, PairComparison
-from frenetic.analysis.conclusions import p_text
+from frenetic.analysis.comparison import Comparison, MeasureComparison, PairComparison, p_text
 from frenetic.analysis.metrics import Curve, Measure, curves
 from frenetic.analysis.statistics import LEAST_REPEATS
 from frenetic.report.html.blocks import Chart, Part, Scale, Series

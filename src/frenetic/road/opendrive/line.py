@@ -1,9 +1,9 @@
 """The line of lanes in an OpenDRIVE file, and the road that follows it.
 
 A file's geometries have any lengths, and its curvature may jump between them; a road has one step
-and a curvature that is linear in between. A file with such a curvature gives exactly that road. Any
-other line is traced every few centimetres and followed by a road with a sample every half metre or
-denser, which is refused if it is more than `TOLERANCE` away.
+and a curvature that is linear in between. So the line is traced every few centimetres and followed
+by a road with a sample every half metre or denser, which is refused if it is more than `TOLERANCE`
+away.
 """
 
 from __future__ import annotations
@@ -31,9 +31,6 @@ STEPS: Final = (0.5, 0.25, 0.1)
 SPACING: Final = 0.1
 """Distance between the points of a traced line, in m."""
 
-_EQUAL_CURVATURE: Final = 1e-9  # 1/m
-_PARTS: Final = 10  # of the shortest geometry, tried as a file's step
-
 Cubic: TypeAlias = tuple[float, float, float, float]
 """Coefficients a, b, c, d of a + b p + c p^2 + d p^3."""
 
@@ -43,7 +40,7 @@ DISTANCE, X, Y, DIRECTION = range(4)
 
 @dataclass(frozen=True)
 class Polynomial:
-    """A ``poly3`` or ``paramPoly3``: a geometry whose places are cubic polynomials."""
+    """A ``paramPoly3``: a geometry whose places are cubic polynomials."""
 
     pose: Pose
     length: float
@@ -52,8 +49,8 @@ class Polynomial:
     """Distance along the heading at its start, in m, by the parameter."""
     left: Cubic
     """Distance across it, in m."""
-    last: float | None
-    """The parameter at its end; None where that is where its length is reached."""
+    last: float
+    """The parameter at its end."""
 
     def trace(self) -> FloatArray:
         """(n, 4) points: m along, x, y, heading.
@@ -62,13 +59,12 @@ class Polynomial:
             RoadError: the polynomials are not as long as the file says, or have a cusp.
         """
         parts = max(8, math.ceil(self.length / SPACING))
-        p = np.linspace(0.0, self.length if self.last is None else self.last, parts + 1)
-        distance = self._distances(p)
-        if self.last is None:
-            p = np.linspace(0.0, float(np.interp(self.length, distance, p)), parts + 1)
-            distance = self._distances(p)
-        u, v, du, dv = self._at(p)
-        speed = np.hypot(du, dv)
+        p = np.linspace(0.0, self.last, parts + 1)
+        (u, v, du, dv), (_, _, mu, mv) = self._at(p), self._at(0.5 * (p[1:] + p[:-1]))
+        speed, middle = np.hypot(du, dv), np.hypot(mu, mv)
+        # Simpson's rule between the parameters.
+        pieces = (speed[1:] + 4.0 * middle + speed[:-1]) * np.diff(p) / 6.0
+        distance = np.concatenate([[0.0], np.cumsum(pieces)])
         if not abs(float(distance[-1]) - self.length) <= 0.1 + 0.01 * self.length:
             raise RoadError(
                 f"a polynomial geometry is {distance[-1]:.4g} m long, not {self.length:g} m as"
@@ -81,13 +77,6 @@ class Polynomial:
         direction = heading + np.unwrap(np.arctan2(dv, du))
         return np.column_stack([distance, x + u * c - v * s, y + u * s + v * c, direction])
 
-    def _distances(self, p: FloatArray) -> FloatArray:
-        """Distances at the parameters ``p`` (n,), (n,) in m, by Simpson's rule between them."""
-        (_, _, du, dv), (_, _, mu, mv) = self._at(p), self._at(0.5 * (p[1:] + p[:-1]))
-        speed, middle = np.hypot(du, dv), np.hypot(mu, mv)
-        pieces = (speed[1:] + 4.0 * middle + speed[:-1]) * np.diff(p) / 6.0
-        return np.concatenate([[0.0], np.cumsum(pieces)])
-
     def _at(self, p: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """u, v and their derivatives at the parameters ``p`` (n,)."""
         u, v = np.polynomial.Polynomial(self.ahead), np.polynomial.Polynomial(self.left)
@@ -95,42 +84,6 @@ class Polynomial:
 
 
 Geometry: TypeAlias = Clothoid | Polynomial
-
-
-def exact_road(geometries: Sequence[Geometry], lane_width: float) -> Road | None:
-    """The road with exactly these geometries, or None if there is none.
-
-    They have to be clothoids without gaps and with continuous curvature whose lengths are multiples
-    of one step.
-
-    Args:
-        geometries: from the road's start to its end.
-        lane_width: m.
-    """
-    if not all(isinstance(geometry, Clothoid) for geometry in geometries):
-        return None
-    pieces: FloatArray = np.array(geometries)
-    lengths, start, end = pieces[:, 3:].T
-    if (np.abs(start[1:] - end[:-1]) > _EQUAL_CURVATURE).any():
-        return None
-    for parts in range(1, _PARTS + 1):
-        step = float(lengths.min()) / parts
-        counts = np.rint(lengths / step).astype(np.int64)
-        fits = bool((np.abs(lengths - counts * step) <= 1e-9 * lengths).all())
-        if fits and counts.sum() < MAX_SAMPLES:
-            break
-    else:
-        return None
-    ends = np.concatenate([[0], np.cumsum(counts)])
-    curvatures = np.empty(ends[-1] + 1)
-    # A line or an arc may stand for nearly equal curvatures; a spiral is exact, so it decides on
-    # the samples that they share.
-    for i in np.argsort(start != end, kind="stable"):
-        curvatures[ends[i] : ends[i + 1] + 1] = np.linspace(start[i], end[i], counts[i] + 1)
-    road = Road(curvatures, step, Pose(*pieces[0, :3].tolist()), lane_width=lane_width)
-    away = np.hypot(*(road.points[ends[:-1]] - pieces[:, :2]).T)
-    turn = np.remainder(road.headings[ends[:-1]] - pieces[:, 2] + math.pi, math.tau) - math.pi
-    return road if away.max() <= TOLERANCE and np.abs(turn).max() <= KINK else None
 
 
 def trace(geometries: Sequence[Geometry]) -> FloatArray:

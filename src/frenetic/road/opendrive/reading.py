@@ -17,14 +17,13 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic.errors import LaneError, RoadError
+from frenetic.errors import RoadError
 from frenetic.road.opendrive.line import (
     SPACING,
     Cubic,
     Geometry,
     Polynomial,
     backwards,
-    exact_road,
     follow,
     shifted,
     trace,
@@ -84,9 +83,9 @@ def from_opendrive(data: bytes, *, lane: int = -1) -> Road:
     lane_width = float(width[0])
     is_shifted = np.abs(shift).max() > MIN_DISTANCE
     if lane < 0 and not is_shifted:
-        exact = _noted_road(road, geometries, lane_width) or exact_road(geometries, lane_width)
-        if exact is not None:
-            return exact
+        noted = _noted_road(road, geometries, lane_width)
+        if noted is not None:
+            return noted
     line = trace(geometries)
     if is_shifted:
         _, shift, slope = _lane(road, lane, line[:, 0])
@@ -260,8 +259,7 @@ def _lane_of(section: Element, lane: int, *, is_driven: bool = True) -> Element:
     """A section's lane with an id, which is a driving lane for right-hand traffic if it is driven.
 
     Raises:
-        LaneError: there is none, but other driving lanes are there.
-        RoadError: there is no driving lane at all.
+        RoadError: there is none; the message lists the driving lanes.
     """
     side = "right" if lane < 0 else "left"
     element = section.find(f"{side}/lane[@id='{lane}']")
@@ -278,24 +276,22 @@ def _lane_of(section: Element, lane: int, *, is_driven: bool = True) -> Element:
     text = f"its lane {lane}, {side} of the centre, {what}"
     if not ids:
         raise RoadError(text)
-    raise LaneError(f"{text} (driving lanes, to be chosen as 'lane': {', '.join(ids[:8])})")
+    raise RoadError(f"{text} (driving lanes, to be chosen as 'lane': {', '.join(ids[:8])})")
 
 
 def _noted_road(road: Element, geometries: Sequence[Geometry], lane_width: float) -> Road | None:
     """The road that `to_opendrive` noted, if the geometries are still those of it."""
     note = road.find(f"userData[@code='{ROAD_CODE}']")
-    if note is None or not isinstance(geometries[0], Clothoid):
+    drawn = [geometry for geometry in geometries if isinstance(geometry, Clothoid)]
+    if note is None or len(drawn) < len(geometries):
         return None
     try:
         step, *values = map(float, note.get("value", "").split())
-        noted = Road(values, step, Pose(*geometries[0][:3]), lane_width=lane_width)
+        noted = Road(values, step, Pose(*drawn[0][:3]), lane_width=lane_width)
     except (ValueError, RoadError):
         return None
     ours = clothoids(noted)
-    same = len(ours) == len(geometries) and all(
-        isinstance(geometry, Clothoid) and np.allclose(geometry, our, rtol=0.0, atol=_SAME)
-        for geometry, our in zip(geometries, ours, strict=True)
-    )
+    same = len(ours) == len(drawn) and np.allclose(ours, drawn, rtol=0.0, atol=_SAME)
     return noted if same else None
 
 
@@ -330,12 +326,10 @@ def _geometry(element: Element, length: float) -> Geometry:
     if shape.tag == "spiral":
         start, end = (_number(shape, name, most=MAX_CURVATURE) for name in ("curvStart", "curvEnd"))
         return Clothoid(*pose, length, start, end)
-    if shape.tag == "poly3":
-        return Polynomial(pose, length, (0.0, 1.0, 0.0, 0.0), _cubic(shape), None)
     if shape.tag == "paramPoly3":
         last = length if shape.get("pRange") == "arcLength" else 1.0
         return Polynomial(pose, length, _cubic(shape, "U"), _cubic(shape, "V"), last)
     raise RoadError(
         f"a <geometry> holds {'nothing' if shape is element else shape.tag[:40]}: line, arc,"
-        " spiral, poly3 and paramPoly3 are read"
+        " spiral and paramPoly3 are read"
     )

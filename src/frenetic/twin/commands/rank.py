@@ -118,8 +118,8 @@ def rank(
         Twin.of(spec) as twin,
         counted_progress(log, "Driving") as show,
     ):
-        for done, named in enumerate(found.roads, 1):
-            prospects.append(twin.prospect(named.name, named.road, anyway=anyway))
+        for done, (name, road) in enumerate(found.roads.items(), 1):
+            prospects.append(twin.prospect(name, road, anyway=anyway))
             compiled()
             show(done, len(found.roads))
     ranked = in_order(prospects, top)
@@ -131,11 +131,8 @@ def rank(
         if top is not None and len(ranked) < top:
             click.echo(f"Different problems: {len(ranked)} of the {top} asked for.")
     if found.skipped:
-        log.print(f"{counted(len(found.skipped), 'other file')} without a road left out")
-    if found.other_lanes:
-        number = counted(len(found.other_lanes), "OpenDRIVE file")
-        first = found.other_lanes[0]
-        log.print(f"{number} left out that need another --lane, such as {first}", markup=False)
+        number, first = counted(len(found.skipped), "other file"), found.skipped[0]
+        log.print(f"{number} without such a road left out, the first: {first}", markup=False)
     if found.faults:
         for fault in found.faults:
             complain(fault)

@@ -326,8 +326,7 @@ def given_roads(given: Sequence[Road | Path | str]) -> list[Road]:
         elif (Path(one) / DATABASE).exists():
             roads += _failed(Path(one))
         else:
-            found = find_roads([Path(one)])
-            roads += [named.road for named in found.roads]
+            roads += find_roads([Path(one)]).roads.values()
     if not roads:
         raise FreneticError("roads is an empty list: at least one road is needed, or None")
     return roads
