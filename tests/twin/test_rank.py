@@ -12,11 +12,12 @@ import pytest
 from frenetic.errors import RoadError
 from frenetic.outcome import Outcome
 from frenetic.road import Road
+from frenetic.road.files import find_roads
 from frenetic.road.opendrive import to_opendrive
 from frenetic.simulators import Rules
 from frenetic.spec import Part, Spec
+from frenetic.twin import Prospect, rank
 from frenetic.twin.profile import Profile
-from frenetic.twin.ranking import Prospect, find_roads, rank
 
 if TYPE_CHECKING:
     from command_line import Frenetic
@@ -47,7 +48,7 @@ def roads(tmp_path: Path) -> Path:
 def prospect(name: str, share: float, moobd: float, *at: float, side: str = "left") -> Prospect:
     approach = np.array(at) if at else None
     kind = Outcome.FAIL if share > 0.95 else Outcome.PASS
-    return Prospect(name, 100.0, kind, "so", share, moobd, 50.0, side, approach)  # type: ignore[arg-type]
+    return Prospect(name, 100.0, kind, "so", (share, -moobd), 50.0, side, approach)  # type: ignore[arg-type]
 
 
 def test_the_largest_share_comes_first_then_the_lowest_moobd() -> None:
@@ -58,8 +59,7 @@ def test_the_largest_share_comes_first_then_the_lowest_moobd() -> None:
         prospect("worst", 0.2, 0.9, 99.0),
     )
     ranked = rank([broken, mild, worst, worse])
-    assert [one.prospect.name for one in ranked] == ["worst", "worse", "mild", "broken"]
-    assert [one.rank for one in ranked] == [1, 2, 3, 4]
+    assert [one.name for one, _ in ranked] == ["worst", "worse", "mild", "broken"]
 
 
 def test_roads_that_promise_the_same_are_named_and_left_out_of_the_top() -> None:
@@ -70,12 +70,9 @@ def test_roads_that_promise_the_same_are_named_and_left_out_of_the_top() -> None
         prospect("other place", 0.8, -0.5, 2.1),
         Prospect("broken", 100.0, Outcome.ERROR, "it broke"),
     ]
-    assert [one.like for one in rank(prospects)] == [None, 1, None, None, None]
-    top = rank(prospects, 5)
-    assert [one.prospect.name for one in top] == ["a", "other side", "other place"]
-    assert [one.prospect.name for one in rank(prospects, 1)] == ["a"]
-    with pytest.raises(ValueError, match="top is 0"):
-        rank(prospects, 0)
+    assert [like for _, like in rank(prospects)] == [None, 1, None, None, None]
+    assert [one.name for one, _ in rank(prospects, 5)] == ["a", "other side", "other place"]
+    assert [one.name for one, _ in rank(prospects, 1)] == ["a"]
 
 
 def test_folders_are_searched_and_what_holds_no_road_is_told(roads: Path, tmp_path: Path) -> None:

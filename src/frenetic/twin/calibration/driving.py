@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Self, TypeAlias
 
@@ -105,21 +105,6 @@ class _Work:
         return rows
 
 
-def why_broken(
-    model: Model,
-    values: Mapping[str, float],
-    recorded: RecordedDrive,
-    drive_limit: float | None = None,
-) -> str:
-    """Why a twin with these values breaks on a recorded road; for arguments see `TwinDriver`."""
-    driver, simulator = model.make(values, recorded.rules)
-    try:
-        with isolated(simulator, driver, drive_limit) as own:
-            return own.drive(recorded.road, driver).error or "not any more, when driven again"
-    except BrokenDriveError as error:
-        return str(error)
-
-
 class TwinDriver:
     """Drives candidates along recorded roads; a context manager.
 
@@ -132,6 +117,7 @@ class TwinDriver:
         workers: number of processes; with 1, this one drives. A driver that is not compiled drives
             in a process of its own beside each.
         drive_limit: s after which a drive counts as hanging, as for `IsolatedSimulator`.
+        notify: called with the number of candidates, after each batch.
     """
 
     def __init__(
@@ -142,8 +128,12 @@ class TwinDriver:
         shapes: bool,
         workers: int = 1,
         drive_limit: float | None = None,
+        notify: Callable[[int], None] = lambda _: None,
     ) -> None:
+        self.start = np.array([one.place for one in model.parameters])
+        """(parameters,) places of the model as it was."""
         self._work = _Work(model, drives, shapes, drive_limit)
+        self._notify = notify
         self._workers: list[Worker] = []
         if workers > 1:
             held = pack(self._work)
@@ -166,19 +156,52 @@ class TwinDriver:
         for worker in self._workers:
             worker.kill()
 
-    def rows(self, candidates: Sequence[Mapping[str, float]], indices: IntArray) -> FloatArray:
+    def rows(self, batch: FloatArray, indices: IntArray) -> FloatArray:
         """The drives of candidates, (candidates, indices, COLUMNS).
 
         Args:
-            candidates: name -> value of the parameters, each.
+            batch: (candidates, parameters) places 0..1 between the bounds.
             indices: of the recorded drives.
 
         Raises:
             FreneticError: a worker was lost.
         """
+        candidates = [self._work.model.values(places.tolist()) for places in batch]
         wanted = indices.tolist()
-        if not self._workers:
-            return np.stack([self._work.rows(values, wanted) for values in candidates])
+        if self._workers:
+            rows = self._by_workers(candidates, wanted)
+        else:
+            rows = np.stack([self._work.rows(values, wanted) for values in candidates])
+        self._notify(len(candidates))
+        return rows
+
+    def checked(self, places: FloatArray, indices: IntArray) -> FloatArray:
+        """The drives of one candidate, (indices, COLUMNS).
+
+        Raises:
+            FreneticError: a worker was lost, or the driver broke.
+        """
+        rows: FloatArray = self.rows(places[None, :], indices)[0]
+        broken = np.flatnonzero(np.isnan(rows[:, SHARE]))
+        if not len(broken):
+            return rows
+        model, first = self._work.model, self._work.drives[indices[broken[0]]]
+        values = model.values(places.tolist())
+        driver, simulator = model.make(values, first.rules)
+        try:
+            with isolated(simulator, driver, self._work.drive_limit) as own:
+                why = own.drive(first.road, driver).error or "not any more, when driven again"
+        except BrokenDriveError as error:
+            why = str(error)
+        told = ", ".join(f"{name} {value:.4g}" for name, value in values.items())
+        raise FreneticError(
+            f"the driver {model.driver!r} with {told} broke on {len(broken)} of {len(indices)}"
+            f" recorded roads that it drove, first on that of {first.name}: {why}"
+        )
+
+    def _by_workers(
+        self, candidates: Sequence[Mapping[str, float]], wanted: Sequence[int]
+    ) -> FloatArray:
         chunks = [wanted[i : i + _CHUNK] for i in range(0, len(wanted), _CHUNK)]
         tasks = [(values, chunk) for values in candidates for chunk in chunks]
         waiting = deque(enumerate(tasks))
@@ -196,8 +219,7 @@ class TwinDriver:
                             found[driving[worker]] = rows
         except LostWorkerError as error:
             raise FreneticError(
-                f"{worker.name} was lost: {error.reason}; the same command goes on, with 1"
-                " worker in one process"
+                f"{worker.name} was lost: {error.reason}; with 1 worker one process drives"
             ) from None
         rows = np.concatenate([found[number] for number in range(len(tasks))])
         return rows.reshape(len(candidates), len(wanted), COLUMNS)

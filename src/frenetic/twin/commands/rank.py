@@ -21,8 +21,7 @@ from frenetic.cli.options import (
 from frenetic.cli.parts import asked_spec, driver_options, given_options
 
 if TYPE_CHECKING:
-    from frenetic.twin.ranking import RankedRoad
-
+    from frenetic.twin import Prospect
 
 _DRIVER: Final = {
     "lateral_acceleration": 6.44,
@@ -99,8 +98,9 @@ def rank(
     its host is 0.0.0.0. Its defaults are the competitions' setting: BeamNG.AI as the planner
     follows it, with risk factor 1.5 at 120 km/h, on lanes of 5 m.
     """
-    from frenetic.twin.ranking import Twin, find_roads
-    from frenetic.twin.ranking import rank as in_order
+    from frenetic.road.files import find_roads
+    from frenetic.twin import Twin
+    from frenetic.twin import rank as in_order
 
     if serve is not None:
         if roads:
@@ -124,10 +124,10 @@ def rank(
             show(done, len(found.roads))
     ranked = in_order(prospects, top)
     if as_json:
-        click.echo(json.dumps([_as_json(one) for one in ranked]))
+        click.echo(json.dumps([_as_json(i, *one) for i, one in enumerate(ranked, 1)]))
     else:
         columns = [">rank", "outcome", ">oob share", ">MOOBD", ">at", "side", ">like", "road"]
-        print_table(columns, map(_row, ranked))
+        print_table(columns, [_row(i, *one) for i, one in enumerate(ranked, 1)])
         if top is not None and len(ranked) < top:
             click.echo(f"Different problems: {len(ranked)} of the {top} asked for.")
     if found.skipped:
@@ -144,8 +144,8 @@ def rank(
 
 def _serve(context: click.Context, host: str, port: int, *, as_json: bool) -> None:
     """Ranks roads for evaluators until Ctrl-C."""
-    from frenetic.twin.ranking import Twin
-    from frenetic.twin.ranking.service import CompetitionTool, serving
+    from frenetic.twin import Twin
+    from frenetic.twin.service import CompetitionTool, serving
 
     given = given_options(context)
     usual = {name: value for name, value in _SETTING.items() if name not in given}
@@ -170,34 +170,24 @@ def until_interrupted() -> None:
         time.sleep(60.0)  # on Windows Ctrl-C ends a sleep, but no wait for an event or a lock
 
 
-def _row(one: RankedRoad) -> tuple[object, ...]:
-    prospect = one.prospect
-    if prospect.max_oob_share is None or prospect.moobd is None or prospect.distance is None:
-        reason = f"{prospect.name}: {prospect.reason}"
-        return one.rank, prospect.outcome, *[None] * 5, reason
-    return (
-        one.rank,
-        prospect.outcome,
-        f"{prospect.max_oob_share:.0%}",
-        f"{prospect.moobd:.2f} m",
-        f"{prospect.distance:.0f} m",
-        prospect.side,
-        one.like,
-        prospect.name,
-    )
+def _row(number: int, one: Prospect, like: int | None) -> tuple[object, ...]:
+    if one.score is None:
+        return number, one.outcome, *[None] * 5, f"{one.name}: {one.reason}"
+    share, moobd = one.score[0], -one.score[1]
+    place = f"{share:.0%}", f"{moobd:.2f} m", f"{one.distance:.0f} m"
+    return number, one.outcome, *place, one.side, like, one.name
 
 
-def _as_json(one: RankedRoad) -> dict[str, object]:
-    prospect = one.prospect
+def _as_json(number: int, one: Prospect, like: int | None) -> dict[str, object]:
     return {
-        "rank": one.rank,
-        "road": prospect.name,
-        "length": prospect.length,
-        "outcome": prospect.outcome,
-        "reason": prospect.reason,
-        "max_oob_share": prospect.max_oob_share,
-        "moobd": prospect.moobd,
-        "distance": prospect.distance,
-        "side": prospect.side,
-        "like": one.like,
+        "rank": number,
+        "road": one.name,
+        "length": one.length,
+        "outcome": one.outcome,
+        "reason": one.reason,
+        "max_oob_share": None if one.score is None else one.score[0],
+        "moobd": None if one.score is None else -one.score[1],
+        "distance": one.distance,
+        "side": one.side,
+        "like": like,
     }
