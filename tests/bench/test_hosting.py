@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from clones import make_2021
 from old_python import too_new, too_new_in
 from pids import ending, until, until_gone
 
@@ -194,22 +193,6 @@ def test_a_generator_spends_its_budget_and_returns(tmp_path: Path) -> None:
     assert "PASS (Successful test), 2 records" in done.log
 
 
-@pytest.mark.parametrize("path", [None, GENERATORS.parent])
-def test_a_generator_may_be_a_file(path: Path | None, tmp_path: Path) -> None:
-    file = "generators/random_roads.py" if path else str(GENERATORS / "random_roads.py")
-    bench = Bench()
-    done = run(f"{file}:RandomRoads", tmp_path, bench=bench, path=path and str(path))
-    assert done.end["how"] == "over"
-    assert bench.executed == 10
-
-
-def test_a_generator_may_end_its_process_when_no_test_fits_any_more(tmp_path: Path) -> None:
-    bench = Bench(budget=50.0)
-    done = run("exiting:Content", tmp_path, bench=bench)
-    assert (done.end["how"], done.end["detail"]) == ("exit", "exit code 0")
-    assert (bench.executed, bench.refused) == (1, 0)
-
-
 def test_computing_is_counted_alike_on_both_sides(tmp_path: Path) -> None:
     bench = Bench(budget=360.0, counts_computing=True)
     done = run("clock_watcher:ClockWatcher", tmp_path, bench=bench)
@@ -282,21 +265,15 @@ def test_processes_that_a_generator_spawns_know_the_pipeline(tmp_path: Path) -> 
 CLONE = GENERATORS / "clone"
 
 
-@pytest.mark.parametrize("edition", [2021, 2022])
-def test_a_generator_runs_in_its_own_pipeline(edition: int, tmp_path: Path) -> None:
-    clone = tmp_path / "clone"
-    shutil.copytree(CLONE, clone)
-    if edition == 2021:
-        make_2021(clone)
-    places: Message = {"path": str(clone / "tool"), "pipeline": str(clone)}
+def test_a_generator_runs_in_its_own_pipeline(tmp_path: Path) -> None:
+    places: Message = {"path": str(CLONE / "tool"), "pipeline": str(CLONE)}
     done = run("winding:Winding", tmp_path, bench=Bench(all_pass=True), **places)
     assert done.end["how"] == "over", done.end
     seen = done.seen()
     assert seen["outcomes"] == ["PASS"] * 10
-    if edition == 2022:
-        assert seen["generation"] == {"time-budget": 0.0}
-        assert seen["test_execution_real_times"] == [36.0] * 10
-        assert min(seen["test_generation_real_times"]) >= 0.0
+    assert seen["generation"] == {"time-budget": 0.0}
+    assert seen["test_execution_real_times"] == [36.0] * 10
+    assert min(seen["test_generation_real_times"]) >= 0.0
     assert not (tmp_path / "results").exists()  # its tests are the bench's
     drives = sorted(path.name for path in (tmp_path / "simulations/beamng_executor").iterdir())
     assert drives == [f"sim_{number:05d}" for number in range(1, 11)]
@@ -314,46 +291,28 @@ def test_a_pipeline_that_lacks_a_library_says_so(tmp_path: Path) -> None:
 
 # --- generators that cannot be started ---------------------------------------------------------
 
-BROKEN = {
-    "there is no module 'nowhere': looked for it in {path}, the run's working directory": (
-        "nowhere:Some",
-        "",
-    ),
-    "and what is installed for": (
-        "nowhere.deeper:Some",
-        "",
-    ),
-    "there is no file": ("nowhere.py:Some", ""),
-    "importing mine fails: ModuleNotFoundError: No module named 'no_such_thing'; install it": (
-        "mine:Mine",
-        "import no_such_thing",
-    ),
-    "No module named 'code_pipeline.visualization'; the bench has stand-ins for": (
-        "mine:Mine",
-        "import code_pipeline.visualization",
-    ),
-    "importing mine fails: it ends its process with exit code 2": (
-        "mine:Mine",
-        "import sys\nsys.exit(2)",
-    ),
-    "importing mine fails: SyntaxError": ("mine:Mine", "def"),
-    "give it as package.module, with a path": ("mine.py:Mine", "from . import other"),
-    "mine has no class 'Mine', did you mean 'Mime'? Its classes with a method start: Mime": (
-        "mine:Mine",
-        "class Mime:\n    def start(self): ...",
-    ),
-    "mine has no class 'Mine'. Its classes with a method start: none": ("mine:Mine", "Mine = 5"),
-    "Mine is no generator: it has no method start": (
-        "mine:Mine",
-        "class Mine:\n    def __init__(self, executor, map_size): ...",
-    ),
-    "building Mine fails: TypeError": ("mine:Mine", "class Mine:\n    def start(self): ..."),
-}
+START = "class Mine:\n    def start(self): ..."
 
 
-@pytest.mark.parametrize("says", BROKEN)
-def test_a_generator_that_cannot_be_started_says_why(says: str, tmp_path: Path) -> None:
-    spec, source = BROKEN[says]
+@pytest.mark.parametrize(
+    ("spec", "source", "says"),
+    [
+        ("nowhere:Some", "", "{path}, the run's working directory"),
+        ("nowhere.deeper:Some", "", "and what is installed for"),
+        ("nowhere.py:Some", "", "there is no file"),
+        ("mine:Mine", "import no_such_thing", "No module named 'no_such_thing'; install it for"),
+        ("mine:Mine", "import code_pipeline.visualization", "the bench has stand-ins for"),
+        ("mine:Mine", "import sys\nsys.exit(2)", "it ends its process with exit code 2"),
+        ("mine:Mine", "def", "importing mine fails: SyntaxError"),
+        ("mine:Mime", START, "mine has no class 'Mime'. Its classes with a method start: Mine"),
+        ("mine:Mine", "Mine = 5", "Its classes with a method start: none"),
+        ("mine:Mine", "def Mine(**_): return 5", "Mine is no generator: it has no method start"),
+        ("mine:Mine", START, "building Mine fails: TypeError"),
+    ],
+)
+def test_a_generator_that_cannot_be_started_says_why(
+    spec: str, source: str, says: str, tmp_path: Path
+) -> None:
     (tmp_path / "mine.py").write_text(source, encoding="utf-8")
     done = run(spec, tmp_path, path=str(tmp_path))
     assert [message["kind"] for message in done.messages] == ["end"]

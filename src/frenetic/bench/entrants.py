@@ -16,10 +16,9 @@ from frenetic._support.words import part_word
 from frenetic.errors import FreneticError
 
 RESERVED = frozenset(
-    {"bench", "index", "table", "con", "prn", "aux", "nul"}
-    | {f"{port}{number}" for port in ("com", "lpt") for number in range(10)}
+    {"con", "prn", "aux", "nul"} | {f"{port}{i}" for port in ("com", "lpt") for i in range(10)}
 )
-"""Names of a bench's own files, and those that Windows reserves; with any suffix."""
+"""Names that Windows reserves."""
 PLACES = ("path", "copy", "pipeline", "python")
 """Options of a generator."""
 _PIPELINE = ("code_pipeline/executors.py", "self_driving/simulation_data.py")
@@ -171,11 +170,6 @@ def require_trusted(
         trust.require({entrant.kind: entrant.code}, source, named)
 
 
-def read_path(kind: type, value: str) -> Path:
-    """Decoder hook of msgspec for an entrant's paths."""
-    return kind(value)  # type: ignore[no-any-return]
-
-
 def folder_names(entrants: Sequence[Entrant]) -> dict[str, str]:
     """Name of each entrant -> name of its folder, valid on every file system.
 
@@ -186,11 +180,9 @@ def folder_names(entrants: Sequence[Entrant]) -> dict[str, str]:
     for entrant in entrants:
         if entrant.name in found:
             raise FreneticError(f"two take part as {entrant.name!r}: give one of them another name")
-        plain = re.sub(r"[^A-Za-z0-9._-]+", "-", entrant.name).strip("-. ").lower() or "entrant"
-        if plain.partition(".")[0] in RESERVED:
-            plain = f"entrant-{plain}"
+        plain = re.sub(r"[^A-Za-z0-9_-]+", "-", entrant.name).strip("-").lower() or "entrant"
         folder, number = plain, 2
-        while folder in found.values():
+        while folder in RESERVED or folder in found.values():
             folder, number = f"{plain}-{number}", number + 1
         found[entrant.name] = folder
     return found

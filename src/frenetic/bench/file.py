@@ -13,13 +13,13 @@ from typing import Any, Final
 
 from frenetic._support.bounds import Count, Index, Positive
 from frenetic._support.words import parse_duration, read_part
-from frenetic.bench.bench import Bench
-from frenetic.bench.entrants import PLACES, Entrant
+from frenetic.bench.bench import FILE, Bench, read_record
+from frenetic.bench.entrants import PLACES, Entrant, require_trusted
 from frenetic.bench.recipes import find_recipe
 from frenetic.bench.runs import Terms
 from frenetic.errors import FreneticError
 from frenetic.registry import STRATEGIES
-from frenetic.run_file import DriveFile
+from frenetic.run_file import DriveFile, read_file
 from frenetic.spec import Spec
 
 SIMULATIONS: Final = 200
@@ -124,3 +124,25 @@ def _read(text: str) -> tuple[str, dict[str, Any], str | None]:
         raise ValueError(f"{text}: a name is needed before the options")
     name = options.pop("name", None)
     return spec, options, None if name is None else str(name)
+
+
+def open_bench(folder: Path | str) -> Bench:
+    """The bench in a folder, by its file.
+
+    Raises:
+        FreneticError: there is none, it is damaged, it names code that is not loaded unasked
+            (`frenetic.trust`), or it was begun from Python.
+    """
+    path = Path(folder) / FILE
+    if "driver" not in read_record(folder).entries:
+        raise FreneticError(
+            f"{folder} was begun from Python, so its driver and simulator have no names: go on"
+            " from Python"
+        )
+    spec, entries = read_file(path, BenchFile, "a bench")
+    spec.require_trusted(path)
+    try:
+        require_trusted(entries.entrants(), path)
+        return entries.bench(spec, folder)
+    except ValueError as error:
+        raise FreneticError(f"{path}: {error}") from None

@@ -10,7 +10,7 @@ from typing import Final
 from frenetic._support.words import format_duration
 from frenetic.analysis.comparison import Comparison
 from frenetic.analysis.tables import write_table
-from frenetic.bench.bench import Bench, unusual_endings
+from frenetic.bench.bench import Bench
 from frenetic.report.html.blocks import Fact
 from frenetic.report.html.comparison import write_comparison_page
 
@@ -54,5 +54,3 @@ def _terms(bench: Bench) -> Iterator[Fact]:
         kind = "strategy" if entrant.is_strategy else "generator"
         options = ", ".join(f"{name}={value}" for name, value in entrant.options.items())
         yield Fact(entrant.name, f"{kind} {entrant.spec}{' with ' if options else ''}{options}")
-    for name, told in unusual_endings(bench.states()).items():
-        yield Fact(f"ends of {name}", told)

@@ -182,12 +182,17 @@ def run_entrant(run: Run, terms: Terms, on_progress: OnProgress | None = None) -
     Raises:
         FreneticError: the simulator does not start, or the folder cannot be written.
     """
-    _clear(run.folder)
+    try:
+        if run.folder.is_dir():  # the remains of an interrupted run
+            shutil.rmtree(run.folder)
+    except OSError as error:
+        raise FreneticError(
+            f"{run.folder} cannot be cleared for a new run: {error.strerror or error}"
+        ) from None
     clock = terms.clock()
     if run.entrant.is_strategy:
         ending = _search(_campaign_of_strategy(run, terms, clock), on_progress)
-        if clock.is_over:
-            ending = None
+        ending = None if clock.is_over else ending
     else:
         with hosted(run, terms, clock) as strategy:
             campaign = _campaign(run, terms, strategy)
@@ -223,18 +228,6 @@ def ending_of(folder: Path) -> Ending | None:
         return msgspec.convert(fact, Ending)
     except msgspec.ValidationError:
         return None
-
-
-def _clear(folder: Path) -> None:
-    """Removes the remains of an interrupted run."""
-    if not folder.is_dir():
-        return
-    try:
-        shutil.rmtree(folder)
-    except OSError as error:
-        raise FreneticError(
-            f"{folder} cannot be cleared for a new run: {error.strerror or error}"
-        ) from None
 
 
 def _campaign_of_strategy(run: Run, terms: Terms, clock: VirtualTime) -> Campaign:
@@ -294,16 +287,13 @@ def try_out(entrant: Entrant, terms: Terms, seed: int) -> None:
             raise FreneticError(f"{entrant.name} cannot be started: {why}") from None
         if ending is None:
             return
-        printed = (folder / GENERATOR_LOG).read_text(encoding="utf-8", errors="replace")
-    is_lost = not ending.detail or ending.detail.startswith("its process")
-    last = printed.strip().splitlines()[-1:] if is_lost else []
-    needs = ""
-    if is_lost and entrant.python is not None:
-        needs = "; its interpreter needs Python 3.9 or newer, numpy 1.21 or newer and scipy"
+        log = (folder / GENERATOR_LOG).read_text(encoding="utf-8", errors="replace")
+    printed = log.strip().splitlines()[-1:] if ending.detail.startswith("its process") else []
+    needs = "; its interpreter needs Python 3.9 or newer, numpy 1.21 or newer and scipy"
     raise FreneticError(
         f"{entrant.name} cannot be built: {ending.detail or ending.end}"
-        + "".join(f" ({line[:200]})" for line in last)
-        + needs
+        + "".join(f" ({line[:200]})" for line in printed)
+        + (needs if printed and entrant.python is not None else "")
     )
 
 
@@ -406,15 +396,11 @@ def _search(campaign: Campaign, on_progress: OnProgress | None) -> Ending | None
     try:
         summary = campaign.run(on_event=say)
     except StrategyError as error:
-        _finish(campaign, str(error))
+        with CampaignStore.open(campaign.folder, readonly=False) as store:  # it is never resumed
+            seconds = round(store.elapsed(), 3)
+            store.finish(seconds=seconds, interrupted=False, ended=str(error))
         return Ending(End.GAVE_UP, str(error))
     return Ending(End.RETURNED, summary.ended) if summary.ended else None
-
-
-def _finish(campaign: Campaign, reason: str) -> None:
-    """Marks a campaign that gave up as finished: it is never resumed."""
-    with CampaignStore.open(campaign.folder, readonly=False) as store:
-        store.finish(seconds=round(store.elapsed(), 3), interrupted=False, ended=reason)
 
 
 class _Clocked(Strategy):

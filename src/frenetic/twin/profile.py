@@ -83,12 +83,6 @@ class Figures(Record, frozen=True, kw_only=True):
     """Median over drives of the median absolute error of the lateral offset, in m."""
     speed_error: float | None = None
     """The same of the speed, in m/s, or a share of the mean speed where only shapes compare."""
-    departure_gap: float | None = None
-    """Median distance along the road between both places of departure, in m."""
-    common_departures: Index = 0
-    """Number of drives in which both cars leave the lane."""
-    near_departures: float | None = None
-    """Share of these with a gap of at most 20 m."""
 
 
 class Validation(Record, frozen=True, kw_only=True):

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from frenetic._support.arrays import FloatArray
 from frenetic.drivers.driver import Driver
 from frenetic.errors import FreneticError
-from frenetic.oracle import LEFT_LANE, REACHED, assess
+from frenetic.oracle import REACHED, assess
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.isolated import BrokenDriveError, isolated
 from frenetic.simulators.simulator import Simulator
@@ -25,13 +25,12 @@ from frenetic.worker import MOST_WORKERS, LostWorkerError, Worker, pack, ready
 IntArray: TypeAlias = npt.NDArray[np.int64]
 
 # Columns of a twin's drive.
-FAILED, SHARE, MOOBD, OOB_DISTANCE, STEERING, DEPARTURE = range(6)
-"""0 or 1; largest oob share 0..1; m; mean oob distance in m; standard deviation in rad; m along the
-road, NaN if it did not leave the lane."""
-COVERED, OFFSET, SPEED, OFFSET_MEDIAN, SPEED_MEDIAN = range(6, 11)
+FAILED, SHARE, MOOBD, OOB_DISTANCE, STEERING = range(5)
+"""0 or 1; largest oob share 0..1; m; mean oob distance in m; standard deviation in rad."""
+COVERED, OFFSET, SPEED, OFFSET_MEDIAN, SPEED_MEDIAN = range(5, 10)
 """Share 0..1 of the recorded places that the twin reached; there, the mean absolute errors of
 offset (m) and speed (m/s, or a share of the mean), and the medians. NaN without a record."""
-COLUMNS: Final = 11
+COLUMNS: Final = 10
 _CHUNK: Final = 25  # drives of a task
 
 
@@ -64,8 +63,6 @@ def drive_twin(
     row[MOOBD] = seen.oob_distance.min()
     row[OOB_DISTANCE] = seen.oob_distance.mean()
     row[STEERING] = drive.trajectory.steering[:n].std()
-    if seen.end == LEFT_LANE:
-        row[DEPARTURE] = seen.distance[-1]
     if len(recorded.offset):
         offset, speed = on_grid(seen.distance, seen.lateral_offset, drive.trajectory.speed[:n])
         m = min(len(offset), len(recorded.offset))

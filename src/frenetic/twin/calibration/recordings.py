@@ -33,7 +33,7 @@ from frenetic.campaign.store import CampaignStore
 from frenetic.drive import Rules
 from frenetic.errors import FreneticError, RoadError
 from frenetic.export.competition import SimulationRecord
-from frenetic.oracle import LEFT_LANE, assess
+from frenetic.oracle import assess
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.road.files import RoadEntries, RoadFile
@@ -82,8 +82,6 @@ class RecordedDrive:
     mean_oob_distance: float = math.nan
     """m."""
     std_steering: float = math.nan
-    departure: float = math.nan
-    """Distance along the road to the place of departure, in m."""
     offset: FloatArray = field(default_factory=lambda: np.empty(0))
     """Offset left of the ego lane's centre every `GRID` m, (n,) in m, NaN where it did not come."""
     speed: FloatArray = field(default_factory=lambda: np.empty(0))
@@ -167,7 +165,7 @@ def _first_told(*several: Terms) -> Terms:
 def _feed(digest: Any, drive: RecordedDrive, run: int) -> None:
     values = [drive.failed, drive.max_oob_share, drive.mean_oob_distance, drive.std_steering]
     road = [drive.road.step, *drive.road.pose]
-    digest.update(json.dumps([run, *values, drive.departure, *road]).encode())
+    digest.update(json.dumps([run, *values, *road]).encode())
     for array in (drive.road.curvatures, drive.offset, drive.speed):
         digest.update(np.asarray(array, dtype="<f8").tobytes())
 
@@ -224,7 +222,6 @@ def _campaign(place: Path, folder: Path) -> _Source:
                     max_oob_share=float(seen.oob_share.max()),
                     mean_oob_distance=float(seen.oob_distance.mean()),
                     std_steering=float(path.steering[:n].std()),
-                    departure=float(seen.distance[-1]) if seen.end == LEFT_LANE else math.nan,
                     offset=offset,
                     speed=speed,
                 )
@@ -397,7 +394,6 @@ class Row(RoadEntries):
     max_oob_share: Finite | None = None
     mean_oob_distance: Finite | None = None
     std_steering: Finite | None = None
-    departure_distance: Finite | None = None
     trajectory: Course | list[Moment] | None = None
     execution_data: list[Record] | None = None
 
@@ -450,13 +446,6 @@ def _drive_of(
         for key in ("max_oob_share", "mean_oob_distance", "std_steering")
         if (value := getattr(row, key)) is not None
     }
-    failed = outcome is Outcome.FAIL
-    departure = math.nan
-    seen = np.flatnonzero(np.isfinite(offset))
-    if failed and row.departure_distance is not None:
-        departure = row.departure_distance
-    elif failed and len(seen) and abs(offset[seen[-1]]) > 0.25 * road.lane_width:
-        departure = GRID * float(seen[-1])  # where its record ends, unless it got stuck
     recording, run = map(str, places)
     groups = [str(one) for one in (row.recording, row.search, row.run) if one is not None]
     return RecordedDrive(
@@ -465,8 +454,7 @@ def _drive_of(
         run=", ".join([run, *groups]),
         road=road,
         rules=_rules(terms),
-        failed=failed,
-        departure=departure,
+        failed=outcome is Outcome.FAIL,
         offset=offset,
         speed=speed,
         **measured,
