@@ -73,5 +73,5 @@ def test_a_file_is_looked_for_here_and_then_in_the_path(
     assert entrant.module == str(tmp_path.resolve() / "theirs" / "one.py")
     assert entrant.class_name == "One"
     (tmp_path / "one.py").touch()
-    assert entrant.module == str(tmp_path.resolve() / "one.py")
+    assert Entrant(name="one", spec="one.py:One").module == str(tmp_path.resolve() / "one.py")
     assert Entrant(name="one", spec="package.one:One").module == "package.one"

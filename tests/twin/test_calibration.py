@@ -46,7 +46,6 @@ from frenetic.twin.calibration.validation import (
     linear_model,
     verdict_of,
 )
-from frenetic.twin.page import shape_of
 from frenetic.twin.profile import Figures, Profile
 
 KNOWN = 7.3
@@ -185,7 +184,7 @@ def test_the_number_of_workers_changes_nothing(recordings: Recordings, model: Mo
 
 
 def test_a_worker_that_dies_is_named(recordings: Recordings, model: Model) -> None:
-    with TwinDriver(model, recordings.drives, shapes=False, workers=2) as twins:
+    with TwinDriver(model, recordings.drives, workers=2) as twins:
         assert twins.rows(twins.start[None, :], np.arange(2)).shape == (1, 2, COLUMNS)
         for process in active_children():
             process.kill()
@@ -387,9 +386,3 @@ def test_usual_bounds_end_where_no_car_can_be_made() -> None:
     assert 1.0 < friction.high < 2.0
     _, simulator = model.make({"vehicle.friction": friction.high}, Rules())
     assert simulator.friction == friction.high
-
-
-def test_the_shape_of_a_speed_is_one_in_the_mean_and_a_standing_car_has_none() -> None:
-    speed = np.array([np.nan, 2.0, 4.0, 6.0])
-    np.testing.assert_array_equal(shape_of(speed), [np.nan, 0.5, 1.0, 1.5])
-    np.testing.assert_array_equal(shape_of(np.zeros(3)), np.zeros(3))

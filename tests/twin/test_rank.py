@@ -14,7 +14,6 @@ from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.road.files import find_roads
 from frenetic.road.opendrive import to_opendrive
-from frenetic.simulators import Rules
 from frenetic.spec import Part, Spec
 from frenetic.twin import Prospect, rank
 from frenetic.twin.profile import Profile
@@ -127,17 +126,6 @@ def test_roads_are_ranked_by_what_drive_says_of_them(frenetic: Frenetic, roads: 
     assert by_name["sharp"]["side"] != by_name["mirrored"]["side"]
 
 
-def test_the_twin_of_a_profile_ranks(frenetic: Frenetic, roads: Path) -> None:
-    options = ("--driver", "stanley,aggression=3", "--speed-limit", "90")
-    spec = Spec(driver=Part("stanley", {"aggression": 3.0}), rules=Rules(speed_limit=90.0))
-    twin = Profile.of("twin", spec)
-    twin.write(Path("twin.json"))
-    sharp = str(roads / "sharp.json")
-    by_profile = frenetic("rank", sharp, "--as", "twin.json", "--json").json
-    assert by_profile == frenetic("rank", sharp, *options, "--json").json
-    assert by_profile != frenetic("rank", sharp, "--json").json
-
-
 def test_the_table_the_top_and_invalid_roads(frenetic: Frenetic, roads: Path) -> None:
     answer = frenetic("rank", str(roads), *FAST, "--top", "9")
     assert answer.code == 0
@@ -150,6 +138,10 @@ def test_the_table_the_top_and_invalid_roads(frenetic: Frenetic, roads: Path) ->
     assert tolerant["outcome"] in ("PASS", "FAIL")
     (anyway,) = frenetic("rank", circle, "--anyway", "--json").json
     assert anyway["outcome"] in ("PASS", "FAIL")
+    Profile.of("twin", Spec(driver=Part("stanley", {"aggression": 3.0}))).write("twin.json")
+    by_profile = frenetic("rank", sharp, "--as", "twin.json", "--json").json
+    assert by_profile == frenetic("rank", sharp, "--driver", "stanley,aggression=3", "--json").json
+    assert by_profile != frenetic("rank", sharp, "--json").json
 
 
 def test_a_named_file_without_a_road_is_a_mistake_that_keeps_the_others(

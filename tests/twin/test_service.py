@@ -104,13 +104,10 @@ def test_known_tests_say_from_where_on_is_selected(
     assert tool.select((str(i), None) for i in range(len(tests))) == selected
 
 
-def test_a_port_that_is_taken_is_a_mistake(twin: Twin, frenetic: Frenetic) -> None:
+def test_mistakes(twin: Twin, frenetic: Frenetic) -> None:
     with serving(CompetitionTool(twin), port=0) as port:
         answer = frenetic("rank", "--serve", str(port))
     assert answer.refuses(f"cannot listen at 127.0.0.1:{port}", "another port")
-
-
-def test_a_wrong_address_is_a_mistake(frenetic: Frenetic) -> None:
     for address in ("no", "70000", "host:", "road.json"):
         assert frenetic("rank", "--serve", address).refuses("is not [HOST:]PORT", "0.0.0.0:4545")
     assert frenetic("rank", "a.json", "--serve", "0").refuses("gets its roads from an evaluator")

@@ -70,7 +70,7 @@ class Bench:
             object.__setattr__(self, name, number)
         if not self.entrants:
             raise FreneticError("nobody takes part: name a generator or a strategy")
-        object.__setattr__(self, "entrants", tuple(one.absolute() for one in self.entrants))
+        object.__setattr__(self, "entrants", tuple(self.entrants))
         folder_names(self.entrants)
         for entrant in self.entrants:
             if entrant.is_strategy:
@@ -288,8 +288,6 @@ def unusual_endings(states: Sequence[RunState]) -> list[str]:
         endings = [state.ending for state in runs if state.ending is not None]
         reasons = Counter(str(one) for one in endings if str(one) != End.OVER)
         told = [f"{count} of {len(runs)} runs {why}" for why, count in reasons.most_common(3)]
-        if threads := sum(one.threads for one in endings):
-            told.append(f"{threads} threads left running")
         if told:
             lines.append(f"{name}: {'; '.join(told)}")
     return lines

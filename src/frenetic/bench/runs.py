@@ -328,7 +328,7 @@ def assignment(run: Run, terms: Terms) -> Assignment:
     return Assignment(
         module=str(_copied(Path(entrant.module), entrant, work)) if is_file else entrant.module,
         class_name=entrant.class_name,
-        path=None if path is None else str(_copied(path.resolve(), entrant, work)),
+        path=None if path is None else str(_copied(path, entrant, work)),
         pipeline=None if pipeline is None else str(_copied(pipeline, entrant, work)),
         seed=run.seed % 2**32,  # more bits than those no generator of numbers takes
         map_size=int(size) if size == int(size) else size,
@@ -343,8 +343,8 @@ def assignment(run: Run, terms: Terms) -> Assignment:
 
 def _copied(place: Path, entrant: Entrant, work: Path) -> Path:
     """A generator's file or folder, in the copy if there is one of it."""
-    if entrant.copy is not None and place.is_relative_to(entrant.copy.resolve()):
-        place = work / place.relative_to(entrant.copy.resolve())
+    if entrant.copy is not None and place.is_relative_to(entrant.copy):
+        place = work / place.relative_to(entrant.copy)
     return place
 
 

@@ -65,15 +65,13 @@ class Ending:
     end: End
     detail: str = ""
     """One line."""
-    threads: int = 0
-    """Number of threads that it left running."""
 
     def __str__(self) -> str:
         return f"{self.end}: {self.detail}" if self.detail else str(self.end)
 
     def as_json(self) -> dict[str, JSONValue]:
         """The ending as a JSON object."""
-        return {"end": str(self.end), "detail": self.detail, "threads": self.threads}
+        return {"end": str(self.end), "detail": self.detail}
 
 
 class VirtualTime:
@@ -223,11 +221,10 @@ class GeneratorStrategy(ObservingStrategy):
             end = End(str(message.get("how")))
         except ValueError:
             end = End.CRASHED
-        threads = message.get("threads")
         detail = " ".join(str(message.get("detail", "")).split())[:450]
         if self._clock.is_over and (end is End.RETURNED or detail == "exit code 0"):
             end, detail = End.OVER, ""
-        return Ending(end, detail, threads if isinstance(threads, int) else 0)
+        return Ending(end, detail)
 
     def _is_valid(self, points: FloatArray | None) -> bool:
         try:

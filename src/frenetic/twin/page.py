@@ -205,13 +205,9 @@ def _drives(calibration: Calibration) -> Iterator[Block]:
         recorded = calibration.recordings.drives[i]
         offset, speed = calibration.held_out_drive(i)
         who = f"{recorded.name} of {recorded.run}: median error of the offset {errors[i]:.2f} m"
-        theirs_speed, title_of_speed = recorded.speed, "speed (m/s)"
-        if calibration.settings.speed_shapes:
-            theirs_speed, speed = shape_of(theirs_speed), shape_of(speed)
-            title_of_speed = "speed over its mean"
         for theirs, ours, title in (
             (recorded.offset, offset, "offset to the left (m)"),
-            (theirs_speed, speed, title_of_speed),
+            (recorded.speed, speed, "speed (m/s)"),
         ):
             yield Chart(
                 (_along("recorded", theirs, "accent"), _along(TWIN, ours, "fail")),
@@ -219,12 +215,6 @@ def _drives(calibration: Calibration) -> Iterator[Block]:
                 title,
                 who,
             )
-
-
-def shape_of(speed: FloatArray) -> FloatArray:
-    """Speeds over their mean, (n,); a car that stands still stays at 0. NaN where unknown."""
-    mean = float(np.nanmean(speed))
-    return speed / mean if mean > 0.0 else speed
 
 
 def _along(name: str, values: FloatArray, role: Role) -> Series:

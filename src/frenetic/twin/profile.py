@@ -82,7 +82,7 @@ class Figures(Record, frozen=True, kw_only=True):
     offset_error: float | None = None
     """Median over drives of the median absolute error of the lateral offset, in m."""
     speed_error: float | None = None
-    """The same of the speed, in m/s, or a share of the mean speed where only shapes compare."""
+    """The same of the speed, in m/s."""
 
 
 class Validation(Record, frozen=True, kw_only=True):
@@ -114,9 +114,6 @@ class Settings(Record, frozen=True, kw_only=True):
     """Most drives of a fit, at most half of them failures if there are enough others."""
     weights: dict[Term, NotNegative] = {}
     """Name of a term of the loss -> its weight, in place of the usual one."""
-    speed_shapes: bool = False
-    """Whether only the shapes of speeds are compared, as where a record's clock is not the
-    simulation's."""
 
 
 class Profile(Record, frozen=True, kw_only=True):

@@ -10,7 +10,6 @@ import logging
 import os
 import random
 import sys
-import threading
 import traceback
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, replace
@@ -39,12 +38,10 @@ def serve(incoming: BinaryIO, outgoing: BinaryIO) -> None:
     leave_with_parent()
     parent = Parent(incoming, outgoing)
     end = run(Assignment(**parent.receive()), parent)
-    ours = {threading.current_thread(), parent.thread}
-    threads = sum(thread not in ours for thread in threading.enumerate())
     logging.shutdown()
     for stream in (sys.stdout, sys.stderr):
         stream.flush()
-    parent.send(asdict(replace(end, threads=threads)))
+    parent.send(asdict(end))
     os._exit(0)  # without waiting for the generator's threads
 
 

@@ -86,8 +86,6 @@ class End:
     """One line."""
     seconds: float = 0.0
     """Wall time since ``start`` was called or the bench last got any, in s."""
-    threads: int = 0
-    """Number of threads that it left running."""
     kind: str = "end"
     """Kind of the message."""
 

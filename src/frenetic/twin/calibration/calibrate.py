@@ -137,7 +137,7 @@ def calibrate(
         on_progress(done, total)
 
     def loss_on(indices: IntArray) -> Loss:
-        return Loss(drives, indices, settings.weights, shapes=settings.speed_shapes)
+        return Loss(drives, indices, settings.weights)
 
     loss_on(everything)  # refuses drives that say nothing, before any is driven
     rows = np.empty((len(drives), COLUMNS))
@@ -155,7 +155,6 @@ def calibrate(
         TwinDriver(
             model,
             drives,
-            shapes=settings.speed_shapes,
             workers=workers,
             drive_limit=drive_limit,
             notify=notify,

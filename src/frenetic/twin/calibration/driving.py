@@ -29,7 +29,7 @@ FAILED, SHARE, MOOBD, OOB_DISTANCE, STEERING = range(5)
 """0 or 1; largest oob share 0..1; m; mean oob distance in m; standard deviation in rad."""
 COVERED, OFFSET, SPEED, OFFSET_MEDIAN, SPEED_MEDIAN = range(5, 10)
 """Share 0..1 of the recorded places that the twin reached; there, the mean absolute errors of
-offset (m) and speed (m/s, or a share of the mean), and the medians. NaN without a record."""
+offset (m) and speed (m/s), and the medians. NaN without a record."""
 COLUMNS: Final = 10
 _CHUNK: Final = 25  # drives of a task
 
@@ -38,8 +38,6 @@ def drive_twin(
     recorded: RecordedDrive,
     driver: Driver,
     simulator: Simulator,
-    *,
-    shapes: bool = False,
 ) -> FloatArray:
     """The twin's drive along a recorded road, (COLUMNS,); NaN if the driver broke or hung.
 
@@ -47,7 +45,6 @@ def drive_twin(
         recorded: the recorded drive.
         driver: the twin's.
         simulator: the twin's, whose rules become those of the record.
-        shapes: whether only the shapes of the speeds are compared, each divided by its mean.
     """
     row = np.full(COLUMNS, math.nan)
     try:
@@ -70,8 +67,6 @@ def drive_twin(
         row[COVERED] = len(both) / max(1, int(np.isfinite(recorded.offset).sum()))
         if len(both):
             theirs, ours = recorded.speed[both], speed[both]
-            if shapes:
-                theirs, ours = (one / max(float(one.mean()), 1e-9) for one in (theirs, ours))
             errors = np.abs(offset[both] - recorded.offset[both]), np.abs(ours - theirs)
             row[[OFFSET, SPEED]] = [error.mean() for error in errors]
             row[[OFFSET_MEDIAN, SPEED_MEDIAN]] = [np.median(error) for error in errors]
@@ -84,7 +79,6 @@ class _Work:
 
     model: Model
     drives: Sequence[RecordedDrive]
-    shapes: bool
     drive_limit: float | None
 
     def start(self) -> None:
@@ -98,7 +92,7 @@ class _Work:
             return rows  # together, values within their bounds may be no car
         with isolated(simulator, driver, self.drive_limit) as own:
             for i, index in enumerate(indices):
-                rows[i] = drive_twin(self.drives[index], driver, own, shapes=self.shapes)
+                rows[i] = drive_twin(self.drives[index], driver, own)
         return rows
 
 
@@ -110,7 +104,6 @@ class TwinDriver:
     Args:
         model: of the twin.
         drives: the recorded ones.
-        shapes: as for `drive_twin`.
         workers: number of processes; with 1, this one drives. A driver that is not compiled drives
             in a process of its own beside each.
         drive_limit: s after which a drive counts as hanging, as for `IsolatedSimulator`.
@@ -122,14 +115,13 @@ class TwinDriver:
         model: Model,
         drives: Sequence[RecordedDrive],
         *,
-        shapes: bool,
         workers: int = 1,
         drive_limit: float | None = None,
         notify: Callable[[int], None] = lambda _: None,
     ) -> None:
         self.start = np.array([one.place for one in model.parameters])
         """(parameters,) places of the model as it was."""
-        self._work = _Work(model, drives, shapes, drive_limit)
+        self._work = _Work(model, drives, drive_limit)
         self._notify = notify
         self._workers: list[Worker] = []
         if workers > 1:

@@ -137,7 +137,6 @@ class Loss:
         drives: all recorded drives.
         indices: of those that count.
         weights: name of a term -> its weight, in place of the usual one.
-        shapes: whether only the shapes of speeds are compared.
 
     Raises:
         FreneticError: nothing can be compared.
@@ -148,8 +147,6 @@ class Loss:
         drives: Sequence[RecordedDrive],
         indices: IntArray,
         weights: Mapping[Term, float] | None = None,
-        *,
-        shapes: bool = False,
     ) -> None:
         chosen = [drives[i] for i in indices]
         self.n = len(chosen)
@@ -165,8 +162,6 @@ class Loss:
                 self._ranked[name] = column, told, _standard_ranks(told)
         for name, column in _ALONG.items():
             paths = [getattr(drive, name) for drive in chosen if len(drive.offset)]
-            if name == "speed" and shapes:
-                paths = [path / max(float(np.nanmean(path)), _LEAST) for path in paths]
             told = np.concatenate(paths) if paths else np.empty(0)
             told = told[np.isfinite(told)]
             spread = float(np.abs(told - np.median(told)).mean()) if len(told) else 0.0

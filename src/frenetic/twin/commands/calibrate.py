@@ -66,7 +66,7 @@ def calibrate(
     A RECORDING is a campaign (of any simulator), a folder of campaigns, a folder of the
     competition's test files or one of them, or a table of drives: JSON Lines, CSV or Parquet.
     FILE.toml says what the options say, recordings, and more: terms of their drives (speed_limit),
-    folds, sample, weights, speed_shapes, seed. Options given beside it win.
+    folds, sample, weights, seed. Options given beside it win.
 
     The twin is cross-validated: by run where there are several, else by road. The command says how
     well it follows drives that it has not seen, whether it is good enough to screen with, and which

@@ -44,27 +44,12 @@ _HOST: Final = "127.0.0.1"
 _PORT: Final = 4545
 
 
-class Address(click.ParamType):  # type: ignore[type-arg]  # generic in click's newest only
-    """[HOST:]PORT."""
-
-    name = "[host:]port"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, int]:
-        """(host, port)."""
-        host, _, port = str(value).rpartition(":")
-        if not port.isascii() or not port.isdigit() or int(port) > 65535:
-            self.fail(f"{value!r} is not [HOST:]PORT, as in 4545 or 0.0.0.0:4545", param, ctx)
-        return host or _HOST, int(port)
-
-
 @click.command()
 @click.argument("roads", nargs=-1, type=click.Path(path_type=Path), metavar="[ROADS]...")
 @driver_options
 @click.option(
     "--serve",
-    type=Address(),
+    metavar="[HOST:]PORT",
     is_flag=False,
     flag_value=str(_PORT),
     help="Rank for the evaluators of the SDC test competitions of 2025 and 2026 instead, over gRPC,"
@@ -82,7 +67,7 @@ def rank(
     top: int | None,
     anyway: bool,
     lane: int | None,
-    serve: tuple[str, int] | None,
+    serve: str | None,
     as_json: bool,
     **_: Any,
 ) -> None:
@@ -105,7 +90,7 @@ def rank(
     if serve is not None:
         if roads:
             raise click.UsageError(f"--serve gets its roads from an evaluator: without {roads[0]}")
-        _serve(context, *serve, as_json=as_json)
+        _serve(context, serve, as_json)
         return
     if not roads:
         raise click.UsageError("Missing argument 'ROADS...': files of roads, or folders of them")
@@ -142,8 +127,14 @@ def rank(
         raise click.exceptions.Exit(2)
 
 
-def _serve(context: click.Context, host: str, port: int, *, as_json: bool) -> None:
+def _serve(context: click.Context, address: str, as_json: bool) -> None:
     """Ranks roads for evaluators until Ctrl-C."""
+    host, _, text = address.rpartition(":")
+    if not text.isascii() or not text.isdigit() or int(text) > 65535:
+        raise click.UsageError(
+            f"--serve: {address!r} is not [HOST:]PORT, as in 4545 or 0.0.0.0:4545"
+        )
+    host, port = host or _HOST, int(text)
     from frenetic.twin import Twin
     from frenetic.twin.service import CompetitionTool, serving
 
