@@ -99,7 +99,7 @@ def test_a_bench(tmp_path: Path) -> None:
         name="one", spec="module:Class", path=tmp_path, copy=tmp_path, python=Path(python)
     )
     assert entrant == same
-    terms = Terms(simulator=EmbeddedSimulator(), driver=Planner(), budget=60.0)
+    terms = Terms(simulator=EmbeddedSimulator(), driver=Planner(), simulations=1)
     bench = Bench(entrants=(entrant,), terms=terms, folder=here)  # type: ignore[arg-type]
     assert bench == Bench(entrants=(same,), terms=terms, folder=tmp_path)
     with pytest.raises(FreneticError, match="holds no bench"):

@@ -71,7 +71,7 @@ def test_a_generator_that_keeps_its_last_seconds_free_needs_dearer_drives(tmp_pa
     bench = Bench(
         entrants=(recipe.entrant(folder),),
         terms=Terms(
-            simulator=EmbeddedSimulator(), driver=Planner(), budget=120.0, seconds_per_test=40.0
+            simulator=EmbeddedSimulator(), driver=Planner(), simulations=3, seconds_per_test=40.0
         ),
         repeats=1,
         folder=tmp_path / "bench",

@@ -95,8 +95,7 @@ class Bench:
     @property
     def runs_in_words(self) -> str:
         """Numbers of runs and of simulations of an entrant."""
-        most = "at most " if self.terms.counts_computing else ""
-        return f"{counted(self.repeats, 'run')} of {most}{self.terms.simulations} simulations"
+        return f"{counted(self.repeats, 'run')} of {self.terms.simulations} simulations"
 
     def states(self) -> list[RunState]:
         """All runs with their results.
@@ -217,9 +216,8 @@ class Bench:
             **({} if terms.spec is None else drive_entries(terms.spec)),
             "map_size": terms.map_size,
             "objective": terms.objective,
-            "time": terms.budget,
+            "simulations": terms.simulations,
             "seconds_per_test": terms.seconds_per_test,
-            "count_computing": terms.counts_computing,
             "patience": terms.patience,
             "repeats": self.repeats,
             "seed": self.seed,

@@ -86,8 +86,8 @@ def bench(
 
     Generators of the SBST/SBFT competition's pipeline run unmodified, each run in its own process
     and folder, beside our strategies. Every run is a campaign with a folder for the competition's
-    tools. FILE.toml says what the options say and more, such as time, seconds_per_test,
-    count_computing, patience and speed_limit; bench.toml in every bench's folder is one.
+    tools. FILE.toml says what the options say and more, such as seconds_per_test,
+    patience and speed_limit; bench.toml in every bench's folder is one.
     Options given beside it win.
     """
     if as_list:
@@ -121,8 +121,6 @@ def _begun(context: click.Context, path: Path | None, out: Path | None) -> tuple
     given = {n: context.params[n] for n in _ENTRIES if was_given(context, n)}
     if {"generator", "strategy"} & given.keys():  # in the place of all that the file names
         given |= {kind: context.params[kind] for kind in ("generator", "strategy")}
-    if "simulations" in given:
-        given["time"] = None
     driving = given_options(context)
     spec, entries = BenchFile().spec(), BenchFile()
     if path is not None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from frenetic._support.bounds import Count, Index, Positive
 from frenetic._support.words import parse_duration, read_part
@@ -22,8 +22,6 @@ from frenetic.registry import STRATEGIES
 from frenetic.run_file import DriveFile, read_file
 from frenetic.spec import Spec
 
-SIMULATIONS: Final = 200
-
 
 class BenchFile(DriveFile, kw_only=True):
     """The entries of a bench's file."""
@@ -32,14 +30,10 @@ class BenchFile(DriveFile, kw_only=True):
     """As on the command line: ``"wiggly.py:Wiggly,name=Wiggly"``."""
     strategy: tuple[str, ...] = ()
     """Likewise; all built-in ones if there is no entrant at all."""
-    simulations: Count | None = None
-    """Budget of each run, in drives; 200 if there is no `time`."""
-    time: Positive | str | None = None
-    """Budget of each run in virtual time: s, or a text such as ``"2h"``."""
+    simulations: Count = 200
+    """Budget of each run, in drives."""
     seconds_per_test: Positive = 36.0
     """Virtual time that a drive costs, in s."""
-    count_computing: bool = False
-    """Whether a generator's own time costs budget, too."""
     patience: Positive | str = "10m"
     """A generator that asks for no test so long is ended."""
     repeats: Count = 10
@@ -65,16 +59,12 @@ class BenchFile(DriveFile, kw_only=True):
             ValueError: an entry is wrong.
             FreneticError: a part cannot be made, or a value is out of range.
         """
-        if self.simulations is not None and self.time is not None:
-            raise ValueError("simulations and time exclude each other: both are the budget")
-        drives = self.simulations or SIMULATIONS
         return Bench(
             entrants=self.entrants(),
             terms=Terms.of(
                 spec,
-                budget=parse_duration(self.time) if self.time else drives * self.seconds_per_test,
+                simulations=self.simulations,
                 seconds_per_test=self.seconds_per_test,
-                counts_computing=self.count_computing,
                 patience=parse_duration(self.patience),
                 objective=spec.objective,
             ),

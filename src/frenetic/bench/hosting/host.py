@@ -50,7 +50,7 @@ def run(assignment: Assignment, parent: Parent) -> End:
     logging.basicConfig(
         level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s", stream=sys.stderr
     )
-    clock = VirtualClock(assignment.time_budget, counts_computing=assignment.counts_computing)
+    clock = VirtualClock(assignment.time_budget)
     try:
         _prepare(assignment)
         kind = _load_class(assignment)
@@ -60,8 +60,6 @@ def run(assignment: Assignment, parent: Parent) -> End:
         if error.__cause__ is not None:
             _print(error.__cause__)
         return End("crashed", str(error))
-    if assignment.counts_computing:
-        validity()  # its import is not the generator's time
     parent.send({"kind": "ready"})
     clock.start()
     end = _started(generator, clock)

@@ -43,29 +43,18 @@ from frenetic.twin.calibration.driving import (
 from frenetic.twin.calibration.recordings import RecordedDrive
 from frenetic.twin.profile import Term
 
-WEIGHTS: Final[Mapping[Term, float]] = MappingProxyType(
+_TERMS: Final[Mapping[Term, tuple[float, int, str]]] = MappingProxyType(
     {
-        "outcome": 1.0,
-        "oob_share": 1.0,
-        "oob_distance": 0.5,
-        "steering": 0.25,
-        "offset": 1.0,
-        "speed": 1.0,
+        "outcome": (1.0, MOOBD, "failed"),
+        "oob_share": (1.0, SHARE, "max_oob_share"),
+        "oob_distance": (0.5, OOB_DISTANCE, "mean_oob_distance"),
+        "steering": (0.25, STEERING, "std_steering"),
+        "offset": (1.0, OFFSET, "offset"),
+        "speed": (1.0, SPEED, "speed"),
     }
 )
-"""Name of a term -> its usual weight."""
-_RANKED: Final[Mapping[Term, int]] = {
-    "oob_share": SHARE,
-    "oob_distance": OOB_DISTANCE,
-    "steering": STEERING,
-}
-_ALONG: Final[Mapping[Term, int]] = {"offset": OFFSET, "speed": SPEED}
-_FIELDS: Final[Mapping[Term, str]] = {
-    "oob_share": "max_oob_share",
-    "oob_distance": "mean_oob_distance",
-    "steering": "std_steering",
-}
-"""Name of a term -> the entry of a recorded drive."""
+"""Name of a term -> its usual weight, the column of a twin's drive, the field of a recorded one."""
+_ALONG: Final[tuple[Term, ...]] = ("offset", "speed")
 REFUSED: Final = 10.0
 """Loss of a candidate with which no car can be made, or with which the driver broke."""
 _RIDGE: Final = 1e-3
@@ -154,22 +143,22 @@ class Loss:
         self._has_path = np.array([len(drive.offset) > 0 for drive in chosen])
         self._ranked: dict[Term, tuple[int, FloatArray, FloatArray]] = {}
         self._scale: dict[Term, tuple[int, float]] = {}
-        for name, column in _RANKED.items():
-            told = np.array([getattr(drive, _FIELDS[name]) for drive in chosen])
-            if name != "oob_share" and self._has_path.any():
-                continue  # the trajectories say more
-            if np.isfinite(told).all() and np.ptp(told) > 0.0:
-                self._ranked[name] = column, told, _standard_ranks(told)
-        for name, column in _ALONG.items():
-            paths = [getattr(drive, name) for drive in chosen if len(drive.offset)]
-            told = np.concatenate(paths) if paths else np.empty(0)
-            told = told[np.isfinite(told)]
-            spread = float(np.abs(told - np.median(told)).mean()) if len(told) else 0.0
-            if spread > _LEAST:
-                self._scale[name] = column, spread
+        for name, (_, column, field) in _TERMS.items():
+            if name in _ALONG:
+                paths = [getattr(drive, field) for drive in chosen if len(drive.offset)]
+                told = np.concatenate(paths) if paths else np.empty(0)
+                told = told[np.isfinite(told)]
+                spread = float(np.abs(told - np.median(told)).mean()) if len(told) else 0.0
+                if spread > _LEAST:
+                    self._scale[name] = column, spread
+            # The trajectories say more than mean distance and steering.
+            elif name == "oob_share" or (name != "outcome" and not self._has_path.any()):
+                told = np.array([getattr(drive, field) for drive in chosen])
+                if np.isfinite(told).all() and np.ptp(told) > 0.0:
+                    self._ranked[name] = column, told, _standard_ranks(told)
         present: list[Term] = ["outcome"] if 0.0 < self.failed.mean() < 1.0 else []
         present += [*self._ranked, *self._scale]
-        wanted = {name: (weights or {}).get(name, WEIGHTS[name]) for name in present}
+        wanted = {name: (weights or {}).get(name, _TERMS[name][0]) for name in present}
         self.weights = {name: weight for name, weight in wanted.items() if weight > 0.0}
         """Name of a term that counts -> its weight."""
         if not self.weights:
