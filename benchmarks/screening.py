@@ -9,7 +9,7 @@ comes from drives that
 no run knows, such as those of a random search:
 
     frenetic run --simulator metadrive ... --strategy random --simulations 200 --out recorded
-    frenetic calibrate recorded --driver stanley --vehicle name=metadrive --fit ... --out PROFILE
+    frenetic calibrate recorded --driver stanley --vehicle metadrive --fit ... --out PROFILE
 
 The drives that the profile was fitted to are not counted: compare with ``frenetic run`` of so many
 more simulations, too.

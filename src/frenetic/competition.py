@@ -96,15 +96,10 @@ class Generator:
         except ValueError as error:
             raise RuntimeError(f"{OPTIONS} is {os.environ[OPTIONS]!r}: {error}") from None
         words += ["--strategy", ",".join([self.strategy, *settings])]
+        options, budget = " ".join(settings) or "by default", self._budget.totals or "unknown"
         logger.info(
-            "%s starts: seed %s, %s, map of %g m, %s, campaign in %s",
-            name,
-            seed,
-            f"options {' '.join(settings)}" if settings else "default options",
-            self._map_size,
-            ", ".join(f"{key} {total:g} s" for key, total in self._budget.totals.items())
-            or "unknown time budget",
-            folder,
+            f"{name} starts: seed {seed}, options {options}, map of {self._map_size:g} m,"
+            f" budget {budget}, campaign in {folder}"
         )
         try:
             with _Search(words) as search:
@@ -146,16 +141,9 @@ class Generator:
         self._answers[str(answer)] += 1
         moobd = least_oob_distance(records)
         is_driven = str(answer) in ("PASS", "FAIL")
-        logger.log(
-            logging.INFO if is_driven and moobd is not None else logging.WARNING,
-            "road %d: %s, %s, %s",
-            road["id"],
-            answer,
-            "nothing is learnt without an oob distance"
-            if moobd is None
-            else f"MOOBD {moobd:.2f} m",
-            description,
-        )
+        learnt = "nothing is learnt" if moobd is None else f"MOOBD {moobd:.2f} m"
+        level = logging.WARNING if moobd is None or not is_driven else logging.INFO
+        logger.log(level, "road %d: %s, %s, %s", road["id"], answer, learnt, description)
         if not is_driven:
             return {"outcome": "ERROR", "reason": f"{answer}: {description}"}
         told: dict[str, Any] = {"outcome": str(answer), "reason": str(description or "")}

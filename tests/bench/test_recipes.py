@@ -50,9 +50,8 @@ def test_a_recipe_makes_an_entrant_of_its_files(name: str, tmp_path: Path) -> No
     folder = checkout(recipe, tmp_path)
     entrant = recipe.entrant(folder)
     assert entrant.name == recipe.title
-    assert entrant.absolute().source() is not None  # so its file is found
+    assert entrant.source() is not None  # so its file is found
     assert entrant.copy is None or entrant.path is not None
-    assert recipe.as_json()["name"] == name
     for needed, what in recipe.files.items():
         (folder / needed).unlink()
         with pytest.raises(FreneticError) as caught:
@@ -72,7 +71,7 @@ def test_a_generator_that_keeps_its_last_seconds_free_needs_dearer_drives(tmp_pa
     bench = Bench(
         entrants=(recipe.entrant(folder),),
         terms=Terms(
-            simulator=EmbeddedSimulator(), driver=Planner(), budget=120.0, seconds_per_test=40.0
+            simulator=EmbeddedSimulator(), driver=Planner(), simulations=3, seconds_per_test=40.0
         ),
         repeats=1,
         folder=tmp_path / "bench",
@@ -80,8 +79,3 @@ def test_a_generator_that_keeps_its_last_seconds_free_needs_dearer_drives(tmp_pa
     (end,) = bench.run()
     assert end.ending is not None
     assert (end.ending.end, end.ending.detail) == (End.OVER, "")
-
-
-def test_an_unknown_name_is_met_with_the_known_ones() -> None:
-    with pytest.raises(FreneticError, match=r"generator 'optangle'; did you mean 'optangle-2024'"):
-        find_recipe("optangle")

@@ -104,7 +104,7 @@ def test_it_searches_with_the_benchs_executor_and_seed(tmp_path: Path) -> None:
     configuration = package / "test_generators" / "configs" / "latent_lkas_test_generator.yaml"
     configuration.parent.mkdir()
     configuration.write_text('{"nDim": 8, "model_path": "model.pt"}', encoding="utf-8")
-    terms = Terms(simulator=EmbeddedSimulator(), driver=Planner(), budget=3 * 36.0)
+    terms = Terms(simulator=EmbeddedSimulator(), driver=Planner(), simulations=3)
     roads = []
     for name in ("one", "again"):
         entrant = find_recipe("rilast-2025").entrant(package.parent)

@@ -58,8 +58,8 @@ CALLS: Final = {
         " driver simulator"
     ),
     "drive bend.json --dry": "road valid message",
-    "calibrate c --driver planner --fit braking --evaluations 1 --folds 2 --workers 1": (
-        "name driven lane_width parts fitted recordings validation fit"
+    "calibrate c --driver planner --fit braking --evaluations 1 --workers 1": (
+        "name driven lane_width fitted recordings validation settings loss"
     ),
     "bench --strategy random --simulations 3 --repeats 1 --workers 1 --out b": (
         "groups measures notes order runs"

@@ -20,8 +20,8 @@ from frenetic.road import Road
 from frenetic.search import RandomSearch
 from frenetic.simulators.embedded import EmbeddedSimulator, Vehicle
 from frenetic.spec import Part, Spec
-from frenetic.twin.calibration import Asked, Model
-from frenetic.twin.ranking import Twin
+from frenetic.twin import Twin
+from frenetic.twin.calibration import Model
 
 if TYPE_CHECKING:
     from command_line import Frenetic
@@ -104,17 +104,17 @@ def test_a_twin_that_ranks_has_its_car() -> None:
     brought, chosen = (
         Twin.of(Spec(driver=Part("beamng-ai"), simulator=Part("embedded", options)))
         .prospect("bend", BEND)
-        .moobd
+        .score
         for options in ({}, {"vehicle": "etk800"})
     )
     assert brought == chosen
 
 
 def test_a_twin_of_it_begins_with_its_car() -> None:
-    model = Model.of("beamng-ai", [Asked("aiming_point")], vehicle={"mass": 1600.0})
+    model = Model.of("beamng-ai", ["aiming_point"], vehicle={"mass": 1600.0})
     _, simulator = model.make({}, Rules())
     assert simulator.vehicle == replace(Vehicle.named("etk800"), mass=1600.0)
-    chosen = Model.of("beamng-ai", [Asked("aiming_point")], vehicle={"name": "default"})
+    chosen = Model.of("beamng-ai", ["aiming_point"], vehicle={"name": "default"})
     assert chosen.make({}, Rules())[1].vehicle == Vehicle()
 
 

@@ -12,11 +12,11 @@ import pytest
 from frenetic.errors import RoadError
 from frenetic.outcome import Outcome
 from frenetic.road import Road
+from frenetic.road.files import find_roads
 from frenetic.road.opendrive import to_opendrive
-from frenetic.simulators import Rules
 from frenetic.spec import Part, Spec
+from frenetic.twin import Prospect, rank
 from frenetic.twin.profile import Profile
-from frenetic.twin.ranking import Prospect, find_roads, rank
 
 if TYPE_CHECKING:
     from command_line import Frenetic
@@ -47,7 +47,7 @@ def roads(tmp_path: Path) -> Path:
 def prospect(name: str, share: float, moobd: float, *at: float, side: str = "left") -> Prospect:
     approach = np.array(at) if at else None
     kind = Outcome.FAIL if share > 0.95 else Outcome.PASS
-    return Prospect(name, 100.0, kind, "so", share, moobd, 50.0, side, approach)  # type: ignore[arg-type]
+    return Prospect(name, 100.0, kind, "so", (share, -moobd), 50.0, side, approach)  # type: ignore[arg-type]
 
 
 def test_the_largest_share_comes_first_then_the_lowest_moobd() -> None:
@@ -58,8 +58,7 @@ def test_the_largest_share_comes_first_then_the_lowest_moobd() -> None:
         prospect("worst", 0.2, 0.9, 99.0),
     )
     ranked = rank([broken, mild, worst, worse])
-    assert [one.prospect.name for one in ranked] == ["worst", "worse", "mild", "broken"]
-    assert [one.rank for one in ranked] == [1, 2, 3, 4]
+    assert [one.name for one, _ in ranked] == ["worst", "worse", "mild", "broken"]
 
 
 def test_roads_that_promise_the_same_are_named_and_left_out_of_the_top() -> None:
@@ -70,12 +69,9 @@ def test_roads_that_promise_the_same_are_named_and_left_out_of_the_top() -> None
         prospect("other place", 0.8, -0.5, 2.1),
         Prospect("broken", 100.0, Outcome.ERROR, "it broke"),
     ]
-    assert [one.like for one in rank(prospects)] == [None, 1, None, None, None]
-    top = rank(prospects, 5)
-    assert [one.prospect.name for one in top] == ["a", "other side", "other place"]
-    assert [one.prospect.name for one in rank(prospects, 1)] == ["a"]
-    with pytest.raises(ValueError, match="top is 0"):
-        rank(prospects, 0)
+    assert [like for _, like in rank(prospects)] == [None, 1, None, None, None]
+    assert [one.name for one, _ in rank(prospects, 5)] == ["a", "other side", "other place"]
+    assert [one.name for one, _ in rank(prospects, 1)] == ["a"]
 
 
 def test_folders_are_searched_and_what_holds_no_road_is_told(roads: Path, tmp_path: Path) -> None:
@@ -131,17 +127,6 @@ def test_roads_are_ranked_by_what_drive_says_of_them(frenetic: Frenetic, roads: 
     assert by_name["sharp"]["side"] != by_name["mirrored"]["side"]
 
 
-def test_the_twin_of_a_profile_ranks(frenetic: Frenetic, roads: Path) -> None:
-    options = ("--driver", "stanley,aggression=3", "--speed-limit", "90")
-    spec = Spec(driver=Part("stanley", {"aggression": 3.0}), rules=Rules(speed_limit=90.0))
-    twin = Profile.of("twin", spec)
-    twin.write(Path("twin.json"))
-    sharp = str(roads / "sharp.json")
-    by_profile = frenetic("rank", sharp, "--as", "twin.json", "--json").json
-    assert by_profile == frenetic("rank", sharp, *options, "--json").json
-    assert by_profile != frenetic("rank", sharp, "--json").json
-
-
 def test_the_table_the_top_and_invalid_roads(frenetic: Frenetic, roads: Path) -> None:
     answer = frenetic("rank", str(roads), *FAST, "--top", "9")
     assert answer.code == 0
@@ -154,6 +139,10 @@ def test_the_table_the_top_and_invalid_roads(frenetic: Frenetic, roads: Path) ->
     assert tolerant["outcome"] in ("PASS", "FAIL")
     (anyway,) = frenetic("rank", circle, "--anyway", "--json").json
     assert anyway["outcome"] in ("PASS", "FAIL")
+    Profile.of("twin", Spec(driver=Part("stanley", {"aggression": 3.0}))).write("twin.json")
+    by_profile = frenetic("rank", sharp, "--as", "twin.json", "--json").json
+    assert by_profile == frenetic("rank", sharp, "--driver", "stanley,aggression=3", "--json").json
+    assert by_profile != frenetic("rank", sharp, "--json").json
 
 
 def test_a_named_file_without_a_road_is_a_mistake_that_keeps_the_others(

@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING, Any
 import grpc
 import pytest
 
-import frenetic.twin.ranking.service
+import frenetic.twin.service
 from frenetic.drivers import Planner, Stanley
 from frenetic.errors import FreneticError
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.simulators import Rules
 from frenetic.spec import Part, Spec
+from frenetic.twin import Prospect, Twin
 from frenetic.twin.profile import Profile
-from frenetic.twin.ranking import Prospect, Twin
-from frenetic.twin.ranking.service import CompetitionTool, serving
+from frenetic.twin.service import CompetitionTool, serving
 
 if TYPE_CHECKING:
     from command_line import Frenetic
@@ -47,7 +47,7 @@ def twin() -> Iterator[Twin]:
 
 
 def case(name: str, points: Iterable[tuple[float, float]]) -> bytes:
-    messages = frenetic.twin.ranking.service._messages()
+    messages = frenetic.twin.service._messages()
     numbered = [
         messages["RoadPoint"](sequenceNumber=i, x=x, y=y) for i, (x, y) in enumerate(points)
     ]
@@ -80,7 +80,7 @@ def test_an_evaluator_is_answered(twin: Twin) -> None:
 def known(tool: CompetitionTool, *tests: tuple[float, bool]) -> CompetitionTool:
     """The tool, initialised with tests of this largest share that failed or not."""
     answers = {
-        str(i): Prospect(str(i), 90.0, Outcome.PASS, "so", share, 1.0)
+        str(i): Prospect(str(i), 90.0, Outcome.PASS, "so", (share, -1.0))
         for i, (share, _) in enumerate(tests)
     }
     tool._prospect = lambda name, points: answers[name]  # type: ignore[method-assign]
@@ -104,13 +104,10 @@ def test_known_tests_say_from_where_on_is_selected(
     assert tool.select((str(i), None) for i in range(len(tests))) == selected
 
 
-def test_a_port_that_is_taken_is_a_mistake(twin: Twin, frenetic: Frenetic) -> None:
+def test_mistakes(twin: Twin, frenetic: Frenetic) -> None:
     with serving(CompetitionTool(twin), port=0) as port:
         answer = frenetic("rank", "--serve", str(port))
     assert answer.refuses(f"cannot listen at 127.0.0.1:{port}", "another port")
-
-
-def test_a_wrong_address_is_a_mistake(frenetic: Frenetic) -> None:
     for address in ("no", "70000", "host:", "road.json"):
         assert frenetic("rank", "--serve", address).refuses("is not [HOST:]PORT", "0.0.0.0:4545")
     assert frenetic("rank", "a.json", "--serve", "0").refuses("gets its roads from an evaluator")
@@ -128,7 +125,7 @@ def test_the_command_serves_in_the_competitions_setting(
         told.append((host, port))
         return serving(tool, host, 0)
 
-    monkeypatch.setattr("frenetic.twin.ranking.service.serving", served)
+    monkeypatch.setattr("frenetic.twin.service.serving", served)
     monkeypatch.setattr("frenetic.twin.commands.rank.until_interrupted", lambda: None)
     answer = frenetic("rank", "--json", "--serve")
     assert json.loads(answer.out)["host"] == "127.0.0.1"
@@ -158,6 +155,6 @@ def test_the_command_serves_in_the_competitions_setting(
 
 def test_without_grpc_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "grpc", None)
-    monkeypatch.delitem(sys.modules, "frenetic.twin.ranking.service")
+    monkeypatch.delitem(sys.modules, "frenetic.twin.service")
     with pytest.raises(FreneticError, match=r'pip install "\.\[service\]"'):
-        importlib.import_module("frenetic.twin.ranking.service")
+        importlib.import_module("frenetic.twin.service")

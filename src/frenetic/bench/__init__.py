@@ -11,21 +11,21 @@ from typing import TYPE_CHECKING
 from frenetic._support.public_names import lazy_names
 
 if TYPE_CHECKING:
-    from frenetic.bench.bench import Bench, BenchProgress, new_folder, read_bench
+    from frenetic.bench.bench import Bench
     from frenetic.bench.entrants import Entrant
-    from frenetic.bench.file import BenchFile
+    from frenetic.bench.file import BenchFile, open_bench
     from frenetic.bench.recipes import RECIPES, Recipe, find_recipe
-    from frenetic.bench.runs import Run, RunState, Terms, run_entrant
+    from frenetic.bench.runs import Run, RunState, Terms
     from frenetic.bench.strategy import End, Ending
 
 __getattr__ = lazy_names(
     __name__,
     {
-        "frenetic.bench.bench": ("Bench", "BenchProgress", "new_folder", "read_bench"),
+        "frenetic.bench.bench": ("Bench",),
         "frenetic.bench.entrants": ("Entrant",),
-        "frenetic.bench.file": ("BenchFile",),
+        "frenetic.bench.file": ("BenchFile", "open_bench"),
         "frenetic.bench.recipes": ("RECIPES", "Recipe", "find_recipe"),
-        "frenetic.bench.runs": ("Run", "RunState", "Terms", "run_entrant"),
+        "frenetic.bench.runs": ("Run", "RunState", "Terms"),
         "frenetic.bench.strategy": ("End", "Ending"),
     },
 )
@@ -34,7 +34,6 @@ __all__ = [
     "RECIPES",
     "Bench",
     "BenchFile",
-    "BenchProgress",
     "End",
     "Ending",
     "Entrant",
@@ -43,7 +42,5 @@ __all__ = [
     "RunState",
     "Terms",
     "find_recipe",
-    "new_folder",
-    "read_bench",
-    "run_entrant",
+    "open_bench",
 ]

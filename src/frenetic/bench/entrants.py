@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +16,9 @@ from frenetic._support.words import part_word
 from frenetic.errors import FreneticError
 
 RESERVED = frozenset(
-    {"bench", "index", "table", "con", "prn", "aux", "nul"}
-    | {f"{port}{number}" for port in ("com", "lpt") for number in range(10)}
+    {"con", "prn", "aux", "nul"} | {f"{port}{i}" for port in ("com", "lpt") for i in range(10)}
 )
-"""Names of a bench's own files, and those that Windows reserves; with any suffix."""
+"""Names that Windows reserves."""
 PLACES = ("path", "copy", "pipeline", "python")
 """Options of a generator."""
 _PIPELINE = ("code_pipeline/executors.py", "self_driving/simulation_data.py")
@@ -30,7 +29,7 @@ LONGEST_NAME = 60
 
 @dataclass(frozen=True, kw_only=True)
 class Entrant:
-    """A participant of a bench. Its paths may be texts, too."""
+    """A participant of a bench. Its paths may be texts, too; they become absolute."""
 
     name: str
     """Name in tables and folders."""
@@ -51,39 +50,47 @@ class Entrant:
     """Options of a strategy."""
 
     def __post_init__(self) -> None:
-        for name in PLACES:
-            if (given := getattr(self, name)) is not None:
-                object.__setattr__(self, name, Path(given))
         if not self.name.strip() or len(self.name) > LONGEST_NAME or not self.name.isprintable():
             raise FreneticError(
                 f"the name {self.name!r} cannot be used: 1 to {LONGEST_NAME} printable characters"
                 " are needed"
             )
+        if self.is_strategy:
+            if any(getattr(self, name) is not None for name in PLACES):
+                places = " and no ".join(PLACES)
+                raise FreneticError(f"{self.name} is a strategy: it takes no {places}")
+            return
         module, colon, kind = self.spec.rpartition(":")
-        if not self.is_strategy and not (module and colon and kind.isidentifier()):
+        if not (module and colon and kind.isidentifier()):
             raise FreneticError(
                 f"the generator {self.spec!r} is not package.module:Class or path/to/file.py:Class"
                 + ("" if colon else ": add the class, such as file.py:Class")
             )
-        if self.is_strategy and any(getattr(self, name) is not None for name in PLACES):
-            raise FreneticError(f"{self.name} is a strategy: it takes no {' and no '.join(PLACES)}")
-        if not self.is_strategy and self.options:
+        if self.options:
             raise FreneticError(f"{self.name} is a generator: only strategies have options")
-        for folder in (self.path, self.copy, self.pipeline):
-            if folder is not None and not folder.is_dir():
+        for name in ("path", "copy", "pipeline"):
+            if (folder := getattr(self, name)) is None:
+                continue
+            if not Path(folder).is_dir():
                 raise FreneticError(f"{self.name}: there is no folder {str(folder)!r}")
-        if self.python is not None and not self.python.is_file():
-            raise FreneticError(f"{self.name}: there is no interpreter {str(self.python)!r}")
+            object.__setattr__(self, name, Path(folder).resolve())
+        if self.python is not None:
+            if not Path(self.python).is_file():
+                raise FreneticError(f"{self.name}: there is no interpreter {str(self.python)!r}")
+            # Not resolved: the interpreter of a virtual environment must stay a link.
+            object.__setattr__(self, "python", Path(self.python).absolute())
+        place = self.path or self.copy or Path.cwd()
+        if module.endswith(".py"):
+            file = Path(module).expanduser()
+            file = (file if file.is_file() else place / file).resolve()
+            object.__setattr__(self, "spec", f"{file}:{kind}")
+        elif self.copy is None:
+            object.__setattr__(self, "path", place)
 
     @property
     def module(self) -> str:
         """Module or file of a generator; a file as an absolute path."""
-        module = self.spec.rpartition(":")[0]
-        if not module.endswith(".py"):
-            return module
-        folder = self.path or self.copy or Path.cwd()
-        file = Path(module).expanduser()
-        return str(file.resolve() if file.is_file() else (folder / file).resolve())
+        return self.spec.rpartition(":")[0]
 
     @property
     def class_name(self) -> str:
@@ -95,7 +102,7 @@ class Entrant:
         """Folder with a generator's modules of the pipeline; None if it has none of its own."""
         if self.pipeline is not None:
             return self.pipeline
-        place = (self.path or self.copy or Path(self.module).parent).resolve()
+        place = self.path or self.copy or Path(self.module).parent
         for folder in (place, *place.parents):
             if all((folder / module).is_file() for module in _PIPELINE):
                 return folder
@@ -121,24 +128,7 @@ class Entrant:
     @property
     def code(self) -> tuple[str, Mapping[str, Any]]:
         """What `frenetic.trust` knows it by."""
-        one = self.absolute()
-        return one.spec, one.options if one.is_strategy else {"source": one.source()}
-
-    def absolute(self) -> Entrant:
-        """The same entrant for any folder; a generator's modules may lie in the current one."""
-        if self.is_strategy:
-            return self
-        is_file = self.module.endswith(".py")
-        path = self.path if self.path is not None or is_file or self.copy is not None else Path()
-        return replace(
-            self,
-            spec=f"{self.module}:{self.class_name}" if is_file else self.spec,
-            path=None if path is None else path.resolve(),
-            copy=None if self.copy is None else self.copy.resolve(),
-            pipeline=None if self.pipeline is None else self.pipeline.resolve(),
-            # Not resolved: the interpreter of a virtual environment must stay a link.
-            python=None if self.python is None else self.python.absolute(),
-        )
+        return self.spec, self.options if self.is_strategy else {"source": self.source()}
 
     def source(self) -> str | None:
         """A digest of a generator's own file, None if that cannot be read."""
@@ -171,11 +161,6 @@ def require_trusted(
         trust.require({entrant.kind: entrant.code}, source, named)
 
 
-def read_path(kind: type, value: str) -> Path:
-    """Decoder hook of msgspec for an entrant's paths."""
-    return kind(value)  # type: ignore[no-any-return]
-
-
 def folder_names(entrants: Sequence[Entrant]) -> dict[str, str]:
     """Name of each entrant -> name of its folder, valid on every file system.
 
@@ -186,11 +171,9 @@ def folder_names(entrants: Sequence[Entrant]) -> dict[str, str]:
     for entrant in entrants:
         if entrant.name in found:
             raise FreneticError(f"two take part as {entrant.name!r}: give one of them another name")
-        plain = re.sub(r"[^A-Za-z0-9._-]+", "-", entrant.name).strip("-. ").lower() or "entrant"
-        if plain.partition(".")[0] in RESERVED:
-            plain = f"entrant-{plain}"
+        plain = re.sub(r"[^A-Za-z0-9_-]+", "-", entrant.name).strip("-").lower() or "entrant"
         folder, number = plain, 2
-        while folder in found.values():
+        while folder in RESERVED or folder in found.values():
             folder, number = f"{plain}-{number}", number + 1
         found[entrant.name] = folder
     return found

@@ -9,20 +9,18 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from frenetic._support.bounds import Count, Index, Positive
 from frenetic._support.words import parse_duration, read_part
-from frenetic.bench.bench import Bench
-from frenetic.bench.entrants import PLACES, Entrant
+from frenetic.bench.bench import FILE, Bench, read_record
+from frenetic.bench.entrants import PLACES, Entrant, require_trusted
 from frenetic.bench.recipes import find_recipe
 from frenetic.bench.runs import Terms
 from frenetic.errors import FreneticError
 from frenetic.registry import STRATEGIES
-from frenetic.run_file import DriveFile
+from frenetic.run_file import DriveFile, read_file
 from frenetic.spec import Spec
-
-SIMULATIONS: Final = 200
 
 
 class BenchFile(DriveFile, kw_only=True):
@@ -32,14 +30,10 @@ class BenchFile(DriveFile, kw_only=True):
     """As on the command line: ``"wiggly.py:Wiggly,name=Wiggly"``."""
     strategy: tuple[str, ...] = ()
     """Likewise; all built-in ones if there is no entrant at all."""
-    simulations: Count | None = None
-    """Budget of each run, in drives; 200 if there is no `time`."""
-    time: Positive | str | None = None
-    """Budget of each run in virtual time: s, or a text such as ``"2h"``."""
+    simulations: Count = 200
+    """Budget of each run, in drives."""
     seconds_per_test: Positive = 36.0
     """Virtual time that a drive costs, in s."""
-    count_computing: bool = False
-    """Whether a generator's own time costs budget, too."""
     patience: Positive | str = "10m"
     """A generator that asks for no test so long is ended."""
     repeats: Count = 10
@@ -65,16 +59,12 @@ class BenchFile(DriveFile, kw_only=True):
             ValueError: an entry is wrong.
             FreneticError: a part cannot be made, or a value is out of range.
         """
-        if self.simulations is not None and self.time is not None:
-            raise ValueError("simulations and time exclude each other: both are the budget")
-        drives = self.simulations or SIMULATIONS
         return Bench(
             entrants=self.entrants(),
             terms=Terms.of(
                 spec,
-                budget=parse_duration(self.time) if self.time else drives * self.seconds_per_test,
+                simulations=self.simulations,
                 seconds_per_test=self.seconds_per_test,
-                counts_computing=self.count_computing,
                 patience=parse_duration(self.patience),
                 objective=spec.objective,
             ),
@@ -124,3 +114,25 @@ def _read(text: str) -> tuple[str, dict[str, Any], str | None]:
         raise ValueError(f"{text}: a name is needed before the options")
     name = options.pop("name", None)
     return spec, options, None if name is None else str(name)
+
+
+def open_bench(folder: Path | str) -> Bench:
+    """The bench in a folder, by its file.
+
+    Raises:
+        FreneticError: there is none, it is damaged, it names code that is not loaded unasked
+            (`frenetic.trust`), or it was begun from Python.
+    """
+    path = Path(folder) / FILE
+    if "driver" not in read_record(folder).entries:
+        raise FreneticError(
+            f"{folder} was begun from Python, so its driver and simulator have no names: go on"
+            " from Python"
+        )
+    spec, entries = read_file(path, BenchFile, "a bench")
+    spec.require_trusted(path)
+    try:
+        require_trusted(entries.entrants(), path)
+        return entries.bench(spec, folder)
+    except ValueError as error:
+        raise FreneticError(f"{path}: {error}") from None

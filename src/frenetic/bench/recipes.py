@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-from msgspec import convert
+from msgspec import Struct, convert, field
 
 from frenetic.bench.entrants import Entrant
 from frenetic.errors import FreneticError, UnknownNameError
@@ -20,8 +19,7 @@ from frenetic.registry import hint
 _ADAPTERS: Final = Path(__file__).parent / "hosting" / "adapters"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Recipe:
+class Recipe(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A published generator."""
 
     name: str
@@ -41,7 +39,7 @@ class Recipe:
     """Folder with the pipeline's modules if it is none around the generator, likewise."""
     packages: tuple[str, ...] = ()
     """What it needs beside numpy, scipy, shapely and matplotlib, in the versions that ran."""
-    files: Mapping[str, str] = field(default_factory=dict)
+    files: dict[str, str] = field(default_factory=dict)
     """File that has to be added -> what it is."""
     seconds_per_test: float = 0.0
     """Least virtual time of a drive with which it runs, in s."""
@@ -86,10 +84,6 @@ class Recipe:
         if self.seconds_per_test:
             needs.append(f"{self.seconds_per_test:g} s per test")
         return "; ".join(filter(None, (", ".join(needs), self.note)))
-
-    def as_json(self) -> dict[str, Any]:
-        """The recipe as a JSON object."""
-        return {**vars(self), "packages": list(self.packages), "files": dict(self.files)}
 
     def check(self, seconds_per_test: float) -> None:
         """Checks the cost of a drive.

@@ -10,7 +10,7 @@ from typing import Final
 from frenetic._support.words import format_duration
 from frenetic.analysis.comparison import Comparison
 from frenetic.analysis.tables import write_table
-from frenetic.bench.bench import Bench, unusual_endings
+from frenetic.bench.bench import Bench
 from frenetic.report.html.blocks import Fact
 from frenetic.report.html.comparison import write_comparison_page
 
@@ -43,16 +43,14 @@ def write_results(bench: Bench, comparison: Comparison) -> Path:
 
 def _terms(bench: Bench) -> Iterator[Fact]:
     terms = bench.terms
-    counted = "counts" if terms.counts_computing else "is free"
+    budget = format_duration(terms.simulations * terms.seconds_per_test)
     yield Fact(
         "virtual clock",
-        f"{format_duration(terms.budget)}, of which each simulation costs"
-        f" {terms.seconds_per_test:g} s; the time that a generator takes itself {counted}",
+        f"{budget}, of which each simulation costs {terms.seconds_per_test:g} s; the time that a"
+        " generator takes itself is free",
     )
     yield Fact("seeds", f"{bench.seed} to {bench.seed + bench.repeats - 1}")
     for entrant in bench.entrants:
         kind = "strategy" if entrant.is_strategy else "generator"
         options = ", ".join(f"{name}={value}" for name, value in entrant.options.items())
         yield Fact(entrant.name, f"{kind} {entrant.spec}{' with ' if options else ''}{options}")
-    for name, told in unusual_endings(bench.states()).items():
-        yield Fact(f"ends of {name}", told)

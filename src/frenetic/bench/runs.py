@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,19 +15,15 @@ import msgspec
 import numpy as np
 
 from frenetic._support.json_value import JSONValue
-from frenetic._support.scalars import take_numpy_scalars
 from frenetic.analysis.sparseness import largest_distances, unlike_lines
 from frenetic.bench.entrants import Entrant
 from frenetic.bench.generator import GeneratorProcess
 from frenetic.bench.hosting.messages import Assignment
 from frenetic.bench.strategy import (
-    ROUNDING,
     End,
     Ending,
     GeneratorStrategy,
-    VirtualTime,
 )
-from frenetic.campaign.asking import ask, tell
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.objective import MOOBD, Objective
@@ -41,10 +36,10 @@ from frenetic.export import export_campaign
 from frenetic.registry import STRATEGIES
 from frenetic.road import MAP_SIZE, Road, check_validity
 from frenetic.road.validity import interpolate, min_radius, overlaps_itself
-from frenetic.search import Candidate, Evaluation, SearchEnded, Strategy
+from frenetic.search import Strategy
 from frenetic.simulators.capabilities import check_pair
 from frenetic.simulators.simulator import Simulator
-from frenetic.spec import Budget, Part, Spec, describe
+from frenetic.spec import Budget, Part, Spec, require_count
 
 COMPETITION: Final = "competition"
 """Folder in a run's with its tests for the competition's tools."""
@@ -54,8 +49,6 @@ RESULTS: Final = "results"
 """Folder in that one that a generator sees as the pipeline's results folder."""
 GENERATOR_LOG: Final = "generator.log"
 """File with the output of a run's generator."""
-MOST_SIMULATIONS: Final = 10_000_000
-"""Simulations of a run."""
 _NEVER_COPIED: Final = (".git", "__pycache__")
 FACT: Final = "bench"
 """Name of the campaign's fact with the end of its run in a bench."""
@@ -69,12 +62,10 @@ class Terms:
 
     simulator: Simulator
     driver: Driver
-    budget: float = 7200.0
-    """Budget in virtual s."""
+    simulations: int = 200
+    """Budget of each run, in drives."""
     seconds_per_test: float = 36.0
-    """Virtual s that each executed test costs."""
-    counts_computing: bool = False
-    """Whether an entrant's own time counts against the budget."""
+    """Virtual s that each executed test costs, as a generator sees it."""
     patience: float = 600.0
     """Wall time that a generator may take between two tests, in s."""
     map_size: float = MAP_SIZE
@@ -101,30 +92,13 @@ class Terms:
         )
 
     def __post_init__(self) -> None:
-        take_numpy_scalars(self)
         check_pair(self.simulator, self.driver)
         Objective.load(self.objective)
-        for name in ("seconds_per_test", "budget", "patience"):
+        require_count("simulations", self.simulations)
+        for name in ("seconds_per_test", "patience"):
             value = getattr(self, name)
             if not 0.0 < value < float("inf"):
                 raise FreneticError(f"{name} is {value}: a positive number of seconds is needed")
-        if not 1.0 <= self.budget / self.seconds_per_test * ROUNDING <= MOST_SIMULATIONS:
-            raise FreneticError(
-                f"a budget of {self.budget:g} s of tests of {self.seconds_per_test:g} s allows"
-                f" {self.budget / self.seconds_per_test:.3g} tests: 1 to {MOST_SIMULATIONS} are"
-                " needed"
-            )
-
-    @property
-    def simulations(self) -> int:
-        """Number of tests that the budget allows."""
-        return math.floor(self.budget / self.seconds_per_test * ROUNDING)
-
-    def clock(self) -> VirtualTime:
-        """A new clock of the budget."""
-        return VirtualTime(
-            self.budget, self.seconds_per_test, counts_computing=self.counts_computing
-        )
 
     def tester(self) -> RoadTester:
         """Tests roads on these terms."""
@@ -182,22 +156,28 @@ def run_entrant(run: Run, terms: Terms, on_progress: OnProgress | None = None) -
     Raises:
         FreneticError: the simulator does not start, or the folder cannot be written.
     """
-    _clear(run.folder)
-    clock = terms.clock()
+    try:
+        if run.folder.is_dir():  # the remains of an interrupted run
+            shutil.rmtree(run.folder)
+    except OSError as error:
+        raise FreneticError(
+            f"{run.folder} cannot be cleared for a new run: {error.strerror or error}"
+        ) from None
+    facts: dict[str, Any] = {"seconds_per_test": terms.seconds_per_test}
     if run.entrant.is_strategy:
-        ending = _search(_campaign_of_strategy(run, terms, clock), on_progress)
-        if clock.is_over:
-            ending = None
+        available = {"seed": run.seed, "map_size": terms.map_size}
+        own: Strategy = STRATEGIES.make_from(run.entrant.spec, run.entrant.options, available)
+        ending = _search(_campaign(run, terms, own), on_progress)
     else:
-        with hosted(run, terms, clock) as strategy:
+        with hosted(run, terms) as strategy:
             campaign = _campaign(run, terms, strategy)
             campaign.description["strategy"] = _described(run)
             ending = _search(campaign, on_progress)
             if ending is None or ending.end is not End.GAVE_UP:
                 ending = strategy.dismiss()
+        facts["strategy_seconds"] = round(strategy.computing, 4)
     ending = ending or Ending(End.OVER)
-    own_time = {} if run.entrant.is_strategy else {"strategy_seconds": round(clock.computing, 4)}
-    _note(run.folder, seconds_per_test=terms.seconds_per_test, **own_time)
+    _note(run.folder, **facts)
     export_campaign(run.folder, "competition", run.folder / COMPETITION, trajectories="failures")
     _note(run.folder, **{FACT: ending.as_json()})  # last, since it marks the run as complete
     return ending
@@ -225,37 +205,14 @@ def ending_of(folder: Path) -> Ending | None:
         return None
 
 
-def _clear(folder: Path) -> None:
-    """Removes the remains of an interrupted run."""
-    if not folder.is_dir():
-        return
-    try:
-        shutil.rmtree(folder)
-    except OSError as error:
-        raise FreneticError(
-            f"{folder} cannot be cleared for a new run: {error.strerror or error}"
-        ) from None
-
-
-def _campaign_of_strategy(run: Run, terms: Terms, clock: VirtualTime) -> Campaign:
-    available = {"seed": run.seed, "map_size": terms.map_size}
-    strategy: Strategy = STRATEGIES.make_from(run.entrant.spec, run.entrant.options, available)
-    campaign = _campaign(run, terms, strategy)
-    if clock.counts_computing:
-        campaign.description["strategy"] = describe(strategy)
-        campaign.strategy = _Clocked(strategy, clock)
-    return campaign
-
-
 @contextmanager
-def hosted(run: Run, terms: Terms, clock: VirtualTime) -> Iterator[GeneratorStrategy]:
+def hosted(run: Run, terms: Terms) -> Iterator[GeneratorStrategy]:
     """A generator in its own process; its ``ending`` tells if it could not be built.
 
     Args:
         run: the generator, the seed of `random` and numpy in its process, and the folder for its
             working directory and output.
         terms: those of the bench.
-        clock: of its budget.
 
     Raises:
         OSError: its folder cannot be copied, or its process cannot be started.
@@ -272,7 +229,12 @@ def hosted(run: Run, terms: Terms, clock: VirtualTime) -> Iterator[GeneratorStra
     )
     with process:
         strategy = GeneratorStrategy(
-            process, terms.tester(), clock, patience=terms.patience, seed=run.seed
+            process,
+            terms.tester(),
+            simulations=terms.simulations,
+            seconds_per_test=terms.seconds_per_test,
+            patience=terms.patience,
+            seed=run.seed,
         )
         strategy.start()
         yield strategy
@@ -287,23 +249,20 @@ def try_out(entrant: Entrant, terms: Terms, seed: int) -> None:
     with TemporaryDirectory(prefix="frenetic-bench-", ignore_cleanup_errors=True) as place:
         folder = Path(place)
         try:
-            with hosted(Run(entrant, 1, seed, folder), terms, terms.clock()) as strategy:
+            with hosted(Run(entrant, 1, seed, folder), terms) as strategy:
                 ending = strategy.ending
         except OSError as error:
             why = str(error.strerror or error)[:300]  # copying lists every file
             raise FreneticError(f"{entrant.name} cannot be started: {why}") from None
         if ending is None:
             return
-        printed = (folder / GENERATOR_LOG).read_text(encoding="utf-8", errors="replace")
-    is_lost = not ending.detail or ending.detail.startswith("its process")
-    last = printed.strip().splitlines()[-1:] if is_lost else []
-    needs = ""
-    if is_lost and entrant.python is not None:
-        needs = "; its interpreter needs Python 3.9 or newer, numpy 1.21 or newer and scipy"
+        log = (folder / GENERATOR_LOG).read_text(encoding="utf-8", errors="replace")
+    printed = log.strip().splitlines()[-1:] if ending.detail.startswith("its process") else []
+    needs = "; its interpreter needs Python 3.9 or newer, numpy 1.21 or newer and scipy"
     raise FreneticError(
         f"{entrant.name} cannot be built: {ending.detail or ending.end}"
-        + "".join(f" ({line[:200]})" for line in last)
-        + needs
+        + "".join(f" ({line[:200]})" for line in printed)
+        + (needs if printed and entrant.python is not None else "")
     )
 
 
@@ -338,13 +297,12 @@ def assignment(run: Run, terms: Terms) -> Assignment:
     return Assignment(
         module=str(_copied(Path(entrant.module), entrant, work)) if is_file else entrant.module,
         class_name=entrant.class_name,
-        path=None if path is None else str(_copied(path.resolve(), entrant, work)),
+        path=None if path is None else str(_copied(path, entrant, work)),
         pipeline=None if pipeline is None else str(_copied(pipeline, entrant, work)),
         seed=run.seed % 2**32,  # more bits than those no generator of numbers takes
         map_size=int(size) if size == int(size) else size,
-        time_budget=terms.budget,
+        time_budget=terms.simulations * terms.seconds_per_test,
         seconds_per_test=terms.seconds_per_test,
-        counts_computing=terms.counts_computing,
         oob_tolerance=rules.oob_tolerance,
         speed_limit=rules.speed_limit,
         result_folder=str(work / RESULTS),
@@ -353,8 +311,8 @@ def assignment(run: Run, terms: Terms) -> Assignment:
 
 def _copied(place: Path, entrant: Entrant, work: Path) -> Path:
     """A generator's file or folder, in the copy if there is one of it."""
-    if entrant.copy is not None and place.is_relative_to(entrant.copy.resolve()):
-        place = work / place.relative_to(entrant.copy.resolve())
+    if entrant.copy is not None and place.is_relative_to(entrant.copy):
+        place = work / place.relative_to(entrant.copy)
     return place
 
 
@@ -378,7 +336,8 @@ def _copy(source: Path, target: Path) -> None:
 
 
 def _campaign(run: Run, terms: Terms, strategy: Strategy) -> Campaign:
-    budget: JSONValue = {"time": terms.budget, "seconds_per_test": terms.seconds_per_test}
+    time = terms.simulations * terms.seconds_per_test
+    budget: JSONValue = {"time": time, "seconds_per_test": terms.seconds_per_test}
     entrant: JSONValue = {**run.entrant.as_json(), "budget": budget}
     campaign = Campaign(
         strategy=strategy,
@@ -406,33 +365,8 @@ def _search(campaign: Campaign, on_progress: OnProgress | None) -> Ending | None
     try:
         summary = campaign.run(on_event=say)
     except StrategyError as error:
-        _finish(campaign, str(error))
+        with CampaignStore.open(campaign.folder, readonly=False) as store:  # it is never resumed
+            seconds = round(store.elapsed(), 3)
+            store.finish(seconds=seconds, interrupted=False, ended=str(error))
         return Ending(End.GAVE_UP, str(error))
     return Ending(End.RETURNED, summary.ended) if summary.ended else None
-
-
-def _finish(campaign: Campaign, reason: str) -> None:
-    """Marks a campaign that gave up as finished: it is never resumed."""
-    with CampaignStore.open(campaign.folder, readonly=False) as store:
-        store.finish(seconds=round(store.elapsed(), 3), interrupted=False, ended=reason)
-
-
-class _Clocked(Strategy):
-    """A strategy whose own time counts against a virtual budget."""
-
-    def __init__(self, strategy: Strategy, clock: VirtualTime) -> None:
-        self._strategy = strategy
-        self._clock = clock
-        self._summary = Summary()
-
-    def ask(self) -> Candidate | None:
-        if self._clock.is_over:
-            raise SearchEnded("its own time has used up the budget")
-        candidate = ask(self._strategy, self._summary)
-        self._clock.computing = self._summary.strategy_seconds
-        return candidate
-
-    def tell(self, evaluation: Evaluation) -> None:
-        tell(self._strategy, evaluation, self._summary)
-        self._clock.executed += evaluation.outcome.is_simulated
-        self._clock.computing = self._summary.strategy_seconds

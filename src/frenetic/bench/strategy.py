@@ -26,8 +26,6 @@ from frenetic.road import Road, check_validity
 from frenetic.search import Candidate, Evaluation, Origin, SearchEnded
 from frenetic.search.strategy import Ledger
 
-ROUNDING: Final = 1.0 + 1e-12
-"""Factor by which rounding may exceed a budget."""
 OPERATOR: Final = "generator"
 """Operator in the origin of a generator's roads."""
 
@@ -65,44 +63,13 @@ class Ending:
     end: End
     detail: str = ""
     """One line."""
-    threads: int = 0
-    """Number of threads that it left running."""
 
     def __str__(self) -> str:
         return f"{self.end}: {self.detail}" if self.detail else str(self.end)
 
     def as_json(self) -> dict[str, JSONValue]:
         """The ending as a JSON object."""
-        return {"end": str(self.end), "detail": self.detail, "threads": self.threads}
-
-
-class VirtualTime:
-    """The spent part of a bench's budget: every executed test costs a fixed time.
-
-    Args:
-        budget: virtual s.
-        seconds_per_test: virtual s that each executed test costs.
-        counts_computing: whether a generator's own time counts.
-    """
-
-    def __init__(self, budget: float, seconds_per_test: float, *, counts_computing: bool) -> None:
-        self.budget = budget
-        self.seconds_per_test = seconds_per_test
-        self.counts_computing = counts_computing
-        self.executed = 0
-        self.computing = 0.0
-        """Wall time that the generator took, in s."""
-
-    @property
-    def spent(self) -> float:
-        """Budget in virtual s."""
-        computing = self.computing if self.counts_computing else 0.0
-        return self.executed * self.seconds_per_test + computing
-
-    @property
-    def is_over(self) -> bool:
-        """Whether another test would exceed the budget, so that it does not count."""
-        return self.spent + self.seconds_per_test > self.budget * ROUNDING
+        return {"end": str(self.end), "detail": self.detail}
 
 
 class GeneratorStrategy(ObservingStrategy):
@@ -114,7 +81,8 @@ class GeneratorStrategy(ObservingStrategy):
     Args:
         process: runs the generator; entered already.
         tester: tests its roads.
-        clock: of the budget.
+        simulations: budget in executed tests.
+        seconds_per_test: virtual s that each of them costs.
         patience: s of wall time that the generator may take between two tests.
         seed: of the generator, for the campaign's record.
     """
@@ -123,17 +91,22 @@ class GeneratorStrategy(ObservingStrategy):
         self,
         process: GeneratorProcess,
         tester: RoadTester,
-        clock: VirtualTime,
         *,
+        simulations: int,
+        seconds_per_test: float,
         patience: float,
         seed: int,
     ) -> None:
         self.options = {"seed": seed}
         self.ending: Ending | None = None
         """End of the generator; None while it runs."""
+        self.computing = 0.0
+        """Wall time that the generator took, in s."""
         self._process = process
         self._tester = tester
-        self._clock = clock
+        self._left = simulations
+        self._simulations = simulations
+        self._seconds_per_test = seconds_per_test
         self._patience = patience
         self._ledger = Ledger()
         self._attempt: Attempt | None = None  # that is to be told
@@ -157,7 +130,7 @@ class GeneratorStrategy(ObservingStrategy):
             if message is not None:
                 points = pairs_of(message.get("road_points"))
                 # A refused road costs nothing, even if nothing is left.
-                if not self._clock.is_over or not self._is_valid(points):
+                if self._left > 0 or not self._is_valid(points):
                     return self._candidate(points)
                 self.dismiss()
         assert self.ending is not None
@@ -171,12 +144,12 @@ class GeneratorStrategy(ObservingStrategy):
         """Answers the test."""
         self._ledger.settle(evaluation)
         attempt, self._attempt = self._attempt, None
-        self._clock.executed += evaluation.outcome.is_simulated
+        self._left -= evaluation.outcome.is_simulated
         answer = Answer(
             outcome=str(evaluation.outcome),
             description=WRONG_TYPE if evaluation.candidate.points is None else _reason(attempt),
             records=self._records(evaluation, attempt),
-            spent=self._clock.spent,
+            spent=(self._simulations - self._left) * self._seconds_per_test,
         )
         self._since = time.monotonic()
         with suppress(GeneratorLostError):  # its last words may still wait to be received
@@ -205,9 +178,9 @@ class GeneratorStrategy(ObservingStrategy):
             self.ending = Ending(End.CRASHED, str(error))
             return None
         if message is not None:
-            self._clock.computing += _seconds(message, time.monotonic() - self._since)
+            self.computing += _seconds(message, time.monotonic() - self._since)
         if message is None:
-            left = max(0.0, self._clock.budget - self._clock.spent)
+            left = self._left * self._seconds_per_test
             self.ending = Ending(
                 End.HUNG,
                 f"it asked for no test for {limit:.3g} s, with {left:.3g} s of its budget left",
@@ -223,11 +196,10 @@ class GeneratorStrategy(ObservingStrategy):
             end = End(str(message.get("how")))
         except ValueError:
             end = End.CRASHED
-        threads = message.get("threads")
         detail = " ".join(str(message.get("detail", "")).split())[:450]
-        if self._clock.is_over and (end is End.RETURNED or detail == "exit code 0"):
+        if self._left <= 0 and (end is End.RETURNED or detail == "exit code 0"):
             end, detail = End.OVER, ""
-        return Ending(end, detail, threads if isinstance(threads, int) else 0)
+        return Ending(end, detail)
 
     def _is_valid(self, points: FloatArray | None) -> bool:
         try:

@@ -13,7 +13,7 @@ from typing import Any, Final, ParamSpec, TypeAlias, TypeVar
 import click
 
 from frenetic._support.files import check_writable
-from frenetic._support.words import parse_duration, read_setting
+from frenetic._support.words import parse_duration
 from frenetic.errors import FreneticError
 from frenetic.spec import MAX_WORKERS
 
@@ -119,21 +119,6 @@ def source_arguments(command: Callable[P, R]) -> Callable[P, R]:
         click.argument("test_ids", type=int, nargs=-1, metavar="[ID]..."),
     ]
     return with_options(arguments, command)
-
-
-class Setting(click.ParamType):  # type: ignore[type-arg]
-    """NAME=VALUE for an option of a part; the value is read as JSON if it is some."""
-
-    name = "name=value"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, Any]:
-        """(name, value)."""
-        name, equals, text = str(value).partition("=")
-        if not equals or not name.strip():
-            self.fail(f"{value!r} is not NAME=VALUE", param, ctx)
-        return name.strip(), read_setting(text)
 
 
 @dataclass(frozen=True)

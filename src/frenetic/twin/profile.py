@@ -9,22 +9,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, Self
+from typing import Annotated, Any, Literal, Self, TypeAlias
 
 import msgspec
 from msgspec import Meta, Struct
 
+from frenetic._support.bounds import Count, Index, NotNegative, Positive
 from frenetic._support.files import write_file
 from frenetic.errors import FreneticError
-from frenetic.spec import MAX_BYTES, Spec, describe, drive_record
+from frenetic.spec import MAX_BYTES, Spec, drive_record
 from frenetic.trust import NOT_DRIVING
-from frenetic.versions import other_version
 
-VERSION: Final = 1
-"""Version of the format; a newer one is refused."""
-
-Positive = Annotated[float, Meta(gt=0.0)]
-Count = Annotated[int, Meta(ge=0)]
+Term: TypeAlias = Literal["outcome", "oob_share", "oob_distance", "steering", "offset", "speed"]
+"""A term of the loss."""
 
 
 class Record(Struct, frozen=True, forbid_unknown_fields=True):
@@ -47,6 +44,8 @@ class Fitted(Record, frozen=True, kw_only=True):
     """Upper end of that interval."""
     is_determined: bool
     """Whether the data determine it."""
+    at_bound: bool
+    """Whether that interval ends at one of its bounds, so that the bound decides."""
 
 
 class Recording(Record, frozen=True, kw_only=True):
@@ -56,17 +55,17 @@ class Recording(Record, frozen=True, kw_only=True):
     """Name of the file or folder."""
     sha256: str
     """Fingerprint of the drives that were read from it."""
-    drives: Count
-    failures: Count
-    runs: Count
+    drives: Index
+    failures: Index
+    runs: Index
 
 
 class Figures(Record, frozen=True, kw_only=True):
     """How well a twin follows recorded drives; None where the data cannot say."""
 
-    drives: Count
+    drives: Index
     """Number of drives."""
-    failures: Count
+    failures: Index
     """Number of them that failed."""
     auc: float | None = None
     """Chance that a drive that failed ranks above one that passed."""
@@ -76,28 +75,14 @@ class Figures(Record, frozen=True, kw_only=True):
     """Share of failures in the tenth of the roads that rank first, over that in all."""
     early_half: float | None = None
     """Share of the roads, as ranked, that hold half of all failures."""
-    twin_failures: Count | None = None
+    twin_failures: Index | None = None
     """Number of drives in which the twin fails."""
     agreement: float | None = None
     """Share of equal outcomes."""
     offset_error: float | None = None
     """Median over drives of the median absolute error of the lateral offset, in m."""
     speed_error: float | None = None
-    """The same of the speed, in m/s, or a share of the mean speed where only shapes compare."""
-    departure_gap: float | None = None
-    """Median distance along the road between both places of departure, in m."""
-    common_departures: Count = 0
-    """Number of drives in which both cars leave the lane."""
-    near_departures: float | None = None
-    """Share of these with a gap of at most 20 m."""
-
-
-class Link(Record, frozen=True, kw_only=True):
-    """The chance of a recorded failure: 1 / (1 + exp(-(intercept + slope * score)))."""
-
-    intercept: float
-    slope: float
-    """Per m of the score, the twin's MOOBD with the other sign."""
+    """The same of the speed, in m/s."""
 
 
 class Validation(Record, frozen=True, kw_only=True):
@@ -105,30 +90,30 @@ class Validation(Record, frozen=True, kw_only=True):
 
     by: Literal["run", "road"]
     """What was held out as a whole."""
-    folds: Count
+    folds: Index
     twin: Figures
     """On drives that its parameters have not seen."""
     baselines: dict[str, Figures]
     """Name -> figures on the same folds."""
-    link: Link | None = None
     verdict: Literal["good", "fair", "poor", "unknown"]
     """Whether it is good enough to screen with."""
     reason: str
     """Why, in a sentence."""
 
 
-class Fit(Record, frozen=True, kw_only=True):
-    """The settings of a fit."""
+class Settings(Record, frozen=True, kw_only=True):
+    """The settings of a calibration."""
 
-    seed: Count
-    evaluations: Count
-    """Number of candidates in each fold and in the final fit."""
-    sample: Count
-    """Most drives of a fit."""
-    weights: dict[str, float]
-    """Name of a term of the loss -> its weight."""
-    loss: float
-    """Of the twin on the drives that it was fitted on."""
+    seed: Index = 0
+    """Of the search."""
+    evaluations: Count | None = None
+    """Number of candidates of each fit; by default 50 for each parameter, 100 at least."""
+    folds: Annotated[int, Meta(ge=2)] = 5
+    """Most folds of the cross-validation."""
+    sample: Annotated[int, Meta(ge=10)] = 300
+    """Most drives of a fit, at most half of them failures if there are enough others."""
+    weights: dict[Term, NotNegative] = {}
+    """Name of a term of the loss -> its weight, in place of the usual one."""
 
 
 class Profile(Record, frozen=True, kw_only=True):
@@ -137,20 +122,20 @@ class Profile(Record, frozen=True, kw_only=True):
     Only its name and how it drives are needed; what a fit says about itself may be missing.
     """
 
-    version: int = VERSION
-    """Version of the format."""
+    version: Literal[1] = 1
+    """Version of the format; another is refused."""
     name: str
     """Name for people."""
     driven: dict[str, Any]
     """Driver, car, layers and rules, as `frenetic.spec.drive_record` has them."""
     lane_width: Positive = 4.0
     """m."""
-    parts: dict[str, dict[str, Any]] = {}
-    """``driver`` and ``simulator`` as `frenetic.spec.describe` gives them, to notice changes."""
     fitted: list[Fitted] = []
     recordings: list[Recording] = []
     validation: Validation | None = None
-    fit: Fit | None = None
+    settings: Settings | None = None
+    loss: float | None = None
+    """Of the twin on the drives that it was fitted on."""
     written_by: str = ""
     """Version of frenetic."""
 
@@ -186,15 +171,7 @@ class Profile(Record, frozen=True, kw_only=True):
         if len(data) > MAX_BYTES:
             raise FreneticError(f"{path} is no profile: it has more than {MAX_BYTES} bytes")
         try:
-            document = msgspec.json.decode(data)
-            version = document.get("version") if isinstance(document, dict) else None
-            if isinstance(version, int) and version > VERSION:
-                raise FreneticError(
-                    f"{path} was written by a newer version of frenetic: upgrade frenetic"
-                )
-            profile = msgspec.convert(document, cls)
-            if profile.version < 1:
-                raise ValueError(f"version is {profile.version}: {VERSION} is needed")
+            profile = msgspec.json.decode(data, type=cls)
         except (ValueError, RecursionError) as error:
             raise FreneticError(f"{path} is no profile of a twin: {error}") from None
         Spec.from_drive_record(profile.driven, source=path)
@@ -220,14 +197,3 @@ class Profile(Record, frozen=True, kw_only=True):
         own = Spec.from_drive_record(self.driven, source=source)
         own.require_trusted(source, NOT_DRIVING)
         return replace(own, lane_width=self.lane_width)
-
-    def changes(self) -> list[str]:
-        """How driver and simulator differ from those that were fitted, each in a line.
-
-        Raises:
-            FreneticError: the driver cannot be made.
-        """
-        spec = self.spec()
-        ours = {"driver": spec.make_driver(), "simulator": spec.make_simulator()}
-        texts = (other_version(kind, self.parts.get(kind), describe(ours[kind])) for kind in ours)
-        return [text for text in texts if text]

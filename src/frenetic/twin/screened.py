@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
+from typing import Any, ClassVar, Final, Literal, Self, TypeAlias
 
 import numpy as np
 
@@ -22,9 +22,6 @@ from frenetic.search.strategy import (
     SearchEnded,
     Strategy,
 )
-
-if TYPE_CHECKING:
-    from typing import Literal, TypeAlias
 
 Drive: TypeAlias = Callable[[Candidate, float], Evaluation]
 """Drives a candidate in the twin; told the spent share of the budget."""
@@ -72,57 +69,32 @@ class _Prospect:
     """Whether a known failure lies on its way."""
 
 
-@dataclass
-class _Told:
-    """What screening came to."""
+_Driven: TypeAlias = tuple[str, float | None, float | None, bool]
+"""Role of a road that the simulator drove, its MOOBD in m in the twin and there, whether it failed
+there."""
 
-    screened: int = 0
-    """Number of roads that only the twin drove, and of those handed on. They are no tests."""
-    handed_on: int = 0
-    """Number of them that were driven in the simulator."""
-    kept: int = 0
-    """Number of these that failed."""
-    controls: int = 0
-    """Number of drives on roads that were not chosen by the twin."""
-    controls_failed: int = 0
-    unscreened: int = 0
-    """Number of candidates after screening had stopped."""
-    pairs: list[tuple[float, float, bool]] = field(default_factory=list)
-    """The twin's MOOBD and the simulator's in m of each control, and whether it failed."""
 
-    def add(self, note: Mapping[str, Any], evaluation: Evaluation) -> None:
-        """Counts a drive in the simulator."""
-        has_failed = evaluation.outcome is Outcome.FAIL
-        if note["role"] == "screened":
-            self.handed_on += 1
-            self.kept += has_failed
-            return
-        self.controls += 1
-        self.controls_failed += has_failed
-        if note["moobd"] is not None and evaluation.moobd is not None:
-            self.pairs.append((note["moobd"], evaluation.moobd, has_failed))
+def _in_words(driven: Sequence[_Driven]) -> dict[str, Any]:
+    """What screening came to: names in words -> numbers.
 
-    def in_words(self) -> dict[str, Any]:
-        """Names in words -> numbers; how far the twin is right is said of controls alone."""
-        told: dict[str, Any] = {
-            "roads screened": self.screened,
-            "handed on": self.handed_on,
-            "failed as promised": self.kept,
-            "controls": self.controls,
-            "failed controls": self.controls_failed,
-        }
-        if len(self.pairs) >= _LEAST_RANKED:
-            twin, slow, has_failed = zip(*self.pairs, strict=True)
-            told["twin's rank correlation"] = rank_correlation(twin, slow)
-            passed, failed = (
-                [moobd for moobd, has in zip(twin, has_failed, strict=True) if has is one]
-                for one in (False, True)
-            )
-            if passed and failed:
-                told["twin's AUC"] = a12(passed, failed)
-        if self.unscreened:
-            told["not screened after it stopped"] = self.unscreened
-        return told
+    How far the twin is right is said of controls alone.
+    """
+    handed_on = [failed for role, *_, failed in driven if role == "screened"]
+    controls = [(twin, slow, failed) for role, twin, slow, failed in driven if role == "control"]
+    found: dict[str, Any] = {
+        "handed on": len(handed_on),
+        "failed as promised": sum(handed_on),
+        "controls": len(controls),
+        "failed controls": sum(failed for *_, failed in controls),
+    }
+    pairs = [(twin, slow, f) for twin, slow, f in controls if twin is not None and slow is not None]
+    if len(pairs) >= _LEAST_RANKED:
+        twin, slow, _ = zip(*pairs, strict=True)
+        found["twin's rank correlation"] = rank_correlation(twin, slow)
+        passed, failed = ([t for t, _, fails in pairs if fails is kind] for kind in (False, True))
+        if passed and failed:
+            found["twin's AUC"] = a12(passed, failed)
+    return found
 
 
 class Screened(Strategy):
@@ -170,7 +142,9 @@ class Screened(Strategy):
         self.options = dict(options or {})
         self._twin = nullcontext() if twin is None else twin
         self._name = name
-        self._told = _Told()
+        self._told: list[_Driven] = []
+        self._screened = 0  # roads that only the twin drove, and those handed on; no tests
+        self._unscreened = 0  # candidates after screening had stopped
         self.stopped: str | None = None
         """Why screening stopped, None while it goes on."""
         self._drive = drive
@@ -207,8 +181,10 @@ class Screened(Strategy):
         self._twin.__exit__(kind, error, trace)
 
     def facts(self) -> Mapping[str, Any]:
-        """Return what screening came to, see `_Told`."""
-        return {"screened by": self._name, **self._told.in_words()}
+        """Return what screening came to."""
+        after = {"not screened after it stopped": self._unscreened} if self._unscreened else {}
+        drawn = {"screened by": self._name, "roads screened": self._screened}
+        return {**drawn, **_in_words(self._told), **after}
 
     @property
     def notice(self) -> str | None:
@@ -218,7 +194,7 @@ class Screened(Strategy):
     def ask(self) -> Candidate | None:
         """Return the next road for the slow simulator."""
         if self.stopped is not None:
-            self._told.unscreened += 1
+            self._unscreened += 1
             return self.strategy.ask()
         is_doubtful = self._lead() > 0.0 or self._breaks_promises
         self._credit += _MORE_CONTROLS if is_doubtful else _CONTROLS
@@ -242,12 +218,12 @@ class Screened(Strategy):
         self.strategy.tell(evaluation)
         self._budget_spent = max(self._budget_spent, evaluation.budget_spent)
         trial = self._trials.pop(evaluation.candidate.id, None)
-        if trial is not None and evaluation.outcome.is_driven:
-            self._told.add(trial.notes[NOTE], evaluation)
-        if trial is None or self.stopped is not None or not evaluation.outcome.is_driven:
+        if trial is None or not evaluation.outcome.is_driven:
             return
-        role = trial.notes[NOTE]["role"]
-        has_failed = evaluation.outcome is Outcome.FAIL
+        role, has_failed = trial.notes[NOTE]["role"], evaluation.outcome is Outcome.FAIL
+        self._told.append((role, trial.notes[NOTE]["moobd"], evaluation.moobd, has_failed))
+        if self.stopped is not None:
+            return
         self._driven[role] += 1
         row = self._row_of.pop(trial.id, None)
         if row is not None:
@@ -382,7 +358,7 @@ class Screened(Strategy):
         self._promised.append((prospect.place, None))
         made = Candidate(number, scouted.curvatures, scouted.step, Origin(SCREENED))
         candidate = _noted(made, "screened", self._drawn, seen)
-        self._told.screened += self._drawn
+        self._screened += self._drawn
         self._drawn = 0
         self.strategy.replace(candidate)
         self._trials[number] = candidate

@@ -10,7 +10,6 @@ import itertools
 import os
 import threading
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
@@ -35,74 +34,33 @@ _NAME: Final = "hosted"
 
 
 class VirtualClock:
-    """The spent part of a budget, as the bench counts it, which decides whether a test fits.
+    """The spent part of a budget of virtual s, as the bench counts it, which ends the run."""
 
-    Where computing counts, the time since the bench's last answer is added. The bench gets that
-    time with the next test and adds it, too, so the spent part does not jump.
-
-    Args:
-        budget: virtual s.
-        counts_computing: whether the generator's own time counts.
-        timer: tells s of wall time.
-
-    """
-
-    def __init__(
-        self,
-        budget: float,
-        *,
-        counts_computing: bool,
-        timer: Callable[[], float] = time.monotonic,
-    ) -> None:
+    def __init__(self, budget: float) -> None:
         self.budget = budget
+        self.spent = 0.0
         self.is_held = False
         """Whether a test is being executed that the bench has found to fit."""
-        self.was_ended = False
-        """Whether a test was refused because it no longer fitted."""
-        self._counts_computing = counts_computing
-        self._timer = timer
-        self._settled = 0.0
         self._since: float | None = None  # when the generator began to compute
 
     def __deepcopy__(self, memo: dict[int, Any]) -> VirtualClock:
         return self
 
     def remaining(self) -> float:
-        """Return virtual s, at least 0.
-
-        A remainder too small for a test is one: the next test then ends the run.
-        """
-        spent = self._settled + (self._own_time() if self._counts_computing else 0.0)
-        left = 0.0 if self.was_ended else self.budget - spent
+        """Return virtual s, at least 0."""
+        left = self.budget - self.spent
         if left <= _ROUNDING * self.budget:
             return _ROUNDING * self.budget if self.is_held else 0.0
         return left
 
     def start(self) -> None:
-        """Count the generator's time from now on."""
-        self._since = self._timer()
+        """Measure the generator's own time from now on."""
+        self._since = time.monotonic()
 
     def stop(self) -> float:
-        """Stop the time while a test is executed.
-
-        Returns:
-            s of wall time since it was let go on; 0 if it never was.
-
-        """
-        seconds = self._own_time()
-        if self._counts_computing:
-            self._settled += seconds
-        self._since = None
-        return seconds
-
-    def settle(self, spent: float) -> None:
-        """Take over the bench's count, and start."""
-        self._settled = spent
-        self.start()
-
-    def _own_time(self) -> float:
-        since = self._since  # which another thread may set to None
-        return 0.0 if since is None else self._timer() - since
+        """Return s of wall time since it was let go on; 0 if it never was."""
+        since, self._since = self._since, None
+        return 0.0 if since is None else time.monotonic() - since
 
 
 class RemainingTime(float):
@@ -204,7 +162,8 @@ class _Hosted:
                 result: tuple[str, str, Any] = super().execute_test(the_test)  # type: ignore[misc]
             finally:
                 self._test, self._clock.is_held = None, False
-                self._clock.settle(answer.spent)
+                self._clock.spent = answer.spent
+                self._clock.start()
             self._correct("test_generation_real_times", seconds)
             if answer.is_executed:
                 self._correct("test_execution_real_times", self._seconds_per_test)
@@ -251,5 +210,6 @@ class _Hosted:
             times[-1] = seconds
 
     def _refuse(self) -> NoReturn:
-        self._clock.was_ended = self.timeout_forced = True
+        self._clock.spent = self._clock.budget
+        self.timeout_forced = True
         raise SystemExit(OVER)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import importlib.machinery
 import importlib.util
@@ -11,7 +10,6 @@ import logging
 import os
 import random
 import sys
-import threading
 import traceback
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, replace
@@ -40,12 +38,10 @@ def serve(incoming: BinaryIO, outgoing: BinaryIO) -> None:
     leave_with_parent()
     parent = Parent(incoming, outgoing)
     end = run(Assignment(**parent.receive()), parent)
-    ours = {threading.current_thread(), parent.thread}
-    threads = sum(thread not in ours for thread in threading.enumerate())
     logging.shutdown()
     for stream in (sys.stdout, sys.stderr):
         stream.flush()
-    parent.send(asdict(replace(end, threads=threads)))
+    parent.send(asdict(end))
     os._exit(0)  # without waiting for the generator's threads
 
 
@@ -54,7 +50,7 @@ def run(assignment: Assignment, parent: Parent) -> End:
     logging.basicConfig(
         level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s", stream=sys.stderr
     )
-    clock = VirtualClock(assignment.time_budget, counts_computing=assignment.counts_computing)
+    clock = VirtualClock(assignment.time_budget)
     try:
         _prepare(assignment)
         kind = _load_class(assignment)
@@ -64,8 +60,6 @@ def run(assignment: Assignment, parent: Parent) -> End:
         if error.__cause__ is not None:
             _print(error.__cause__)
         return End("crashed", str(error))
-    if assignment.counts_computing:
-        validity()  # its import is not the generator's time
     parent.send({"kind": "ready"})
     clock.start()
     end = _started(generator, clock)
@@ -105,7 +99,7 @@ def _prepare(assignment: Assignment) -> None:
     except BaseException as error:
         place = assignment.pipeline
         raise GeneratorError(
-            f"importing the pipeline in {place} fails: {_reason(error, assignment)}"
+            f"importing the pipeline in {place} fails: {_reason(error)}"
         ) from error
     _make_way([*folders, str(Path.cwd())], assignment.module)
     # Generators draw from the global random generators, so a seed repeats them.
@@ -165,9 +159,7 @@ def _load_class(assignment: Assignment) -> Callable[..., Any]:
     except GeneratorError:
         raise
     except BaseException as error:
-        raise GeneratorError(
-            f"importing {assignment.module} fails: {_reason(error, assignment)}"
-        ) from error
+        raise GeneratorError(f"importing {assignment.module} fails: {_reason(error)}") from error
     kind = getattr(module, assignment.class_name, None)
     if not callable(kind):
         raise GeneratorError(_no_such_class(module, assignment))
@@ -199,9 +191,7 @@ def _build(
         executor = make_executor(assignment, parent, clock, remaining_as_number=of_2021)
         generator = kind(executor=executor, map_size=assignment.map_size, **more)
     except BaseException as error:
-        raise GeneratorError(
-            f"building {assignment.class_name} fails: {_reason(error, assignment)}"
-        ) from error
+        raise GeneratorError(f"building {assignment.class_name} fails: {_reason(error)}") from error
     if not callable(getattr(generator, "start", None)):
         raise GeneratorError(
             f"{assignment.class_name} is no generator: it has no method start; give the class that"
@@ -217,20 +207,13 @@ def _load(name: str) -> ModuleType:
         missing = error.name or ""
         if name != missing and not name.startswith(missing + "."):
             raise
+        ours = (*{f"{Path(prefix)}{os.sep}" for prefix in (sys.prefix, sys.base_prefix)},)
+        searched = (entry or "the run's working directory" for entry in sys.path)
         raise GeneratorError(
-            f"there is no module {missing!r}: looked for it in {_searched()} and what is installed"
-            f" for {sys.executable}; give its folder as path"
+            f"there is no module {missing!r}: looked for it in"
+            f" {', '.join(one for one in searched if not one.startswith(ours))} and what is"
+            f" installed for {sys.executable}; give its folder as path"
         ) from None
-
-
-def _searched() -> str:
-    """The folders of the module path outside the interpreter."""
-    ours = (*{f"{Path(prefix)}{os.sep}" for prefix in (sys.prefix, sys.base_prefix)},)
-    return ", ".join(
-        entry or "the run's working directory"
-        for entry in sys.path
-        if not entry.startswith(ours) and entry != str(pipeline.STAND_INS)
-    )
 
 
 def _load_file(file: Path) -> ModuleType:
@@ -254,26 +237,22 @@ def _no_such_class(module: ModuleType, assignment: Assignment) -> str:
         for value in (getattr(module, name, None),)
         if inspect.isclass(value) and callable(getattr(value, "start", None))
     ]
-    close = difflib.get_close_matches(assignment.class_name, classes, n=1)
-    hint = f", did you mean {close[0]!r}?" if close else "."
     return (
-        f"{assignment.module} has no class {assignment.class_name!r}{hint} Its classes with a"
-        f" method start: {', '.join(classes) or 'none'}"
+        f"{assignment.module} has no class {assignment.class_name!r}. Its classes with a method"
+        f" start: {', '.join(classes) or 'none'}"
     )
 
 
-def _reason(error: BaseException, assignment: Assignment) -> str:
+def _reason(error: BaseException) -> str:
     """One line about a generator's error while it was imported or built."""
     if isinstance(error, SystemExit):
         return f"it ends its process with exit code {error.code}"
     reason = describe_error(error)
-    if isinstance(error, ModuleNotFoundError):
-        if str(error.name).partition(".")[0] in pipeline.PACKAGES:
-            return (
-                f"{reason}; the bench has stand-ins for the pipeline's most used modules only: give"
-                " the folder of a clone of the pipeline as pipeline"
-            )
-        return f"{reason}; install it for {sys.executable}, or name another interpreter"
-    if isinstance(error, ImportError) and "relative import" in reason and assignment.is_file:
-        return f"{reason}; give it as package.module, with a path, instead of as a file"
-    return reason
+    if not isinstance(error, ModuleNotFoundError):
+        return reason
+    if str(error.name).partition(".")[0] in pipeline.PACKAGES:
+        return (
+            f"{reason}; the bench has stand-ins for the pipeline's most used modules only: give the"
+            " folder of a clone of the pipeline as pipeline"
+        )
+    return f"{reason}; install it for {sys.executable}, or name another interpreter"

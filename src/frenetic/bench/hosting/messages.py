@@ -43,8 +43,6 @@ class Assignment:
     """Budget in virtual s."""
     seconds_per_test: float
     """Virtual s that every executed test costs."""
-    counts_computing: bool
-    """Whether the generator's own time counts, too."""
     oob_tolerance: float
     """Share 0..1 of the car that may be outside the lane."""
     speed_limit: float
@@ -86,8 +84,6 @@ class End:
     """One line."""
     seconds: float = 0.0
     """Wall time since ``start`` was called or the bench last got any, in s."""
-    threads: int = 0
-    """Number of threads that it left running."""
     kind: str = "end"
     """Kind of the message."""
 

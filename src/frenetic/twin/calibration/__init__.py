@@ -6,12 +6,12 @@ makes the profile.
 
 from __future__ import annotations
 
-from frenetic.twin.calibration.calibrate import Calibration, Settings, calibrate
-from frenetic.twin.calibration.parameters import Asked, Model, Parameter
+from frenetic.twin.calibration.calibrate import Calibration, calibrate
+from frenetic.twin.calibration.parameters import Model, Parameter
 from frenetic.twin.calibration.recordings import RecordedDrive, Recordings, Terms, read_recordings
+from frenetic.twin.profile import Settings
 
 __all__ = [
-    "Asked",
     "Calibration",
     "Model",
     "Parameter",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Self, TypeAlias
 
@@ -14,7 +14,7 @@ import numpy.typing as npt
 from frenetic._support.arrays import FloatArray
 from frenetic.drivers.driver import Driver
 from frenetic.errors import FreneticError
-from frenetic.oracle import LEFT_LANE, REACHED, assess
+from frenetic.oracle import REACHED, assess
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.isolated import BrokenDriveError, isolated
 from frenetic.simulators.simulator import Simulator
@@ -25,13 +25,12 @@ from frenetic.worker import MOST_WORKERS, LostWorkerError, Worker, pack, ready
 IntArray: TypeAlias = npt.NDArray[np.int64]
 
 # Columns of a twin's drive.
-FAILED, SHARE, MOOBD, OOB_DISTANCE, STEERING, DEPARTURE = range(6)
-"""0 or 1; largest oob share 0..1; m; mean oob distance in m; standard deviation in rad; m along the
-road, NaN if it did not leave the lane."""
-COVERED, OFFSET, SPEED, OFFSET_MEDIAN, SPEED_MEDIAN = range(6, 11)
+FAILED, SHARE, MOOBD, OOB_DISTANCE, STEERING = range(5)
+"""0 or 1; largest oob share 0..1; m; mean oob distance in m; standard deviation in rad."""
+COVERED, OFFSET, SPEED, OFFSET_MEDIAN, SPEED_MEDIAN = range(5, 10)
 """Share 0..1 of the recorded places that the twin reached; there, the mean absolute errors of
-offset (m) and speed (m/s, or a share of the mean), and the medians. NaN without a record."""
-COLUMNS: Final = 11
+offset (m) and speed (m/s), and the medians. NaN without a record."""
+COLUMNS: Final = 10
 _CHUNK: Final = 25  # drives of a task
 
 
@@ -39,8 +38,6 @@ def drive_twin(
     recorded: RecordedDrive,
     driver: Driver,
     simulator: Simulator,
-    *,
-    shapes: bool = False,
 ) -> FloatArray:
     """The twin's drive along a recorded road, (COLUMNS,); NaN if the driver broke or hung.
 
@@ -48,7 +45,6 @@ def drive_twin(
         recorded: the recorded drive.
         driver: the twin's.
         simulator: the twin's, whose rules become those of the record.
-        shapes: whether only the shapes of the speeds are compared, each divided by its mean.
     """
     row = np.full(COLUMNS, math.nan)
     try:
@@ -64,8 +60,6 @@ def drive_twin(
     row[MOOBD] = seen.oob_distance.min()
     row[OOB_DISTANCE] = seen.oob_distance.mean()
     row[STEERING] = drive.trajectory.steering[:n].std()
-    if seen.end == LEFT_LANE:
-        row[DEPARTURE] = seen.distance[-1]
     if len(recorded.offset):
         offset, speed = on_grid(seen.distance, seen.lateral_offset, drive.trajectory.speed[:n])
         m = min(len(offset), len(recorded.offset))
@@ -73,8 +67,6 @@ def drive_twin(
         row[COVERED] = len(both) / max(1, int(np.isfinite(recorded.offset).sum()))
         if len(both):
             theirs, ours = recorded.speed[both], speed[both]
-            if shapes:
-                theirs, ours = (one / max(float(one.mean()), 1e-9) for one in (theirs, ours))
             errors = np.abs(offset[both] - recorded.offset[both]), np.abs(ours - theirs)
             row[[OFFSET, SPEED]] = [error.mean() for error in errors]
             row[[OFFSET_MEDIAN, SPEED_MEDIAN]] = [np.median(error) for error in errors]
@@ -87,7 +79,6 @@ class _Work:
 
     model: Model
     drives: Sequence[RecordedDrive]
-    shapes: bool
     drive_limit: float | None
 
     def start(self) -> None:
@@ -101,23 +92,8 @@ class _Work:
             return rows  # together, values within their bounds may be no car
         with isolated(simulator, driver, self.drive_limit) as own:
             for i, index in enumerate(indices):
-                rows[i] = drive_twin(self.drives[index], driver, own, shapes=self.shapes)
+                rows[i] = drive_twin(self.drives[index], driver, own)
         return rows
-
-
-def why_broken(
-    model: Model,
-    values: Mapping[str, float],
-    recorded: RecordedDrive,
-    drive_limit: float | None = None,
-) -> str:
-    """Why a twin with these values breaks on a recorded road; for arguments see `TwinDriver`."""
-    driver, simulator = model.make(values, recorded.rules)
-    try:
-        with isolated(simulator, driver, drive_limit) as own:
-            return own.drive(recorded.road, driver).error or "not any more, when driven again"
-    except BrokenDriveError as error:
-        return str(error)
 
 
 class TwinDriver:
@@ -128,10 +104,10 @@ class TwinDriver:
     Args:
         model: of the twin.
         drives: the recorded ones.
-        shapes: as for `drive_twin`.
         workers: number of processes; with 1, this one drives. A driver that is not compiled drives
             in a process of its own beside each.
         drive_limit: s after which a drive counts as hanging, as for `IsolatedSimulator`.
+        notify: called with the number of candidates, after each batch.
     """
 
     def __init__(
@@ -139,11 +115,14 @@ class TwinDriver:
         model: Model,
         drives: Sequence[RecordedDrive],
         *,
-        shapes: bool,
         workers: int = 1,
         drive_limit: float | None = None,
+        notify: Callable[[int], None] = lambda _: None,
     ) -> None:
-        self._work = _Work(model, drives, shapes, drive_limit)
+        self.start = np.array([one.place for one in model.parameters])
+        """(parameters,) places of the model as it was."""
+        self._work = _Work(model, drives, drive_limit)
+        self._notify = notify
         self._workers: list[Worker] = []
         if workers > 1:
             held = pack(self._work)
@@ -166,19 +145,52 @@ class TwinDriver:
         for worker in self._workers:
             worker.kill()
 
-    def rows(self, candidates: Sequence[Mapping[str, float]], indices: IntArray) -> FloatArray:
+    def rows(self, batch: FloatArray, indices: IntArray) -> FloatArray:
         """The drives of candidates, (candidates, indices, COLUMNS).
 
         Args:
-            candidates: name -> value of the parameters, each.
+            batch: (candidates, parameters) places 0..1 between the bounds.
             indices: of the recorded drives.
 
         Raises:
             FreneticError: a worker was lost.
         """
+        candidates = [self._work.model.values(places.tolist()) for places in batch]
         wanted = indices.tolist()
-        if not self._workers:
-            return np.stack([self._work.rows(values, wanted) for values in candidates])
+        if self._workers:
+            rows = self._by_workers(candidates, wanted)
+        else:
+            rows = np.stack([self._work.rows(values, wanted) for values in candidates])
+        self._notify(len(candidates))
+        return rows
+
+    def checked(self, places: FloatArray, indices: IntArray) -> FloatArray:
+        """The drives of one candidate, (indices, COLUMNS).
+
+        Raises:
+            FreneticError: a worker was lost, or the driver broke.
+        """
+        rows: FloatArray = self.rows(places[None, :], indices)[0]
+        broken = np.flatnonzero(np.isnan(rows[:, SHARE]))
+        if not len(broken):
+            return rows
+        model, first = self._work.model, self._work.drives[indices[broken[0]]]
+        values = model.values(places.tolist())
+        driver, simulator = model.make(values, first.rules)
+        try:
+            with isolated(simulator, driver, self._work.drive_limit) as own:
+                why = own.drive(first.road, driver).error or "not any more, when driven again"
+        except BrokenDriveError as error:
+            why = str(error)
+        told = ", ".join(f"{name} {value:.4g}" for name, value in values.items())
+        raise FreneticError(
+            f"the driver {model.driver!r} with {told} broke on {len(broken)} of {len(indices)}"
+            f" recorded roads that it drove, first on that of {first.name}: {why}"
+        )
+
+    def _by_workers(
+        self, candidates: Sequence[Mapping[str, float]], wanted: Sequence[int]
+    ) -> FloatArray:
         chunks = [wanted[i : i + _CHUNK] for i in range(0, len(wanted), _CHUNK)]
         tasks = [(values, chunk) for values in candidates for chunk in chunks]
         waiting = deque(enumerate(tasks))
@@ -196,8 +208,7 @@ class TwinDriver:
                             found[driving[worker]] = rows
         except LostWorkerError as error:
             raise FreneticError(
-                f"{worker.name} was lost: {error.reason}; the same command goes on, with 1"
-                " worker in one process"
+                f"{worker.name} was lost: {error.reason}; with 1 worker one process drives"
             ) from None
         rows = np.concatenate([found[number] for number in range(len(tasks))])
         return rows.reshape(len(candidates), len(wanted), COLUMNS)

@@ -1,44 +1,48 @@
 """The fit: CMA-ES proposes values of the parameters, the twin drives, the loss judges.
 
-The state of a fit on disk is its `Journal`: what was driven, line by line, so that a killed fit
-goes on. The optimiser is never stored: with the same seed it proposes the same candidates again,
-and those that are in the journal need no driving. A line is written whole and flushed to the disk
-before the next generation is proposed; a torn last line is ignored.
+Then, what the data leave open: the values of each parameter that explain the drives as well.
+
+A candidate explains them as well as the best one if its loss is larger by no more than `LIMIT`
+standard errors of that difference, over runs (over roads where there are few runs). Candidates are
+all that the last fit drove, which differ in several parameters at once, the best ones of the folds,
+and the best one with one parameter moved alone. The values of a parameter among those that are as
+good, and those that the folds found, are its interval, widened to the next value that, moved alone,
+is worse: what lies between was not driven. A parameter is determined if that interval is less than
+half as wide as its bounds and ends at neither of them: beyond a bound, values may be as good.
 """
 
 from __future__ import annotations
 
-import json
 import math
-import os
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Final, Self
+from typing import Final
 
 import numpy as np
 from cmaes import CMA
-from filelock import lock_descriptor
 
 from frenetic._support.arrays import FloatArray
-from frenetic.errors import FreneticError
 from frenetic.twin.calibration.driving import IntArray, TwinDriver
 from frenetic.twin.calibration.loss import Loss
-from frenetic.twin.calibration.parameters import Model
+from frenetic.twin.calibration.parameters import Parameter
+from frenetic.twin.profile import Fitted
 
+LIMIT: Final = 1.96
+"""Standard errors."""
+WIDE: Final = 0.5
+"""Share of the bounds' distance from which on a parameter is not determined."""
+_STEPS: Final = np.array([0.01, 0.03, 0.1, 0.3])
+"""Steps by which each parameter is moved alone, as shares of the bounds' distance."""
+_PLACES: Final = 2 * len(_STEPS) + 2
+"""Number of places at which each parameter is moved alone: by each step, and its bounds."""
+_EDGE: Final = 0.02
+"""Least distance from the bounds of a fit's first mean, and of what is not at them."""
 _SIGMA: Final = 0.25
 """First step size, as a share of the bounds' distance."""
 _NEAR_SIGMA: Final = 0.1
 """The same around a good candidate."""
-_EDGE: Final = 0.02
-"""Least distance of the first mean from the bounds."""
 _CONVERGED: Final = 1e-3
 """Range of a generation, as a share of the bounds' distance, at which a fit begins again."""
-
-
-class Stopped(Exception):  # noqa: N818  # no error: the user asked
-    """The user asked to stop; what was driven is stored."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,168 +60,16 @@ class Evaluated:
         return float(self.contributions.mean())
 
 
-class Journal:
-    """A file of results, by key; a context manager.
-
-    Args:
-        path: of the file; None for no file.
-        settings: digest of all that the results depend on. A file of other settings is replaced.
-    """
-
-    def __init__(self, path: Path | str | None, settings: str) -> None:
-        self._path = None if path is None else Path(path)
-        self._settings = settings
-        self._known: dict[str, FloatArray] = {}
-        self._file: Any = None
-        self.found = 0
-        """Number of results that an earlier call has left."""
-
-    def __enter__(self) -> Self:
-        """Reads what is there.
-
-        Raises:
-            FreneticError: it cannot be read or written, or another process writes it.
-        """
-        if self._path is None:
-            return self
-        head = json.dumps({"settings": self._settings}).encode()
-        try:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            self._path.touch()
-            self._file = self._path.open("r+b")
-            if not lock_descriptor(self._file.fileno(), blocking=False):
-                raise BlockingIOError
-            *lines, torn = self._file.read().split(b"\n")
-            if lines and lines[0] == head:
-                for line in lines[1:]:
-                    with suppress(ValueError, KeyError, TypeError):
-                        entry = json.loads(line)
-                        self._known[str(entry["key"])] = np.array(entry["values"], dtype=np.float64)
-                self._file.seek(-len(torn), os.SEEK_END)
-                self._file.truncate()
-            else:
-                self._file.seek(0)
-                self._file.truncate()
-                self._file.write(head + b"\n")
-                self._flush()
-            self.found = len(self._known)
-        except (BlockingIOError, PermissionError):
-            self.close()
-            raise FreneticError(
-                f"{self._path} is being written by another process, or may not be: wait for that,"
-                " or choose another place"
-            ) from None
-        except OSError as error:
-            self.close()
-            raise FreneticError(
-                f"{self._path} cannot be written: {error.strerror or error}; choose another place"
-            ) from None
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Closes the file, which stays."""
-        self.close()
-
-    def close(self) -> None:
-        """Closes the file; later results are not kept."""
-        if self._file is not None:
-            self._file.close()
-            self._file = None
-
-    def get(self, key: str, count: int) -> FloatArray | None:
-        """The results under a key, (count, ...); None if they are not there."""
-        found = self._known.get(key)
-        return None if found is None or len(found) != count else found
-
-    def put(self, key: str, values: FloatArray | Sequence[float]) -> None:
-        """Stores results under a key."""
-        if self._file is not None:
-            entry = {"key": key, "values": np.asarray(values).tolist()}
-            self._file.write(json.dumps(entry).encode() + b"\n")
-            self._flush()
-
-    def remove(self) -> None:
-        """Removes the file, when it is no longer needed."""
-        if self._path is not None:
-            self.close()
-            with suppress(OSError):
-                self._path.unlink()
-
-    def _flush(self) -> None:
-        self._file.flush()
-        os.fsync(self._file.fileno())
-
-
-class Evaluator:
-    """Drives candidates on some recorded drives, or finds them in the journal.
-
-    Args:
-        model: of the twin.
-        twins: drives them.
-        journal: keeps what was driven.
-        notify: called with the number of candidates, after each batch.
-        should_stop: asked before each batch.
-    """
-
-    def __init__(
-        self,
-        model: Model,
-        twins: TwinDriver,
-        journal: Journal,
-        notify: Callable[[int], None],
-        should_stop: Callable[[], bool],
-    ) -> None:
-        self.model = model
-        self.twins = twins
-        self._journal = journal
-        self._notify = notify
-        self._should_stop = should_stop
-
-    def rows(self, key: str, places: FloatArray, indices: IntArray) -> FloatArray:
-        """The twin's drives of one candidate, (indices, COLUMNS), kept in full.
-
-        Raises:
-            Stopped: the user asked to stop.
-        """
-        found = self._journal.get(key, len(indices))
-        if found is None:
-            self._check()
-            found = self.twins.rows([self.model.values(list(places))], indices)[0]
-            self._journal.put(key, found)
-        self._notify(1)
-        return found
-
-    def evaluate(
-        self, key: str, batch: FloatArray, indices: IntArray, loss: Loss
-    ) -> list[Evaluated]:
-        """Candidates with their losses.
-
-        Args:
-            key: of the batch in the journal.
-            batch: (candidates, parameters) places.
-            indices: of the recorded drives.
-            loss: on them.
-
-        Raises:
-            Stopped: the user asked to stop.
-        """
-        found = self._journal.get(key, len(batch))
-        if found is None:
-            self._check()
-            rows = self.twins.rows([self.model.values(list(one)) for one in batch], indices)
-            found = np.stack([loss.contributions(one) for one in rows])
-            self._journal.put(key, found)
-        self._notify(len(batch))
-        return [Evaluated(one, told) for one, told in zip(batch, found, strict=True)]
-
-    def _check(self) -> None:
-        if self._should_stop():
-            raise Stopped
+def evaluate(
+    twins: TwinDriver, batch: FloatArray, indices: IntArray, loss: Loss
+) -> list[Evaluated]:
+    """Candidates, (candidates, parameters) places, with their losses on some drives."""
+    rows = twins.rows(batch, indices)
+    return [Evaluated(one, loss.contributions(own)) for one, own in zip(batch, rows, strict=True)]
 
 
 def fit(
-    evaluator: Evaluator,
-    key: str,
+    twins: TwinDriver,
     indices: IntArray,
     loss: Loss,
     *,
@@ -231,37 +83,30 @@ def fit(
     converged, it begins again from the middle with twice as many candidates at once.
 
     Args:
-        evaluator: drives the candidates.
-        key: of this fit in the journal.
+        twins: drive the candidates.
         indices: of the recorded drives.
         loss: on them.
         seed: of the search.
         evaluations: number of candidates, at least 1; the last generation is driven whole.
         start: (parameters,) places of a good candidate to begin around; by default the model's.
-
-    Raises:
-        Stopped: the user asked to stop.
     """
-    parameters = evaluator.model.parameters
-    p = len(parameters)
+    own = twins.start
+    p = len(own)
     sigma = _SIGMA if start is None else _NEAR_SIGMA
-    own = np.array([parameter.place(parameter.start) for parameter in parameters])
-    found = evaluator.evaluate(f"{key} start", own[None, :], indices, loss)
+    found = evaluate(twins, own[None, :], indices, loss)
     size = 4 + math.floor(3.0 * math.log(p + 1))
     generator = np.random.default_rng(seed)
     mean = np.clip(own if start is None else start, _EDGE, 1.0 - _EDGE)
-    number = 0
     while len(found) < evaluations:
         search = _search(mean, sigma, size, int(generator.integers(2**31)))
         width = 1.0
         while len(found) < evaluations and width > _CONVERGED and not search.should_stop():
             asked = np.stack([search.ask() for _ in range(search.population_size)])
-            driven = evaluator.evaluate(f"{key} {number}", asked[:, :p], indices, loss)
+            driven = evaluate(twins, asked[:, :p], indices, loss)
             # One parameter alone has a second, idle place that costs nothing.
             told = [(x, one.loss) for x, one in zip(asked, driven, strict=True)]
             search.tell(told)
             found += driven
-            number += 1
             width = float(np.ptp(asked[:, :p], axis=0).max())
         size *= 2
         sigma = _SIGMA
@@ -278,3 +123,80 @@ def _search(mean: FloatArray, sigma: float, size: int, seed: int) -> CMA:
 def best(candidates: list[Evaluated]) -> Evaluated:
     """The candidate of least loss, the first of equal ones."""
     return min(candidates, key=lambda one: one.loss)
+
+
+# What the data leave open
+
+
+def moved_alone(best: FloatArray) -> FloatArray:
+    """(parameters * _PLACES, parameters) places: the best ones with one parameter moved each."""
+    found = np.repeat(best[None, :], len(best) * _PLACES, axis=0)
+    for k, place in enumerate(best):
+        steps = np.concatenate(([0.0, 1.0], place - _STEPS, place + _STEPS))
+        found[k * _PLACES : (k + 1) * _PLACES, k] = np.sort(np.clip(steps, 0.0, 1.0))
+    return found
+
+
+def difference(one: FloatArray, best: FloatArray, labels: IntArray) -> tuple[float, float]:
+    """The difference of two losses and its standard error.
+
+    Args:
+        one: (n,) contributions of a candidate.
+        best: those of the best one.
+        labels: (n,) numbers of the independent groups.
+    """
+    d = one - best
+    mean = float(d.mean())
+    groups = np.bincount(labels, weights=d - mean)
+    count = int(labels.max()) + 1
+    factor = count / max(count - 1, 1)
+    return mean, float(np.sqrt(factor * (groups**2).sum()) / len(d))
+
+
+def intervals(
+    parameters: Sequence[Parameter],
+    best: Evaluated,
+    others: Sequence[Evaluated],
+    folds: Sequence[Evaluated],
+    alone: Sequence[Evaluated],
+    labels: IntArray,
+) -> list[Fitted]:
+    """What the data say about each parameter.
+
+    Args:
+        parameters: all that were fitted.
+        best: the candidate of least loss.
+        others: candidates on the same drives.
+        folds: the best ones of the folds, on the same drives.
+        alone: those of `moved_alone`, in its order.
+        labels: (n,) numbers of the independent groups of drives.
+    """
+
+    def is_as_good(one: Evaluated) -> bool:
+        mean, error = difference(one.contributions, best.contributions, labels)
+        return mean <= LIMIT * error
+
+    apart = [is_as_good(one) for one in alone]
+    good = [best, *filter(is_as_good, others), *folds]
+    good += [one for one, fine in zip(alone, apart, strict=True) if fine]
+    found = []
+    for k, parameter in enumerate(parameters):
+        low, high = (float(end(one.places[k] for one in good)) for end in (min, max))
+        own = range(k * _PLACES, (k + 1) * _PLACES)
+        worse = [float(alone[i].places[k]) for i in own if not apart[i]]
+        low = max((place for place in worse if place < low), default=low)
+        high = min((place for place in worse if place > high), default=high)
+        at_bound = (low < _EDGE) != (1.0 - high < _EDGE)
+        found.append(
+            Fitted(
+                name=str(parameter),
+                value=parameter.at(float(best.places[k])),
+                low=parameter.low,
+                high=parameter.high,
+                from_=parameter.at(low),
+                to=parameter.at(high),
+                is_determined=high - low < WIDE and not at_bound,
+                at_bound=at_bound,
+            )
+        )
+    return found

@@ -22,7 +22,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 
@@ -42,18 +41,20 @@ from frenetic.twin.calibration.driving import (
     IntArray,
 )
 from frenetic.twin.calibration.recordings import RecordedDrive
+from frenetic.twin.profile import Term
 
-WEIGHTS: Final[Mapping[str, float]] = MappingProxyType(
+_TERMS: Final[Mapping[Term, tuple[float, int, str]]] = MappingProxyType(
     {
-        "outcome": 1.0,
-        "oob_share": 1.0,
-        "oob_distance": 0.5,
-        "steering": 0.25,
-        "offset": 1.0,
-        "speed": 1.0,
+        "outcome": (1.0, MOOBD, "failed"),
+        "oob_share": (1.0, SHARE, "max_oob_share"),
+        "oob_distance": (0.5, OOB_DISTANCE, "mean_oob_distance"),
+        "steering": (0.25, STEERING, "std_steering"),
+        "offset": (1.0, OFFSET, "offset"),
+        "speed": (1.0, SPEED, "speed"),
     }
 )
-"""Name of a term -> its usual weight."""
+"""Name of a term -> its usual weight, the column of a twin's drive, the field of a recorded one."""
+_ALONG: Final[tuple[Term, ...]] = ("offset", "speed")
 REFUSED: Final = 10.0
 """Loss of a candidate with which no car can be made, or with which the driver broke."""
 _RIDGE: Final = 1e-3
@@ -62,61 +63,39 @@ _LEAST: Final = 1e-9
 _STEEPEST: Final = 30.0
 
 
-@dataclass(frozen=True)
-class Logistic:
-    """The chance of a failure: 1 / (1 + exp(-(intercept + slope * score)))."""
+def chances(score: FloatArray, failed: FloatArray) -> FloatArray:
+    """The chances of a failure, (n,): 1 / (1 + exp(-(a + b * score))), the most likely one.
 
-    intercept: float
-    slope: float
+    By Newton's method with a slight ridge; b is at least 0.
 
-    def chance(self, score: FloatArray) -> FloatArray:
-        """The chances of scores, of the same shape."""
-        logit = np.clip(self.intercept + self.slope * score, -_STEEPEST, _STEEPEST)
-        found: FloatArray = 1.0 / (1.0 + np.exp(-logit))
-        return found
-
-    @classmethod
-    def fitted(cls, score: FloatArray, failed: FloatArray) -> Logistic:
-        """The most likely one, by Newton's method with a slight ridge; its slope is at least 0.
-
-        Args:
-            score: (n,).
-            failed: (n,) 0 or 1, both of them there.
-        """
-        base = float(failed.mean())
-        middle, width = float(score.mean()), float(score.std())
-        flat = math.log(base / (1.0 - base))
-        if width < _LEAST:
-            return cls(flat, 0.0)
-        x = (score - middle) / width
-        a, b = flat, 0.0
-        for _ in range(_STEPS):
-            p = 1.0 / (1.0 + np.exp(-np.clip(a + b * x, -_STEEPEST, _STEEPEST)))
-            w = p * (1.0 - p) + 1e-9
-            g = np.array([(failed - p).mean(), ((failed - p) * x).mean() - _RIDGE * b])
-            h = np.array(
-                [[w.mean(), (w * x).mean()], [(w * x).mean(), (w * x * x).mean() + _RIDGE]]
-            )
-            step = np.linalg.solve(h, g)
-            a, b = a + float(step[0]), b + float(step[1])
-            if abs(step).max() < 1e-8:
-                break
-        if b <= 0.0:
-            return cls(flat, 0.0)
-        return cls(a - b * middle / width, b / width)
-
-
-def check_weights(weights: Mapping[str, float]) -> None:
-    """Refuses weights of unknown terms, and negative ones.
-
-    Raises:
-        FreneticError: there is such a weight.
+    Args:
+        score: (n,).
+        failed: (n,) 0 or 1, both of them there.
     """
-    for name, weight in weights.items():
-        if name not in WEIGHTS:
-            raise FreneticError(f"there is no term {name!r}; there are: {', '.join(WEIGHTS)}")
-        if not (math.isfinite(weight) and weight >= 0.0):
-            raise FreneticError(f"the weight of {name} is {weight}: 0 or more is needed")
+    base = float(failed.mean())
+    middle, width = float(score.mean()), float(score.std())
+    flat = math.log(base / (1.0 - base))
+    if width < _LEAST:
+        return _sigmoid(flat + 0.0 * score)
+    x = (score - middle) / width
+    a, b = flat, 0.0
+    for _ in range(_STEPS):
+        p = _sigmoid(a + b * x)
+        w = p * (1.0 - p) + 1e-9
+        g = np.array([(failed - p).mean(), ((failed - p) * x).mean() - _RIDGE * b])
+        h = np.array([[w.mean(), (w * x).mean()], [(w * x).mean(), (w * x * x).mean() + _RIDGE]])
+        step = np.linalg.solve(h, g)
+        a, b = a + float(step[0]), b + float(step[1])
+        if abs(step).max() < 1e-8:
+            break
+    if b <= 0.0:
+        return _sigmoid(flat + 0.0 * score)
+    return _sigmoid(a - b * middle / width + b / width * score)
+
+
+def _sigmoid(logit: FloatArray) -> FloatArray:
+    found: FloatArray = 1.0 / (1.0 + np.exp(-np.clip(logit, -_STEEPEST, _STEEPEST)))
+    return found
 
 
 def scores(rows: FloatArray) -> FloatArray:
@@ -147,54 +126,39 @@ class Loss:
         drives: all recorded drives.
         indices: of those that count.
         weights: name of a term -> its weight, in place of the usual one.
-        shapes: whether only the shapes of speeds are compared.
 
     Raises:
-        FreneticError: there is no such term, a weight is negative, or nothing can be compared.
+        FreneticError: nothing can be compared.
     """
 
     def __init__(
         self,
         drives: Sequence[RecordedDrive],
         indices: IntArray,
-        weights: Mapping[str, float] | None = None,
-        *,
-        shapes: bool = False,
+        weights: Mapping[Term, float] | None = None,
     ) -> None:
-        check_weights(weights or {})
         chosen = [drives[i] for i in indices]
         self.n = len(chosen)
         self.failed = np.array([drive.failed for drive in chosen], dtype=np.float64)
-        has_path = np.array([len(drive.offset) > 0 for drive in chosen])
-        self._ranked: dict[str, tuple[int, FloatArray, FloatArray]] = {}
-        present: dict[str, float] = {}
-        if 0.0 < self.failed.mean() < 1.0:
-            present["outcome"] = 1.0
-        columns = {
-            "oob_share": (SHARE, [drive.max_oob_share for drive in chosen]),
-            "oob_distance": (OOB_DISTANCE, [drive.mean_oob_distance for drive in chosen]),
-            "steering": (STEERING, [drive.std_steering for drive in chosen]),
-        }
-        for name, (column, values) in columns.items():
-            told = np.array(values)
-            if name != "oob_share" and has_path.any():
-                continue  # the trajectories say more
-            if np.isfinite(told).all() and np.ptp(told) > 0.0:
-                self._ranked[name] = column, told, _standard_ranks(told)
-                present[name] = 1.0
-        self._has_path = has_path
-        self._scale = {}
-        for name, column in (("offset", OFFSET), ("speed", SPEED)):
-            paths = [getattr(drive, name) for drive in chosen if len(drive.offset)]
-            if name == "speed" and shapes:
-                paths = [path / max(float(np.nanmean(path)), _LEAST) for path in paths]
-            told = np.concatenate(paths) if paths else np.empty(0)
-            told = told[np.isfinite(told)]
-            spread = float(np.abs(told - np.median(told)).mean()) if len(told) else 0.0
-            if spread > _LEAST:
-                self._scale[name] = column, spread
-                present[name] = 1.0
-        wanted = {name: (weights or {}).get(name, WEIGHTS[name]) for name in present}
+        self._has_path = np.array([len(drive.offset) > 0 for drive in chosen])
+        self._ranked: dict[Term, tuple[int, FloatArray, FloatArray]] = {}
+        self._scale: dict[Term, tuple[int, float]] = {}
+        for name, (_, column, field) in _TERMS.items():
+            if name in _ALONG:
+                paths = [getattr(drive, field) for drive in chosen if len(drive.offset)]
+                told = np.concatenate(paths) if paths else np.empty(0)
+                told = told[np.isfinite(told)]
+                spread = float(np.abs(told - np.median(told)).mean()) if len(told) else 0.0
+                if spread > _LEAST:
+                    self._scale[name] = column, spread
+            # The trajectories say more than mean distance and steering.
+            elif name == "oob_share" or (name != "outcome" and not self._has_path.any()):
+                told = np.array([getattr(drive, field) for drive in chosen])
+                if np.isfinite(told).all() and np.ptp(told) > 0.0:
+                    self._ranked[name] = column, told, _standard_ranks(told)
+        present: list[Term] = ["outcome"] if 0.0 < self.failed.mean() < 1.0 else []
+        present += [*self._ranked, *self._scale]
+        wanted = {name: (weights or {}).get(name, _TERMS[name][0]) for name in present}
         self.weights = {name: weight for name, weight in wanted.items() if weight > 0.0}
         """Name of a term that counts -> its weight."""
         if not self.weights:
@@ -216,9 +180,9 @@ class Loss:
             found += self.weights[name] * values
         return found / sum(self.weights.values())
 
-    def terms(self, rows: FloatArray) -> dict[str, FloatArray]:
+    def terms(self, rows: FloatArray) -> dict[Term, FloatArray]:
         """Name of a term -> its share in each drive, (n,)."""
-        found = {}
+        found: dict[Term, FloatArray] = {}
         for name in self.weights:
             if name == "outcome":
                 found[name] = self._outcome(rows)
@@ -236,13 +200,13 @@ class Loss:
 
     def _outcome(self, rows: FloatArray) -> FloatArray:
         score = -rows[:, MOOBD]
-        chance = np.clip(Logistic.fitted(score, self.failed).chance(score), 1e-6, 1.0 - 1e-6)
+        chance = np.clip(chances(score, self.failed), 1e-6, 1.0 - 1e-6)
         base = float(self.failed.mean())
         nothing = -(base * math.log(base) + (1.0 - base) * math.log(1.0 - base))
         losses: FloatArray = -np.where(self.failed > 0.5, np.log(chance), np.log1p(-chance))
         return losses / nothing
 
-    def _along(self, name: str, rows: FloatArray) -> FloatArray:
+    def _along(self, name: Term, rows: FloatArray) -> FloatArray:
         column, spread = self._scale[name]
         covered = np.nan_to_num(rows[:, COVERED])
         errors = np.nan_to_num(rows[:, column]) / spread

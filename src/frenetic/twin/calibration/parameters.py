@@ -13,7 +13,8 @@ from frenetic.errors import FreneticError
 from frenetic.registry import arguments_of, hint, options_of
 from frenetic.simulators.embedded import EmbeddedSimulator
 from frenetic.simulators.embedded.vehicle import Vehicle
-from frenetic.spec import driver_of
+from frenetic.spec import Part, Spec, driver_of
+from frenetic.twin.calibration.recordings import Terms
 
 Owner: TypeAlias = Literal["driver", "vehicle", "layer"]
 
@@ -21,17 +22,6 @@ SPAN: Final = 4.0
 """A parameter without stated bounds is searched from its value over this to its value times it."""
 _HALVINGS: Final = 20
 _FITTED_LAYERS: Final = ("delay",)  # noise differs from drive to drive, and a view may be endless
-
-
-@dataclass(frozen=True)
-class Asked:
-    """A parameter to be fitted, as a user names it."""
-
-    name: str
-    """With or without its owner: ``braking`` or ``driver.braking``."""
-    low: float | None = None
-    """Lower bound, None for the usual one."""
-    high: float | None = None
 
 
 @dataclass(frozen=True)
@@ -48,25 +38,21 @@ class Parameter:
     def __str__(self) -> str:
         return f"{self.owner}.{self.name}"
 
-    @property
-    def is_log(self) -> bool:
-        """Whether it is searched by its logarithm."""
-        return self.low > 0.0
-
     def at(self, place: float) -> float:
-        """The value at a place 0..1 between the bounds."""
+        """The value at a place 0..1 between the bounds; by logarithms if both are positive."""
         place = min(max(place, 0.0), 1.0)
-        if self.is_log:
+        if self.low > 0.0:
             found = math.exp(math.log(self.low) + place * math.log(self.high / self.low))
         else:
             found = self.low + place * (self.high - self.low)
         return min(max(found, self.low), self.high)
 
-    def place(self, value: float) -> float:
-        """The place 0..1 of a value between the bounds."""
-        if self.is_log:
-            return math.log(value / self.low) / math.log(self.high / self.low)
-        return (value - self.low) / (self.high - self.low)
+    @property
+    def place(self) -> float:
+        """The place 0..1 of its start between the bounds."""
+        if self.low > 0.0:
+            return math.log(self.start / self.low) / math.log(self.high / self.low)
+        return (self.start - self.low) / (self.high - self.low)
 
 
 @dataclass(frozen=True)
@@ -78,68 +64,77 @@ class Model:
     driver_options: Mapping[str, Any]
     vehicle: Mapping[str, float | str]
     """As `Vehicle.of` takes it."""
-    layers: Mapping[str, float]
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[Parameter, ...] = ()
 
     @classmethod
     def of(
         cls,
         driver: str,
-        asked: Sequence[Asked],
+        fit: Sequence[str],
         *,
         driver_options: Mapping[str, Any] | None = None,
-        vehicle: Mapping[str, float | str] | None = None,
-        layers: Mapping[str, float] | None = None,
+        vehicle: str | Mapping[str, float | str] | None = None,
     ) -> Model:
         """The model of a driver, with the parameters that are asked for.
 
         Args:
             driver: as for `frenetic.drivers.loading.load_driver`.
-            asked: one or more parameters.
+            fit: one or more parameters, with or without owner and bounds: ``braking``,
+                ``vehicle.friction=0.5:1.2``.
             driver_options: of the driver; what is fitted begins there.
-            vehicle: as `Vehicle.of` takes it, likewise.
-            layers: name of a layer -> its amount, likewise.
+            vehicle: name of the car, or as `Vehicle.of` takes it, likewise.
 
         Raises:
             FreneticError: the driver or car cannot be made, there is no such parameter, or its
                 bounds do not suit.
         """
-        model = cls(driver, dict(driver_options or {}), dict(vehicle or {}), dict(layers or {}), ())
-        if not asked:
+        if isinstance(vehicle, str):
+            vehicle = {"name": vehicle}
+        model = cls(driver, dict(driver_options or {}), dict(vehicle or {}))
+        if not fit:
             raise FreneticError("nothing is to be fitted: name parameters, such as braking")
-        made, _ = model.make({}, Rules())
+        try:
+            made, _ = model.make({}, Rules())
+        except ValueError as error:
+            raise FreneticError(f"vehicle: {error}") from None
         if brought := getattr(under_layers(made), "VEHICLE", None):
             model = replace(model, vehicle={"name": brought, **model.vehicle})
-        starts = _starts(made if not model.layers else driver_of(driver, model.driver_options, {}))
         car = Vehicle.of(model.vehicle)
-        known: dict[str, float] = {f"driver.{name}": value for name, value in starts.items()}
+        options = {**(options_of(made) or {}), **arguments_of(made)}
+        known = {
+            f"driver.{name}": float(value)
+            for name, value in options.items()
+            if isinstance(value, (int, float)) and not isinstance(value, bool)
+            if math.isfinite(value)
+        }
         known |= {f"vehicle.{item.name}": getattr(car, item.name) for item in fields(car)}
-        known |= {f"layer.{name}": model.layers.get(name, 0.0) for name in _FITTED_LAYERS}
-        parameters: list[Parameter] = []
-        for one in asked:
-            parameter = model._parameter(one, known)
-            if str(parameter) in map(str, parameters):
+        known |= {f"layer.{name}": 0.0 for name in _FITTED_LAYERS}
+        parameters: dict[str, Parameter] = {}
+        for text in fit:
+            parameter = model._parameter(text, known)
+            if str(parameter) in parameters:
                 raise FreneticError(f"{parameter} is to be fitted twice: once is enough")
-            parameters.append(parameter)
-        return replace(model, parameters=tuple(parameters))
+            parameters[str(parameter)] = parameter
+        return replace(model, parameters=tuple(parameters.values()))
 
-    def _parameter(self, asked: Asked, known: Mapping[str, float]) -> Parameter:
-        found = [name for name in known if asked.name in (name, name.partition(".")[2])]
+    def _parameter(self, text: str, known: Mapping[str, float]) -> Parameter:
+        asked, equals, bounds = (part.strip() for part in text.partition("="))
+        found = [name for name in known if asked in (name, name.partition(".")[2])]
         if not found:
             plain = [name.partition(".")[2] for name in known]
             own = [name for name in known if name.startswith("driver.")]
             raise FreneticError(
-                f"there is no parameter {asked.name!r} to fit{hint(asked.name, [*plain, *known])}"
+                f"there is no parameter {asked!r} to fit{hint(asked, [*plain, *known])}"
                 f" {self.driver} has:"
                 f" {', '.join(own) or 'none that is a number'}; beside: layer.delay, and vehicle."
                 f" followed by {', '.join(item.name for item in fields(Vehicle))}"
             )
         if len(found) > 1:
-            raise FreneticError(f"{asked.name!r} may be {' or '.join(found)}: say which one")
+            raise FreneticError(f"{asked!r} may be {' or '.join(found)}: say which one")
         owner, _, name = found[0].partition(".")
         start = known[found[0]]
         whole = Parameter(owner, name, start, start, start)  # type: ignore[arg-type]  # an Owner
-        if asked.low is None or asked.high is None:
+        if not equals:
             if start <= 0.0:
                 raise FreneticError(
                     f"{found[0]} is {start:g}, so it has no usual bounds: state them, as in"
@@ -147,11 +142,14 @@ class Model:
                 )
             low, high = (self._nearest(whole, start, start * by) for by in (1.0 / SPAN, SPAN))
         else:
-            low, high = asked.low, asked.high
+            try:
+                low, high = map(float, bounds.split(":"))
+            except ValueError:
+                low = high = math.nan
             if not low < high:
                 raise FreneticError(
-                    f"the bounds of {found[0]} are {low:g}:{high:g}: LOW:HIGH with LOW below HIGH"
-                    " is needed"
+                    f"the bounds of {found[0]} are {bounds}: LOW:HIGH with LOW below HIGH is"
+                    " needed, as in braking=1:4"
                 )
             for value in (low, high):
                 if trouble := self._trouble(whole, value):
@@ -173,50 +171,53 @@ class Model:
 
     def _trouble(self, parameter: Parameter, value: float) -> str:
         """Why a parameter cannot have a value, the others being as they are; empty if it can."""
-        alone = replace(self, parameters=(parameter,))
         try:
-            alone.make({str(parameter): value}, Rules())
+            self.make({str(parameter): value}, Rules())
         except (FreneticError, ValueError) as error:
             return str(error)
         return ""
 
-    def options(
-        self, values: Mapping[str, float]
-    ) -> tuple[dict[str, Any], dict[str, float | str], dict[str, float]]:
-        """Options of the driver, parameters of the car, and layers with these values.
-
-        Args:
-            values: name with its owner -> value.
-        """
-        driver, vehicle, layers = dict(self.driver_options), dict(self.vehicle), dict(self.layers)
+    def _options(self, values: Mapping[str, float]) -> dict[str, dict[str, Any]]:
+        """Owner -> its options, parameters or layers with these values."""
+        found: dict[str, dict[str, Any]] = {
+            "driver": dict(self.driver_options),
+            "vehicle": dict(self.vehicle),
+            "layer": {},
+        }
         for name, value in values.items():
             owner, _, own = name.partition(".")
-            into: dict[str, Any] = {"driver": driver, "vehicle": vehicle, "layer": layers}[owner]
-            into[own] = value
-        return driver, vehicle, layers
+            found[owner][own] = value
+        return found
 
     def make(self, values: Mapping[str, float], rules: Rules) -> tuple[Driver, EmbeddedSimulator]:
         """Driver and simulator with these values.
+
+        Args:
+            values: name with its owner -> value.
+            rules: of the simulator.
 
         Raises:
             FreneticError: the driver refuses them.
             ValueError: the car does.
         """
-        options, vehicle, layers = self.options(values)
-        driver = driver_of(self.driver, options, layers)
-        return driver, EmbeddedSimulator(vehicle=Vehicle.of(vehicle), rules=rules)
+        options = self._options(values)
+        driver = driver_of(self.driver, options["driver"], options["layer"])
+        return driver, EmbeddedSimulator(vehicle=Vehicle.of(options["vehicle"]), rules=rules)
+
+    def spec(self, values: Mapping[str, float], rules: Rules, terms: Terms) -> Spec:
+        """The same as a spec, with the map and the lanes of the terms."""
+        options = self._options(values)
+        vehicle = options["vehicle"]
+        return Spec(
+            driver=Part(self.driver, options["driver"]),
+            layers=options["layer"],
+            simulator=Part("embedded", {"vehicle": vehicle} if vehicle else {}),
+            rules=rules,
+            map_size=terms.map_size or Spec.map_size,
+            lane_width=terms.lane_width or Spec.lane_width,
+        )
 
     def values(self, places: Sequence[float]) -> dict[str, float]:
         """Name -> value of the parameters at places 0..1 between their bounds."""
         found = zip(self.parameters, places, strict=True)
         return {str(parameter): parameter.at(float(place)) for parameter, place in found}
-
-
-def _starts(driver: Driver) -> dict[str, float]:
-    """Name -> value of the driver's options that are numbers."""
-    given = {**(options_of(driver) or {}), **arguments_of(driver)}
-    return {
-        name: float(value)
-        for name, value in given.items()
-        if isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-    }

@@ -3,7 +3,7 @@
 A folder is a campaign, a folder of campaigns, a folder of test files (JSON, one drive each), or an
 export with a table of tests. A file is a test file or a table: JSON Lines, CSV or Parquet, one row
 per drive. The entries of a row are those of a test file; docs/calibrating.md lists them. Only a
-road and the outcome are needed, and everything is validated.
+road and the outcome are needed.
 """
 
 from __future__ import annotations
@@ -14,14 +14,17 @@ import io
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final, TypeAlias, TypeVar
 
+import msgspec
 import numpy as np
+from msgspec import Meta, Struct
 from threadpoolctl import threadpool_limits
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.bounds import Finite, Positive, Share
 from frenetic._support.files import require_list
 from frenetic._support.words import pip_install
 from frenetic.analysis.groups import find_campaigns
@@ -29,12 +32,12 @@ from frenetic.campaign.database import DATABASE
 from frenetic.campaign.store import CampaignStore
 from frenetic.drive import Rules
 from frenetic.errors import FreneticError, RoadError
-from frenetic.oracle import LEFT_LANE, assess
+from frenetic.export.competition import SimulationRecord
+from frenetic.oracle import assess
 from frenetic.outcome import Outcome
-from frenetic.road import Pose, Road
-from frenetic.road.files import road_file
+from frenetic.road import Road
+from frenetic.road.files import RoadEntries, RoadFile
 from frenetic.search.records import Trace
-from frenetic.spec import shown
 
 GRID: Final = 2.0
 """Distance along the road between two places where drives are compared, in m."""
@@ -44,30 +47,23 @@ MAX_BYTES: Final = 2**30
 """Most bytes of a file."""
 
 _TABLES: Final = (".jsonl", ".ndjson", ".csv", ".parquet")
-_RUN: Final = ("recording", "search", "run")
-_RECORD: Final = {"timer": 0, "pos": 1, "dir": 2, "vel": 3, "steering": 4}
-_OOB_DISTANCE, _OOB_SHARE = 15, 16  # places in the competition's records
+
+Read = TypeVar("Read")
 
 
-@dataclass(frozen=True)
-class Terms:
-    """The terms of recorded drives; None where the recording does not say and nobody else."""
+class Terms(Struct, frozen=True, kw_only=True):
+    """The terms of recorded drives; None where nobody says."""
 
-    speed_limit: float | None = None
+    speed_limit: Positive | None = None
     """km/h."""
-    oob_tolerance: float | None = None
-    lane_width: float | None = None
+    oob_tolerance: Share | None = None
+    lane_width: Positive | None = None
     """m."""
-    map_size: float | None = None
+    map_size: Positive | None = None
     """m."""
 
-    def or_else(self, other: Terms) -> Terms:
-        """These terms, and what they lack from others."""
-        own = {k: v for k, v in vars(self).items() if v is not None}
-        return replace(other, **own)
 
-
-USUAL: Final = Terms(70.0, 0.95, 4.0, 200.0)
+_USUAL: Final = Terms(speed_limit=70.0, oob_tolerance=0.95, lane_width=4.0, map_size=200.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,8 +82,6 @@ class RecordedDrive:
     mean_oob_distance: float = math.nan
     """m."""
     std_steering: float = math.nan
-    departure: float = math.nan
-    """Distance along the road to the place of departure, in m."""
     offset: FloatArray = field(default_factory=lambda: np.empty(0))
     """Offset left of the ego lane's centre every `GRID` m, (n,) in m, NaN where it did not come."""
     speed: FloatArray = field(default_factory=lambda: np.empty(0))
@@ -133,10 +127,10 @@ def read_recordings(places: Iterable[Path | str], given: Terms | None = None) ->
         runs: dict[str, int] = {}  # numbered, since their names depend on the place
         before = len(drives)
         with threadpool_limits(1):  # threads would wait for each other on small matrices
-            for source in _sources(place):
-                terms = (given or Terms()).or_else(source.terms).or_else(USUAL)
-                found.setdefault(terms, source.name)
-                for drive in source.drives(terms):
+            for name, own, read in _sources(place):
+                terms = _first_told(given or Terms(), own, _USUAL)
+                found.setdefault(terms, name)
+                for drive in read(terms):
                     if drive is None:
                         skipped += 1
                         continue
@@ -147,34 +141,39 @@ def read_recordings(places: Iterable[Path | str], given: Terms | None = None) ->
         digests[str(place)] = digest.hexdigest()
     if len(found) > 1:
         (one, first), (other, second), *_ = found.items()
-        differ = [k for k in vars(one) if getattr(one, k) != getattr(other, k)]
-        words = " and ".join(f"{k} {getattr(one, k):g} and {getattr(other, k):g}" for k in differ)
+        words = " and ".join(
+            f"{k} {getattr(one, k):g} and {getattr(other, k):g}"
+            for k in Terms.__struct_fields__
+            if getattr(one, k) != getattr(other, k)
+        )
         raise FreneticError(
             f"{first} and {second} were driven under different terms ({words}): calibrate them one"
-            " by one, or say which hold for all, such as"
-            f" {differ[0].replace('_', ' ')} {getattr(one, differ[0]):g}"
+            " by one, or say in a file which hold for all"
         )
     return Recordings(tuple(drives), next(iter(found)), digests, skipped)
+
+
+def _first_told(*several: Terms) -> Terms:
+    return Terms(
+        **{
+            name: next((v for one in several if (v := getattr(one, name)) is not None), None)
+            for name in Terms.__struct_fields__
+        }
+    )
 
 
 def _feed(digest: Any, drive: RecordedDrive, run: int) -> None:
     values = [drive.failed, drive.max_oob_share, drive.mean_oob_distance, drive.std_steering]
     road = [drive.road.step, *drive.road.pose]
-    digest.update(json.dumps([run, *values, drive.departure, *road]).encode())
+    digest.update(json.dumps([run, *values, *road]).encode())
     for array in (drive.road.curvatures, drive.offset, drive.speed):
         digest.update(np.asarray(array, dtype="<f8").tobytes())
 
 
 # Places
 
-
-@dataclass(frozen=True)
-class _Source:
-    """A campaign, folder of test files or table."""
-
-    name: str
-    terms: Terms
-    drives: Callable[[Terms], Iterator[RecordedDrive | None]]
+_Source: TypeAlias = tuple[str, Terms, Callable[[Terms], Iterator[RecordedDrive | None]]]
+"""Name, terms and drives of a campaign, folder of test files or table."""
 
 
 def _sources(place: Path) -> Iterator[_Source]:
@@ -191,16 +190,13 @@ def _sources(place: Path) -> Iterator[_Source]:
         if (table := place / f"tests{suffix}").is_file():
             yield _table(place, table)
             return
-    if files := sorted(place.glob("*.json")):
-        yield _files(place, files)
-        return
-    folders = sorted({file.parent for file in place.glob("*/*.json")})
+    folders = sorted({file.parent for file in [*place.glob("*.json"), *place.glob("*/*.json")]})
     if not folders:
         raise FreneticError(
             f"{place} holds no recording: a campaign, test files (.json) or a table named tests,"
             f" with {', '.join(_TABLES)}, is needed"
         )
-    for folder in folders:
+    for folder in [place] if place in folders else folders:
         yield _files(place, sorted(folder.glob("*.json")))
 
 
@@ -226,16 +222,19 @@ def _campaign(place: Path, folder: Path) -> _Source:
                     max_oob_share=float(seen.oob_share.max()),
                     mean_oob_distance=float(seen.oob_distance.mean()),
                     std_steering=float(path.steering[:n].std()),
-                    departure=float(seen.distance[-1]) if seen.end == LEFT_LANE else math.nan,
                     offset=offset,
                     speed=speed,
                 )
 
     with CampaignStore.open(folder) as store:
         setting = store.setting
-    rules = setting.rules
-    terms = Terms(rules.speed_limit, rules.oob_tolerance, setting.lane_width, setting.map_size)
-    return _Source(str(folder), terms, drives)
+    terms = Terms(
+        speed_limit=setting.rules.speed_limit,
+        oob_tolerance=setting.rules.oob_tolerance,
+        lane_width=setting.lane_width,
+        map_size=setting.map_size,
+    )
+    return str(folder), terms, drives
 
 
 def _files(place: Path, files: Sequence[Path]) -> _Source:
@@ -243,34 +242,31 @@ def _files(place: Path, files: Sequence[Path]) -> _Source:
 
     def drives(terms: Terms) -> Iterator[RecordedDrive | None]:
         for file in files:
-            text = _read(file)
-            entries = _json(text, file)
-            yield _drive_of(entries, file, file.name, str(place), str(folder), terms)
+            yield _drive_of(_json(_read(file), file), file, file.name, (place, folder), terms)
 
     described = folder / "experiment_description.csv"
-    terms = Terms()
-    if described.is_file():
-        row = next(_rows(described), {})
-        names = ("speed_limit", "oob_tolerance", "map_size")
-        terms = Terms(**{k: _number(row, k, described) for k in names if k in row})
-    return _Source(str(folder), terms, drives)
+    row = next(_rows(described), {}) if described.is_file() else {}
+    return str(folder), _converted(row, Terms, described), drives
 
 
 def _table(place: Path, table: Path) -> _Source:
     def drives(terms: Terms) -> Iterator[RecordedDrive | None]:
-        paths: Mapping[str, Mapping[str, list[float]]] = {}
+        paths: dict[str, dict[str, list[Any]]] = {}
         beside = table.with_name(f"trajectories{table.suffix}")
-        if beside.is_file() and beside != table:
-            paths = _trajectories(_rows(beside))
+        for row in _rows(beside) if beside.is_file() and beside != table else ():
+            columns = paths.setdefault(
+                str(row.get("id")), {k: [] for k in Course.__struct_fields__}
+            )
+            for name, values in columns.items():
+                values.append(row.get(name, math.nan))
         for i, row in enumerate(_rows(table), start=1):
             if i > MAX_ROWS:
                 raise FreneticError(f"{table} has more than {MAX_ROWS:,} rows: split it")
-            path = paths.get(str(row.get("id")))
-            entries = row if path is None else {**row, "trajectory": path}
-            name = f"row {i}"
-            yield _drive_of(entries, f"{table}, {name}", name, str(place), str(place), terms)
+            if (path := paths.get(str(row.get("id")))) is not None:
+                row = {**row, "trajectory": path}
+            yield _drive_of(row, f"{table}, row {i}", f"row {i}", (place, place), terms)
 
-    return _Source(str(table), Terms(), drives)
+    return str(table), Terms(), drives
 
 
 def _rows(table: Path) -> Iterator[Mapping[str, Any]]:
@@ -300,7 +296,7 @@ def _rows(table: Path) -> Iterator[Mapping[str, Any]]:
     else:
         for i, line in enumerate(_read(table).split("\n"), start=1):
             if line.strip():
-                yield _json(line, f"{table}, line {i}")
+                yield _json(line, f"{table}, row {i}")
 
 
 def _cell(text: Any) -> Any:
@@ -308,16 +304,6 @@ def _cell(text: Any) -> Any:
         return json.loads(text)
     except (ValueError, TypeError, RecursionError):
         return text
-
-
-def _trajectories(rows: Iterable[Mapping[str, Any]]) -> dict[str, dict[str, list[float]]]:
-    """Id of a drive -> its columns."""
-    found: dict[str, dict[str, list[float]]] = {}
-    for row in rows:
-        columns = found.setdefault(str(row.get("id")), {k: [] for k in ("time", "x", "y", "speed")})
-        for name, values in columns.items():
-            values.append(row.get(name, math.nan))
-    return found
 
 
 def _check_size(path: Path) -> None:
@@ -335,69 +321,140 @@ def _read(path: Path) -> str:
         raise FreneticError(f"{path} is no text in UTF-8") from None
 
 
-def _json(text: str, where: object) -> Mapping[str, Any]:
+def _json(text: str, where: object) -> dict[str, Any]:
     try:
-        value = json.loads(text)
+        return msgspec.json.decode(text, type=dict[str, Any])
     except (ValueError, RecursionError) as error:
-        raise FreneticError(f"{where} is not JSON: {error}") from None
-    if not isinstance(value, Mapping):
-        raise FreneticError(f"{where} holds {shown(value)}: an object is needed")
-    return value
+        raise FreneticError(f"{where} holds no object of JSON: {error}") from None
+
+
+def _converted(value: object, kind: type[Read], where: object) -> Read:
+    try:
+        return msgspec.convert(value, kind)
+    except (ValueError, OverflowError) as error:
+        raise FreneticError(f"{where}: {error}") from None
 
 
 # A drive
 
+Vector: TypeAlias = Annotated[list[Finite], Meta(min_length=2)]
+
+
+class Judged(Struct):
+    """The entries of a test file or row that say how its drive ended."""
+
+    outcome: Outcome | None = None
+    test_outcome: Outcome | None = None
+    """The same in the competition's files."""
+
+
+class Moment(Struct, array_like=True):
+    """A row of a trajectory; what follows is not read."""
+
+    time: Finite
+    """s."""
+    x: Finite
+    """m."""
+    y: Finite
+    """m."""
+
+
+class Course(Struct):
+    """A trajectory as columns."""
+
+    time: list[Finite]
+    x: list[Finite]
+    y: list[Finite]
+    speed: list[float] = []
+    """m/s; worked out where it is unknown."""
+
+
+class Record(Struct):
+    """A record of the competition's."""
+
+    timer: Finite
+    pos: Vector
+    dir: Vector
+    vel: Vector
+    steering: Finite
+    oob_distance: Finite
+    oob_percentage: Finite
+
+
+class Row(RoadEntries):
+    """The entries of a test file or row that describe its road and drive."""
+
+    x: Finite | None = None
+    """Where the road begins, if there is no `pose`."""
+    y: Finite | None = None
+    heading: Finite | None = None
+    recording: Any = None
+    search: Any = None
+    run: Any = None
+    max_oob_share: Finite | None = None
+    mean_oob_distance: Finite | None = None
+    std_steering: Finite | None = None
+    trajectory: Course | list[Moment] | None = None
+    execution_data: list[Record] | None = None
+
 
 def _drive_of(
-    entries: Mapping[str, Any], where: object, name: str, recording: str, run: str, terms: Terms
+    entries: Mapping[str, Any], where: object, name: str, places: tuple[Path, Path], terms: Terms
 ) -> RecordedDrive | None:
-    """The drive of a test file or of a row; None if the road was not driven or the drive broke."""
-    outcome = entries.get("outcome", entries.get("test_outcome"))
+    """The drive of a test file or of a row; None if the road was not driven or the drive broke.
+
+    Args:
+        entries: of the file or row.
+        where: they stand, for messages.
+        name: of the drive.
+        places: of its recording and of its run.
+        terms: of the recording.
+    """
+    judged = _converted(entries, Judged, where)
+    outcome = judged.outcome or judged.test_outcome
     if outcome is None:
         raise FreneticError(f"{where} has no outcome: PASS or FAIL is needed")
-    if not isinstance(outcome, str) or outcome not in set(Outcome):
-        raise FreneticError(f"{where}: its outcome is {shown(outcome)}: PASS or FAIL is needed")
-    if not Outcome(outcome).is_driven:
+    if not outcome.is_driven:
         return None
-    described = {**entries, "lane_width": terms.lane_width}
-    pose = [entries.get(name) for name in Pose._fields]
-    if None not in pose:  # as in our own tables
-        described.setdefault("pose", pose)
+    if isinstance(records := entries.get("execution_data"), list):
+        named = [
+            dict(zip(SimulationRecord._fields, one, strict=False)) if isinstance(one, list) else one
+            for one in records
+        ]
+        entries = {**entries, "execution_data": named}
+    row = _converted(entries, Row, where)
+    row.lane_width = terms.lane_width or row.lane_width
+    if row.pose is None and row.x is not None and row.y is not None and row.heading is not None:
+        row.pose = row.x, row.y, row.heading  # as in our own tables
+    if row.curvatures is None and row.road_points is None:
+        raise FreneticError(f"{where} has neither 'curvatures' nor 'road_points'")
     try:
-        road = road_file(Path(str(where)), described).road()
+        road = RoadFile(Path(str(where)), row).road()
     except RoadError as error:
         raise FreneticError(str(error)) from None
-    groups = [str(entries[key]) for key in _RUN if entries.get(key) is not None]
     path = offset = speed = np.empty(0)
     measured: dict[str, float] = {}
-    if (records := entries.get("execution_data")) not in (None, []):
-        path, speed, measured = _competition_records(records, where)
-    elif (trajectory := entries.get("trajectory")) not in (None, []):
-        path, speed = _trajectory(trajectory, where)
+    if row.execution_data:
+        path, speed, measured = _competition_records(row.execution_data, where)
+    elif row.trajectory:
+        path, speed = _trajectory(row.trajectory, where)
     if len(path):
         along = Trace.along(road, path, speed)
         offset, speed = on_grid(along.distance, along.lateral_offset, along.speed)
     measured |= {
-        key: _number(entries, key, where)
+        key: value
         for key in ("max_oob_share", "mean_oob_distance", "std_steering")
-        if entries.get(key) is not None
+        if (value := getattr(row, key)) is not None
     }
-    rules = _rules(terms)
-    failed = outcome == Outcome.FAIL
-    departure = math.nan
-    seen = np.flatnonzero(np.isfinite(offset))
-    if failed and entries.get("departure_distance") is not None:
-        departure = _number(entries, "departure_distance", where)
-    elif failed and len(seen) and abs(offset[seen[-1]]) > 0.25 * road.lane_width:
-        departure = GRID * float(seen[-1])  # where its record ends, unless it got stuck
+    recording, run = map(str, places)
+    groups = [str(one) for one in (row.recording, row.search, row.run) if one is not None]
     return RecordedDrive(
         name=name,
         recording=recording,
         run=", ".join([run, *groups]),
         road=road,
-        rules=rules,
-        failed=failed,
-        departure=departure,
+        rules=_rules(terms),
+        failed=outcome is Outcome.FAIL,
         offset=offset,
         speed=speed,
         **measured,
@@ -417,90 +474,42 @@ def _with_width(road: Road, terms: Terms) -> Road:
     return Road(road.curvatures, road.step, road.pose, lane_width=terms.lane_width)
 
 
-def _number(entries: Mapping[str, Any], name: str, where: object) -> float:
-    try:
-        value = float(entries[name])
-    except (TypeError, ValueError, OverflowError):
-        value = math.nan
-    if not math.isfinite(value):
-        raise FreneticError(f"{where}: its {name} is {shown(entries[name])}: a number is needed")
-    return value
-
-
-def _array(values: object, where: object, what: str) -> FloatArray:
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        array = np.empty(())
-    if array.ndim != 1:
-        raise FreneticError(f"{where}: {what} is not a list of numbers")
-    return array
-
-
-def _trajectory(given: Any, where: object) -> tuple[FloatArray, FloatArray]:
-    """(path, speed) of rows [time, x, y, ...] or of columns."""
-    if isinstance(given, Mapping):
-        if missing := [name for name in ("time", "x", "y") if name not in given]:
-            raise FreneticError(f"{where}: its trajectory has no {missing[0]}")
-        entries = given
-    elif isinstance(given, list) and all(isinstance(row, list) and len(row) > 2 for row in given):
-        entries = {name: [row[i] for row in given] for i, name in enumerate(("time", "x", "y"))}
-    else:
-        raise FreneticError(f"{where}: its trajectory is no list of [time, x, y]")
-    columns = [_array(entries[name], where, f"its {name}") for name in ("time", "x", "y")]
-    speed = _array(entries.get("speed", []), where, "its speed")
-    n = len(columns[0])
-    if any(column.shape != (n,) for column in columns) or len(speed) not in (0, n) or n < 2:
+def _trajectory(given: Course | list[Moment], where: object) -> tuple[FloatArray, FloatArray]:
+    """(path, speed) of a trajectory."""
+    if isinstance(given, list):
+        given = Course([m.time for m in given], [m.x for m in given], [m.y for m in given])
+    n = len(given.time)
+    if n < 2 or {len(given.x), len(given.y)} != {n} or len(given.speed) not in (0, n):
         raise FreneticError(f"{where}: its trajectory needs as many times as places, two or more")
-    if not np.isfinite(columns).all() or (np.diff(columns[0]) < 0.0).any():
-        raise FreneticError(f"{where}: its trajectory needs finite numbers in the order of time")
-    path = np.column_stack(columns[1:])
+    time, path = np.array(given.time), np.column_stack((given.x, given.y))
+    if (np.diff(time) < 0.0).any():
+        raise FreneticError(f"{where}: its trajectory is not in the order of time")
+    speed = np.array(given.speed)
     if not len(speed) or not np.isfinite(speed).all():
         gone = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))))
-        times, first = np.unique(columns[0], return_index=True)
+        times, first = np.unique(time, return_index=True)
         if len(times) < 2:
             raise FreneticError(f"{where}: all records of its trajectory are of one time")
         at = np.gradient(gone[first], times)
-        speed = np.interp(columns[0], times, at)
+        speed = np.interp(time, times, at)
     return path, speed
 
 
 def _competition_records(
-    records: Any, where: object
+    records: Sequence[Record], where: object
 ) -> tuple[FloatArray, FloatArray, dict[str, float]]:
     """(path, speed, measures) of the competition's records."""
-
-    def column(place: int, name: str) -> Any:
-        return [row[name] if isinstance(row, Mapping) else row[place] for row in records]
-
-    try:
-        timer, pos, ahead, vel, steering = (column(place, name) for name, place in _RECORD.items())
-        distance = column(_OOB_DISTANCE, "oob_distance")
-        share = column(_OOB_SHARE, "oob_percentage")
-        arrays = [np.array(values, dtype=np.float64) for values in (steering, distance, share)]
-        if not np.isfinite(arrays).all():
-            raise ValueError
-        path = [[place[0], place[1]] for place in pos]
-        places, _ = _trajectory(
-            {"time": timer, "x": [p[0] for p in path], "y": [p[1] for p in path]}, where
-        )
-        along = [[v[:2] for v in one] for one in (vel, ahead)]
-        vectors = np.array(along, dtype=np.float64)
-        speed = np.prod(vectors, axis=0).sum(axis=1)
-    except (TypeError, ValueError, OverflowError, IndexError, KeyError):
-        raise FreneticError(f"{where}: its execution_data are no records of a drive") from None
-    for name, values in zip(("vel", "dir"), vectors, strict=True):
-        if len(odd := np.flatnonzero(~np.isfinite(values).all(axis=1))):
-            raise FreneticError(
-                f"{where}: {name} of record {odd[0] + 1} of its execution_data is"
-                f" {shown(column(_RECORD[name], name)[odd[0]])}: finite numbers are needed"
-            )
+    path, _ = _trajectory([Moment(r.timer, r.pos[0], r.pos[1]) for r in records], where)
+    ahead, moving = (
+        np.array([getattr(r, name)[:2] for r in records], dtype=np.float64)
+        for name in ("dir", "vel")
+    )
     measures = {
-        "max_oob_share": float(arrays[2].max()),
-        "mean_oob_distance": float(arrays[1].mean()),
-        "std_steering": float(arrays[0].std()),
+        "max_oob_share": float(max(r.oob_percentage for r in records)),
+        "mean_oob_distance": float(np.mean([r.oob_distance for r in records])),
+        "std_steering": float(np.std([r.steering for r in records])),
     }
-    return places, speed, measures
+    return path, (moving * ahead).sum(axis=1), measures
 
 
 def on_grid(

@@ -13,7 +13,6 @@ from frenetic._support.words import counted
 from frenetic.analysis.statistics import a12, spearman
 from frenetic.road import Road
 from frenetic.twin.calibration.driving import (
-    DEPARTURE,
     FAILED,
     OFFSET_MEDIAN,
     SPEED_MEDIAN,
@@ -23,8 +22,6 @@ from frenetic.twin.calibration.loss import with_ties
 from frenetic.twin.calibration.recordings import RecordedDrive
 from frenetic.twin.profile import Figures
 
-NEAR: Final = 20.0
-"""Distance between two places of departure that count as the same, in m."""
 LEAST: Final = 10
 """Fewest failures, and fewest other drives, for a verdict."""
 UNFITTED: Final = "the driver as it was"
@@ -99,12 +96,7 @@ def figures_of(
         values = rows[:, column]
         values = values[np.isfinite(values)]
         found[name] = float(np.median(values)) if len(values) else None
-    gaps = np.abs(rows[:, DEPARTURE] - np.array([drive.departure for drive in drives]))
-    gaps = gaps[np.isfinite(gaps)]
-    if len(gaps):
-        found["departure_gap"] = float(np.median(gaps))
-        found["near_departures"] = float((gaps <= NEAR).mean())
-    return Figures(common_departures=len(gaps), **found)
+    return Figures(**found)
 
 
 def auc_interval(

@@ -21,8 +21,7 @@ from frenetic.cli.options import (
 from frenetic.cli.parts import asked_spec, driver_options, given_options
 
 if TYPE_CHECKING:
-    from frenetic.twin.ranking import RankedRoad
-
+    from frenetic.twin import Prospect
 
 _DRIVER: Final = {
     "lateral_acceleration": 6.44,
@@ -45,27 +44,12 @@ _HOST: Final = "127.0.0.1"
 _PORT: Final = 4545
 
 
-class Address(click.ParamType):  # type: ignore[type-arg]  # generic in click's newest only
-    """[HOST:]PORT."""
-
-    name = "[host:]port"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, int]:
-        """(host, port)."""
-        host, _, port = str(value).rpartition(":")
-        if not port.isascii() or not port.isdigit() or int(port) > 65535:
-            self.fail(f"{value!r} is not [HOST:]PORT, as in 4545 or 0.0.0.0:4545", param, ctx)
-        return host or _HOST, int(port)
-
-
 @click.command()
 @click.argument("roads", nargs=-1, type=click.Path(path_type=Path), metavar="[ROADS]...")
 @driver_options
 @click.option(
     "--serve",
-    type=Address(),
+    metavar="[HOST:]PORT",
     is_flag=False,
     flag_value=str(_PORT),
     help="Rank for the evaluators of the SDC test competitions of 2025 and 2026 instead, over gRPC,"
@@ -83,7 +67,7 @@ def rank(
     top: int | None,
     anyway: bool,
     lane: int | None,
-    serve: tuple[str, int] | None,
+    serve: str | None,
     as_json: bool,
     **_: Any,
 ) -> None:
@@ -99,13 +83,14 @@ def rank(
     its host is 0.0.0.0. Its defaults are the competitions' setting: BeamNG.AI as the planner
     follows it, with risk factor 1.5 at 120 km/h, on lanes of 5 m.
     """
-    from frenetic.twin.ranking import Twin, find_roads
-    from frenetic.twin.ranking import rank as in_order
+    from frenetic.road.files import find_roads
+    from frenetic.twin import Twin
+    from frenetic.twin import rank as in_order
 
     if serve is not None:
         if roads:
             raise click.UsageError(f"--serve gets its roads from an evaluator: without {roads[0]}")
-        _serve(context, *serve, as_json=as_json)
+        _serve(context, serve, as_json)
         return
     if not roads:
         raise click.UsageError("Missing argument 'ROADS...': files of roads, or folders of them")
@@ -124,10 +109,10 @@ def rank(
             show(done, len(found.roads))
     ranked = in_order(prospects, top)
     if as_json:
-        click.echo(json.dumps([_as_json(one) for one in ranked]))
+        click.echo(json.dumps([_as_json(i, *one) for i, one in enumerate(ranked, 1)]))
     else:
         columns = [">rank", "outcome", ">oob share", ">MOOBD", ">at", "side", ">like", "road"]
-        print_table(columns, map(_row, ranked))
+        print_table(columns, [_row(i, *one) for i, one in enumerate(ranked, 1)])
         if top is not None and len(ranked) < top:
             click.echo(f"Different problems: {len(ranked)} of the {top} asked for.")
     if found.skipped:
@@ -139,10 +124,16 @@ def rank(
         raise click.exceptions.Exit(2)
 
 
-def _serve(context: click.Context, host: str, port: int, *, as_json: bool) -> None:
+def _serve(context: click.Context, address: str, as_json: bool) -> None:
     """Ranks roads for evaluators until Ctrl-C."""
-    from frenetic.twin.ranking import Twin
-    from frenetic.twin.ranking.service import CompetitionTool, serving
+    host, _, text = address.rpartition(":")
+    if not text.isascii() or not text.isdigit() or int(text) > 65535:
+        raise click.UsageError(
+            f"--serve: {address!r} is not [HOST:]PORT, as in 4545 or 0.0.0.0:4545"
+        )
+    host, port = host or _HOST, int(text)
+    from frenetic.twin import Twin
+    from frenetic.twin.service import CompetitionTool, serving
 
     given = given_options(context)
     usual = {name: value for name, value in _SETTING.items() if name not in given}
@@ -167,34 +158,24 @@ def until_interrupted() -> None:
         time.sleep(60.0)  # on Windows Ctrl-C ends a sleep, but no wait for an event or a lock
 
 
-def _row(one: RankedRoad) -> tuple[object, ...]:
-    prospect = one.prospect
-    if prospect.max_oob_share is None or prospect.moobd is None or prospect.distance is None:
-        reason = f"{prospect.name}: {prospect.reason}"
-        return one.rank, prospect.outcome, *[None] * 5, reason
-    return (
-        one.rank,
-        prospect.outcome,
-        f"{prospect.max_oob_share:.0%}",
-        f"{prospect.moobd:.2f} m",
-        f"{prospect.distance:.0f} m",
-        prospect.side,
-        one.like,
-        prospect.name,
-    )
+def _row(number: int, one: Prospect, like: int | None) -> tuple[object, ...]:
+    if one.score is None:
+        return number, one.outcome, *[None] * 5, f"{one.name}: {one.reason}"
+    share, moobd = one.score[0], -one.score[1]
+    place = f"{share:.0%}", f"{moobd:.2f} m", f"{one.distance:.0f} m"
+    return number, one.outcome, *place, one.side, like, one.name
 
 
-def _as_json(one: RankedRoad) -> dict[str, object]:
-    prospect = one.prospect
+def _as_json(number: int, one: Prospect, like: int | None) -> dict[str, object]:
     return {
-        "rank": one.rank,
-        "road": prospect.name,
-        "length": prospect.length,
-        "outcome": prospect.outcome,
-        "reason": prospect.reason,
-        "max_oob_share": prospect.max_oob_share,
-        "moobd": prospect.moobd,
-        "distance": prospect.distance,
-        "side": prospect.side,
-        "like": one.like,
+        "rank": number,
+        "road": one.name,
+        "length": one.length,
+        "outcome": one.outcome,
+        "reason": one.reason,
+        "max_oob_share": None if one.score is None else one.score[0],
+        "moobd": None if one.score is None else -one.score[1],
+        "distance": one.distance,
+        "side": one.side,
+        "like": like,
     }

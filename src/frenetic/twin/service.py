@@ -13,8 +13,7 @@ tests, those are selected that the twin fails itself.
 from __future__ import annotations
 
 import logging
-import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -25,7 +24,7 @@ from frenetic._support.words import pip_install
 from frenetic.errors import FreneticError, RoadError
 from frenetic.outcome import Outcome
 from frenetic.road import Road
-from frenetic.twin.ranking.ranking import Prospect, Twin, rank
+from frenetic.twin.twin import Prospect, Twin, rank
 
 try:
     import grpc
@@ -56,17 +55,16 @@ def _messages() -> dict[str, Any]:
     for name, entries in _MESSAGES.items():
         message = file.message_type.add(name=name)
         for number, (entry, kind) in enumerate(entries, 1):
-            repeated = kind.startswith("repeated ")
+            is_repeated = kind.startswith("repeated ")
             kind = kind.removeprefix("repeated ")
-            described = message.field.add(
+            is_message = kind in _MESSAGES
+            message.field.add(
                 name=entry,
                 number=number,
-                label=kinds.LABEL_REPEATED if repeated else kinds.LABEL_OPTIONAL,
+                label=kinds.LABEL_REPEATED if is_repeated else kinds.LABEL_OPTIONAL,
+                type=kinds.TYPE_MESSAGE if is_message else getattr(kinds, f"TYPE_{kind.upper()}"),
+                type_name=kind if is_message else None,
             )
-            if kind in _MESSAGES:
-                described.type, described.type_name = kinds.TYPE_MESSAGE, kind
-            else:
-                described.type = getattr(kinds, f"TYPE_{kind.upper()}")
     pool = descriptor_pool.DescriptorPool()  # of its own: others may define the same names
     pool.Add(file)
     return {
@@ -84,7 +82,7 @@ class CompetitionTool:
     lane_width: float = 5.0
     """m, of each lane."""
     threshold: tuple[float, float] | None = None
-    """(oob share, -MOOBD) from which on a test is selected, None until it is initialised with
+    """Score of a `Prospect` from which on a test is selected, None until it is initialised with
     failed and passed tests."""
     _one_call: Lock = field(default_factory=Lock)
 
@@ -100,24 +98,25 @@ class CompetitionTool:
 
         At least one, so that the competition's ratios exist.
         """
-        with self._one_call:
-            ranked = self._ranked(tests)
-        chosen = [one.name for one in ranked if self._is_selected(one)]
+        ranked = self._ranked(tests)
+        chosen = [
+            one.name
+            for one in ranked
+            if (
+                one.outcome is Outcome.FAIL
+                if self.threshold is None
+                else one.score is not None and one.score >= self.threshold
+            )
+        ]
         return chosen or [one.name for one in ranked[:1]]
 
     def prioritize(self, tests: Iterable[tuple[str, Any]]) -> list[str]:
         """The ids of all tests, the most promising first."""
-        with self._one_call:
-            return [one.name for one in self._ranked(tests)]
+        return [one.name for one in self._ranked(tests)]
 
     def _ranked(self, tests: Iterable[tuple[str, Any]]) -> list[Prospect]:
-        return [one.prospect for one in rank(self._prospect(*test) for test in tests)]
-
-    def _is_selected(self, prospect: Prospect) -> bool:
-        if self.threshold is None:
-            return prospect.outcome is Outcome.FAIL
-        score = _score(prospect)
-        return score is not None and score >= self.threshold
+        with self._one_call:
+            return [one for one, _ in rank(self._prospect(*test) for test in tests)]
 
     def _prospect(self, name: str, points: Any) -> Prospect:
         try:
@@ -127,28 +126,20 @@ class CompetitionTool:
         return self.twin.prospect(name, road, anyway=True)
 
 
-def _score(prospect: Prospect) -> tuple[float, float] | None:
-    """Its score, the largest for the most promising; None if it was not driven."""
-    if prospect.max_oob_share is None or prospect.moobd is None:
-        return None
-    return prospect.max_oob_share, -prospect.moobd
-
-
 def _threshold(tests: Iterable[tuple[Prospect, bool]]) -> tuple[float, float] | None:
     """The least score of a selected test that maximises Youden's index; None without failures."""
-    scored = [(score, failed) for one, failed in tests if (score := _score(one)) is not None]
+    scored = [(one.score, failed) for one, failed in tests if one.score is not None]
     failures = sum(failed for _, failed in scored)
     passes = len(scored) - failures
     if not failures or not passes:
         return None
-    found, best, gained = None, -math.inf, 0.0
-    ordered = sorted(scored, reverse=True)
-    for i, (score, failed) in enumerate(ordered):
-        gained += 1.0 / failures if failed else -1.0 / passes
-        is_last_of_equals = i + 1 == len(ordered) or ordered[i + 1][0] != score
-        if is_last_of_equals and gained > best:
-            found, best = score, gained
-    return found
+
+    def youden(least: tuple[float, float]) -> float:
+        selected = [failed for score, failed in scored if score >= least]
+        return sum(selected) / failures - selected.count(False) / passes
+
+    # Of equal ones the largest.
+    return max(sorted({score for score, _ in scored}, reverse=True), key=youden)
 
 
 @contextmanager
@@ -180,40 +171,32 @@ def _handlers(tool: CompetitionTool) -> Any:
     """The calls of the service, from and to its messages."""
     messages = _messages()
 
-    def points_of(case: Any) -> list[tuple[float, float]]:
+    def test_of(case: Any) -> tuple[str, list[tuple[float, float]]]:
         ordered = sorted(case.roadPoints, key=lambda point: point.sequenceNumber)
-        return [(point.x, point.y) for point in ordered]
-
-    def tests_of(cases: Any) -> Iterator[tuple[str, Any]]:
-        return ((case.testId, points_of(case)) for case in cases)
+        return case.testId, [(point.x, point.y) for point in ordered]
 
     def name(_: Any, __: Any) -> Any:
         return messages["NameReply"](name=tool.name)
 
     def initialize(oracles: Any, _: Any) -> Any:
-        tool.initialize(
-            (oracle.testCase.testId, points_of(oracle.testCase), oracle.hasFailed)
-            for oracle in oracles
-        )
+        tool.initialize((*test_of(one.testCase), one.hasFailed) for one in oracles)
         return messages["InitializationReply"](ok=True)
 
-    def select(cases: Any, _: Any) -> Iterator[Any]:
-        return (messages["SelectionReply"](testId=one) for one in tool.select(tests_of(cases)))
+    def call(request: str, reply: str, answer: Callable[[Any, Any], Any]) -> Any:
+        kind = {"Empty": "unary_unary", "Oracle": "stream_unary"}.get(request, "stream_stream")
+        make = getattr(grpc, f"{kind}_rpc_method_handler")
+        return make(answer, messages[request].FromString, messages[reply].SerializeToString)
 
-    def prioritize(cases: Any, _: Any) -> Iterator[Any]:
-        ordered = tool.prioritize(tests_of(cases))
-        return (messages["PrioritizationReply"](testId=one) for one in ordered)
+    def ids(reply: str, choose: Callable[[Iterable[tuple[str, Any]]], list[str]]) -> Any:
+        def answer(cases: Any, _: Any) -> Iterator[Any]:
+            return (messages[reply](testId=one) for one in choose(map(test_of, cases)))
 
-    def call(kind: Any, behaviour: Any, request: str, reply: str) -> Any:
-        return kind(behaviour, messages[request].FromString, messages[reply].SerializeToString)
+        return call("SDCTestCase", reply, answer)
 
-    streamed = grpc.stream_stream_rpc_method_handler
     calls = {
-        "Name": call(grpc.unary_unary_rpc_method_handler, name, "Empty", "NameReply"),
-        "Initialize": call(
-            grpc.stream_unary_rpc_method_handler, initialize, "Oracle", "InitializationReply"
-        ),
-        "Select": call(streamed, select, "SDCTestCase", "SelectionReply"),
-        "Prioritize": call(streamed, prioritize, "SDCTestCase", "PrioritizationReply"),
+        "Name": call("Empty", "NameReply", name),
+        "Initialize": call("Oracle", "InitializationReply", initialize),
+        "Select": ids("SelectionReply", tool.select),
+        "Prioritize": ids("PrioritizationReply", tool.prioritize),
     }
     return grpc.method_handlers_generic_handler(SERVICE, calls)
