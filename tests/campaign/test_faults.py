@@ -11,9 +11,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
-import time
 from collections.abc import Callable
-from datetime import datetime, tzinfo
 from pathlib import Path
 from typing import Any
 
@@ -28,16 +26,11 @@ from faulty import Fault, FaultySimulator, Forking, Marks, refuse_connection
 from pids import LIMIT, descendants, ending, is_running, until, until_gone
 from small_disk import Bounded, Breaking
 
-from frenetic._support import words
 from frenetic.campaign import Budget, CampaignStore
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.workers.local import AHEAD
 from frenetic.cli import main
-from frenetic.drivers import Driver
-from frenetic.road import Road
-from frenetic.simulators import Drive
-from frenetic.testing import DummySimulator
 
 HERE = Path(__file__).parent
 
@@ -157,51 +150,6 @@ def test_a_removed_database_ends_the_campaign(
     with refused("was removed or replaced while it was written"):
         scripted(folder, Budget(simulations=50)).run(on_event=on_result(remove))
     assert next(seen) < 20
-
-
-# Clocks
-
-
-class Timed(DummySimulator):
-    """Counts its drives."""
-
-    drives = 0
-
-    def drive(self, road: Road, driver: Driver) -> Drive:
-        self.drives += 1
-        return super().drive(road, driver)
-
-
-def test_a_clock_that_jumps_changes_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Budgets are measured by `time.perf_counter`, which is taken to go on steadily."""
-    jumps, real = itertools.cycle([0.0, -3600.0, 24 * 3600.0, 25 * 3600.0]), time.time
-
-    class Jumping(datetime):
-        """An hour back, a day on."""
-
-        @classmethod
-        def now(cls, tz: tzinfo | None = None) -> Jumping:
-            return cls.fromtimestamp(real() + next(jumps), tz)
-
-    allowed = []
-    for name in ("steady", "jumping"):
-        simulator = Timed()
-        monkeypatch.setattr(time, "perf_counter", lambda: 0.01 * simulator.drives)  # noqa: B023
-        search = scripted(tmp_path / name, Budget(time=0.255), simulator=simulator)
-        allowed.append(search.run().simulations)
-        monkeypatch.setattr(time, "time", lambda: real() + next(jumps))
-        monkeypatch.setattr(words, "datetime", Jumping)
-    monkeypatch.undo()
-    assert allowed == [26, 26]
-    assert contents(tmp_path / "jumping") == contents(tmp_path / "steady")
-    with CampaignStore.open(tmp_path / "jumping") as store:
-        elapsed, finished_at = zip(
-            *((t.elapsed, t.finished_at) for t in store.tests()), strict=True
-        )
-    assert list(elapsed) == sorted(elapsed)
-    assert list(finished_at) != sorted(finished_at)  # it did jump
 
 
 # The command line, killed and interrupted
