@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -11,23 +12,31 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import pytest
+from campaigns import refused
 from faulty import (
     STALLED,
+    Deed,
     FarAway,
     Fault,
+    FaultyDriver,
     FaultySimulator,
     Marks,
     NoDrive,
+    await_go,
+    kill,
     raise_error,
+    refuse_connection,
     roads,
     straight,
+    sys_exit,
+    write_log,
 )
-from pids import LIMIT
+from pids import LIMIT, until
 
 from frenetic.campaign import RoadTester
 from frenetic.campaign.log import LOG
 from frenetic.campaign.record import Attempt
-from frenetic.campaign.workers import InProcessWorker, Workers
+from frenetic.campaign.workers import Workers
 from frenetic.outcome import Outcome
 from frenetic.simulators import Simulator
 from frenetic.testing import DummyDriver, DummySimulator
@@ -47,9 +56,19 @@ class Mine(DummyDriver):
 """A driver of a user's file, with another file beside it."""
 
 
-def events(folder: Path) -> list[dict[str, Any]]:
-    """Lines of a campaign's log."""
-    return [json.loads(line) for line in (folder / LOG).read_text().splitlines()]
+def write_mine(folder: Path, name: str) -> Path:
+    """Writes `MINE` and its neighbour; returns the file that a drive makes."""
+    was_there = folder / "was-there"
+    (folder / f"{name}_helper.py").write_text("STEERING = 0.125")
+    text = MINE.format(helper=f"{name}_helper", was_there=str(was_there))
+    (folder / f"{name}.py").write_text(text)
+    return was_there
+
+
+def events(folder: Path, kind: str = "") -> list[dict[str, Any]]:
+    """Lines of a campaign's log, those of a kind if it is given."""
+    lines = [json.loads(line) for line in (folder / LOG).read_text().splitlines()]
+    return [line for line in lines if kind in ("", line["event"])]
 
 
 def await_free(workers: Workers, count: int = 1) -> None:
@@ -94,11 +113,14 @@ def drive_all(workers: Workers, samples: list[int]) -> dict[int, Attempt]:
     return done
 
 
-WorkersOf: TypeAlias = Callable[[Simulator], AbstractContextManager[Workers]]
+WorkersOf: TypeAlias = Callable[..., AbstractContextManager[Workers]]
+"""Makes workers of a simulator and a driver, whose log is in the test's folder."""
 
 
 class WorkersContract:
-    """What is asked of all workers; the fixture ``workers_of`` makes two, or this process."""
+    """What is asked of all workers; the fixture ``workers_of`` makes them."""
+
+    COUNT = 1
 
     def test_each_road_comes_back_as_if_tested_here(self, workers_of: WorkersOf) -> None:
         samples = [8, 2, 12, 40, 9, 8, 10, 11]  # some are refused
@@ -115,14 +137,14 @@ class WorkersContract:
     ) -> None:
         simulator = FaultySimulator(marks.folder, drive=Fault(raise_error, marks.folder, times=1))
         with workers_of(simulator) as workers:
-            await_free(workers, count := 1 if isinstance(workers, InProcessWorker) else 2)
+            await_free(workers, self.COUNT)
             attempt = drive_one(workers)
             assert attempt.failure == STALLED
             assert "in raise_error\n" in attempt.traceback
             assert not attempt.worker_lost
-            await_free(workers, count)
+            await_free(workers, self.COUNT)
             assert drive_all(workers, [8] * 8)[8].failure is None
-        assert len(marks.numbers("start")) == len(marks.numbers("end")) == count + 1
+        assert len(marks.numbers("start")) == len(marks.numbers("end")) == self.COUNT + 1
 
     @pytest.mark.parametrize("simulator", [NoDrive(), FarAway()])
     def test_nonsense_of_a_simulator_is_a_failed_attempt(
@@ -133,6 +155,18 @@ class WorkersContract:
                 assert attempt.failure is not None
                 assert attempt.result.outcome is Outcome.ERROR
 
+    def test_a_simulator_that_does_not_start_is_one_line(
+        self, workers_of: WorkersOf, marks: Marks
+    ) -> None:
+        simulator = FaultySimulator(marks.folder, start=Fault(refuse_connection, marks.folder))
+        with (
+            refused("ConnectionRefusedError: nobody listens on port 25252"),
+            workers_of(simulator) as workers,
+        ):
+            await_free(workers)
+        assert len(marks.numbers("start")) == self.COUNT  # further ones would be refused, too
+        assert not marks.numbers("end")
+
     def test_a_simulator_that_does_not_end_well_spoils_nothing(
         self, workers_of: WorkersOf, marks: Marks
     ) -> None:
@@ -141,3 +175,63 @@ class WorkersContract:
         with workers_of(FaultySimulator(marks.folder, drive=once, end=breaks)) as workers:
             assert drive_one(workers).failure is not None
             assert drive_all(workers, [8, 9])[2].failure is None
+
+    def test_what_a_driver_logs_reaches_the_log(
+        self, workers_of: WorkersOf, marks: Marks, tmp_path: Path
+    ) -> None:
+        driver = FaultyDriver(Fault(write_log, marks.folder, times=1))
+        with workers_of(DummySimulator(), driver) as workers:
+            worker = drive_one(workers).worker
+        (line,) = events(tmp_path, "log")
+        assert (line["level"], line["logger"]) == ("warning", "frenetic.driver")
+        assert line["message"].endswith("the road is wet")
+        assert line["message"].startswith(f"{worker}: ") is (self.COUNT > 1)
+
+
+class ProcessesContract(WorkersContract):
+    """What is asked of two workers that are processes."""
+
+    COUNT = 2
+
+    @pytest.mark.parametrize("deed", [kill, sys_exit])
+    def test_a_worker_that_is_lost_costs_an_attempt_and_comes_back(
+        self, workers_of: WorkersOf, marks: Marks, tmp_path: Path, deed: Deed
+    ) -> None:
+        driver = FaultyDriver(Fault(deed, marks.folder, times=1))
+        with workers_of(DummySimulator(), driver) as workers:
+            await_free(workers, 2)
+            attempt = drive_one(workers, 7)
+            assert (attempt.candidate_id, attempt.worker_lost) == (7, True)
+            assert f"{attempt.worker} was lost: " in str(attempt.failure)
+            assert ("SystemExit: 3 (faulty.py:" in str(attempt.failure)) is (deed is sys_exit)
+            await_free(workers, 2)
+            assert all(one.failure is None for one in drive_all(workers, [8, 9, 10]).values())
+        (lost,) = events(tmp_path, "worker_lost")
+        assert (lost["test"], lost["message"]) == (7, attempt.failure)
+
+    def test_those_that_start_do_the_work_of_those_that_do_not(
+        self, workers_of: WorkersOf, marks: Marks
+    ) -> None:
+        start = Fault(refuse_connection, marks.folder, times=1)
+        with workers_of(FaultySimulator(marks.folder, start=start)) as workers:
+            attempts = drive_all(workers, [8, 9, 10, 11])
+        assert all(attempt.failure is None for attempt in attempts.values())
+
+    def test_a_driver_that_cannot_be_copied_is_one_line(self, workers_of: WorkersOf) -> None:
+        driver = DummyDriver()
+        driver.lock = threading.Lock()  # type: ignore[attr-defined]
+        with refused("cannot be (copied|sent) to"), workers_of(DummySimulator(), driver):
+            pass
+
+    def test_after_an_error_nobody_is_waited_for(self, workers_of: WorkersOf, marks: Marks) -> None:
+        simulator = FaultySimulator(marks.folder, drive=Fault(await_go, marks.folder, times=2))
+        with pytest.raises(KeyboardInterrupt), workers_of(simulator) as workers:  # noqa: PT012
+            await_free(workers, 2)
+            workers.submit(straight(1))
+            workers.submit(straight(2))
+            until(lambda: len(marks.numbers("await_go")) == 2, "both drive")
+            start = time.monotonic()
+            raise KeyboardInterrupt
+        assert time.monotonic() - start < 0.5 * LIMIT
+        assert not marks.numbers("end")
+        marks.make("go")

@@ -26,8 +26,6 @@ from frenetic.campaign import Summary
 from frenetic.campaign.database import DATABASE
 from frenetic.errors import CampaignError
 
-SIMULATIONS = 600
-
 
 @dataclass(frozen=True)
 class Blow:
@@ -55,7 +53,9 @@ def exit_code_of(target: Callable[..., object], *arguments: object) -> int | Non
         process.join()
 
 
-def go_on(folder: Path, marks: Path, workers: int, ordered: bool, blow: Blow | None) -> None:
+def go_on(
+    folder: Path, marks: Path, simulations: int, workers: int, ordered: bool, blow: Blow | None
+) -> None:
     """Runs or resumes a campaign until it ends or the blow comes; each result leaves a byte."""
     if sys.platform == "linux":
         # Forked from this process, which has loaded everything: a server would take a second.
@@ -63,7 +63,7 @@ def go_on(folder: Path, marks: Path, workers: int, ordered: bool, blow: Blow | N
     killer = _Killer(blow)
     sqlite3.connect = killer.connect  # type: ignore[assignment]
     simulator = FaultySimulator(marks)
-    one = campaign(folder, SIMULATIONS, simulator=simulator, workers=workers, ordered=ordered)
+    one = campaign(folder, simulations, simulator=simulator, workers=workers, ordered=ordered)
     reported = os.open(marks / "reported", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
 
     def report(progress: Summary) -> None:

@@ -1,4 +1,4 @@
-"""Databases that break off, and campaigns on a disk that is full or read-only.
+"""Databases that break off or cannot grow, and campaigns on a disk that is full or read-only.
 
 Run as a script on a small file system of its own, it prints what it saw as one JSON object:
 ``python small_disk.py FOLDER full|readonly``.
@@ -19,7 +19,7 @@ from campaigns import campaign
 from contents import contents
 from events import on_result
 
-from frenetic.campaign import Campaign, CampaignStore, Summary
+from frenetic.campaign import CampaignStore, Event
 from frenetic.errors import CampaignError
 
 ROOM = 500_000
@@ -53,10 +53,6 @@ class Breaking(sqlite3.Connection):
         return cursor
 
 
-def search(folder: Path, workers: int) -> Campaign:
-    return campaign(folder, 200, workers=workers, ordered=True)
-
-
 class Bounded(sqlite3.Connection):
     """A database that cannot grow beyond some pages."""
 
@@ -68,57 +64,49 @@ class Bounded(sqlite3.Connection):
         return super().execute(sql, *parameters)
 
 
-def attempt(go_on: Any, seen: list[int] | None = None) -> str:
-    """The message of the error with which a campaign ends, or how many simulations it has."""
-
-    def report(progress: Summary) -> None:
-        if seen is not None:
-            seen.append(progress.tests + progress.dropped)
-
-    try:
-        return str(go_on(on_event=on_result(report)).simulations)
-    except CampaignError as error:
-        return str(error)
-
-
 def full(folder: Path) -> dict[str, object]:
-    seen: dict[str, object] = {}
-    for workers in (1, 2):
-        whole, short = (folder / f"{name}-{workers}" for name in ("whole", "short"))
-        search(whole, 1).run()
-        expected = contents(whole)
-        for left_over in whole.iterdir():
-            left_over.unlink()
-        disk = os.statvfs(folder)
-        ballast = folder / "ballast"
-        ballast.write_bytes(bytes(disk.f_bavail * disk.f_frsize - ROOM))
-        reported: list[int] = []
-        messages = [attempt(search(short, workers).run, reported)]
-        with CampaignStore.open(short) as store:
-            stored = store.counts().told
-        messages.append(attempt(search(short, workers).resume))
-        ballast.unlink()
-        ended = attempt(search(short, workers).resume)
-        seen[str(workers)] = {
-            "messages": messages,
-            "reported": reported[-1],
-            "stored": stored,
-            "ended": ended,
-            "same": contents(short) == expected,
-        }
-    return seen
+    whole, short = folder / "whole", folder / "short"
+    campaign(whole, 200, ordered=True).run()
+    expected = contents(whole)
+    for left_over in whole.iterdir():
+        left_over.unlink()
+    disk = os.statvfs(folder)
+    ballast = folder / "ballast"
+    ballast.write_bytes(bytes(disk.f_bavail * disk.f_frsize - ROOM))
+    reported: list[int] = []
+
+    def search() -> Any:
+        return campaign(short, 200, workers=2, ordered=True)
+
+    messages = [ending(search().run, on_result(lambda told: reported.append(told.told)))]
+    with CampaignStore.open(short) as store:
+        stored = store.counts().told
+    messages.append(ending(search().resume))
+    ballast.unlink()
+    ended = ending(search().resume)
+    same = contents(short) == expected
+    seen = {"messages": messages, "reported": reported[-1], "stored": stored}
+    return seen | {"ended": ended, "same": same}
 
 
 def readonly(folder: Path) -> dict[str, object]:
     old, new = folder / "old", folder / "new"
-    search(old, 1).run()
+    campaign(old, 20).run()
     before = {path.name: path.read_bytes() for path in old.iterdir()}
     subprocess.run(["mount", "-o", "remount,ro", str(folder)], check=True)
-    messages = [attempt(search(new, 1).run), attempt(search(old, 2).resume)]
+    messages = [ending(campaign(new, 20).run), ending(campaign(old, 30).resume)]
     with CampaignStore.open(old) as store:  # reading is possible
         stored = store.counts().simulations
     after = {path.name: path.read_bytes() for path in old.iterdir()}
     return {"messages": messages, "stored": stored, "same": before == after}
+
+
+def ending(go_on: Any, on_event: Callable[[Event], object] | None = None) -> str:
+    """The message of the error with which a campaign ends, or how many simulations it has."""
+    try:
+        return str(go_on(on_event=on_event).simulations)
+    except CampaignError as error:
+        return str(error)
 
 
 if __name__ == "__main__":

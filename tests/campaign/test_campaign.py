@@ -16,12 +16,10 @@ import numpy as np
 import pytest
 from campaigns import BENT, LOOP, STRAIGHT, Scripted, campaign, refused, scripted
 from contents import contents
-from events import on_result, on_test
+from events import on_test
 
 from frenetic._support.arrays import FloatArray
-from frenetic.again.conditions import Variation
-from frenetic.again.rerun import read_reruns, rerun
-from frenetic.campaign import Budget, Campaign, CampaignStore, Summary, Test, new_folder
+from frenetic.campaign import Budget, Campaign, CampaignStore, Test, new_folder
 from frenetic.campaign import campaign as campaign_module
 from frenetic.campaign.asking import ObservingStrategy
 from frenetic.campaign.check import check_campaign
@@ -40,35 +38,12 @@ from frenetic.search import (
     Origin,
     RandomSearch,
     SearchEnded,
-    Strategy,
 )
 from frenetic.simulators import EmbeddedSimulator, Rules
+from frenetic.spec import decode_budget
 from frenetic.testing import DummyDriver
 
 # One run
-
-
-def test_tests_are_stored_told_and_counted_in_order(tmp_path: Path) -> None:
-    strategy = Scripted(STRAIGHT, LOOP, BENT)
-    seen: list[Summary] = []
-    search = scripted(tmp_path, Budget(simulations=4), strategy=strategy)
-    summary = search.run(on_event=on_result(seen.append))
-
-    outcomes = 2 * [Outcome.PASS, Outcome.INVALID, Outcome.FAIL]
-    shares = [0.25, 0.25, 0.5, 0.75, 0.75, 1.0]
-    ids = [1, 2, 3, 4, 5, 6]
-    assert strategy.told == list(zip(ids, outcomes, shares, strict=True))
-    assert (summary.simulations, summary.passed, summary.failed, summary.invalid) == (4, 2, 2, 2)
-    assert not summary.interrupted
-    assert [(p.tests, p.simulations) for p in seen] == list(
-        zip(ids, [1, 1, 2, 3, 3, 4], strict=True)
-    )
-    with CampaignStore.open(tmp_path) as store:
-        tests = list(store.tests(with_trajectory=True))
-    assert [test.outcome for test in tests] == outcomes
-    assert [test.told for test in tests] == ids
-    assert [test.drive is not None for test in tests] == 2 * [True, False, True]
-    assert summary.min_moobd == min(test.moobd for test in tests if test.moobd is not None)
 
 
 class Listed(Scripted):
@@ -80,24 +55,21 @@ class Listed(Scripted):
         return super().ask()
 
 
-@pytest.mark.parametrize("options", [{}, {"ordered": True}, {"workers": 2}])
-def test_a_strategy_that_ends_the_search(tmp_path: Path, options: dict[str, int]) -> None:
-    strategy = Listed(STRAIGHT, LOOP, BENT)
-    summary = scripted(tmp_path, Budget(simulations=100), strategy=strategy, **options).run()
+def test_a_strategy_that_ends_the_search(tmp_path: Path) -> None:
+    def search(*roads: list[float]) -> Campaign:
+        return scripted(tmp_path, Budget(simulations=3), strategy=Listed(*roads))
+
+    summary = search(STRAIGHT, LOOP, BENT).run()
     assert (summary.simulations, summary.invalid, summary.interrupted) == (2, 1, False)
     assert summary.ended == "the list is worked through"
-    assert len(strategy.told) == 3
     with CampaignStore.open(tmp_path) as store:
         assert store.facts["ended"] == summary.ended
         assert "finished_at" in store.facts
         assert store.facts["strategy_seconds"] >= 0.0  # type: ignore[operator]
     assert check_campaign(tmp_path).findings == ()
-    sooner = scripted(tmp_path, Budget(simulations=3), strategy=Listed(STRAIGHT), **options)
     with refused("proposes another road as candidate 2"):
-        sooner.resume()
-    longer = Listed(STRAIGHT, LOOP, BENT, STRAIGHT)
-    more = scripted(tmp_path, Budget(simulations=3), strategy=longer, **options)
-    assert more.resume().simulations == 3
+        search(STRAIGHT).resume()
+    assert search(STRAIGHT, LOOP, BENT, STRAIGHT).resume().simulations == 3
     with CampaignStore.open(tmp_path) as store:
         assert store.facts["ended"] == ""
 
@@ -172,9 +144,24 @@ def test_parts_give_the_same_campaign_as_one_run(tmp_path: Path, ordered: bool) 
     assert search("parts").resume().simulations == 20
 
 
-@pytest.mark.parametrize("kind", [Scripted, lambda: RandomSearch(seed=1)])
-def test_a_strategy_searches_for_one_campaign(tmp_path: Path, kind: Callable[[], Strategy]) -> None:
-    first = scripted(tmp_path / "first", None, strategy=kind())
+def test_a_campaign_without_a_budget_makes_as_many_simulations_as_it_is_told(
+    tmp_path: Path,
+) -> None:
+    search = scripted(tmp_path, None, ordered=True)
+    assert [search.run(2).simulations, search.run(3).simulations] == [2, 5]
+    assert search.budget == Budget(simulations=5)
+    again = scripted(tmp_path, None, ordered=True)
+    assert again.resume().simulations == 5
+    last = again.run(1)
+    assert (last.simulations, last.interrupted) == (6, False)
+    again.stop()  # not running: nothing happens
+    limited = scripted(tmp_path / "limited", Budget(simulations=3, time=1e6))
+    assert [limited.run().simulations, limited.run(4).simulations] == [3, 7]
+    assert limited.budget == Budget(simulations=7, time=1e6)
+
+
+def test_a_strategy_searches_for_one_campaign(tmp_path: Path) -> None:
+    first = scripted(tmp_path / "first", None)
     first.run(2)
     second = scripted(tmp_path / "second", None, strategy=first.strategy)
     with refused("was asked before: make a new one"):
@@ -183,53 +170,11 @@ def test_a_strategy_searches_for_one_campaign(tmp_path: Path, kind: Callable[[],
     with refused("was asked before"):
         first.resume()
     assert first.run(1).simulations == 3
-    fresh = scripted(tmp_path / "first", Budget(simulations=4), strategy=kind())
-    assert fresh.resume().simulations == 4
-
-
-def test_a_built_in_strategy_knows_that_it_was_asked(tmp_path: Path) -> None:
-    strategy = RandomSearch(seed=1)
-    strategy.ask()
+    assert scripted(tmp_path / "first", Budget(simulations=4)).resume().simulations == 4
+    asked = RandomSearch(seed=1)
+    asked.ask()
     with refused("RandomSearch was asked before"):
-        campaign(tmp_path, strategy=strategy).run(1)
-
-
-@pytest.mark.parametrize("ordered", [False, True])
-def test_a_campaign_without_a_budget_makes_as_many_simulations_as_it_is_told(
-    tmp_path: Path, ordered: bool
-) -> None:
-    search = scripted(tmp_path, None, ordered=ordered)
-    assert [search.run(2).simulations, search.run(3).simulations] == [2, 5]
-    assert search.budget == Budget(simulations=5)
-    again = scripted(tmp_path, None, ordered=ordered)
-    assert again.resume().simulations == 5
-    last = again.run(1)
-    assert (last.simulations, last.interrupted) == (6, False)
-
-
-def test_a_spent_budget_grows(tmp_path: Path) -> None:
-    search = scripted(tmp_path, Budget(simulations=3, time=1e6))
-    assert search.run().simulations == 3
-    assert search.run(4).simulations == 7
-    assert search.budget == Budget(simulations=7, time=1e6)
-
-
-@pytest.mark.parametrize("options", [{}, {"ordered": True}, {"workers": 2}])
-def test_a_callback_stops_a_campaign_which_goes_on_afterwards(
-    tmp_path: Path, options: dict[str, int]
-) -> None:
-    search = scripted(tmp_path, Budget(simulations=30), **options)
-
-    def until_it_fails(test: Test) -> None:
-        if test.outcome is Outcome.FAIL:
-            search.stop()
-
-    assert search.run(1).simulations == 1
-    end = search.run(on_event=on_test(until_it_fails))
-    assert end.interrupted
-    assert 1 <= end.failed < 15
-    assert search.run().simulations == 30
-    search.stop()  # not running: nothing happens
+        campaign(tmp_path / "second", strategy=asked).run(1)
 
 
 class TwoAtOnce(InProcessWorker):
@@ -250,13 +195,12 @@ class TwoAtOnce(InProcessWorker):
         return attempts
 
 
-@pytest.mark.parametrize("kind", [InProcessWorker, TwoAtOnce])
 def test_an_error_in_a_callback_is_raised_and_loses_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: type[InProcessWorker]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What was stored with that test is reported by the next run."""
-    monkeypatch.setattr("frenetic.campaign.campaign.InProcessWorker", kind)
-    search = scripted(tmp_path / "parts", Budget(simulations=4))
+    monkeypatch.setattr("frenetic.campaign.campaign.InProcessWorker", TwoAtOnce)
+    search = scripted(tmp_path, Budget(simulations=4))
     seen: list[int | None] = []
 
     def fail(test: Test) -> None:
@@ -265,13 +209,11 @@ def test_an_error_in_a_callback_is_raised_and_loses_nothing(
 
     with pytest.raises(KeyError, match="mine"):
         search.run(on_event=on_test(fail))
-    with CampaignStore.open(tmp_path / "parts") as store:
-        assert store.stored() == (2 if kind is TwoAtOnce else 1)
+    with CampaignStore.open(tmp_path) as store:
+        assert store.stored() == 2
     end = search.run(on_event=on_test(lambda test: seen.append(test.told)))
     assert end.simulations == 4
     assert seen == list(range(1, end.tests + 1))
-    scripted(tmp_path / "whole", Budget(simulations=4)).run()
-    assert kind is TwoAtOnce or contents(tmp_path / "parts") == contents(tmp_path / "whole")
 
 
 def test_the_best_test_is_the_worst_for_the_driver(tmp_path: Path) -> None:
@@ -407,24 +349,30 @@ def test_a_strategy_that_observes_sees_each_drive_before_it_is_told(tmp_path: Pa
         scripted(tmp_path / "d", budget, strategy=strategy, workers=2)
 
 
-# Options
+# Options and budgets
+
+COUNT = "a whole number of at least 1"
+METRES = "a number of metres"
 
 
 @pytest.mark.parametrize(
     ("option", "value", "words"),
     [
         ("lane_width", 0, "lane_width is 0: 0.1 to 100 m are allowed"),
-        ("lane_width", float("nan"), "lane_width is nan: a number of metres"),
-        ("lane_width", "4", "lane_width is '4': a number of metres"),
+        ("lane_width", float("nan"), f"lane_width is nan: {METRES}"),
+        ("lane_width", "4", f"lane_width is '4': {METRES}"),
         ("margin", -1.0, "margin is -1: a number of at least 0"),
-        ("margin", None, "margin is None: a number of metres"),
+        ("margin", None, f"margin is None: {METRES}"),
         ("map_size", 150.0, "map_size is 150, but the strategy was made for 200"),
         ("map_size", "wide", "map_size is wide, but the strategy was made for 200"),
         ("map_size", True, "map_size is True"),
-        ("workers", "a", "workers is 'a': a whole number of at least 1"),
-        ("workers", None, "workers is None: a whole number of at least 1"),
-        ("workers", float("nan"), "workers is nan: a whole number of at least 1"),
+        ("workers", "a", f"workers is 'a': {COUNT}"),
+        ("workers", float("nan"), f"workers is nan: {COUNT}"),
         ("workers", 1025, "workers is 1025: at most 1024 are allowed"),
+        ("lookahead", 0, f"lookahead is 0: {COUNT}"),
+        ("drive_limit", 0.0, "drive_limit is 0.0: a positive number of seconds"),
+        ("strategy", object(), "object is no strategy: make it a frenetic.Strategy"),
+        ("start_from", ["c"], "the strategy RandomSearch starts from no earlier campaign"),
     ],
 )
 def test_options_are_checked_before_anything_is_written(
@@ -433,6 +381,33 @@ def test_options_are_checked_before_anything_is_written(
     with refused(f"^{words}", ValueError):
         campaign(tmp_path / "c", **{"strategy": RandomSearch(seed=1), option: value})  # type: ignore[arg-type]
     assert not (tmp_path / "c").exists()
+
+
+@pytest.mark.parametrize(
+    ("limits", "fault"),
+    [
+        ({}, "the budget limits nothing: simulations, time or failures has to be given"),
+        ({"simulations": 0}, f"simulations is 0: {COUNT} is needed"),
+        ({"failures": -1}, f"failures is -1: {COUNT} is needed"),
+        ({"time": -1.0}, "time is -1.0: a positive number of seconds is needed"),
+        ({"time": float("inf")}, "time is inf: a positive number of seconds is needed"),
+        *(({name: bad}, "") for name, bad in [("simulations", 2.5), ("failures", True)]),
+    ],
+)
+def test_a_budget_is_refused_alike_from_python_and_from_a_record(
+    limits: dict[str, Any], fault: str
+) -> None:
+    for make in (lambda limits: Budget(**limits), decode_budget):
+        with refused(f"^{fault}", ValueError):
+            make(limits)
+
+
+def test_the_nearest_limit_of_a_budget_counts() -> None:
+    budget = Budget(simulations=100, time=50.0, failures=4)
+    assert [budget.spent(*one) for one in ((10, 1.0, 0), (10, 25.0, 0), (10, 25.0, 3))] == [
+        *(0.1, 0.5, 0.75)
+    ]
+    assert budget.spent(0, 70.0, 0) == 1.0
 
 
 def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:
@@ -456,20 +431,6 @@ def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:
     numpy.run(np.int64(1))  # type: ignore[arg-type]
     assert search("numpy", np.int64, np.float32).resume().simulations == 2
     assert contents(tmp_path / "numpy") == contents(tmp_path / "python")
-    with CampaignStore.open(tmp_path / "numpy") as store:
-        driven = [np.int64(test.id) for test in store.tests(Outcome.PASS)][:1]
-    found = rerun(
-        tmp_path / "numpy",
-        numpy.tester.simulator,
-        numpy.tester.driver,
-        tests=driven,  # type: ignore[arg-type]
-        times=np.int64(2),  # type: ignore[arg-type]
-        seed=np.int64(3),  # type: ignore[arg-type]
-        vary=[Variation("friction", np.float32(0.9), np.float32(1.1))],  # type: ignore[arg-type]
-    )
-    (kept,) = read_reruns(tmp_path / "numpy")
-    assert [test.id for test in kept.tests] == driven
-    assert json.loads(json.dumps(found.as_json()))["seed"] == 3
 
 
 @pytest.mark.parametrize("kind", [RandomSearch, Frenetic])

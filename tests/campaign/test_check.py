@@ -8,7 +8,7 @@ import shutil
 import sqlite3
 import struct
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from events import on_result
 
 from frenetic.campaign import Campaign, CampaignStore
 from frenetic.campaign.check import check_campaign
-from frenetic.campaign.database import DATABASE, FORMAT
+from frenetic.campaign.database import DATABASE
 from frenetic.campaign.trajectory_codec import decode, encode
 from frenetic.cli import main
 from frenetic.drivers import Planner
@@ -105,47 +105,28 @@ def test_nothing_is_found_in_a_sound_campaign_and_nothing_changed(folder: Path) 
     assert set(report.versions) >= {"python", "numpy"}
 
 
-def test_a_campaign_is_sound_while_it_runs_when_it_was_broken_off_and_extended(
-    tmp_path: Path,
-) -> None:
+def test_a_campaign_is_sound_while_it_runs_and_when_it_was_broken_off(tmp_path: Path) -> None:
     def breaks(road: Road) -> float:
-        sharpest = abs(road.curvatures).max()
-        if sharpest > 0.065:
+        if abs(road.curvatures).max() > 0.065:
             raise RuntimeError("out of order")
-        return 4.0 if sharpest > 0.05 else 0.5
+        return 0.5
 
-    def search(simulations: int) -> Campaign:
-        parts = {"strategy": RandomSearch(seed=1), "simulator": DummySimulator(breaks)}
-        return campaign(tmp_path, simulations, **parts)
-
-    class Enough(Exception):  # noqa: N818
-        """Stands for whatever ends a process."""
-
-    def stop_after_20(progress: Any) -> None:
+    def leave_after_20(progress: Any) -> None:
         if progress.tests == 20:
             assert check_campaign(tmp_path).findings == ()
-            with pytest.raises(CampaignError):  # the writer has not lost its lock by the check
+            with refused("is being written"):  # the writer has not lost its lock by the check
                 CampaignStore.open(tmp_path, readonly=False)
-            raise Enough
+            raise ZeroDivisionError
 
-    with pytest.raises(Enough):
-        search(30).run(on_event=on_result(stop_after_20))
-    assert check_campaign(tmp_path).findings == ()
-    search(40).resume()
+    parts = {"strategy": RandomSearch(seed=1), "simulator": DummySimulator(breaks)}
+    with pytest.raises(ZeroDivisionError):
+        campaign(tmp_path, 30, **parts).run(on_event=on_result(leave_after_20))
     report = check_campaign(tmp_path)
     assert report.findings == ()
     assert report.counts.by_outcome[Outcome.ERROR] > 2
 
 
 # The file
-
-
-def test_no_campaign_and_one_of_another_format_are_refused(folder: Path, tmp_path: Path) -> None:
-    with refused("holds no campaign"):
-        check_campaign(tmp_path)
-    execute(folder, f"PRAGMA user_version = {FORMAT + 1}")
-    with refused("has format 2"):
-        check_campaign(folder)
 
 
 def is_found(folder: Path) -> bool:
@@ -162,39 +143,43 @@ def restore(folder: Path, whole: bytes) -> None:
     (folder / DATABASE).write_bytes(whole)
 
 
-def test_tables_and_columns_that_are_missing(folder: Path) -> None:
-    whole = (folder / DATABASE).read_bytes()
-    for change in (
-        "DROP TABLE fact",
-        "DROP TABLE test",
-        "DROP TABLE finding",
-        "ALTER TABLE fact RENAME value TO other",
-        "ALTER TABLE test RENAME worker TO other",
-        "ALTER TABLE finding RENAME side TO other",
-    ):
-        execute(folder, change)
-        assert is_found(folder), change
-        restore(folder, whole)
-    assert not is_found(folder)
+def damaged(data: bytes, kind: int, rng: random.Random) -> bytes:
+    """A database without its end, without its header, or with one to 2000 flipped bits."""
+    whole = bytearray(data)
+    if kind == 0:
+        del whole[rng.randrange(len(whole)) :]
+    elif kind == 1:
+        whole[:16] = bytes(16)
+    else:
+        first = rng.randrange(len(whole) - 2000)
+        for _ in range(rng.choice([1, 1, 1, 30, 2000])):
+            whole[rng.randrange(first, first + 2000)] ^= 1 << rng.randrange(8)
+    return bytes(whole)
 
 
 @pytest.mark.endurance
-def test_a_flipped_bit_is_found_or_changes_nothing_that_is_read(
+def test_damage_is_found_and_refused_or_changes_nothing_that_is_read(
     tmp_path: Path, endurance: bool
 ) -> None:
-    folder = tmp_path / "c"
-    make_campaign(folder, 12).run()
-    whole, before = (folder / DATABASE).read_bytes(), (everything(folder), contents(folder))
-    source = random.Random(5)
-    found = 0
-    for _ in range(300 if endurance else 60):
-        data, place = bytearray(whole), source.randrange(len(whole))
-        data[place] ^= 1 << source.randrange(8)
-        restore(folder, bytes(data))
-        if is_found(folder):
+    make_campaign(tmp_path, 12).run()
+    whole, before = (tmp_path / DATABASE).read_bytes(), (everything(tmp_path), contents(tmp_path))
+    rng, found = random.Random(5), 0
+    for number in range(300 if endurance else 60):
+        kind = number % 10
+        data = damaged(whole, kind, rng)
+        restore(tmp_path, data)
+        with refused("already holds a campaign"):
+            make_campaign(tmp_path, 13).run()
+        if is_found(tmp_path):
             found += 1
+            with refused() if kind < 2 else suppress(CampaignError):
+                everything(tmp_path)
+            if kind < 2:
+                with refused():
+                    make_campaign(tmp_path, 13).resume()
         else:
-            assert (everything(folder), contents(folder)) == before, place
+            assert (everything(tmp_path), contents(tmp_path)) == before
+        assert (tmp_path / DATABASE).read_bytes() == data
     assert found > 25
 
 
@@ -220,48 +205,23 @@ def test_results_in_a_log_that_was_not_copied_are_missed(tmp_path: Path) -> None
 # Rows and facts
 
 
-DELETE = "DELETE FROM test WHERE"
-
-
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        (f"{DELETE} told = 1", "not as numbers 1 to"),
-        (f"{DELETE} told = 30", "not as numbers 1 to"),
-        (f"{DELETE} told BETWEEN 30 AND 33", "candidates are there, but not those from 1 to"),
-        (f"{DELETE} told = (SELECT max(told) FROM test)", "the log tells of"),
-        (f"{DELETE} told > 60", "the log tells of"),
-        ("UPDATE test SET moobd = moobd + 1e-12 WHERE id = {FAIL}", "does not match"),
-        (
-            "UPDATE test SET trajectory = NULL WHERE id = {PASS}",
-            "trajectory of test {PASS} is",
-        ),
-        (
-            "UPDATE test SET trajectory = substr(trajectory, 1, 500) WHERE id = {FAIL}",
-            "trajectory is damaged",
-        ),
-        (
-            "UPDATE test SET reason = CAST(x'ff41' AS TEXT) WHERE id = 2",
-            "not decode to UTF-8",
-        ),
-        ("DELETE FROM finding WHERE test = {FAIL}", "does not match"),
-        (
-            'INSERT INTO finding SELECT {PASS}, number, criterion, value, "limit", side, time,'
-            " distance, x, y FROM finding LIMIT 1",
-            "does not match",
-        ),
+        ("DELETE FROM test WHERE told = 30", "candidates are there, but not those from 1 to"),
+        ("DELETE FROM test WHERE told = (SELECT max(told) FROM test)", "the log tells of"),
         (
             "INSERT INTO finding VALUES (9999, 1, 'lane', 1, 1, 'left', 1, 1, 1, 1)",
             "findings of test 9999, which is missing",
         ),
     ],
 )
-def test_changed_and_missing_rows_are_found(folder: Path, change: str, text: str) -> None:
-    numbers = {str(one): number_of(folder, one) for one in (Outcome.PASS, Outcome.FAIL)}
-    execute(folder, change.format(**numbers), renew=False)
-    if change.startswith(DELETE):
+def test_missing_rows_are_found(folder: Path, change: str, text: str) -> None:
+    """What readers meet, too: see test_store.py."""
+    execute(folder, change, renew=False)
+    if change.startswith("DELETE"):
         execute(folder, "DELETE FROM finding WHERE test NOT IN (SELECT id FROM test)", renew=False)
-    expect(folder, text.format(**numbers))
+    expect(folder, text)
 
 
 def test_damage_that_no_reader_meets(folder: Path) -> None:
@@ -435,22 +395,13 @@ def run(*arguments: str) -> int:
     return stop.value.code
 
 
-def test_command(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(str(folder)) == 0
     assert "nothing is wrong" in capsys.readouterr().out
-    assert run(str(folder), "--quick", "--json") == 0
-    document = json.loads(capsys.readouterr().out)
-    assert document["is_sound"] is True
-    assert document["by_outcome"]["PASS"] + document["by_outcome"]["FAIL"] == 80
     execute(folder, "UPDATE test SET seconds = -1.0 WHERE told <= 23")
     assert run(str(folder)) == 1
     out = capsys.readouterr().out
     assert sum("test " in line and "seconds" in line for line in out.splitlines()) == 20
     assert "3 more" in out
-    assert "23 findings" in out
     assert run(str(folder), "--json") == 1
     assert len(json.loads(capsys.readouterr().out)["findings"]) == 23
-    assert run(str(tmp_path)) == 2
-    answer = capsys.readouterr()
-    assert answer.out == ""
-    assert len(answer.err.splitlines()) == 1

@@ -8,9 +8,8 @@ import re
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -22,42 +21,35 @@ from clusters import HERE, ONE_SEAT, Cluster, end, go_on, pause
 from contents import contents
 from distributed import Client
 from driving import (
-    MINE,
-    WorkersContract,
+    ProcessesContract,
     WorkersOf,
     await_attempts,
     await_free,
     drive_all,
     drive_one,
     events,
+    write_mine,
 )
 from events import on_result
 from faulty import (
-    Deed,
     Fault,
-    FaultyDriver,
     FaultySimulator,
     Marks,
     Straight,
     Uneven,
     await_go,
     hang,
-    kill,
-    refuse_connection,
     roads,
     straight,
-    sys_exit,
-    write_log,
 )
 from pids import LIMIT, is_running, until
+from user_modules import own_modules
 
 from frenetic.campaign import CampaignStore, RoadTester, Summary
 from frenetic.campaign.log import CampaignLog
 from frenetic.campaign.workers import cluster as cluster_module
 from frenetic.campaign.workers.cluster import ClusterWorkers
 from frenetic.drivers import Driver
-from frenetic.drivers.named import NamedDriver
-from frenetic.outcome import Outcome
 from frenetic.registry import DRIVERS
 from frenetic.simulators import Simulator
 from frenetic.spec import driver_of
@@ -67,32 +59,33 @@ pytest_plugins = ["campaign_fixtures"]
 
 
 @pytest.fixture(scope="module")
+def bare(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    """A scheduler without workers."""
+    with closing(Cluster(tmp_path_factory.mktemp("bare"))) as cluster:
+        yield cluster
+
+
+@pytest.fixture(scope="module")
 def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
     """Two workers, each with a nanny and a seat."""
-    cluster = Cluster(tmp_path_factory.mktemp("cluster"))
-    try:
+    with closing(Cluster(tmp_path_factory.mktemp("cluster"))) as cluster:
         cluster.start("--nworkers", "2", *ONE_SEAT)
         yield cluster
-    finally:
-        cluster.close()
 
 
 @pytest.fixture
 def cluster(two: Cluster) -> Cluster:
     """Both workers are there, also after a test that has ended one."""
-    with Client(two.address, set_as_default=False) as client:
+    with client_of(two) as client:
         client.wait_for_workers(2, timeout=LIMIT)
     return two
 
 
-@pytest.fixture(scope="module")
-def bare(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
-    """A scheduler without workers."""
-    cluster = Cluster(tmp_path_factory.mktemp("bare"))
-    try:
-        yield cluster
-    finally:
-        cluster.close()
+@contextmanager
+def client_of(cluster: Cluster) -> Iterator[Client]:
+    """Somebody who does things with the cluster."""
+    with Client(cluster.address, set_as_default=False) as client:
+        yield client
 
 
 @contextmanager
@@ -111,7 +104,7 @@ def workers_of(
         yield workers
 
 
-class TestClusterWorkers(WorkersContract):
+class TestClusterWorkers(ProcessesContract):
     @pytest.fixture
     def workers_of(self, cluster: Cluster, tmp_path: Path) -> WorkersOf:
         return partial(workers_of, cluster, tmp_path)
@@ -132,17 +125,13 @@ def test_an_ordered_campaign_is_the_one_of_a_single_process(
     assert all(name.startswith("127.0.0.1:") for name in workers - {"None"})
 
 
-def test_what_a_driver_logs_comes_back(cluster: Cluster, tmp_path: Path, marks: Marks) -> None:
-    driver = FaultyDriver(Fault(write_log, marks.folder))
-    with workers_of(cluster, tmp_path, DummySimulator(), driver) as workers:
-        attempt = drive_one(workers)
-    (line,) = [line for line in events(tmp_path) if line["event"] == "log"]
-    assert line["message"] == f"{attempt.worker}: the road is wet"
-    assert line["logger"] == "frenetic.driver"
-
-
-@pytest.mark.parametrize("made", [DRIVERS.make, partial(driver_of, options={}, layers={})])
-@pytest.mark.parametrize("spec", ["{folder}/filed.py:Mine", "placed:Mine"])
+@pytest.mark.parametrize(
+    ("spec", "made"),
+    [
+        ("{folder}/filed.py:Mine", DRIVERS.make),
+        ("placed:Mine", partial(driver_of, options={}, layers={})),
+    ],
+)
 def test_workers_need_no_copy_of_a_users_file(
     cluster: Cluster,
     tmp_path: Path,
@@ -150,98 +139,19 @@ def test_workers_need_no_copy_of_a_users_file(
     spec: str,
     made: Callable[[str], Driver],
 ) -> None:
-    name = "placed" if spec.startswith("placed") else "filed"
-    was_there = tmp_path / "was-there"
-    for file, text in (
-        (f"{name}_helper.py", "STEERING = 0.125"),
-        (f"{name}.py", MINE.format(helper=f"{name}_helper", was_there=str(was_there))),
-    ):
-        (tmp_path / file).write_text(text)
-    monkeypatch.setattr(sys, "path", list(sys.path))
+    was_there = write_mine(tmp_path, "placed" if spec.startswith("placed") else "filed")
     monkeypatch.chdir(tmp_path)
-    driver = made(spec.format(folder=tmp_path))
-    try:
+    with own_modules():
+        driver = made(spec.format(folder=tmp_path))
         with workers_of(cluster, tmp_path, DummySimulator(), driver) as workers:
             for path in tmp_path.glob("*.py"):
                 path.unlink()
             assert drive_one(workers).failure is None
-        assert was_there.exists()
-        assert cloudpickle.list_registry_pickle_by_value() == set()
-    finally:
-        if not isinstance(driver, NamedDriver):
-            for module in (type(driver).__module__, f"{name}_helper"):
-                del sys.modules[module]
-
-
-# What goes wrong with simulators and drivers
-
-
-@pytest.mark.parametrize(
-    ("deed", "why"),
-    [(refuse_connection, "nobody listens on port 25252"), (sys_exit, "SystemExit: 3")],
-)
-def test_a_simulator_that_does_not_start_is_one_line(
-    cluster: Cluster, tmp_path: Path, marks: Marks, deed: Deed, why: str
-) -> None:
-    simulator = FaultySimulator(marks.folder, start=Fault(deed, marks.folder))
-    with refused(f"can be used: .*{why}"), workers_of(cluster, tmp_path, simulator) as workers:
-        await_free(workers)
-    assert len(marks.numbers("start")) == 2  # further ones would be refused, too
-
-
-def test_those_that_start_do_the_work_of_those_that_do_not(
-    cluster: Cluster, tmp_path: Path, marks: Marks
-) -> None:
-    start = Fault(refuse_connection, marks.folder, times=1)
-    with workers_of(cluster, tmp_path, FaultySimulator(marks.folder, start=start)) as workers:
-        attempts = drive_all(workers, [8, 9, 10])
-    assert all(attempt.failure is None for attempt in attempts.values())
-
-
-def test_a_driver_that_calls_sys_exit_is_a_lost_attempt(
-    cluster: Cluster, tmp_path: Path, marks: Marks
-) -> None:
-    driver = FaultyDriver(Fault(sys_exit, marks.folder, times=1))
-    with workers_of(cluster, tmp_path, DummySimulator(), driver) as workers:
-        attempt = drive_one(workers)
-        assert attempt.worker_lost
-        lost = f"worker {attempt.worker} was lost: SystemExit: 3 (faulty.py:"
-        assert str(attempt.failure).startswith(lost)
-        await_free(workers, 2)
-
-
-def test_what_cannot_be_packed_is_one_line(cluster: Cluster, tmp_path: Path) -> None:
-    driver = DummyDriver()
-    driver.lock = threading.Lock()  # type: ignore[attr-defined]
-    with (
-        refused("cannot be sent to the workers of a cluster"),
-        workers_of(cluster, tmp_path, DummySimulator(), driver),
-    ):
-        pass
+    assert was_there.exists()
+    assert cloudpickle.list_registry_pickle_by_value() == set()
 
 
 # What goes wrong with workers
-
-
-def test_a_worker_that_dies_costs_one_attempt_and_comes_back(
-    cluster: Cluster, tmp_path: Path, marks: Marks
-) -> None:
-    simulator = FaultySimulator(marks.folder, drive=Fault(kill, marks.folder, times=1))
-    strategy, folder = Straight(8, 9, 10), tmp_path / "campaign"
-    parts = {"strategy": strategy, "simulator": simulator}
-    campaign(folder, 12, cluster=cluster.address, **parts).run()
-    assert sorted(told.candidate.id for told in strategy.told) == list(range(1, 13))
-    with CampaignStore.open(folder) as store:
-        tests = list(store.tests())
-    assert {test.outcome for test in tests} == {Outcome.PASS}
-    (twice,) = [test.id for test in tests if test.attempts == 2]
-    (lost,) = [line for line in events(folder) if line["event"] == "worker_lost"]
-    assert lost["test"] == twice
-    assert lost["message"] == f"worker {lost['worker']} was lost: it died or left the cluster"
-    (retried,) = [line for line in events(folder) if line["event"] == "test_retried"]
-    assert (retried["test"], retried["reason"]) == (twice, lost["message"])
-    with workers_of(cluster, tmp_path, DummySimulator()) as workers:
-        await_free(workers, 2)  # its nanny has started it again
 
 
 def test_a_worker_without_a_nanny_dies_for_good(
@@ -279,8 +189,8 @@ def test_a_worker_that_hangs_is_started_again_by_its_nanny(
         await_free(workers, 2)
         assert len(marks.pids()) == 3
         assert sum(is_running(pid) for pid in before) == 1
-    lost = [line for line in events(tmp_path) if line["event"] == "worker_lost"]
-    assert (attempt.worker, 1) in [(line["worker"], line.get("test")) for line in lost]
+    lost = [(line["worker"], line.get("test")) for line in events(tmp_path, "worker_lost")]
+    assert (attempt.worker, 1) in lost
 
 
 def test_a_worker_that_hangs_without_a_nanny_is_left_alone(
@@ -298,13 +208,6 @@ def test_a_worker_that_hangs_without_a_nanny_is_left_alone(
             assert drive_one(workers).worker_lost
             assert process.poll() is None
             await_free(workers)
-
-
-@contextmanager
-def client_of(cluster: Cluster) -> Iterator[Client]:
-    """Somebody else who does things with the cluster."""
-    with Client(cluster.address, set_as_default=False) as client:
-        yield client
 
 
 def test_workers_may_come_and_leave(cluster: Cluster, tmp_path: Path, marks: Marks) -> None:
@@ -377,24 +280,6 @@ def test_another_campaign_waits_until_the_seats_are_left(
 # How they end
 
 
-def test_ctrl_c_waits_for_nobody(cluster: Cluster, tmp_path: Path, marks: Marks) -> None:
-    simulator = FaultySimulator(marks.folder, drive=Fault(await_go, marks.folder, times=2))
-    with (  # noqa: PT012
-        pytest.raises(KeyboardInterrupt),
-        workers_of(cluster, tmp_path, simulator) as workers,
-    ):
-        await_free(workers, 2)
-        workers.submit(straight(1))
-        workers.submit(straight(2))
-        until(lambda: len(marks.numbers("await_go")) == 2, "both drive")
-        start = time.monotonic()
-        raise KeyboardInterrupt
-    assert time.monotonic() - start < 0.5 * LIMIT
-    assert not marks.numbers("end")
-    marks.make("go")
-    until(lambda: len(marks.numbers("end")) == 2, "the simulators end")
-
-
 def test_what_runs_is_finished_at_the_end(cluster: Cluster, tmp_path: Path, marks: Marks) -> None:
     simulator = FaultySimulator(marks.folder, drive=Fault(await_go, marks.folder, times=1))
     with workers_of(cluster, tmp_path, simulator) as workers:
@@ -451,8 +336,7 @@ def test_a_cluster_that_loses_its_scheduler(
 ) -> None:
     folder, theirs = tmp_path / "campaign", logging.getLogger("distributed.client")
     theirs.addHandler(caplog.handler)
-    cluster = Cluster(tmp_path)
-    try:
+    with closing(Cluster(tmp_path)) as cluster:
         cluster.start("--no-nanny", *ONE_SEAT)
 
         def lose(progress: Summary) -> None:
@@ -462,9 +346,7 @@ def test_a_cluster_that_loses_its_scheduler(
         search = campaign(folder, 20, strategy=Straight(8, 9), cluster=cluster.address)
         with refused(f"the Dask scheduler {cluster.address} is lost"):
             search.run(on_event=on_result(lose))
-    finally:
-        cluster.close()
-        theirs.removeHandler(caplog.handler)
+    theirs.removeHandler(caplog.handler)
     said = [record for record in caplog.records if record.levelno >= logging.WARNING]
     assert not [record for record in said if record.name == theirs.name]  # beside what we say
     with CampaignStore.open(folder) as store:
@@ -473,7 +355,7 @@ def test_a_cluster_that_loses_its_scheduler(
     assert (summary.passed, summary.errors, summary.tests) == (20, 0, 20)
 
 
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "127.0.0.1:1", "nonsense://a", ""])
+@pytest.mark.parametrize("address", ["127.0.0.1:1", "nonsense://a", ""])
 def test_an_unreachable_scheduler_is_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, address: str
 ) -> None:

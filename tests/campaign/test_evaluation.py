@@ -59,20 +59,14 @@ def test_a_loop_of_ones_own_finds_what_a_campaign_finds(tmp_path: Path) -> None:
                 np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-3)  # rounded in the database
 
 
-def test_what_was_not_driven_or_broke_has_no_moobd() -> None:
-    candidate = Candidate(1, np.zeros(5), 10.0, Origin("mine"))
+def test_what_was_not_driven_or_broke_has_no_moobd_and_an_objective_its_value() -> None:
+    candidate = Candidate(1, np.array([0.0, 0.03, 0.04, 0.03, 0.0]), 10.0, Origin("mine"))
     road = frenetic.Road(candidate.curvatures, 10.0)
     invalid = evaluate(candidate, None, None, budget_spent=0.5)
     assert (invalid.outcome, invalid.moobd, invalid.budget_spent) == (Outcome.INVALID, None, 0.5)
     drive = frenetic.EmbeddedSimulator().drive(road, DRIVER)
     broken = evaluate(candidate, road, frenetic.Drive(drive.trajectory, error="it broke"))
     assert (broken.outcome, broken.moobd, broken.trace) == (Outcome.ERROR, None, None)
-
-
-def test_an_objective_has_its_value_and_an_unknown_one_is_a_mistake() -> None:
-    candidate = Candidate(1, np.array([0.0, 0.03, 0.04, 0.03, 0.0]), 10.0, Origin("mine"))
-    road = frenetic.Road(candidate.curvatures, 10.0)
-    drive = frenetic.EmbeddedSimulator().drive(road, DRIVER)
     accelerated = evaluate(candidate, road, drive, objective="lateral-acceleration")
     expected = Objective.load("lateral-acceleration").severity(road, drive)
     assert expected is not None

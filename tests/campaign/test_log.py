@@ -8,7 +8,6 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ import pytest
 from campaigns import campaign
 from events import on_test
 
-from frenetic.campaign import Campaign, CampaignStore, Summary
+from frenetic.campaign import Campaign, CampaignStore
 from frenetic.campaign.log import LOG, CampaignLog, LogEvent
 from frenetic.outcome import Outcome
 from frenetic.road import Road
@@ -169,32 +168,23 @@ with CampaignLog(Path(sys.argv[1])) as log:
 # A log that can hardly be written
 
 
-def run_with(folder: Path, mishap: Callable[[], object]) -> Summary:
-    """A campaign that meets a mishap after its tenth result."""
-
-    def report(test: Any) -> None:
+@pytest.mark.skipif(sys.platform == "win32", reason="an open file cannot be removed")
+@pytest.mark.parametrize("is_replaced", [False, True])
+def test_a_log_that_somebody_removed_costs_its_lines_only(
+    tmp_path: Path, is_replaced: bool
+) -> None:
+    def remove(test: Any) -> None:
         if test.told == 10:
-            mishap()
+            (tmp_path / LOG).unlink()
+            if is_replaced:  # by what cannot be opened
+                (tmp_path / LOG).mkdir()
 
-    return search(folder).run(on_event=on_test(report))
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="an open file cannot be removed")
-def test_a_log_that_somebody_removed_is_begun_anew(tmp_path: Path) -> None:
-    summary = run_with(tmp_path, (tmp_path / LOG).unlink)
-    failed = {line["test"] for line in of(LogEvent.TEST_FAILED, tmp_path)}
-    assert failed < set(stored(tmp_path, Outcome.FAIL))
-    assert lines(tmp_path)[-1]["tests"] == summary.tests
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="an open file cannot be removed")
-def test_a_log_that_cannot_be_opened_any_more_costs_its_lines_only(tmp_path: Path) -> None:
-    def replace() -> None:
-        (tmp_path / LOG).unlink()
-        (tmp_path / LOG).mkdir()
-
-    assert run_with(tmp_path, replace).simulations == 40
-    assert (tmp_path / LOG).is_dir()
+    summary = search(tmp_path).run(on_event=on_test(remove))
+    assert summary.simulations == 40
+    if not is_replaced:  # it is begun anew
+        failed = {line["test"] for line in of(LogEvent.TEST_FAILED, tmp_path)}
+        assert failed < set(stored(tmp_path, Outcome.FAIL))
+        assert lines(tmp_path)[-1]["tests"] == summary.tests
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux's always full disk")

@@ -2,35 +2,100 @@
 
 from __future__ import annotations
 
+import itertools
 import os
-import random
 import signal
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from random import Random
 from typing import Any, Self
 
 import numpy as np
 import pytest
-from campaigns import campaign, quick_search
+from campaigns import campaign, quick_search, refused
 from contents import contents
 from events import on_result
-from faulty import Straight, Uneven, bend
+from faulty import Straight, Uneven
 
-from frenetic.campaign import Budget, Campaign, CampaignStore, Summary
+from frenetic.campaign import Budget, Campaign, CampaignStore, Event, Summary
 from frenetic.campaign.log import CampaignLog
 from frenetic.campaign.loop import MAX_ERRORS_IN_A_ROW
 from frenetic.campaign.record import Attempt
-from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers import Workers
-from frenetic.errors import CampaignError
+from frenetic.oracle import Result
 from frenetic.outcome import Outcome
-from frenetic.search import Candidate, Evaluation, Origin, Strategy
+from frenetic.search import Candidate, Evaluation, Origin, SearchEnded, Strategy
 from frenetic.testing import DummyDriver, DummySimulator
 
 Choose = Callable[[list[int]], Sequence[int]]
 """Ids of the candidates that are being driven -> those that come back now, in this order."""
+ASLEEP = "fake was lost: it fell asleep"
+
+
+class Families(Strategy):
+    """Roads in families: once one of a family failed, no other is wanted. It notes everything.
+
+    Args:
+        outcomes: of its roads, in turn.
+        size: of a family.
+        mixed: whether two families take turns.
+        names_parents: whether the roads of a family name the same parent.
+        waits: how often, as a share, it first has to be told something.
+        roads: after which it ends.
+    """
+
+    def __init__(
+        self,
+        outcomes: Sequence[Outcome] = (Outcome.PASS,),
+        size: int = 1,
+        *,
+        mixed: bool = False,
+        names_parents: bool = False,
+        waits: float = 0.0,
+        roads: int | None = None,
+    ) -> None:
+        self.outcomes, self.size = outcomes, size
+        self.mixed, self.names_parents = mixed, names_parents
+        self.waits, self.roads = waits, roads
+        self.asked: list[int] = []
+        self.told: list[tuple[int, Outcome]] = []
+        self.notes: list[object] = []
+        self.failed: set[int] = set()
+
+    def family(self, number: int) -> int:
+        if self.mixed:
+            return (number - 1) // (2 * self.size) * 2 + number % 2
+        return (number - 1) // self.size
+
+    def outcome_of(self, number: int) -> Outcome:
+        return self.outcomes[(number - 1) % len(self.outcomes)]
+
+    def ask(self) -> Candidate | None:
+        if len(self.asked) == self.roads:
+            raise SearchEnded("that is all")
+        moment = len(self.asked), len(self.told)
+        if moment[0] > moment[1] and Random(str(moment)).random() < self.waits:
+            return None
+        number = len(self.asked) + 1
+        self.asked.append(number)
+        self.notes.append(number)
+        parents = (1000 + self.family(number),) if self.names_parents else ()
+        return Candidate(number, np.full(8, number / 1e5), 10.0, Origin("family", parents))
+
+    def tell(self, evaluation: Evaluation) -> None:
+        number, outcome = evaluation.candidate.id, evaluation.outcome
+        self.told.append((number, outcome))
+        self.notes.append((number, outcome, round(evaluation.budget_spent, 9)))
+        if outcome is Outcome.FAIL:
+            self.failed.add(self.family(number))
+
+    def is_wanted(self, candidate: Candidate) -> bool:
+        return self.family(candidate.id) not in self.failed
+
+    def ids(self, outcome: Outcome) -> list[int]:
+        return [number for number, told in self.told if told is outcome]
 
 
 class FakeWorkers:
@@ -52,11 +117,10 @@ class FakeWorkers:
         self.busy = count if busy is None else busy
         self.choose = choose
         self.losses = Counter(losses or {})
-        self.running: dict[int, Candidate] = {}
+        self.outcome_of: Callable[[int], Outcome] = lambda number: Outcome.PASS
+        self.running: list[int] = []
         self.submitted: list[int] = []
-        self.most = 0
-        self.idle_waits = 0
-        self.tester = RoadTester(DummySimulator(bend), DummyDriver())
+        self.answered: list[int] = []
 
     @property
     def free(self) -> int:
@@ -69,21 +133,21 @@ class FakeWorkers:
     def submit(self, candidate: Candidate) -> None:
         assert self.free
         assert candidate.id not in self.running
-        self.running[candidate.id] = candidate
+        self.running.append(candidate.id)
         self.submitted.append(candidate.id)
-        self.most = max(self.most, len(self.running))
 
     def wait(self, timeout: float) -> Sequence[Attempt]:
-        self.idle_waits += not self.running
-        assert self.idle_waits < 5, "it waits for nobody"
-        chosen = list(self.choose(list(self.running))) if self.running else []
-        return [self._attempt(self.running.pop(number)) for number in chosen]
+        assert self.running, "nobody is waited for"
+        return [self._attempt(number) for number in self.choose(list(self.running))]
 
-    def _attempt(self, candidate: Candidate) -> Attempt:
-        if self.losses[candidate.id]:
-            self.losses[candidate.id] -= 1
-            return Attempt.lost(candidate.id, "fake", 0.0, "fake was lost: it fell asleep")
-        return replace(self.tester.test(candidate), worker="fake")
+    def _attempt(self, number: int) -> Attempt:
+        self.running.remove(number)
+        if self.losses[number]:
+            self.losses[number] -= 1
+            return Attempt.lost(number, "fake", 0.0, ASLEEP)
+        self.answered.append(number)
+        moobd = -1.0 / number if (outcome := self.outcome_of(number)).is_driven else None
+        return replace(Attempt(number, Result(outcome, "as it was to be", moobd)), worker="fake")
 
     def __enter__(self) -> Self:
         return self
@@ -102,299 +166,190 @@ class Faked(Campaign):
 
 
 def faked(
-    folder: Path, strategy: Strategy, budget: Budget, fake: FakeWorkers, **options: Any
+    folder: Path, strategy: Strategy, budget: Budget, fake: FakeWorkers, lookahead: int = 0
 ) -> Campaign:
+    """A campaign of an interrupted, or a new, one; in order with a look-ahead."""
     made = Faked(
         strategy=strategy,
-        simulator=DummySimulator(bend),
+        simulator=DummySimulator(),
         driver=DummyDriver(),
         budget=budget,
         folder=folder,
-        **options,
+        ordered=lookahead > 0,
+        lookahead=lookahead or 1,
     )
     made.fake = fake
+    if isinstance(strategy, Families):
+        fake.outcome_of = strategy.outcome_of
     return made
 
 
-class Noted(Strategy):
-    """A strategy that notes what it is asked and told: ("ask", id) or (outcome, id)."""
-
-    def __init__(self, strategy: Strategy) -> None:
-        self.strategy = strategy
-        self.notes: list[tuple[str, int]] = []
-        self.options = getattr(strategy, "options", {})
-
-    def ask(self) -> Candidate:
-        candidate = self.strategy.ask()
-        assert candidate is not None
-        self.notes.append(("ask", candidate.id))
-        return candidate
-
-    def tell(self, evaluation: Evaluation) -> None:
-        self.strategy.tell(evaluation)
-        self.notes.append((str(evaluation.outcome), evaluation.candidate.id))
-
-    def of(self, kind: str) -> list[int]:
-        return [number for noted, number in self.notes if noted == kind]
-
-    @property
-    def told(self) -> list[int]:
-        return [number for noted, number in self.notes if noted != "ask"]
-
-
-class Selective(Noted):
-    def is_wanted(self, candidate: Candidate) -> bool:
-        return self.strategy.is_wanted(candidate)
+def told_in_order(strategy: Families, lost: Mapping[int, int], budget: Budget, ahead: int) -> None:
+    """What an ordered campaign asks and tells, done plainly."""
+    line: deque[Candidate] = deque()
+    simulations = failures = 0
+    while (share := budget.spent(simulations, 0.0, failures)) < 1.0:
+        while len(line) < ahead and simulations + len(line) < (budget.simulations or 1_000):
+            try:
+                candidate = strategy.ask()
+            except SearchEnded:
+                break
+            if candidate is None:
+                break
+            line.append(candidate)
+        if not line:
+            return
+        oldest = line.popleft()
+        outcome = Outcome.ERROR if lost.get(oldest.id, 0) > 1 else strategy.outcome_of(oldest.id)
+        if not strategy.is_wanted(oldest):
+            outcome = Outcome.DROPPED
+        simulations += outcome.is_simulated
+        failures += outcome is Outcome.FAIL
+        share = budget.spent(simulations, 0.0, failures)
+        strategy.tell(Evaluation(oldest, outcome, None, share))
 
 
-def selective_search(**options: object) -> Selective:
-    return Selective(quick_search(**options))
+def leave() -> None:
+    raise KeyboardInterrupt
 
 
-class Litters(Strategy):
-    """A selective strategy: straight roads in litters; of each, one fails and ends the litter.
-
-    Args:
-        litter: roads in each.
-        failing: which of them fails, counted from 0.
-        known: whether the roads of a litter name a parent.
-    """
-
-    def __init__(self, litter: int, failing: int, *, known: bool = False) -> None:
-        self.litter = litter
-        self.failing = failing
-        self.known = known
-        self.asked = self.place = 0
-        self.litters: dict[int, int] = {}
-        self.failed: set[int] = set()
-
-    def ask(self) -> Candidate:
-        if self.place // self.litter in self.failed:  # the rest is not asked any more
-            self.place += -self.place % self.litter
-        self.asked += 1
-        self.litters[self.asked] = self.place // self.litter
-        curvatures = np.full(8, 0.05 if self.place % self.litter == self.failing else 0.0)
-        self.place += 1
-        parents = (1000 + self.litters[self.asked],) if self.known else ()
-        return Candidate(self.asked, curvatures, 10.0, Origin("litter", parents))
-
-    def tell(self, evaluation: Evaluation) -> None:
-        if evaluation.outcome is Outcome.FAIL:
-            self.failed.add(self.litters[evaluation.candidate.id])
-
-    def is_wanted(self, candidate: Candidate) -> bool:
-        return self.litters[candidate.id] not in self.failed
+def after(results: int, call: Callable[[], object]) -> Callable[[Event], None]:
+    left = itertools.count(-results)
+    return on_result(lambda _: call() if next(left) >= 0 else None)
 
 
-# As results come
+class Chance:
+    """A strategy, its workers and a budget as a seed has them."""
 
+    def __init__(self, seed: int) -> None:
+        rng = self.rng = Random(seed)
+        kinds = [Outcome.PASS, Outcome.PASS, Outcome.FAIL, Outcome.INVALID]
+        self.outcomes = [Outcome.PASS, Outcome.FAIL, *rng.choices(kinds, k=rng.randint(3, 9))]
+        self.size = rng.randint(1, 6)
+        self.kind: dict[str, Any] = {
+            "mixed": rng.random() < 0.5,
+            "names_parents": rng.random() < 0.5,
+            "waits": rng.choice([0.0, 0.0, 0.3]),
+            "roads": rng.choice([None, None, rng.randint(1, 60)]),
+        }
+        lost = rng.random() < 0.5
+        self.losses = {n: rng.choice([0, 0, 0, 1, 2]) for n in range(1, 1000)} if lost else {}
+        simulations, failures = rng.randint(1, 40), rng.randint(1, 9)
+        budgets = [Budget(simulations=simulations), Budget(failures=failures)]
+        self.budget = rng.choice([*budgets, Budget(simulations=simulations, failures=failures)])
+        self.is_broken_off = rng.random() < 0.5
+        self.most = 0
+        self.fakes: list[FakeWorkers] = []
 
-def test_results_are_told_as_they_come(tmp_path: Path) -> None:
-    strategy = Noted(Straight(8, 9, 10))
-    order = iter([[3, 1], [2], [4], [7, 6, 5]])
-    fake = FakeWorkers(3, lambda ids: next(order))
-    faked(tmp_path, strategy, Budget(simulations=7), fake).run()
-    assert strategy.notes == [
-        *[("ask", 1), ("ask", 2), ("ask", 3)],
-        *[("PASS", 3), ("PASS", 1), ("ask", 4), ("ask", 5)],
-        *[("PASS", 2), ("ask", 6)],
-        *[("PASS", 4), ("ask", 7)],
-        *[("PASS", 7), ("PASS", 6), ("PASS", 5)],
-    ]
-    with CampaignStore.open(tmp_path) as store:
-        assert [record.candidate.id for record in store.tests()] == [3, 1, 2, 4, 7, 6, 5]
-        places = {asked.id: place for asked, place in store.candidates()}
-    assert places == {1: 0, 2: 0, 3: 0, 4: 2, 5: 2, 6: 3, 7: 4}
+    def strategy(self) -> Families:
+        return Families(self.outcomes, self.size, **self.kind)
 
+    def searched(self, folder: Path, lookahead: int = 0) -> tuple[Families, Summary]:
+        """The campaign, broken off and resumed again and again, if it has to be."""
+        rng = self.rng
+        for attempt in range(1000):
+            strategy = self.strategy()
+            count = rng.randint(1, 9)
+            self.most = max(self.most, count)
+            self.fakes.append(
+                FakeWorkers(count, lambda ids: rng.sample(ids, rng.randint(1, len(ids))))
+            )
+            self.fakes[-1].losses.update(self.losses)
+            one = faked(folder, strategy, self.budget, self.fakes[-1], lookahead)
+            left = rng.choice([0, 1, 2, 5, 20]) if self.is_broken_off else 1_000_000
+            stopping = after(left, rng.choice([one.stop, leave]))
+            end = (one.resume if attempt else one.run)(on_event=stopping)
+            if not end.interrupted:
+                return strategy, end
+        raise AssertionError("it does not end")
 
-@pytest.mark.parametrize("seed", range(12))
-def test_as_results_come_each_promise_is_kept(tmp_path: Path, seed: int) -> None:
-    rng = random.Random(seed)
-    count, simulations, lost = 1 + seed % 9, rng.randint(20, 60), rng.random() < 0.5
-    losses = {number: rng.choice([0, 0, 1, 2]) for number in range(1, 500)} if lost else {}
-    fake = FakeWorkers(count, lambda ids: rng.sample(ids, rng.randint(1, len(ids))), losses)
-    strategy = selective_search(max_redraws=0)
-    summary = faked(tmp_path, strategy, Budget(simulations=simulations), fake).run()
-    assert summary.simulations == simulations  # exactly
-    assert summary.invalid > 0  # at no cost
-    assert fake.most <= count
-    assert count > 1 or not summary.dropped
-    outstanding = most = 0
-    for kind, _ in strategy.notes:
-        outstanding += 1 if kind == "ask" else -1
-        most = max(most, outstanding)
-    assert most <= count
-    assert sorted(strategy.told) == strategy.of("ask") == list(range(1, len(strategy.told) + 1))
-    tries = Counter(fake.submitted)
-    with CampaignStore.open(tmp_path) as store:
-        for record in store.tests():
-            number = record.candidate.id
-            if record.outcome is Outcome.DROPPED:
-                # Driven it was not, though an attempt may have been lost.
-                assert tries[number] == 0 or lost
-                assert (record.attempts, record.attempt.worker) == (0, None)
+    def require_kept(self, folder: Path, strategy: Families) -> None:
+        """What is stored is what was asked and told, and what was tried."""
+        places, told = {}, 0
+        for note in strategy.notes:
+            if isinstance(note, int):
+                places[note] = told
             else:
-                assert record.attempts == tries[number] <= 2
-                assert (record.outcome is Outcome.ERROR) == (losses.get(number, 0) >= 2)
+                told += 1
+        with CampaignStore.open(folder) as store:
+            assert {asked.id: place for asked, place in store.candidates()} == places
+            tests = list(store.tests())
+        assert [(test.id, test.outcome) for test in tests] == strategy.told
+        for test in tests:
+            losses = self.losses.get(test.id, 0)
+            if test.outcome is Outcome.DROPPED:
+                assert (test.attempts, test.attempt.worker) == (0, None)
+            else:
+                assert test.attempts == 1 + min(losses, 1)
+                assert (test.outcome is Outcome.ERROR) == (losses > 1)
+                assert test.reason == (ASLEEP if losses > 1 else "as it was to be")
 
 
-def test_a_sibling_that_waits_is_dropped_and_one_that_was_driven_is_not(tmp_path: Path) -> None:
-    strategy = Selective(Litters(litter=3, failing=1))
-    fake = FakeWorkers(3, lambda ids: ids, losses={1: 1})
-    faked(tmp_path, strategy, Budget(simulations=5), fake).run()
-    # 1 was lost and waits, 2 failed, 3 had been driven: only 1 is dropped.
-    assert strategy.notes[:3] == [("ask", 1), ("ask", 2), ("ask", 3)]
-    assert strategy.told[:3] == [2, 3, 1]
-    assert strategy.of("DROPPED") == [1]
-    assert fake.submitted.count(1) == 1
-
-
-def test_after_dropping_others_are_asked_at_once(tmp_path: Path) -> None:
-    """Asked by a campaign of three workers, two candidates wait for the one that goes on."""
-    budget = Budget(simulations=9)
-    fake = FakeWorkers(3, lambda ids: ids[:1])
-
-    def leave(progress: Summary) -> None:
-        raise KeyboardInterrupt
-
-    first = Selective(Litters(litter=9, failing=1))
-    assert faked(tmp_path, first, budget, fake).run(on_event=on_result(leave)).interrupted
-    assert first.notes == [("ask", 1), ("ask", 2), ("ask", 3), ("PASS", 1)]
-    second, alone = Selective(Litters(litter=9, failing=1)), FakeWorkers(1)
-    faked(tmp_path, second, budget, alone).resume()
-    assert second.notes[4:7] == [("FAIL", 2), ("DROPPED", 3), ("ask", 4)]
-    assert alone.idle_waits == 0
-
-
-def test_a_budget_of_failures_may_bring_a_few_more_but_asks_for_none(tmp_path: Path) -> None:
-    strategy = Noted(Litters(litter=1, failing=0))
-    summary = faked(tmp_path, strategy, Budget(failures=4), FakeWorkers(3)).run()
-    assert summary.failed == 4 + 2  # what ran when the fourth came
-    assert strategy.of("ask") == strategy.of("FAIL")
-
-
-# In the order of asking
-
-
-def test_in_order_the_oldest_is_told_first(tmp_path: Path) -> None:
-    strategy = Noted(Straight(8, 9))
-    order = iter([[3, 2], [1], [4], [6], [5]])
-    fake = FakeWorkers(3, lambda ids: next(order))
-    faked(tmp_path, strategy, Budget(simulations=6), fake, ordered=True, lookahead=4).run()
-    assert strategy.notes == [
-        *[("ask", 1), ("ask", 2), ("ask", 3), ("ask", 4)],
-        *[("PASS", 1), ("ask", 5), ("PASS", 2), ("ask", 6), ("PASS", 3)],
-        *[("PASS", 4), ("PASS", 5), ("PASS", 6)],
-    ]
-
-
-def ordered_run(
-    folder: Path,
-    budget: Budget,
-    rng: random.Random | None = None,
-    count: int = 1,
-    losses: Mapping[int, int] | None = None,
-    lookahead: int = 7,
-) -> tuple[Selective, Summary, FakeWorkers]:
-    choose: Choose = lambda ids: ids[:1]  # noqa: E731
-    if rng is not None:
-        choose = lambda ids: rng.sample(ids, rng.randint(0, len(ids)))  # noqa: E731
-    fake = FakeWorkers(count, choose, losses)
-    strategy = selective_search()
-    summary = faked(folder, strategy, budget, fake, ordered=True, lookahead=lookahead).run()
-    return strategy, summary, fake
-
-
-BUDGETS = [Budget(simulations=90), Budget(failures=25), Budget(simulations=200, failures=30)]
-
-
-@pytest.fixture(scope="module")
-def one_by_one(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """Folders of ordered campaigns with one worker that never errs, by budget."""
-    folders = [tmp_path_factory.mktemp("ordered") for _ in BUDGETS]
-    for folder, budget in zip(folders, BUDGETS, strict=True):
-        strategy, _, _ = ordered_run(folder, budget)
-        assert strategy.of("DROPPED")
-        assert {"F1", "C1", "P1"} <= {str(row[1]) for row in contents(folder)["test"]}
-    return folders
-
-
-@pytest.mark.parametrize("budget", range(len(BUDGETS)))
-@pytest.mark.parametrize("seed", range(4))
-def test_in_order_the_campaign_does_not_depend_on_the_workers(
-    tmp_path: Path, one_by_one: list[Path], seed: int, budget: int
+@pytest.mark.parametrize("seed", range(40))
+def test_in_order_the_campaign_is_the_plain_one_whatever_workers_and_users_do(
+    tmp_path: Path, seed: int
 ) -> None:
-    rng = random.Random(seed)
-    count, lost = rng.randint(1, 20), rng.random() < 0.5
-    losses = {number: rng.choice([0, 0, 1]) for number in range(1, 1000)} if lost else {}
-    strategy, _, fake = ordered_run(tmp_path, BUDGETS[budget], rng, count, losses)
-    without = ("attempts",) if lost else ()
-    assert contents(tmp_path, without=without) == contents(one_by_one[budget], without=without)
-    assert strategy.told == sorted(strategy.told)
-    assert fake.most <= count
+    chance = Chance(seed)
+    lookahead = chance.rng.randint(1, 9)
+    told_in_order(plain := chance.strategy(), chance.losses, chance.budget, lookahead)
+    strategy, _ = chance.searched(tmp_path, lookahead)
+    assert strategy.notes == plain.notes
+    chance.require_kept(tmp_path, strategy)
+    if chance.most == 1 and not chance.kind["names_parents"]:
+        driven = {number for fake in chance.fakes for number in fake.answered}
+        assert not driven & set(strategy.ids(Outcome.DROPPED))  # nothing is driven for nobody
 
 
-@pytest.mark.parametrize("budget", range(len(BUDGETS)))
-@pytest.mark.parametrize("seed", range(2))
-def test_in_order_the_campaign_does_not_depend_on_interruptions(
-    tmp_path: Path, one_by_one: list[Path], seed: int, budget: int
-) -> None:
-    rng = random.Random(seed)
-    for attempt in range(1000):
-        choose: Choose = lambda ids: rng.sample(ids, rng.randint(0, len(ids)))  # noqa: E731
-        one = faked(
-            tmp_path,
-            selective_search(),
-            BUDGETS[budget],
-            FakeWorkers(rng.randint(1, 9), choose),
-            ordered=True,
-            lookahead=7,
-        )
-        left = rng.choice([0, 1, 2, 3, 20, 60])
-
-        def stop(progress: Summary) -> None:
-            nonlocal left
-            left -= 1
-            if left < 0:
-                raise KeyboardInterrupt
-
-        summary = (one.resume if attempt else one.run)(on_event=on_result(stop))
-        if not summary.interrupted:
-            break
-    assert contents(tmp_path) == contents(one_by_one[budget])
+@pytest.mark.parametrize("seed", range(100, 130))
+def test_as_results_come_each_promise_is_kept(tmp_path: Path, seed: int) -> None:
+    chance = Chance(seed)
+    strategy, end = chance.searched(tmp_path)
+    if len(strategy.asked) < (chance.kind["roads"] or 1_000):
+        limits = chance.budget
+        assert end.simulations == limits.simulations or end.failed >= (limits.failures or 1_000)
+        # What ran when the last failure came may bring more.
+        assert end.failed < (limits.failures or 1_000) + chance.most
+    told = [number for number, _ in strategy.told]
+    assert len(set(told)) == len(told)
+    if not chance.losses and not chance.is_broken_off:
+        assert sorted(told) == strategy.asked  # else some may wait for another attempt
+    outstanding = 0
+    for note in strategy.notes:
+        outstanding += 1 if isinstance(note, int) else -1
+        assert outstanding <= chance.most
+    chance.require_kept(tmp_path, strategy)
+    if len(chance.fakes) == 1:
+        (fake,) = chance.fakes
+        came = [n for n, one in strategy.told if one not in (Outcome.DROPPED, Outcome.ERROR)]
+        assert [number for number in fake.answered if number in came] == came
+        assert not set(fake.answered) & set(strategy.ids(Outcome.DROPPED))
 
 
-def test_in_order_nothing_is_driven_for_nobody(tmp_path: Path) -> None:
-    """Whatever is unwanted when a worker comes free is not handed out."""
-    strategy = Selective(Litters(litter=5, failing=0))
-    fake = FakeWorkers(1)
-    summary = faked(
-        tmp_path, strategy, Budget(simulations=6), fake, ordered=True, lookahead=5
-    ).run()
-    assert (summary.failed, summary.simulations) == (6, 6)
-    assert len(fake.submitted) == 6
-    assert summary.dropped == len(strategy.of("DROPPED")) > 0
-    assert not set(fake.submitted) & set(strategy.of("DROPPED"))
+def test_results_are_told_as_they_come_and_others_asked_at_once(tmp_path: Path) -> None:
+    order = iter([[3, 1], [2], [4], [7, 6, 5]])
+    strategy, fake = Families(), FakeWorkers(3, lambda ids: next(order))
+    faked(tmp_path, strategy, Budget(simulations=7), fake).run()
+    notes = [note if isinstance(note, int) else -note[0] for note in strategy.notes]  # type: ignore[index]
+    assert notes == [1, 2, 3, -3, -1, 4, 5, -2, 6, -4, 7, -7, -6, -5]
+
+
+# What is driven in vain
 
 
 def test_in_order_siblings_are_driven_last(tmp_path: Path) -> None:
-    """The first of each litter fails: driven early, it spares the drives of the others."""
+    """The first of each family fails: driven early, it spares the drives of the others."""
     submitted: dict[bool, list[int]] = {}
     for known in (False, True):
-        strategy = Selective(Litters(litter=3, failing=0, known=known))
-        fake = FakeWorkers(2)
-        folder = tmp_path / str(known)
+        outcomes = [Outcome.FAIL, Outcome.PASS, Outcome.PASS]
+        strategy, fake = Families(outcomes, 3, names_parents=known), FakeWorkers(2)
         budget = Budget(simulations=20)
-        summary = faked(folder, strategy, budget, fake, ordered=True, lookahead=7).run()
+        summary = faked(tmp_path / str(known), strategy, budget, fake, lookahead=7).run()
         assert (summary.failed, summary.simulations) == (20, 20)
         submitted[known] = fake.submitted
-    # Litters of three begin with 1, 4 and 7; only then is it known that 2 and 3 are dropped.
+    # Families of three begin with 1, 4 and 7; only then is it known that 2 and 3 are dropped.
     assert submitted[False][:2] == [1, 2]
     assert submitted[True][:3] == [1, 4, 7]
-    assert len(submitted[False]) == 39  # almost two of each litter
-    assert len(submitted[True]) == 20 + 2  # the last ones, when nothing else is left
-    told = [contents(tmp_path / str(known), without=("parents",)) for known in (False, True)]
-    assert told[0] == told[1]
+    assert len(submitted[True]) < 25 < 35 < len(submitted[False])
 
 
 def test_in_order_doubtful_siblings_are_not_driven_ahead(tmp_path: Path) -> None:
@@ -405,38 +360,35 @@ def test_in_order_doubtful_siblings_are_not_driven_ahead(tmp_path: Path) -> None
         first[:] = first or ids
         return ids[:1]
 
-    strategy = Selective(Litters(litter=4, failing=3, known=True))
-    fake = FakeWorkers(7, choose, busy=3)
-    budget = Budget(simulations=20)
-    summary = faked(tmp_path, strategy, budget, fake, ordered=True, lookahead=9).run()
-    assert first == [1, 5, 9]  # each the first of its litter
+    outcomes = [Outcome.PASS, Outcome.PASS, Outcome.PASS, Outcome.FAIL]
+    strategy, fake = Families(outcomes, 4, names_parents=True), FakeWorkers(7, choose, busy=3)
+    summary = faked(tmp_path, strategy, Budget(simulations=20), fake, lookahead=9).run()
+    assert first == [1, 5, 9]  # each the first of its family
     assert summary.simulations == len(fake.submitted) == 20
 
 
 def test_in_order_the_end_does_not_wait_for_what_comes_too_late(tmp_path: Path) -> None:
-    fake = FakeWorkers(4, lambda ids: ids[:1])
-    strategy = Noted(Litters(litter=1, failing=0))
-    summary = faked(tmp_path, strategy, Budget(failures=3), fake, ordered=True, lookahead=6).run()
-    assert (summary.failed, summary.simulations) == (3, 3)
+    fake = FakeWorkers(4)
+    faked(tmp_path, Families([Outcome.FAIL]), Budget(failures=1), fake, lookahead=4).run()
+    assert (fake.submitted, fake.answered) == ([1, 2, 3, 4], [1])
 
 
-# What is reported
+# What is reported, and how it ends
 
 
-@pytest.mark.parametrize("ordered", [False, True])
-def test_only_what_is_stored_is_reported(tmp_path: Path, ordered: bool) -> None:
+@pytest.mark.parametrize("lookahead", [0, 16])
+def test_only_what_is_stored_is_reported(tmp_path: Path, lookahead: int) -> None:
     """Results that come together are stored together, and before any of them is reported."""
-    fake = FakeWorkers(5, lambda ids: ids)
     stored: list[int] = []
 
     def report(progress: Summary) -> None:
         with CampaignStore.open(tmp_path) as store:
-            stored.append(store.counts().told)
+            stored.append(store.stored())
         assert progress.tests == len(stored)
 
-    faked(tmp_path, Straight(8), Budget(simulations=15), fake, ordered=ordered).run(
-        on_event=on_result(report)
-    )
+    fake = FakeWorkers(5, lambda ids: ids)
+    search = faked(tmp_path, Straight(8), Budget(simulations=15), fake, lookahead)
+    search.run(on_event=on_result(report))
     assert stored == [5] * 5 + [10] * 5 + [15] * 5
 
 
@@ -447,79 +399,46 @@ def test_what_came_before_a_strategy_broke_is_stored_and_reported(tmp_path: Path
                 raise KeyError("four")
 
     reported: list[int] = []
-    with pytest.raises(CampaignError, match="the strategy raised KeyError: 'four'"):
-        faked(tmp_path, Breaking(8), Budget(simulations=9), FakeWorkers(5, lambda ids: ids)).run(
+    fake = FakeWorkers(5, lambda ids: ids)
+    with refused("the strategy raised KeyError: 'four'"):
+        faked(tmp_path, Breaking(8), Budget(simulations=9), fake).run(
             on_event=on_result(lambda summary: reported.append(summary.tests))
         )
     assert reported == [1, 2, 3]
     with CampaignStore.open(tmp_path) as store:
-        assert [record.candidate.id for record in store.tests()] == [1, 2, 3, 4]
+        assert [test.id for test in store.tests()] == [1, 2, 3, 4]
 
 
-# Real workers
-
-
-@pytest.mark.parametrize("workers", [1, 2, 3])
-def test_real_workers_in_order_give_the_same_campaign(
-    tmp_path: Path, one_by_one: list[Path], workers: int
-) -> None:
-    for number, budget in enumerate(BUDGETS[:2]):
-        folder, options = tmp_path / str(number), {"ordered": True, "lookahead": 7}
-        campaign(folder, budget=budget, simulator=Uneven(), workers=workers, **options).run()
-        assert contents(folder) == contents(one_by_one[number])
-
-
-def test_real_workers_as_results_come_meet_the_budget(tmp_path: Path) -> None:
-    strategy = selective_search()
-    uneven = campaign(tmp_path, 80, strategy=strategy, simulator=Uneven(), workers=3)
-    assert uneven.run().simulations == 80
-    assert sorted(strategy.told) == strategy.of("ask")
-    with CampaignStore.open(tmp_path) as store:
-        by = Counter(r.attempt.worker for r in store.tests() if r.outcome is not Outcome.DROPPED)
-    assert set(by) == {"worker 1", "worker 2", "worker 3"}
-
-
-# Attempts
-
-
-def test_a_road_lost_twice_is_an_error_with_its_reason(tmp_path: Path) -> None:
-    fake = FakeWorkers(2, losses={2: 9})
-    summary = faked(tmp_path, Straight(8), Budget(simulations=4), fake).run()
-    assert (summary.errors, summary.passed) == (1, 3)
-    with CampaignStore.open(tmp_path) as store:
-        record = store.test(2)
-    assert (record.outcome, record.attempts) == (Outcome.ERROR, 2)
-    assert record.reason == "fake was lost: it fell asleep"
-    assert (record.attempt.pose, record.drive) == (None, None)
-
-
-def test_nothing_but_lost_attempts_ends_the_campaign(tmp_path: Path) -> None:
+def test_nothing_but_lost_attempts_ends_the_campaign_which_is_resumed(tmp_path: Path) -> None:
     losses = dict.fromkeys(range(1, 99), 9)
-    with pytest.raises(CampaignError, match=r"last 10 drives broke.*it fell asleep"):
-        faked(tmp_path, Straight(8), Budget(simulations=50), FakeWorkers(3, losses=losses)).run()
-    with CampaignStore.open(tmp_path) as store:
-        assert store.counts().by_outcome[Outcome.ERROR] == MAX_ERRORS_IN_A_ROW
-    # It can be resumed when whatever it was is mended.
-    one = faked(tmp_path, Straight(8), Budget(simulations=50), FakeWorkers(3))
-    assert one.resume().passed == 50 - MAX_ERRORS_IN_A_ROW
+    budget = Budget(simulations=50)
+    with refused(r"last 10 drives broke.*it fell asleep"):
+        faked(tmp_path, Straight(8), budget, FakeWorkers(3, losses=losses)).run()
+    end = faked(tmp_path, Straight(8), budget, FakeWorkers(3)).resume()
+    assert (end.errors, end.passed) == (MAX_ERRORS_IN_A_ROW, 50 - MAX_ERRORS_IN_A_ROW)
 
 
-# Interrupts
-
-
-@pytest.mark.parametrize("ordered", [False, True])
-def test_an_interrupt_finishes_what_runs(tmp_path: Path, ordered: bool) -> None:
-    fake = FakeWorkers(3)
-    seen: list[Summary] = []
-
-    def interrupt(progress: Summary) -> None:
-        seen.append(progress)
-        if len(seen) == 4:
+@pytest.mark.parametrize("lookahead", [0, 16])
+def test_ctrl_c_finishes_what_runs(tmp_path: Path, lookahead: int) -> None:
+    def press(progress: Summary) -> None:
+        if progress.tests == 4:
             os.kill(os.getpid(), signal.SIGINT)
 
-    one = faked(tmp_path, Noted(Straight(8, 9)), Budget(simulations=50), fake, ordered=ordered)
-    summary = one.run(on_event=on_result(interrupt))
+    fake = FakeWorkers(3)
+    search = faked(tmp_path, Families(), Budget(simulations=50), fake, lookahead)
+    summary = search.run(on_event=on_result(press))
     assert summary.interrupted
     assert not fake.running
-    assert summary.simulations == len(fake.submitted) == len(seen)
-    assert 4 < summary.simulations <= 7
+    assert 4 < summary.simulations == len(fake.submitted) <= 7
+
+
+def test_in_order_real_workers_give_the_same_campaign(tmp_path: Path) -> None:
+    """One whose roads are mutants, crossovers and dropped ones, too."""
+    for workers in (1, 2):
+        folder, options = tmp_path / str(workers), {"ordered": True, "lookahead": 7}
+        simulator, strategy = Uneven(), quick_search()
+        parts = {"simulator": simulator, "strategy": strategy, "workers": workers}
+        assert campaign(folder, 90, **parts, **options).run().dropped
+    whole = contents(tmp_path / "1")
+    assert contents(tmp_path / "2") == whole
+    assert {"F1", "C1", "P1"} <= {str(row[1]) for row in whole["test"]}

@@ -69,28 +69,25 @@ def test_built_in_objectives_agree_with_the_oracle() -> None:
     severity = Objective.load("lateral-acceleration").severity(road, drive)
     assert severity == pytest.approx(-fastest)
     assert 3.0 < fastest < 20.0
-
-
-def test_a_search_minimises_the_objective_and_raises_it(tmp_path: Path) -> None:
-    searching = search(tmp_path, "lateral-acceleration", simulations=120)
-    searching.run()
-    told = [value for value in severities(searching) if value is not None]
-    assert len(told) == 120
-    assert np.mean(told[60:]) < np.mean(told[:30])
+    with pytest.raises(FreneticError, match=r"unknown objective 'oob'.*oob-share"):
+        Objective.load("oob")
 
 
 def test_an_interrupted_campaign_with_an_objective_goes_on_as_it_would_have(tmp_path: Path) -> None:
-    whole = search(tmp_path / "whole", "oob-share", simulations=60)
+    whole = search(tmp_path / "whole", "oob-share", simulations=40)
     whole.run()
-    search(tmp_path / "parts", "oob-share", simulations=45).run()
-    rest = search(tmp_path / "parts", "oob-share", simulations=60)
+    search(tmp_path / "parts", "oob-share", simulations=30).run()
+    rest = search(tmp_path / "parts", "oob-share", simulations=40)
     rest.resume()
-    assert severities(rest) == severities(whole)
+    told = severities(rest)
+    assert told == severities(whole)
+    with CampaignStore.open(tmp_path / "whole") as store:
+        assert {-value for value in objectives(store).values()} == {*told} - {None}
     without = ("budget_spent",)
     whole_tests, tests = (contents(tmp_path / one, without=without) for one in ("whole", "parts"))
     assert tests == whole_tests
     with refused('another objective: "oob-share", not "moobd"'):
-        search(tmp_path / "parts", "moobd", simulations=70).resume()
+        search(tmp_path / "parts", "moobd", simulations=50).resume()
 
 
 def test_its_values_are_kept_and_named(tmp_path: Path) -> None:
@@ -129,8 +126,3 @@ def test_an_objective_without_a_value_ends_the_campaign(
     with CampaignStore.open(tmp_path / "c") as store:
         assert len(list(store.candidates())) == 1
         assert store.counts().told == 0
-
-
-def test_an_unknown_objective_is_refused() -> None:
-    with pytest.raises(FreneticError, match=r"unknown objective 'oob'.*oob-share"):
-        Objective.load("oob")

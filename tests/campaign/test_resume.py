@@ -25,37 +25,13 @@ from user_modules import own_modules
 from frenetic.campaign import Campaign, CampaignStore, Summary
 from frenetic.campaign.campaign import LOOKAHEAD
 from frenetic.campaign.check import check_campaign
-from frenetic.drivers import Driver, Planner
+from frenetic.drivers import Planner
 from frenetic.drivers.loading import load_driver
-from frenetic.road import Road
 from frenetic.search import Candidate, Evaluation, Frenetic, Frenetic2021, RandomSearch
-from frenetic.simulators import Drive, EmbeddedSimulator, Rules
+from frenetic.simulators import EmbeddedSimulator, Rules
 from frenetic.testing import DummySimulator
 
 pytest_plugins = ["campaign_fixtures"]
-
-
-class Stopping(DummySimulator):
-    """Is interrupted in its nth drive."""
-
-    def __init__(self, drives: int) -> None:
-        super().__init__(bend)
-        self.left = drives
-
-    def drive(self, road: Road, driver: Driver) -> Drive:
-        self.left -= 1
-        if self.left < 0:
-            raise KeyboardInterrupt
-        return super().drive(road, driver)
-
-
-def test_interrupted_again_and_again_it_ends_as_if_it_had_not_been(
-    tmp_path: Path, finished: Path
-) -> None:
-    assert campaign(tmp_path, simulator=Stopping(7)).run().interrupted
-    while campaign(tmp_path, simulator=Stopping(11)).resume().interrupted:
-        pass
-    assert contents(tmp_path) == contents(finished)
 
 
 @pytest.mark.endurance
@@ -67,21 +43,28 @@ def test_killed_at_random_moments_it_ends_as_if_it_had_not_been(
     marks, folder, whole = (tmp_path / name for name in ("marks", "campaign", "whole"))
     marks.mkdir()
     simulator = FaultySimulator(marks)
-    campaign(whole, killing.SIMULATIONS, simulator=simulator, ordered=ordered).run()
+    simulations = 600 if endurance else 200
+    campaign(whole, simulations, simulator=simulator, ordered=ordered).run()
+
+    def go_on(blow: killing.Blow | None) -> int | None:
+        """Its exit code, in a process of its own."""
+        given = folder, marks, simulations, workers, ordered, blow
+        return killing.exit_code_of(killing.go_on, *given)
+
     rng = random.Random(11 + workers)
     together = LOOKAHEAD if ordered else 1  # results in one transaction at most
     for kills in range(1, (25 if endurance else 5) + 1):
         blow = random_blow(rng, first=kills == 1)
-        exit_code = go_on(folder, marks, workers, ordered, blow)
-        assert exit_code == -signal.SIGKILL, f"{blow} has not come"
-        reported = size(marks / "reported")
+        assert go_on(blow) == -signal.SIGKILL, f"{blow} has not come"
+        said = marks / "reported"
+        reported = said.stat().st_size if said.exists() else 0
         stored = told(folder)
         # Whatever was reported is there, and per kill at most one transaction more.
         assert reported <= stored <= reported + kills * together
         if (folder / "campaign.sqlite").exists():
             assert check_campaign(folder).findings == (), blow
-    assert 0 < told(folder) < killing.SIMULATIONS
-    assert go_on(folder, marks, workers, ordered, None) == 0
+    assert 0 < told(folder) < simulations
+    assert go_on(None) == 0
     assert contents(folder) == contents(whole)
     assert check_campaign(folder).findings == ()
     until_gone(set(Marks(marks).pids()) - {os.getpid()})
@@ -97,17 +80,6 @@ def random_blow(rng: random.Random, *, first: bool) -> killing.Blow:
     if kind == "write":
         return killing.Blow("write", rng.randint(1, 1000))
     return killing.Blow(kind, rng.randint(1, 7), rng.uniform(0.0, 5e-4))  # type: ignore[arg-type]
-
-
-def go_on(
-    folder: Path, marks: Path, workers: int, ordered: bool, blow: killing.Blow | None
-) -> int | None:
-    """Goes on with a campaign in a process of its own; returns its exit code."""
-    return killing.exit_code_of(killing.go_on, folder, marks, workers, ordered, blow)
-
-
-def size(path: Path) -> int:
-    return path.stat().st_size if path.exists() else 0
 
 
 def told(folder: Path) -> int:
@@ -249,8 +221,8 @@ class Watching(Frenetic):
 def test_a_resumed_strategy_is_told_of_drives_what_it_was_told(tmp_path: Path) -> None:
     strategy, resumed = Watching(seed=4), Watching(seed=4)
     parts = {"simulator": EmbeddedSimulator(), "driver": Planner(aggression=1.3)}
-    campaign(tmp_path, 60, strategy=strategy, **parts).run()
-    campaign(tmp_path, 62, strategy=resumed, **parts).resume()
+    campaign(tmp_path, 40, strategy=strategy, **parts).run()
+    campaign(tmp_path, 42, strategy=resumed, **parts).resume()
     assert len(strategy.told[0]) == 7
     assert {told[1] for told in strategy.told} == {"left", "right", None}
     assert resumed.told[: len(strategy.told)] == strategy.told

@@ -7,6 +7,7 @@ import zlib
 
 import numpy as np
 import pytest
+from campaigns import refused
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -63,46 +64,30 @@ def trajectories(draw: st.DrawFn) -> Trajectory:
 
 
 @given(trajectories())
-def test_values_come_back_within_half_a_resolution(trajectory: Trajectory) -> None:
-    back = decode(encode(trajectory)).to_rows()
-    original = trajectory.to_rows()
+def test_values_come_back_within_half_a_resolution_and_then_to_the_bit(
+    trajectory: Trajectory,
+) -> None:
+    data, original = encode(trajectory), trajectory.to_rows()
+    back = decode(data)
     rounding = 4.0 * np.finfo(float).eps * np.abs(original)
-    assert back.shape == original.shape
-    assert (np.abs(back - original) <= HALF_STEPS + rounding).all()
-
-
-@given(trajectories())
-def test_encoding_again_gives_the_same_bytes(trajectory: Trajectory) -> None:
-    data = encode(trajectory)
-    assert encode(decode(data)) == data
-
-
-@given(trajectories())
-def test_rounding_without_encoding_gives_the_same_bits(trajectory: Trajectory) -> None:
-    again, direct = decode(encode(trajectory)), rounded(trajectory)
-    for name in RESOLUTIONS:
-        assert getattr(direct, name).tobytes() == getattr(again, name).tobytes(), name
-
-
-def test_regular_times_come_back_as_decimal_numbers() -> None:
-    time = decode(encode(winding_drive())).time
-    assert time.tolist() == [round(0.05 * k, 2) for k in range(500)]
+    assert back.to_rows().shape == original.shape
+    assert (np.abs(back.to_rows() - original) <= HALF_STEPS + rounding).all()
+    assert encode(back) == data
+    assert rounded(trajectory).to_rows().tobytes() == back.to_rows().tobytes()
 
 
 def test_a_usual_drive_takes_a_few_kilobytes() -> None:
-    assert len(encode(winding_drive())) < 8_000
+    assert len(DATA) < 8_000
+    assert decode(DATA).time.tolist() == [round(0.05 * k, 2) for k in range(500)]  # decimal numbers
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e300, -1e20])
-@pytest.mark.parametrize("name", ["time", "y", "brake"])
-def test_numbers_that_cannot_be_stored_are_refused(name: str, value: float) -> None:
-    rows = winding_drive(10).to_rows()
-    rows[7, Trajectory.names().index(name)] = value
-    with pytest.raises(ValueError, match=f"{name} of record 7 is .*: a finite number"):
-        encode(Trajectory.from_rows(rows))
-
-
-def test_too_many_records_are_refused() -> None:
+@pytest.mark.parametrize("value", [np.nan, -np.inf, 1e300, -1e20])
+def test_what_cannot_be_stored_is_refused(value: float) -> None:
+    for name in ("time", "y", "brake"):
+        rows = winding_drive(10).to_rows()
+        rows[7, Trajectory.names().index(name)] = value
+        with pytest.raises(ValueError, match=f"{name} of record 7 is .*: a finite number"):
+            encode(Trajectory.from_rows(rows))
     rows = np.zeros((MAX_RECORDS + 1, len(RESOLUTIONS)))
     with pytest.raises(ValueError, match="at most 1000000"):
         encode(Trajectory.from_rows(rows))
@@ -124,15 +109,10 @@ def stored(
     return struct.pack("<I", zlib.crc32(own)) + own
 
 
-def test_the_layout_is_the_documented_one() -> None:
-    assert stored() == DATA
-
-
 @pytest.mark.parametrize(
     ("data", "message"),
     [
         (b"", "checksum"),
-        (DATA[:3], "checksum"),
         (DATA[:-1], "checksum"),
         (DATA + b"\0", "checksum"),
         (stored()[:4], "checksum"),
@@ -140,8 +120,6 @@ def test_the_layout_is_the_documented_one() -> None:
         (stored(places=PLACES + b"\x0b", widths=WIDTHS + b"\1"), "has the columns"),
         (stored(places=PLACES[:10], widths=WIDTHS[:10]), "has the columns"),
         (stored(widths=b"", stream=b""), "claims 500 records"),
-        (stored(widths=WIDTHS[:5], stream=b""), "claims 500 records"),
-        (stored(count=499), "do not fill"),
         (stored(count=501), "do not fill"),
         (stored(count=0), "do not fill"),
         (stored(count=MAX_RECORDS + 1), "claims 1000001 records"),
@@ -158,9 +136,9 @@ def test_the_layout_is_the_documented_one() -> None:
     ],
 )
 def test_damaged_data_is_named(data: bytes, message: str) -> None:
-    with pytest.raises(CampaignError, match=message) as caught:
+    assert stored() == DATA
+    with refused(message):
         decode(data)
-    assert "\n" not in str(caught.value)
 
 
 @given(st.binary(max_size=200))

@@ -9,16 +9,16 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import faulty
 import pytest
-from campaigns import refused
+from campaigns import campaign, refused
 from driving import (
-    MINE,
+    ProcessesContract,
     WorkersContract,
     WorkersOf,
     await_attempts,
@@ -26,6 +26,7 @@ from driving import (
     drive_all,
     drive_one,
     events,
+    write_mine,
 )
 from faulty import (
     STALLED,
@@ -39,29 +40,26 @@ from faulty import (
     await_go,
     fork,
     fork_and_leave,
-    give_go,
     hang,
     kill,
-    raise_error,
     refuse_connection,
     roads,
-    straight,
     sys_exit,
-    write_log,
 )
-from pids import LIMIT, children, is_running, until, until_gone
+from pids import LIMIT, children, until, until_gone
+from user_modules import own_modules
 
 from frenetic import worker
-from frenetic.campaign import Budget, Campaign, CampaignStore, RoadTester
+from frenetic.campaign import CampaignStore, RoadTester
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.log import CampaignLog
 from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers
 from frenetic.drivers import Driver
-from frenetic.errors import FreneticError
 from frenetic.outcome import Outcome
 from frenetic.registry import DRIVERS
 from frenetic.road import Road
 from frenetic.simulators import Drive, Simulator
+from frenetic.simulators.isolated import IsolatedSimulator
 from frenetic.testing import DummyDriver, DummySimulator
 from frenetic.worker import Worker
 
@@ -73,19 +71,43 @@ linux_only = pytest.mark.skipif(sys.platform != "linux", reason="workers are for
 
 @contextmanager
 def local(
-    simulator: Simulator,
-    driver: Driver | None = None,
-    *,
-    folder: Path,
-    count: int = 1,
-    drive_limit: float = LIMIT,
+    simulator: Simulator, driver: Driver | None = None, *, folder: Path, count: int = 1
 ) -> Iterator[LocalWorkers]:
     tester = RoadTester(simulator, driver or DummyDriver())
     with (
         CampaignLog(folder) as log,
-        LocalWorkers(tester, count, drive_limit=drive_limit, log=log) as workers,
+        LocalWorkers(tester, count, drive_limit=LIMIT, log=log) as workers,
     ):
         yield workers
+
+
+@contextmanager
+def this_process(
+    simulator: Simulator, driver: Driver | None = None, *, folder: Path
+) -> Iterator[Workers]:
+    tester = RoadTester(simulator, driver or DummyDriver())
+    with CampaignLog(folder), InProcessWorker(tester) as workers:
+        yield workers
+
+
+class TestThisProcess(WorkersContract):
+    @pytest.fixture
+    def workers_of(self, tmp_path: Path) -> WorkersOf:
+        return partial(this_process, folder=tmp_path)
+
+
+class TestIsolated(WorkersContract):
+    @pytest.fixture
+    def workers_of(self, tmp_path: Path) -> WorkersOf:
+        return lambda inside, *driver: this_process(
+            IsolatedSimulator(inside), *driver, folder=tmp_path
+        )
+
+
+class TestLocal(ProcessesContract):
+    @pytest.fixture
+    def workers_of(self, tmp_path: Path) -> WorkersOf:
+        return partial(local, folder=tmp_path, count=2)
 
 
 # What drivers do to the process that they drive in
@@ -124,26 +146,26 @@ HARMLESS = (
 
 
 @posix_only
-@pytest.mark.parametrize("workers", [1, 2])
-@pytest.mark.parametrize("deed", [*FATAL, *HARMLESS])
+@pytest.mark.parametrize(
+    ("deed", "workers"),
+    [*((deed, 1) for deed in (*FATAL, *HARMLESS)), ("fork_and_kill", 2), ("start_process", 2)],
+)
 def test_a_driver_costs_at_most_its_own_test(
     tmp_path: Path, marks: Marks, deed: str, workers: int
 ) -> None:
-    campaign = Campaign(
+    fault = Fault(getattr(faulty, deed), marks.folder, samples=9)
+    search = campaign(
+        tmp_path / "c",
+        6,
         strategy=Straight(8, 9, 8, 8, 8, 8),
-        simulator=FaultySimulator(
-            marks.folder, drive=Fault(getattr(faulty, deed), marks.folder, samples=9)
-        ),
-        driver=DummyDriver(),
-        budget=Budget(simulations=6),
-        folder=tmp_path / "c",
+        simulator=FaultySimulator(marks.folder, drive=fault),
         workers=workers,
         drive_limit=3.0 if "took more" in FATAL.get(deed, ("",))[0] else LIMIT,
     )
-    campaign.isolate = True
+    search.isolate = True
     here = Path.cwd(), sys.stdout, signal.getsignal(signal.SIGTERM), os.fstat(1), os.fstat(2)
     before = set(children(os.getpid()))
-    summary = campaign.run()
+    summary = search.run()
     assert (summary.passed, summary.errors) == ((5, 1) if deed in FATAL else (6, 0))
     if deed in FATAL:
         with CampaignStore.open(tmp_path / "c") as store:
@@ -152,9 +174,8 @@ def test_a_driver_costs_at_most_its_own_test(
         assert "\n" not in test.reason
         names = range(1, workers + 1)
         assert test.reason.startswith(tuple(t.format(n) for t in FATAL[deed] for n in names))
-    else:
-        started = [line for line in events(tmp_path / "c") if line["event"] == "worker_started"]
-        assert len(marks.numbers("end")) == len(started)  # in peace
+    else:  # in peace
+        assert len(marks.numbers("end")) == len(events(tmp_path / "c", "worker_started"))
     assert check_campaign(tmp_path / "c").findings == ()
     assert os.getpid() not in marks.pids()
     until_gone(marks.pids())
@@ -163,111 +184,46 @@ def test_a_driver_costs_at_most_its_own_test(
     assert [s.st_ino for s in here[3:]] == [os.fstat(1).st_ino, os.fstat(2).st_ino]
 
 
-def test_what_a_worker_logs_reaches_the_log(marks: Marks, tmp_path: Path) -> None:
-    driver = FaultyDriver(Fault(write_log, marks.folder, times=1))
-    with local(DummySimulator(), driver, folder=tmp_path) as workers:
-        drive_one(workers)
-    (line,) = [line for line in events(tmp_path) if line["event"] == "log"]
-    assert (line["level"], line["logger"]) == ("warning", "frenetic.driver")
-    assert line["message"] == "worker 1: the road is wet"
-
-
-# What is asked of all workers
-
-
-@contextmanager
-def this_process(simulator: Simulator, driver: Driver | None = None) -> Iterator[Workers]:
-    with InProcessWorker(RoadTester(simulator, driver or DummyDriver())) as workers:
-        yield workers
-
-
-@pytest.fixture(params=["this process", "local"])
-def workers_of(request: pytest.FixtureRequest, tmp_path: Path) -> WorkersOf:
-    """Makes workers of each kind."""
-    several = partial(local, folder=tmp_path, count=2)
-    return this_process if request.param == "this process" else several
-
-
-class TestWorkers(WorkersContract):
-    pass
-
-
-class Lacking(DummySimulator):
-    def __enter__(self) -> Self:
-        raise FreneticError('BeamNG is missing: pip install ".[beamng]"')
-
-
-def test_a_missing_extra_is_told_in_its_own_words(workers_of: WorkersOf) -> None:
-    with refused(r'pip install "\.\[beamng\]"'), workers_of(Lacking()) as workers:
-        await_free(workers)
-
-
-class Ageing(FaultySimulator):
-    """Breaks in its first drive; after that nothing starts any more."""
-
-    def __init__(self, folder: Path) -> None:
-        super().__init__(folder, drive=Fault(raise_error, folder))
-
-    def __enter__(self) -> Self:
-        if self.marks.are_there("broken"):
-            refuse_connection(self.marks)
-        return super().__enter__()
-
-    def drive(self, road: Road, driver: Driver) -> Drive:
-        self.marks.make("broken")
-        return super().drive(road, driver)
-
-
-def test_a_simulator_that_does_not_start_again_ends_the_workers(
-    workers_of: WorkersOf, marks: Marks
-) -> None:
-    with refused("nobody listens on port 25252"), workers_of(Ageing(marks.folder)) as workers:
-        assert drive_one(workers).failure == STALLED
-        for number in range(2, 10):
-            drive_one(workers, number)
-
-
-# One worker, here
-
-
 @posix_only
 @pytest.mark.parametrize("deed", [fork, fork_and_leave, sys_exit])
-def test_forks_and_exits_of_a_driver_end_nothing_else(marks: Marks, deed: Deed) -> None:
+def test_forks_and_exits_of_a_driver_do_not_end_this_process(
+    marks: Marks, tmp_path: Path, deed: Deed
+) -> None:
     driver = FaultyDriver(Fault(deed, marks.folder, times=1))
-    with this_process(DummySimulator(), driver) as workers:
+    with this_process(DummySimulator(), driver, folder=tmp_path) as workers:
         attempts = drive_all(workers, [8, 9])
     until_gone(marks.pids())
     assert ("SystemExit: 3" in str(attempts[1].failure)) is (deed is sys_exit)
     assert attempts[2].failure is None
 
 
-def test_this_process_ends_only_what_it_started(marks: Marks) -> None:
-    simulator = FaultySimulator(marks.folder, start=Fault(raise_error, marks.folder))
-    with refused("the engine stalled"), this_process(simulator):
-        pass
-    assert (len(marks.numbers("start")), len(marks.numbers("end"))) == (1, 0)
-
-
 # How processes are replaced
 
 
-def test_a_killed_worker_is_replaced_and_its_road_comes_back(marks: Marks, tmp_path: Path) -> None:
-    simulator = FaultySimulator(marks.folder, drive=Fault(await_go, marks.folder, times=1))
-    with local(simulator, folder=tmp_path) as workers:
-        await_free(workers)
-        workers.submit(straight(1))
-        until(lambda: marks.are_there("await_go-0"), "the drive begins")
-        (victim,) = marks.pids()
-        os.kill(victim, 9)
-        (attempt,) = await_attempts(workers)
-        assert (attempt.candidate_id, attempt.worker_lost) == (1, True)
-        assert attempt.failure == "worker 1 was lost: it was killed by SIGKILL"
-        assert drive_all(workers, [8])[1].failure is None
-        assert not is_running(victim)
-    until_gone(marks.pids())
-    lines = events(tmp_path)
-    assert [e["event"] for e in lines] == ["worker_started", "worker_lost", "worker_started"]
-    assert lines[1]["test"] == 1
+class Ageing(FaultySimulator):
+    """Breaks in its first drive; after that nothing starts any more."""
+
+    def __enter__(self) -> Any:
+        if self.marks.are_there("broken"):
+            refuse_connection(self.marks)
+        return super().__enter__()
+
+    def drive(self, road: Road, driver: Driver) -> Drive:
+        self.marks.make("broken")
+        raise RuntimeError("the engine stalled")
+
+
+@pytest.mark.parametrize("kind", [local, this_process])
+def test_a_simulator_that_does_not_start_again_ends_the_workers(
+    kind: Any, marks: Marks, tmp_path: Path
+) -> None:
+    with (
+        refused("nobody listens on port 25252"),
+        kind(Ageing(marks.folder), folder=tmp_path) as workers,
+    ):
+        assert "the engine stalled" in str(drive_one(workers).failure)
+        for number in range(2, 10):
+            drive_one(workers, number)
 
 
 @posix_only
@@ -280,27 +236,6 @@ def test_candidates_that_waited_in_a_lost_worker_are_driven(marks: Marks, tmp_pa
             workers.submit(candidate)
         attempts = await_attempts(workers, 3)
     assert {a.candidate_id: a.worker_lost for a in attempts} == {1: True, 2: False, 3: False}
-
-
-def test_a_start_that_hangs_is_given_up(
-    marks: Marks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(worker, "START_LIMIT", 0.3)
-    simulator = FaultySimulator(marks.folder, start=Fault(hang, marks.folder))
-    with (
-        refused(r"no worker could be started: its start took more"),
-        local(simulator, folder=tmp_path) as workers,
-    ):
-        await_free(workers)
-    until_gone(marks.pids())
-
-
-def test_those_that_start_do_the_work_of_those_that_do_not(marks: Marks, tmp_path: Path) -> None:
-    start = Fault(refuse_connection, marks.folder, times=1)
-    with local(FaultySimulator(marks.folder, start=start), folder=tmp_path, count=2) as workers:
-        attempts = drive_all(workers, [8, 9, 10, 11])
-    assert {attempt.worker for attempt in attempts.values()} < {"worker 1", "worker 2"}
-    assert all(attempt.failure is None for attempt in attempts.values())
 
 
 def test_a_worker_that_once_worked_gets_further_chances_to_start(
@@ -343,27 +278,24 @@ def test_a_process_that_cannot_be_made_is_a_worker_less(
         os.kill(victim, 9)
         with refused("Resource temporarily unavailable"):
             await_free(workers, 2)
-    losses = [line["reason"] for line in events(tmp_path) if line["event"] == "worker_lost"]
-    assert losses[0] == "it was killed by SIGKILL"
+    assert events(tmp_path, "worker_lost")[0]["reason"] == "it was killed by SIGKILL"
 
 
 @posix_only
-@pytest.mark.parametrize("method", ["the usual", "spawn"])  # as on macOS and Windows
 def test_ctrl_c_is_not_for_workers(
-    marks: Marks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str
+    marks: Marks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if method == "spawn":
-        context = multiprocessing.get_context("spawn")
-        monkeypatch.setattr(worker, "process_context", lambda _: context)
-    with local(FaultySimulator(marks.folder), folder=tmp_path, count=2) as workers:
+    """Made as on macOS and Windows; the others: see test_faults.py."""
+    context = multiprocessing.get_context("spawn")
+    monkeypatch.setattr(worker, "process_context", lambda _: context)
+    with local(FaultySimulator(marks.folder), folder=tmp_path) as workers:
         for process in multiprocessing.active_children():
             if process.name.startswith("worker") and process.pid is not None:
                 os.kill(process.pid, signal.SIGINT)  # before it has got anywhere
-        await_free(workers, 2)
-        for pid in marks.pids():
-            os.kill(pid, signal.SIGINT)
+        await_free(workers)
+        os.kill(marks.pids()[0], signal.SIGINT)
         assert drive_all(workers, [8])[1].failure is None
-    assert [line["event"] for line in events(tmp_path)] == ["worker_started"] * 2
+    assert [line["event"] for line in events(tmp_path)] == ["worker_started"]
     until_gone(marks.pids())
 
 
@@ -382,20 +314,7 @@ def test_workers_are_imported_where_there_is_no_server_that_forks() -> None:
 # How they end
 
 
-def test_what_runs_is_finished_unless_there_is_an_error(marks: Marks, tmp_path: Path) -> None:
-    simulator = FaultySimulator(
-        marks.folder,
-        drive=Fault(await_go, marks.folder, times=1),
-        end=Fault(give_go, marks.folder),
-    )
-    with local(simulator, folder=tmp_path, count=2) as workers:
-        await_free(workers, 2)
-        workers.submit(straight(1))
-        until(lambda: marks.are_there("await_go-0"), "the drive begins")
-    until_gone(marks.pids())
-
-
-@pytest.mark.parametrize("at", ["start", "drive", "end"])
+@pytest.mark.parametrize("at", ["start", "end"])
 def test_after_an_error_nobody_is_waited_for(
     marks: Marks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at: str
 ) -> None:
@@ -403,14 +322,11 @@ def test_after_an_error_nobody_is_waited_for(
     faults: dict[str, Any] = {at: Fault(await_go, marks.folder)}
     with (  # noqa: PT012
         pytest.raises(KeyboardInterrupt),
-        local(FaultySimulator(marks.folder, **faults), folder=tmp_path, count=2) as workers,
+        local(FaultySimulator(marks.folder, **faults), folder=tmp_path) as workers,
     ):
-        if at != "start":
-            await_free(workers, 2)
-        if at == "drive":
-            workers.submit(straight(1))
-            workers.submit(straight(2))
-        until(lambda: len(marks.pids()) == 2, "both are there")
+        if at == "end":
+            await_free(workers)
+        until(marks.pids, "it is there")
         start = time.monotonic()
         raise KeyboardInterrupt
     assert time.monotonic() - start < 0.5 * LIMIT
@@ -418,13 +334,19 @@ def test_after_an_error_nobody_is_waited_for(
     until_gone(marks.pids())
 
 
-def test_a_simulator_that_does_not_end_is_killed(
-    marks: Marks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("at", ["start", "end"])
+def test_a_simulator_that_hangs_when_it_starts_or_ends_is_killed(
+    marks: Marks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at: str
 ) -> None:
-    monkeypatch.setattr(worker, "CLOSING_LIMIT", 0.3)
-    simulator = FaultySimulator(marks.folder, end=Fault(hang, marks.folder))
-    with local(simulator, folder=tmp_path, count=2) as workers:
-        await_free(workers, 2)
+    limit = "START_LIMIT" if at == "start" else "CLOSING_LIMIT"
+    monkeypatch.setattr(worker, limit, 0.3)
+    faults: dict[str, Any] = {at: Fault(hang, marks.folder)}
+    given_up = refused("no worker could be started: its start took more than 0.3 s")
+    with (
+        given_up if at == "start" else nullcontext(),
+        local(FaultySimulator(marks.folder, **faults), folder=tmp_path) as workers,
+    ):
+        await_free(workers)
     until_gone(marks.pids())
 
 
@@ -460,14 +382,11 @@ def test_an_interrupted_start_leaves_nobody(
 # What is copied into them
 
 
-def test_a_driver_that_cannot_be_pickled_is_one_line(tmp_path: Path) -> None:
-    driver = DummyDriver()
-    driver.reset = lambda setup: None  # type: ignore[method-assign]
-    with (
-        refused("cannot be copied to another process"),
-        local(DummySimulator(), driver, folder=tmp_path),
-    ):
-        pass
+class Untravelled(DummyDriver):
+    """Does not survive the journey."""
+
+    def __setstate__(self, state: object) -> None:
+        raise ValueError("Untravelled\nstays at home")
 
 
 def test_a_driver_that_cannot_be_made_again_is_one_line(tmp_path: Path) -> None:
@@ -478,24 +397,13 @@ def test_a_driver_that_cannot_be_made_again_is_one_line(tmp_path: Path) -> None:
         await_free(workers)
 
 
-class Untravelled(DummyDriver):
-    """Does not survive the journey."""
-
-    def __setstate__(self, state: object) -> None:
-        raise ValueError("Untravelled\nstays at home")
-
-
-def test_a_driver_from_a_users_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "path", list(sys.path))
-    (tmp_path / "helper.py").write_text("STEERING = 0.125")
-    (tmp_path / "mine.py").write_text(
-        MINE.format(helper="helper", was_there=str(tmp_path / "was-there"))
-    )
-    driver = DRIVERS.make(f"{tmp_path / 'mine.py'}:Mine")
-    try:
-        with local(DummySimulator(), driver, folder=tmp_path, count=2) as workers:
+def test_a_driver_from_a_users_file(tmp_path: Path) -> None:
+    was_there = write_mine(tmp_path, "mine")
+    with own_modules():
+        driver = DRIVERS.make(f"{tmp_path / 'mine.py'}:Mine")
+        with local(DummySimulator(), driver, folder=tmp_path) as workers:
             assert drive_all(workers, [8])[1].failure is None
-        assert (tmp_path / "was-there").exists()
+        assert was_there.exists()
         # The file has gone meanwhile: a worker says so.
         (tmp_path / "mine.py").unlink()
         with (
@@ -503,14 +411,11 @@ def test_a_driver_from_a_users_file(tmp_path: Path, monkeypatch: pytest.MonkeyPa
             local(DummySimulator(), driver, folder=tmp_path) as workers,
         ):
             await_free(workers)
-    finally:  # workers of other tests are not to look for it
-        del sys.modules[type(driver).__module__]
 
 
 UNGUARDED = """
 from frenetic import Budget, Campaign, RandomSearch
 from frenetic.campaign.workers import local as processes
-from frenetic.errors import CampaignError
 from frenetic.testing import DummyDriver, DummySimulator
 processes.STARTS = 1
 try:

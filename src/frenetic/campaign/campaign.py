@@ -587,7 +587,8 @@ class Campaign(Shown):
                 is_stopped = interrupt.requested or (
                     limit is not None and summary.simulations >= limit
                 )
-                interrupted = is_stopped and summary.budget_spent < 1.0 and not summary.ended
+                is_whole = summary.budget_spent >= 1.0 or (summary.ended and not outstanding)
+                interrupted = is_stopped and not is_whole
                 self._search_so_far = summary, outstanding
         except (KeyboardInterrupt, Exception) as error:
             interrupted = self._is_interruption(error)
@@ -603,7 +604,9 @@ class Campaign(Shown):
             summary.seconds = time.perf_counter() - start
         summary.notice, summary.facts = self.strategy.notice or "", facts_of(self.strategy, summary)
         # What is stored counts, also when an interrupt came between storing and counting.
-        end = replace(summary, interrupted=interrupted, **asdict(store.counts()))
+        ended = "" if interrupted else summary.ended
+        counts = asdict(store.counts())
+        end = replace(summary, interrupted=interrupted, ended=ended, **counts)
         store.finish(
             seconds=round(end.seconds, 3),
             interrupted=interrupted,
