@@ -66,7 +66,11 @@ def test_it_prints_a_verdict_and_writes_profile_and_page(frenetic: Frenetic) -> 
         ("", ("slow", *FIT[:2]), ("nothing is to be fitted",)),
         ("", ("slow", *FIT[2:]), ("the twin has no driver",)),
         ("", ("slow", *FIT, "--out", "twin.toml"), ("name ends with .json",)),
-        ("", ("slow", *FIT, "--vehicle", "tank"), ("'tank': default, metadrive or etk800",)),
+        (
+            "",
+            ("slow", *FIT, "--vehicle", "tank"),
+            ("vehicle is 'tank': default, metadrive or etk800",),
+        ),
         ("", ("no.toml",), ("there is no file no.toml",)),
         ("weights = {grip = 1}", ("fit.toml",), ("'grip' - at `key` in `$.weights`",)),
         ("weights = {speed = -1}", ("fit.toml",), ("at `$.weights[...]`",)),

@@ -96,7 +96,7 @@ class Model:
         try:
             made, _ = model.make({}, Rules())
         except ValueError as error:
-            raise FreneticError(f"vehicle: {error}") from None
+            raise FreneticError(str(error)) from None
         if brought := getattr(under_layers(made), "VEHICLE", None):
             model = replace(model, vehicle={"name": brought, **model.vehicle})
         car = Vehicle.of(model.vehicle)
