@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import click
 
@@ -53,32 +53,21 @@ class Work:
     name: str
     road: Road
     files: MinimisedFiles
-    campaign: Path | None = None
-    """The campaign's folder and test, if it is one's."""
-    record: Test | None = None
-    kept: Path | None = None
-    """Folder for its drives, if not the campaign's."""
+    test: Test | None = None
+    """The campaign's test, if it is one's."""
 
     @property
     def test_id(self) -> int | None:
         """Id of the test; None for a road file."""
-        return None if self.record is None else self.record.id
-
-
-@dataclass(frozen=True)
-class Done:
-    """A minimised failing road and its files."""
-
-    work: Work
-    minimised: Minimised
-    repeat: str
-    """The command line that drives it again."""
+        return None if self.test is None else self.test.id
 
     @property
-    def ending(self) -> str:
-        """Reason for the end of minimising, for people."""
-        trouble = self.minimised.trouble
-        return ENDINGS[self.minimised.ending] if trouble is None else f"gave up: {trouble}"
+    def repeat(self) -> str:
+        """The command line that drives the minimised road again."""
+        return f"frenetic drive {shell(self.files.road)}"
+
+
+Done: TypeAlias = tuple[Work, "Minimised"]
 
 
 @click.command()
@@ -152,7 +141,9 @@ def minimise(
     with announced_compilation(log) as compiled:
         for number, work in enumerate(works, start=1):
             try:
-                minimised = _minimise(work, tester, max_drives, guard, log, compiled)
+                how = {"max_drives": max_drives, "guard": guard}
+                kept = None if out is None else out.parent
+                minimised = _minimise(work, tester, source, kept, how, log, compiled)
                 document = minimised_document(
                     minimised,
                     driver=describe(tester.driver),
@@ -168,15 +159,15 @@ def minimise(
                 complain(f"{work.name}: {error}")
                 failed = True
             else:
-                done.append(Done(work, minimised, f"frenetic drive {shell(work.files.road)}"))
+                done.append((work, minimised))
                 is_interrupted = minimised.ending == "stopped" and minimised.trouble is None
             left = works[number:]
             if is_interrupted:
                 break
     if as_json:
-        click.echo(json.dumps([_as_json(item) for item in done]))
+        click.echo(json.dumps([_as_json(*item) for item in done]))
     elif len(works) == 1:
-        _print_one(done[0])
+        _print_one(*done[0])
     elif done:
         _print_many(done)
     if is_interrupted:
@@ -228,9 +219,7 @@ def _of_campaign(
                     MinimisedFiles.beside(
                         out or folder / MINIMISED / f"{file_stem(number)}{suffix}"
                     ),
-                    folder,
                     record,
-                    None if out is None else out.parent,
                 )
             )
     if not works:
@@ -255,15 +244,16 @@ def _of_file(context: click.Context, path: Path, out: Path | None) -> tuple[Spec
 def _minimise(
     work: Work,
     tester: RoadTester,
-    max_drives: int,
-    guard: float,
+    source: Path,
+    kept: Path | None,
+    how: dict[str, Any],
     log: Log,
     compiled: Callable[[], None],
 ) -> Minimised:
     """Minimises one road and shows the progress."""
     from frenetic.again.minimise import minimise, minimise_test
 
-    with _live(log, work, max_drives) as show, as_usage_error():
+    with _live(log, work, how["max_drives"]) as show, as_usage_error():
 
         def on_event(event: Event) -> None:
             if event.kind == "started":
@@ -273,16 +263,13 @@ def _minimise(
             else:
                 show(event)
 
-        how: dict[str, Any] = {"max_drives": max_drives, "guard": guard, "on_event": on_event}
-        if work.campaign is not None and work.record is not None:
-            minimised = minimise_test(work.campaign, work.record, tester, kept=work.kept, **how)
-        else:
-            minimised = minimise(work.road, tester, **how)
+        if work.test is None:
+            return minimise(work.road, tester, **how, on_event=on_event)
+        minimised = minimise_test(source, work.test, tester, kept=kept, **how, on_event=on_event)
     if is_another(minimised):
-        recorded = "" if work.record is None else f", not: {work.record.reason}"
         log.print(
             f"{work.name} is a different failure than recorded ({minimised.match}):"
-            f" {minimised.original.reason}{recorded}",
+            f" {minimised.original.reason}, not: {work.test.reason}",
             markup=False,
         )
     return minimised
@@ -314,13 +301,18 @@ def is_another(minimised: Minimised) -> bool:
     return minimised.match not in (None, Match.SAME, Match.SAME_PLACE)
 
 
-def _print_one(done: Done) -> None:
-    minimised, files = done.minimised, done.work.files
+def _ending(minimised: Minimised) -> str:
+    """Reason for the end of minimising, for people."""
+    trouble = minimised.trouble
+    return ENDINGS[minimised.ending] if trouble is None else f"gave up: {trouble}"
+
+
+def _print_one(work: Work, minimised: Minimised) -> None:
     before, after = minimised.shapes
     click.echo(
-        f"{done.work.name}: {before.length:.0f} m -> {after.length:.0f} m,"
+        f"{work.name}: {before.length:.0f} m -> {after.length:.0f} m,"
         f" {counted(before.curves, 'curve')} -> {after.curves},"
-        f" {counted(minimised.drives, 'drive')}, {done.ending}"
+        f" {counted(minimised.drives, 'drive')}, {_ending(minimised)}"
     )
     if minimised.note:
         click.echo(minimised.note)
@@ -329,10 +321,10 @@ def _print_one(done: Done) -> None:
             ("fails", minimised.smallest.reason),
             ("failure", _failure(minimised)),
             ("curvatures", " ".join(f"{v:g}" for v in after.values)),
-            ("road", str(files.road)),
-            ("picture", str(files.picture)),
-            ("compared", str(files.comparison)),
-            ("repeat", done.repeat),
+            ("road", str(work.files.road)),
+            ("picture", str(work.files.picture)),
+            ("compared", str(work.files.comparison)),
+            ("repeat", work.repeat),
         ]
     )
 
@@ -349,38 +341,38 @@ def _failure(minimised: Minimised) -> str:
 
 def _print_many(done: list[Done]) -> None:
     rows = []
-    for item in done:
-        minimised = item.minimised
+    for work, minimised in done:
         before, after = minimised.shapes
         rows.append(
             (
-                item.work.test_id,
+                work.test_id,
                 f"{before.length:.0f} -> {after.length:.0f}",
                 f"{before.curves} -> {after.curves}",
                 minimised.drives,
                 minimised.reason,
                 f"{minimised.difference:.1f}",
                 minimised.match,
-                "yes" if minimised.ending == "minimal" else f"no, {item.ending}",
+                "yes" if minimised.ending == "minimal" else f"no, {_ending(minimised)}",
             )
         )
     numbers = (">test", ">length (m)", ">curves", ">drives", "reason", ">difference (m)")
     print_table((*numbers, "recorded", "minimal"), rows)
-    different = len({(item.minimised.reason, item.minimised.shapes[1]) for item in done})
+    different = len({(minimised.reason, minimised.shapes[1]) for _, minimised in done})
     come = f"{counted(len(done), 'failure')} {'comes' if len(done) == 1 else 'come'}"
     click.echo(f"{come} down to {counted(different, 'different road')}")
-    if unguarded := [item.work.name for item in done if item.minimised.note]:
+    if unguarded := [work.name for work, minimised in done if minimised.note]:
         click.echo(f"Not found to hold the guard: {', '.join(unguarded)}")
-    click.echo(f"Roads:       {done[0].work.files.road.parent}")
-    click.echo(f"Repeat one:  {done[0].repeat}")
+    first, _ = done[0]
+    click.echo(f"Roads:       {first.files.road.parent}")
+    click.echo(f"Repeat one:  {first.repeat}")
 
 
-def _as_json(done: Done) -> dict[str, Any]:
-    minimised, files = done.minimised, done.work.files
+def _as_json(work: Work, minimised: Minimised) -> dict[str, Any]:
+    files = work.files
     before, after = minimised.shapes
     return {
-        "name": done.work.name,
-        "test": done.work.test_id,
+        "name": work.name,
+        "test": work.test_id,
         "reason": str(minimised.reason),
         "description": minimised.smallest.reason,
         "length_before": before.length,
@@ -399,7 +391,7 @@ def _as_json(done: Done) -> dict[str, Any]:
         "road": str(files.road),
         "picture": str(files.picture),
         "comparison": str(files.comparison),
-        "repeat": done.repeat,
+        "repeat": work.repeat,
         "improvements": [
             {
                 "pass": found.by,
