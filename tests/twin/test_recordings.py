@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -144,24 +143,3 @@ def test_a_line_of_json_ends_with_a_line_feed_alone(tmp_path: Path) -> None:
     table.write_text(json.dumps(row, ensure_ascii=False) + "\n", encoding="utf-8")
     (drive,) = read_recordings([table]).drives
     assert drive.run.endswith("a\u2028b\x85c")
-
-
-def test_the_digest_of_a_recording_is_that_of_its_content(
-    campaigns: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (moved := tmp_path / "elsewhere").mkdir()
-    for folder in campaigns:
-        shutil.copytree(folder, moved / folder.name)
-    monkeypatch.chdir(moved)
-    digests = [
-        *read_recordings([campaigns[0].parent]).digests.values(),
-        *read_recordings([moved]).digests.values(),
-        *read_recordings([Path()]).digests.values(),
-    ]
-    assert len(set(digests)) == 1
-    assert set(read_recordings(campaigns).digests.values()).isdisjoint(digests)
-    table = tmp_path / "tests.jsonl"
-    for step in (10.0, 12.0):
-        table.write_text(row_of(step=step), encoding="utf-8")
-        digests += read_recordings([table]).digests.values()
-    assert len(set(digests)) == 3

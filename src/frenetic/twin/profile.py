@@ -53,8 +53,6 @@ class Recording(Record, frozen=True, kw_only=True):
 
     name: str
     """Name of the file or folder."""
-    sha256: str
-    """Fingerprint of the drives that were read from it."""
     drives: Index
     failures: Index
     runs: Index
