@@ -143,3 +143,11 @@ def test_a_line_of_json_ends_with_a_line_feed_alone(tmp_path: Path) -> None:
     table.write_text(json.dumps(row, ensure_ascii=False) + "\n", encoding="utf-8")
     (drive,) = read_recordings([table]).drives
     assert drive.run.endswith("a\u2028b\x85c")
+
+
+def test_a_speed_that_is_not_told_is_that_of_the_places(tmp_path: Path) -> None:
+    rows = [[0.5 * i, 60.0 + 5.0 * i, 100.0] for i in range(9)]
+    line = row_of(road_points=[[60, 100], [110, 100]], curvatures=None, trajectory=rows)
+    (table := tmp_path / "tests.jsonl").write_text(line, encoding="utf-8")
+    (drive,) = read_recordings([table]).drives
+    assert drive.speed == pytest.approx([10.0] * 21)
