@@ -205,7 +205,7 @@ def test_a_driver_that_raises_or_hangs_is_broken_soon(
 
 
 def test_too_few_drives_are_refused(recordings: Recordings, model: Model) -> None:
-    few = Recordings(recordings.drives[:9], recordings.terms, recordings.digests, 0)
+    few = Recordings(recordings.drives[:9], recordings.terms, recordings.places, 0)
     with pytest.raises(FreneticError, match="9 recorded drives: at least 10"):
         calibrate(few, model)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -146,22 +145,9 @@ def test_a_line_of_json_ends_with_a_line_feed_alone(tmp_path: Path) -> None:
     assert drive.run.endswith("a\u2028b\x85c")
 
 
-def test_the_digest_of_a_recording_is_that_of_its_content(
-    campaigns: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (moved := tmp_path / "elsewhere").mkdir()
-    for folder in campaigns:
-        shutil.copytree(folder, moved / folder.name)
-    monkeypatch.chdir(moved)
-    digests = [
-        *read_recordings([campaigns[0].parent]).digests.values(),
-        *read_recordings([moved]).digests.values(),
-        *read_recordings([Path()]).digests.values(),
-    ]
-    assert len(set(digests)) == 1
-    assert set(read_recordings(campaigns).digests.values()).isdisjoint(digests)
-    table = tmp_path / "tests.jsonl"
-    for step in (10.0, 12.0):
-        table.write_text(row_of(step=step), encoding="utf-8")
-        digests += read_recordings([table]).digests.values()
-    assert len(set(digests)) == 3
+def test_a_speed_that_is_not_told_is_that_of_the_places(tmp_path: Path) -> None:
+    rows = [[0.5 * i, 60.0 + 5.0 * i, 100.0] for i in range(9)]
+    line = row_of(road_points=[[60, 100], [110, 100]], curvatures=None, trajectory=rows)
+    (table := tmp_path / "tests.jsonl").write_text(line, encoding="utf-8")
+    (drive,) = read_recordings([table]).drives
+    assert drive.speed == pytest.approx([10.0] * 21)

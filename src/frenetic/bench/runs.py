@@ -138,7 +138,7 @@ class RunState:
             "run": self.run.repeat,
             "seed": self.run.seed,
             "folder": str(self.run.folder),
-            "ending": None if self.ending is None else self.ending.as_json(),
+            "ending": msgspec.to_builtins(self.ending),
         }
 
 
@@ -179,7 +179,9 @@ def run_entrant(run: Run, terms: Terms, on_progress: OnProgress | None = None) -
     ending = ending or Ending(End.OVER)
     _note(run.folder, **facts)
     export_campaign(run.folder, "competition", run.folder / COMPETITION, trajectories="failures")
-    _note(run.folder, **{FACT: ending.as_json()})  # last, since it marks the run as complete
+    _note(
+        run.folder, **{FACT: msgspec.to_builtins(ending)}
+    )  # last, since it marks the run as complete
     return ending
 
 

@@ -12,7 +12,6 @@ from typing import Any, Final
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.json_value import JSONValue
 from frenetic.bench.generator import GeneratorLostError, GeneratorProcess
 from frenetic.bench.hosting.messages import Answer
 from frenetic.bench.hosting.validity import pairs_of
@@ -66,10 +65,6 @@ class Ending:
 
     def __str__(self) -> str:
         return f"{self.end}: {self.detail}" if self.detail else str(self.end)
-
-    def as_json(self) -> dict[str, JSONValue]:
-        """The ending as a JSON object."""
-        return {"end": str(self.end), "detail": self.detail}
 
 
 class GeneratorStrategy(ObservingStrategy):

@@ -17,7 +17,7 @@ from msgspec import Meta, Struct
 from frenetic._support.bounds import Count, Index, NotNegative, Positive
 from frenetic._support.files import write_file
 from frenetic.errors import FreneticError
-from frenetic.spec import MAX_BYTES, Spec, drive_record
+from frenetic.spec import Spec, drive_record
 from frenetic.trust import NOT_DRIVING
 
 Term: TypeAlias = Literal["outcome", "oob_share", "oob_distance", "steering", "offset", "speed"]
@@ -53,8 +53,6 @@ class Recording(Record, frozen=True, kw_only=True):
 
     name: str
     """Name of the file or folder."""
-    sha256: str
-    """Fingerprint of the drives that were read from it."""
     drives: Index
     failures: Index
     runs: Index
@@ -158,24 +156,11 @@ class Profile(Record, frozen=True, kw_only=True):
         Raises:
             FreneticError: there is none; the message names the file and the place in it.
         """
-        path = Path(path)
+        Spec.read(path)  # there is a file of a sane size that says how roads are driven
         try:
-            with path.open("rb") as file:
-                data = file.read(MAX_BYTES + 1)
-        except FileNotFoundError:
-            raise FreneticError(
-                f"there is no profile {path}: 'frenetic calibrate' writes one"
-            ) from None
-        except OSError as error:
-            raise FreneticError(f"{path} cannot be read: {error.strerror or error}") from None
-        if len(data) > MAX_BYTES:
-            raise FreneticError(f"{path} is no profile: it has more than {MAX_BYTES} bytes")
-        try:
-            profile = msgspec.json.decode(data, type=cls)
+            return msgspec.json.decode(Path(path).read_bytes(), type=cls)
         except (ValueError, RecursionError) as error:
             raise FreneticError(f"{path} is no profile of a twin: {error}") from None
-        Spec.from_drive_record(profile.driven, source=path)
-        return profile
 
     def write(self, path: Path | str) -> None:
         """Writes the profile; the file is replaced whole.

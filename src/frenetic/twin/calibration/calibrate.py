@@ -227,13 +227,10 @@ def calibrate(
 
 def _of_profile(recordings: Recordings) -> list[Recording]:
     found = []
-    for place, digest in recordings.digests.items():
+    for place in recordings.places:
         own = [drive for drive in recordings.drives if drive.recording == place]
-        failures = sum(drive.failed for drive in own)
-        runs = len({drive.run for drive in own})
-        found.append(
-            Recording(name=place, sha256=digest, drives=len(own), failures=failures, runs=runs)
-        )
+        failures, runs = sum(drive.failed for drive in own), len({drive.run for drive in own})
+        found.append(Recording(name=place, drives=len(own), failures=failures, runs=runs))
     return found
 
 

@@ -9,7 +9,6 @@ road and the outcome are needed.
 from __future__ import annotations
 
 import csv
-import hashlib
 import io
 import json
 import math
@@ -41,8 +40,6 @@ from frenetic.search.records import Trace
 
 GRID: Final = 2.0
 """Distance along the road between two places where drives are compared, in m."""
-MAX_ROWS: Final = 200_000
-"""Most drives of a table."""
 MAX_BYTES: Final = 2**30
 """Most bytes of a file."""
 
@@ -94,8 +91,8 @@ class Recordings:
 
     drives: tuple[RecordedDrive, ...]
     terms: Terms
-    digests: Mapping[str, str]
-    """Path of a recording -> SHA-256 of what was read from it, wherever it lies."""
+    places: tuple[str, ...]
+    """Files and folders."""
     skipped: int
     """Number of tests that were not driven or broke."""
 
@@ -117,28 +114,23 @@ def read_recordings(places: Iterable[Path | str], given: Terms | None = None) ->
             failed, or they were driven under different terms.
     """
     drives: list[RecordedDrive] = []
-    digests: dict[str, str] = {}
+    read: list[str] = []
     found: dict[Terms, str] = {}
     skipped = 0
     for place in map(Path, require_list("places", places, "files and folders")):
-        if str(place) in digests:
+        if str(place) in read:
             raise FreneticError(f"{place} is given twice: once is enough")
-        digest = hashlib.sha256()
-        runs: dict[str, int] = {}  # numbered, since their names depend on the place
+        read.append(str(place))
         before = len(drives)
         with threadpool_limits(1):  # threads would wait for each other on small matrices
-            for name, own, read in _sources(place):
+            for name, own, drives_of in _sources(place):
                 terms = _first_told(given or Terms(), own, _USUAL)
                 found.setdefault(terms, name)
-                for drive in read(terms):
-                    if drive is None:
-                        skipped += 1
-                        continue
-                    drives.append(drive)
-                    _feed(digest, drive, runs.setdefault(drive.run, len(runs)))
+                several = list(drives_of(terms))
+                drives += [drive for drive in several if drive is not None]
+                skipped += several.count(None)
         if len(drives) == before:
             raise FreneticError(f"{place} holds no drive that passed or failed")
-        digests[str(place)] = digest.hexdigest()
     if len(found) > 1:
         (one, first), (other, second), *_ = found.items()
         words = " and ".join(
@@ -150,7 +142,7 @@ def read_recordings(places: Iterable[Path | str], given: Terms | None = None) ->
             f"{first} and {second} were driven under different terms ({words}): calibrate them one"
             " by one, or say in a file which hold for all"
         )
-    return Recordings(tuple(drives), next(iter(found)), digests, skipped)
+    return Recordings(tuple(drives), next(iter(found)), tuple(read), skipped)
 
 
 def _first_told(*several: Terms) -> Terms:
@@ -160,14 +152,6 @@ def _first_told(*several: Terms) -> Terms:
             for name in Terms.__struct_fields__
         }
     )
-
-
-def _feed(digest: Any, drive: RecordedDrive, run: int) -> None:
-    values = [drive.failed, drive.max_oob_share, drive.mean_oob_distance, drive.std_steering]
-    road = [drive.road.step, *drive.road.pose]
-    digest.update(json.dumps([run, *values, *road]).encode())
-    for array in (drive.road.curvatures, drive.offset, drive.speed):
-        digest.update(np.asarray(array, dtype="<f8").tobytes())
 
 
 # Places
@@ -260,8 +244,6 @@ def _table(place: Path, table: Path) -> _Source:
             for name, values in columns.items():
                 values.append(row.get(name, math.nan))
         for i, row in enumerate(_rows(table), start=1):
-            if i > MAX_ROWS:
-                raise FreneticError(f"{table} has more than {MAX_ROWS:,} rows: split it")
             if (path := paths.get(str(row.get("id")))) is not None:
                 row = {**row, "trajectory": path}
             yield _drive_of(row, f"{table}, row {i}", f"row {i}", (place, place), terms)
