@@ -189,7 +189,7 @@ class TestParameters:
             Vehicle.named("etk800"), mass=1600.0
         )
         for description, message in (
-            ({"name": "truck"}, "vehicle is 'truck': default or metadrive or etk800 is needed"),
+            ({"name": "truck"}, "vehicle is 'truck': default, metadrive or etk800 is needed"),
             ({"wheels": 4.0}, "vehicle has no 'wheels'; it has: mass, "),
             ({"mass": True}, "mass is True: a number is needed"),
         ):

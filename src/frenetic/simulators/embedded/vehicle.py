@@ -213,7 +213,8 @@ class Vehicle:
 
         """
         if name not in CARS:
-            raise ValueError(f"vehicle is {name!r}: {' or '.join(CARS)} is needed")
+            *others, last = CARS
+            raise ValueError(f"vehicle is {name!r}: {', '.join(others)} or {last} is needed")
         return cls(**CARS[name])
 
     @classmethod
