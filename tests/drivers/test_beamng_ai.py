@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
-import pytest
 
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.check import check_campaign
@@ -22,11 +19,6 @@ from frenetic.simulators.embedded import EmbeddedSimulator, Vehicle
 from frenetic.spec import Part, Spec
 from frenetic.twin import Twin
 from frenetic.twin.calibration import Model
-
-if TYPE_CHECKING:
-    from command_line import Frenetic
-
-pytest_plugins = ["command_line"]
 
 BEND = Road(np.array([0, 0, 0, 2, 5, 5, 5, 2, 0, 0, 0]) / 100)
 
@@ -74,30 +66,6 @@ def test_a_campaign_records_the_car_that_it_brings(tmp_path: Path) -> None:
     with CampaignStore.open(tmp_path / "c") as store:
         assert store.setting.car == Vehicle.named("etk800").body()
         assert store.config["simulator"]["options"]["vehicle"]["mass"] == 1500.0  # type: ignore[index, call-overload]
-
-
-@pytest.mark.parametrize("command", ["run", "drive", "rank", "rerun"])
-def test_it_brings_its_car_in_every_command(command: str, frenetic: Frenetic) -> None:
-    Path("bend.json").write_text(json.dumps({"curvatures": list(BEND.curvatures), "step": 10.0}))
-    frenetic("run", "--driver", "planner,aggression=1.5", "--simulations", "9", "--out", "old")
-    words = {
-        "run": ("--simulations", "3", "--seed", "1"),
-        "drive": ("bend.json",),
-        "rank": ("bend.json",),
-        "rerun": ("old", "--all"),
-    }[command]
-
-    def driven(vehicle: str) -> list[float | None]:
-        chosen = ("--simulator", f"vehicle={vehicle}") if vehicle else ()
-        out = ("--out", vehicle or "brought") if command in ("run", "rerun") else ()
-        answer = frenetic(command, *words, "--driver", "beamng-ai", *chosen, *out, "--json")
-        assert answer.code == 0, answer.err
-        if not out:
-            return [one["moobd"] for one in np.atleast_1d(answer.json)]
-        with CampaignStore.open(Path(out[1])) as store:
-            return [test.moobd for test in store.tests()]
-
-    assert driven("") == driven("etk800") != driven("default")
 
 
 def test_a_twin_that_ranks_has_its_car() -> None:

@@ -48,13 +48,16 @@ def test_friction_limits_the_lateral_acceleration() -> None:
 
 
 def test_options_out_of_range_are_refused() -> None:
-    for value in (0.0, -1.0, math.nan, math.inf):
-        with pytest.raises(ValueError, match=r"friction is .*: a positive number is needed"):
-            MetaDriveSimulator(friction=value)
-        with pytest.raises(ValueError, match=r"wall_limit is .*: a positive number is needed"):
-            MetaDriveSimulator(wall_limit=value)
-    with pytest.raises(ValueError, match=r"start_offset is 3\.0: a number from -2 to 2 m"):
-        MetaDriveSimulator(start_offset=3.0)
+    for make, name, value in (
+        (MetaDriveSimulator, "friction", 0.0),
+        (MetaDriveSimulator, "friction", math.nan),
+        (MetaDriveSimulator, "wall_limit", -1.0),
+        (MetaDriveSimulator, "start_offset", 3.0),
+        (MetaDriveIdm, "target_speed", math.inf),
+        (MetaDriveIdm, "target_speed", True),
+    ):
+        with pytest.raises(ValueError, match=rf"{name} is {value}: a number"):
+            make(**{name: value})  # type: ignore[arg-type]
 
 
 def test_another_car_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -64,12 +67,6 @@ def test_another_car_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
             MetaDriveSimulator().__enter__()
     with MetaDriveSimulator() as simulator:
         assert judge(WINDING, simulator.drive(WINDING, Stanley())).outcome is Outcome.PASS
-
-
-def test_speed_limit_caps_the_target_speed() -> None:
-    with MetaDriveSimulator(rules=Rules(speed_limit=20.0)) as simulator:
-        t = simulator.drive(WINDING, MetaDriveIdm()).trajectory
-    assert t.speed.max() * 3.6 == pytest.approx(20.0, abs=1.0)
 
 
 def test_engine_ends_with_the_simulator_whatever_happens() -> None:
@@ -108,21 +105,6 @@ def test_broken_physics_is_the_simulators_fault() -> None:
     ):
         simulator.drive(STRAIGHT, Saboteur(Controls(0.0, throttle=1.0)))
     with MetaDriveSimulator() as simulator:
-        assert judge(STRAIGHT, simulator.drive(STRAIGHT, Stanley())).outcome is Outcome.PASS
-
-
-def test_driver_that_hangs_is_an_error_of_its_drive() -> None:
-    class Hanging(Stanley):
-        def act(self, observation: Observation) -> Controls:
-            while observation.time > 1.0:
-                pass
-            return super().act(observation)
-
-    with MetaDriveSimulator(wall_limit=0.5) as simulator:
-        drive = simulator.drive(STRAIGHT, Hanging())
-        assert drive.error is not None
-        assert drive.error.startswith("the drive did not end within 0.5 s of wall time")
-        simulator.wall_limit = 60.0
         assert judge(STRAIGHT, simulator.drive(STRAIGHT, Stanley())).outcome is Outcome.PASS
 
 

@@ -87,19 +87,9 @@ def test_only_what_can_be_drawn_again_is_in_a_report(searched: Path) -> None:
     with CampaignStore.open(searched) as store:
         config, record = store.config, store.test(1)
     assert camera_data(record, config) is not None
-    driver = config["driver"]
-    assert isinstance(driver, dict)
     elsewhere = {"simulator": {"class": "mine:Simulator"}}
     assert camera_data(record, {**config, **elsewhere}) is None
-    for damaged in ({"width": 1e9}, {"lens": 2}, None, {"pitch": "x"}):
-        bad = {"class": "mine:Driver", "camera": damaged}
-        assert camera_data(record, {**config, "driver": bad}) is None
-    fog = {**driver["driver"], "options": {"visibility": -3.0}}
-    assert camera_data(record, {**config, "driver": {**driver, "driver": fog}}) is None
-    for seed in ("x", -1, 1.5):
-        options: JSONValue = {"rate": 5.0, "seed": seed}
-        rain = {**driver, "class": "frenetic.vision.appearance:Rainy", "options": options}
-        assert camera_data(record, {**config, "driver": rain}) is None
+    assert camera_data(record, {**config, "driver": {"class": "mine:Driver"}}) is None
 
 
 def test_large_pictures_are_shrunk(searched: Path) -> None:

@@ -6,6 +6,7 @@ import hashlib
 import math
 import pickle
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -88,12 +89,15 @@ WEIGHTS = np.random.default_rng(3).normal(0.0, 0.1, (4, 6, 3))
 """(height, width, channels)."""
 
 
-def assert_fed(network: Network, image: npt.NDArray[np.uint8], wanted: npt.ArrayLike) -> None:
+def assert_fed(
+    network: Network, image: npt.NDArray[np.uint8], wanted: npt.ArrayLike, within: float = 1e-4
+) -> None:
     """The network is fed with these channels of an image, (height, width, n)."""
     network.reset(setup())
     angle = network.act(seeing(image)).steering
     channels = np.asarray(wanted)
-    assert angle == pytest.approx((WEIGHTS[..., : channels.shape[2]] * channels).sum(), abs=2e-3)
+    expected = (WEIGHTS[..., : channels.shape[2]] * channels).sum()
+    assert angle == pytest.approx(expected, abs=within, rel=1e-6)
 
 
 @pytest.mark.parametrize("shape", [NCHW, NHWC, (1, 3, "height", "width"), ("n", 4, 6, 3)])
@@ -110,7 +114,8 @@ def test_colour_layout_and_scale_are_as_the_file_says(
     scale = {"mean": [0.5, 0.4, 0.3], "std": 0.5, "camera": SIZE}
     for colour, channels in known.items():
         file = weighing(tmp_path / "m.onnx", weights, shape=shape, colour=colour, **scale)
-        assert_fed(Network(str(file)), image, (channels - (0.5, 0.4, 0.3)) / 0.5)
+        within = 5e-3 if colour == "yuv" else 1e-4  # its constants are rounded
+        assert_fed(Network(str(file)), image, (channels - (0.5, 0.4, 0.3)) / 0.5, within)
 
 
 def test_grey_uint8_and_float16(tmp_path: Path) -> None:
@@ -120,7 +125,7 @@ def test_grey_uint8_and_float16(tmp_path: Path) -> None:
     weighing(file, WEIGHTS, shape=NHWC, kind=TensorProto.UINT8)
     assert_fed(Network(str(file)), image, image)
     weighing(file, WEIGHTS, shape=NHWC, kind=TensorProto.FLOAT16)
-    assert_fed(Network(str(file)), image, image / 255.0)
+    assert_fed(Network(str(file)), image, image / 255.0, 2e-3)
 
 
 def test_rows_are_cropped_and_another_size_is_resized(tmp_path: Path) -> None:
@@ -216,32 +221,15 @@ def test_it_travels_to_processes_that_lack_the_file(tmp_path: Path) -> None:
 # What is refused, in a line
 
 
-def nothing(path: Path) -> Path:
-    return path
-
-
-def garbage(path: Path) -> Path:
-    path.write_bytes(b"\x80\x04garbage")
-    return path
-
-
-def empty(path: Path) -> Path:
-    path.write_bytes(b"")
-    return path
-
-
-def huge(path: Path) -> Path:
+def huge(path: Path) -> None:
     with path.open("wb") as file:
         file.truncate(600_000_000)
-    return path
 
 
-def foreign_operator(path: Path) -> Path:
-    return write(path, [helper.make_node("Evil", ["image"], ["out"], domain="evil")])
-
-
-def two_inputs(path: Path) -> Path:
-    return write(path, [helper.make_node("Add", ["image", "b"], ["out"])], inputs=("image", "b"))
+def of_node(*node: Any, **more: Any) -> Callable[[Path], Path]:
+    """Makes a model of one node."""
+    domain = more.pop("domain", None)
+    return lambda path: write(path, [helper.make_node(*node, ["out"], domain=domain)], **more)
 
 
 def other_folder(path: Path) -> Path:
@@ -249,59 +237,49 @@ def other_folder(path: Path) -> Path:
     return with_weights_in(path, "../secret")
 
 
-def beside(path: Path) -> Path:
-    (path.parent / "weights").write_bytes(bytes(12))
-    return with_weights_in(path, "weights")
+def giving(*values: float, **more: Any) -> Callable[[Path], Path]:
+    """Makes a model that gives these numbers."""
+    return lambda path: answering(path, *values, **more)
 
 
-def failing(path: Path) -> Path:
-    nodes = [helper.make_node("MatMul", ["image", "image"], ["out"])]
-    return write(path, nodes, shape=(1, 3, "height", "width"), camera=SIZE)
-
-
-def inconsistent(path: Path) -> Path:
-    return write(path, [helper.make_node("MatMul", ["image", "image"], ["out"])])
-
-
-def not_finite(path: Path) -> Path:
-    return answering(path, math.nan)
-
-
-def enormous(path: Path) -> Path:
-    return answering(path, 0.0, shape=(1, 3, 100_000, 100_000))
-
-
-def many(path: Path) -> Path:
-    return answering(path, 0.0, shape=(8, 3, 66, 200))
-
-
-def doubles(path: Path) -> Path:
-    return answering(path, 0.0, kind=TensorProto.DOUBLE)
-
-
-def steering_only(path: Path) -> Path:
-    return answering(path, 0.0)
-
-
-def damaged(path: Path) -> Path:
-    return write(path, [helper.make_node("Flatten", ["image"], ["out"])], crops=1)
+steering_only = giving(0.0)
+matmul = ("MatMul", ["image", "image"])
 
 
 REFUSED = [
-    (nothing, {}, "there is no file"),
-    (garbage, {}, "it is no ONNX model"),
-    (empty, {}, "it is no ONNX model"),
+    (lambda _: None, {}, "there is no file"),
+    (lambda path: path.write_bytes(b"\x80\x04garbage"), {}, "it is no ONNX model"),
+    (lambda path: path.write_bytes(b""), {}, "it is no ONNX model"),
     (huge, {}, "it has 600 MB: a model of at most 500 MB is read"),
-    (foreign_operator, {}, "its operator evil:Evil is not one of onnxruntime's"),
-    (two_inputs, {}, "it has 2 inputs (image, b): one, the image, is needed"),
+    (
+        of_node("Evil", ["image"], domain="evil"),
+        {},
+        "its operator evil:Evil is not one of onnxruntime's",
+    ),
+    (
+        of_node("Add", ["image", "b"], inputs=("image", "b")),
+        {},
+        "it has 2 inputs (image, b): one, the image, is needed",
+    ),
     (other_folder, {}, "it keeps weights in another file: export it as one file"),
-    (beside, {}, "it keeps weights in another file: export it as one file"),
-    (failing, {}, "it cannot be computed"),
-    (inconsistent, {}, "onnxruntime cannot load it: "),
-    (not_finite, {}, "the network gives nan"),
-    (enormous, {}, "the camera's width is 100000: a whole number"),
-    (many, {}, "its input has the shape (8, 3, 66, 200): one image is needed"),
-    (doubles, {}, "its input is a tensor(double): float, float16 or uint8 is needed"),
+    (of_node(*matmul, shape=(1, 3, "height", "width"), camera=SIZE), {}, "it cannot be computed"),
+    (of_node(*matmul), {}, "onnxruntime cannot load it: "),
+    (giving(math.nan), {}, "the network gives nan"),
+    (
+        giving(0.0, shape=(1, 3, 100_000, 100_000)),
+        {},
+        "the camera's width is 100000: a whole number",
+    ),
+    (
+        giving(0.0, shape=(8, 3, 66, 200)),
+        {},
+        "its input has the shape (8, 3, 66, 200): one image is needed",
+    ),
+    (
+        giving(0.0, kind=TensorProto.DOUBLE),
+        {},
+        "its input is a tensor(double): float, float16 or uint8 is needed",
+    ),
     (steering_only, {"outputs": "steering-throttle"}, "gives 1 numbers, but its outputs are"),
     (
         steering_only,
@@ -318,13 +296,11 @@ REFUSED = [
     (steering_only, {"camera": 3}, "camera is 3: names with values is needed"),
     (steering_only, {"max_speed": "fast"}, "max_speed is 'fast': a number is needed"),
     (steering_only, {"steering_sign": 2}, "steering_sign is 2: 1 or -1 is needed"),
-    (damaged, {}, "its metadata frenetic are damaged: Object contains unknown field `crops`"),
+    (giving(0.0, crops=1), {}, "its metadata frenetic are damaged: Object contains unknown field"),
 ]
 
 
-@pytest.mark.parametrize(
-    ("make", "options", "message"), REFUSED, ids=lambda v: getattr(v, "__name__", None)
-)
+@pytest.mark.parametrize(("make", "options", "message"), REFUSED)
 def test_a_model_that_cannot_drive_is_refused_in_a_line(
     make: Any,
     options: dict[str, Any],
@@ -336,7 +312,8 @@ def test_a_model_that_cannot_drive_is_refused_in_a_line(
     folder = tmp_path / "models"
     folder.mkdir()
     monkeypatch.chdir(folder)
-    file = make(folder / "m.onnx")
+    file = folder / "m.onnx"
+    make(file)
     with pytest.raises(FreneticError, match=r"driver '.*m\.onnx'") as caught:
         load_driver(str(file), options)
     assert message in str(caught.value)

@@ -67,27 +67,6 @@ def test_a_driver_with_a_camera_sees_the_same_pictures_in_every_drive() -> None:
     assert not np.array_equal(first[0], first[-1])  # type: ignore[arg-type]
 
 
-def test_a_driver_without_a_camera_gets_no_picture_and_drives_as_with_one() -> None:
-    class Blind:
-        def __init__(self) -> None:
-            self.driver = Planner()
-            self.images: list[Any] = []
-
-        def reset(self, setup: DriveSetup) -> None:
-            self.driver.reset(setup)
-
-        def act(self, observation: Observation) -> Controls:
-            self.images.append(observation.image)
-            return self.driver.act(observation)
-
-    blind = Blind()
-    with EmbeddedSimulator() as simulator:
-        one = simulator.drive(BENDS, blind)
-        other = simulator.drive(BENDS, Watching(Camera(width=8, height=8)))
-    assert set(map(type, blind.images)) == {type(None)}
-    np.testing.assert_array_equal(one.trajectory.to_rows(), other.trajectory.to_rows())
-
-
 # Against another projection of known points
 
 

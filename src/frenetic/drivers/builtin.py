@@ -180,7 +180,7 @@ class BeamngAi(BuiltIn):
     """Brake per m/s too much, in s/m."""
 
     def parameters(self) -> FloatArray:
-        """The parameters of `laws.beamng_ai`."""
+        """The parameters of `frenetic.drivers.elastic_band`."""
         return np.array(
             [
                 self.curve_speed * min(self.aggression, self.grip) * GRAVITY,

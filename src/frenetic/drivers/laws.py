@@ -90,15 +90,6 @@ def planned_speed(
 
 
 @njit()
-def pedals(speed: float, wanted: float, gain: float, setup: FloatArray) -> tuple[float, float]:
-    """(throttle, brake) that bring the speed towards the wanted one at ``gain`` 1/s."""
-    acceleration = gain * (wanted - speed)
-    if acceleration >= 0.0:
-        return min(acceleration / setup[MAX_ACCELERATION], 1.0), 0.0
-    return 0.0, min(-acceleration / setup[MAX_DECELERATION], 1.0)
-
-
-@njit()
 def planned_pedals(
     speed: float,
     curvature_ahead: FloatArray,
@@ -106,7 +97,7 @@ def planned_pedals(
     parameters: FloatArray,
     setup: FloatArray,
 ) -> tuple[float, float]:
-    """(throttle, brake) that keep to the planned speed."""
+    """(throttle, brake) that bring the speed towards the planned one at the law's gain."""
     wanted = planned_speed(
         curvature_ahead,
         rows,
@@ -115,7 +106,10 @@ def planned_pedals(
         parameters[BRAKING],
         int(parameters[SMOOTHING]),
     )
-    return pedals(speed, wanted, parameters[SPEED_GAIN], setup)
+    acceleration = parameters[SPEED_GAIN] * (wanted - speed)
+    if acceleration >= 0.0:
+        return min(acceleration / setup[MAX_ACCELERATION], 1.0), 0.0
+    return 0.0, min(-acceleration / setup[MAX_DECELERATION], 1.0)
 
 
 @njit()
@@ -179,38 +173,6 @@ def stanley(
 
 
 @njit()
-def beamng_ai(
-    speed: float,
-    distance: float,
-    heading_error: float,
-    ahead: FloatArray,
-    curvature_ahead: FloatArray,
-    rows: int,
-    parameters: FloatArray,
-    setup: FloatArray,
-    memory: FloatArray,
-) -> tuple[float, float, float]:
-    """(steering, throttle, brake) by `frenetic.drivers.elastic_band`."""
-    steering, throttle, brake = drive_along_band(
-        speed,
-        distance,
-        heading_error,
-        ahead,
-        curvature_ahead,
-        rows,
-        parameters,
-        setup[LANE_WIDTH],
-        setup[CAR_WIDTH],
-        setup[REAR_AXLE],
-        setup[PERIOD],
-        setup[SPEED_LIMIT],
-        memory,
-    )
-    bound = setup[MAX_STEERING]
-    return min(max(steering, -bound), bound), throttle, brake
-
-
-@njit()
 def decide(
     law: int,
     speed: float,
@@ -232,25 +194,31 @@ def decide(
     """
     if law == PLANNER:
         return planner(speed, ahead, curvature_ahead, rows, parameters, setup)
-    if law == BEAMNG_AI:
-        return beamng_ai(
+    if law == STANLEY:
+        return stanley(
             speed,
-            distance,
+            yaw_rate,
+            lateral_offset,
             heading_error,
-            ahead,
             curvature_ahead,
             rows,
             parameters,
             setup,
-            memory,
         )
-    return stanley(
+    steering, throttle, brake = drive_along_band(
         speed,
-        yaw_rate,
-        lateral_offset,
+        distance,
         heading_error,
+        ahead,
         curvature_ahead,
         rows,
         parameters,
-        setup,
+        setup[LANE_WIDTH],
+        setup[CAR_WIDTH],
+        setup[REAR_AXLE],
+        setup[PERIOD],
+        setup[SPEED_LIMIT],
+        memory,
     )
+    bound = setup[MAX_STEERING]
+    return min(max(steering, -bound), bound), throttle, brake

@@ -54,18 +54,16 @@ def drive_checks(
         who: name of the driver.
     """
     for name, road in (("straight road", STRAIGHT), ("curve", CURVE)):
-        yield drive_check(simulator, driver or Stanley(), road, f"{name}, {who}")
-
-
-def drive_check(simulator: Simulator, driver: Driver, road: Road, name: str) -> Check:
-    """Checks that a driver reaches the end of a road in its lane."""
-    try:
-        drive = simulator.drive(road, driver)
-    except Exception as error:
-        return broken(name, error, "see the message; 'frenetic --debug doctor' says more")
-    result = judge(road, drive)
-    if result.outcome is not Outcome.PASS or result.moobd is None or result.moobd <= 0.0:
-        remedy = "draw it; is the car or the road as it should be?"
-        return Check(name, False, result.reason, remedy)
-    found = f"{road.length:.0f} m in {result.duration:.1f} s, MOOBD {result.moobd:.2f} m"
-    return Check(name, True, found)
+        name = f"{name}, {who}"
+        try:
+            drive = simulator.drive(road, driver or Stanley())
+        except Exception as error:
+            yield broken(name, error, "see the message; 'frenetic --debug doctor' says more")
+            continue
+        result = judge(road, drive)
+        if result.outcome is not Outcome.PASS or result.moobd is None or result.moobd <= 0.0:
+            remedy = "draw it; is the car or the road as it should be?"
+            yield Check(name, False, result.reason, remedy)
+        else:
+            found = f"{road.length:.0f} m in {result.duration:.1f} s, MOOBD {result.moobd:.2f} m"
+            yield Check(name, True, found)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from frenetic.testing.dummy import DummyDriver, DummySimulator, converse, operators_of
+from frenetic.testing.dummy import DummyDriver, DummySimulator, converse
 
 if TYPE_CHECKING:
     from frenetic.testing.driver_contract import DriverContract
@@ -29,7 +29,6 @@ __all__ = [
     "SimulatorContract",
     "StrategyContract",
     "converse",
-    "operators_of",
 ]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
@@ -143,8 +143,3 @@ def converse(
         strategy.tell(evaluation)
         told.append(evaluation)
     return told
-
-
-def operators_of(evaluations: Iterable[Evaluation]) -> list[str]:
-    """The operators' names in the order of telling."""
-    return [evaluation.candidate.origin.operator for evaluation in evaluations]

@@ -118,16 +118,13 @@ def _eye(config: Mapping[str, JSONValue]) -> _Eye | None:
     if not isinstance(camera, Mapping):
         return None
     kinds = {f"{kind.__module__}:{kind.__qualname__}": kind for kind in appearance.ALL.values()}
-    try:
-        eye = _Eye(Camera(**camera))
-        for layer in reversed(layers):
-            kind = kinds.get(str(layer.get("class")))
-            if kind is not None:
-                options = dict(layer.get("options", {}))
-                amount = options.pop(kind.name)
-                eye.layered = kind(eye.layered, amount, **options)
-    except (LookupError, TypeError, ValueError):  # a damaged record
-        return None
+    eye = _Eye(Camera(**camera))
+    for layer in reversed(layers):
+        kind = kinds.get(str(layer.get("class")))
+        if kind is not None:
+            options = dict(layer.get("options", {}))
+            amount = options.pop(kind.name)
+            eye.layered = kind(eye.layered, amount, **options)
     return eye
 
 
