@@ -22,9 +22,14 @@ from frenetic.campaign.lock import holder, lock_file
 HOLD = """
 import os, sys, time
 from pathlib import Path
-from frenetic.campaign.lock import lock_file
+from frenetic.campaign.lock import holder, lock_file
 
-held = lock_file(Path(sys.argv[1]))
+path = Path(sys.argv[1])
+if "look" in sys.argv:
+    print(0, flush=True)
+    while True:
+        holder(path)
+held = lock_file(path)
 child = os.fork() if "fork" in sys.argv else 1
 if child == 0:
     held.release()  # which is not its to release
@@ -41,7 +46,7 @@ def path(tmp_path: Path) -> Path:
 
 @contextmanager
 def holding(path: Path, *words: str) -> Iterator[tuple[subprocess.Popen[str], int]]:
-    """A process that holds the lock, and the id of its fork."""
+    """A process that holds the lock, and the id of its fork; or that looks at it."""
     command = [sys.executable, "-W", "ignore", "-c", HOLD, str(path), *words]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
@@ -107,16 +112,10 @@ def test_a_look_makes_no_file_and_keeps_nobody_out(path: Path) -> None:
     assert holder(path) is None
     assert not path.exists()
     lock_file(path).release()
-    look = "import sys; from pathlib import Path; from frenetic.campaign.lock import holder\n"
-    look += "print(flush=True)\nwhile True: holder(Path(sys.argv[1]))"
-    with subprocess.Popen(
-        [sys.executable, "-c", look, str(path)], stdout=subprocess.PIPE
-    ) as looking:
-        assert looking.stdout is not None
-        looking.stdout.readline()
+    with holding(path, "look") as (process, _):
         for _ in range(20):
             lock_file(path).release()
-        looking.kill()
+        assert process.poll() is None
 
 
 def test_a_lock_that_cannot_be_made_is_one_line(tmp_path: Path) -> None:
