@@ -65,14 +65,13 @@ def ready_kernels() -> set[tuple[str, str]]:
     }
 
 
-@pytest.mark.parametrize("ordered", [True, False])
-def test_a_campaign_is_the_same_bit_for_bit(tmp_path: Path, ordered: bool) -> None:
+def test_a_campaign_is_the_same_bit_for_bit(tmp_path: Path) -> None:
     """Each proposal knows the result before it, as without a process of its own."""
     driver = Delayed(PythonPlanner(), seconds=0.1)
     apart = IsolatedSimulator(EmbeddedSimulator())
     for name, simulator in (("apart", apart), ("here", EmbeddedSimulator())):
         parts = {"simulator": simulator, "driver": driver}
-        campaign(tmp_path / name, 40, ordered=ordered, **parts).run()
+        campaign(tmp_path / name, 40, **parts).run()
     assert contents(tmp_path / "apart") == contents(tmp_path / "here")
     with (
         CampaignStore.open(tmp_path / "apart") as one,
