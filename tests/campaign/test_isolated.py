@@ -100,7 +100,7 @@ def test_conditions_reach_the_other_process() -> None:
                 drives.append(simulator.drive(ROAD, layered))
         assert drives[1].rules.speed_limit == 50.0
         rows = [drive.trajectory.to_rows() for drive in drives]
-        np.testing.assert_array_equal(*rows)
+        np.testing.assert_array_equal(rows[0], rows[1])
         np.testing.assert_array_equal(apart.drive(ROAD, driver).trajectory.to_rows(), usual)
     wet, dummy = {"friction": 0.5}, IsolatedSimulator(DummySimulator())
     with (
