@@ -8,6 +8,7 @@ import platform
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,21 +16,19 @@ from typing import Any
 
 import pytest
 from campaigns import refused
+from filelock import lock_descriptor
 from permissions import bound_by_permissions
+from pids import LIMIT
 
+from frenetic.campaign import lock
 from frenetic.campaign.lock import holder, lock_file
 
 HOLD = """
 import os, sys, time
 from pathlib import Path
-from frenetic.campaign.lock import holder, lock_file
+from frenetic.campaign.lock import lock_file
 
-path = Path(sys.argv[1])
-if "look" in sys.argv:
-    print(0, flush=True)
-    while True:
-        holder(path)
-held = lock_file(path)
+held = lock_file(Path(sys.argv[1]))
 child = os.fork() if "fork" in sys.argv else 1
 if child == 0:
     held.release()  # which is not its to release
@@ -46,7 +45,7 @@ def path(tmp_path: Path) -> Path:
 
 @contextmanager
 def holding(path: Path, *words: str) -> Iterator[tuple[subprocess.Popen[str], int]]:
-    """A process that holds the lock, and the id of its fork; or that looks at it."""
+    """A process that holds the lock, and the id of its fork."""
     command = [sys.executable, "-W", "ignore", "-c", HOLD, str(path), *words]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
@@ -108,14 +107,17 @@ def test_the_number_of_a_process_counts_only_where_and_while_it_runs(
         assert holder(path) == "another process"
 
 
-def test_a_look_makes_no_file_and_keeps_nobody_out(path: Path) -> None:
+def test_a_look_makes_no_file_and_keeps_nobody_out(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert holder(path) is None
     assert not path.exists()
     lock_file(path).release()
-    with holding(path, "look") as (process, _):
-        for _ in range(20):
-            lock_file(path).release()
-        assert process.poll() is None
+    monkeypatch.setattr(lock, "PATIENCE", LIMIT)
+    with path.open("rb") as file:  # as a look does, for a moment
+        assert lock_descriptor(file.fileno(), blocking=False)
+        threading.Timer(0.1, file.close).start()
+        lock_file(path).release()
 
 
 def test_a_lock_that_cannot_be_made_is_one_line(tmp_path: Path) -> None:
