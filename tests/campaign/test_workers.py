@@ -415,6 +415,7 @@ def test_a_driver_from_a_users_file(tmp_path: Path) -> None:
 UNGUARDED = """
 from frenetic import Budget, Campaign, RandomSearch
 from frenetic.campaign.workers import local as processes
+from frenetic.errors import CampaignError
 from frenetic.testing import DummyDriver, DummySimulator
 processes.STARTS = 1
 try:
