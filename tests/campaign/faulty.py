@@ -113,10 +113,6 @@ def await_go(marks: Marks) -> None:
     marks.wait_for("go")
 
 
-def give_go(marks: Marks) -> None:
-    marks.make("go")
-
-
 def print_megabytes(marks: Marks) -> None:
     for stream in (sys.stdout, sys.stderr):
         stream.write("all work and no play\n" * 200_000)
@@ -318,18 +314,6 @@ class FaultySimulator(DummySimulator):
         return super().drive(road, driver)
 
 
-class Stumbling(FaultySimulator):
-    """Kills its process in a drive; the next start after that fails."""
-
-    def __init__(self, folder: Path) -> None:
-        super().__init__(folder, drive=Fault(kill, folder, times=1))
-
-    def __enter__(self) -> Self:
-        if self.marks.are_there("kill-0") and self.marks.make("stumbled"):
-            refuse_connection(self.marks)
-        return super().__enter__()
-
-
 class NoDrive(DummySimulator):
     """Returns nothing."""
 
@@ -442,10 +426,6 @@ class Forking(Straight):
     def ask(self) -> Candidate:
         fork(self.marks)
         return super().ask()
-
-    def tell(self, evaluation: Evaluation) -> None:
-        fork(self.marks)
-        super().tell(evaluation)
 
 
 def straight(number: int, samples: int = 8) -> Candidate:

@@ -397,9 +397,10 @@ def test_options_are_checked_before_anything_is_written(
 def test_a_budget_is_refused_alike_from_python_and_from_a_record(
     limits: dict[str, Any], fault: str
 ) -> None:
-    for make in (lambda limits: Budget(**limits), decode_budget):
-        with refused(f"^{fault}", ValueError):
-            make(limits)
+    with refused(f"^{fault}", ValueError):
+        Budget(**limits)
+    with refused(f"^{fault}", ValueError):
+        decode_budget(limits)
 
 
 def test_the_nearest_limit_of_a_budget_counts() -> None:
@@ -427,8 +428,7 @@ def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:
         )
 
     search("python", int, float).run()
-    numpy = search("numpy", np.int64, np.float32)
-    numpy.run(np.int64(1))  # type: ignore[arg-type]
+    search("numpy", np.int64, np.float32).run(np.int64(1))  # type: ignore[arg-type]
     assert search("numpy", np.int64, np.float32).resume().simulations == 2
     assert contents(tmp_path / "numpy") == contents(tmp_path / "python")
 
@@ -440,8 +440,8 @@ def test_the_margin_reaches_the_check_of_the_strategy_but_for_one_of_its_own(
     def search(simulations: int) -> Campaign:
         return scripted(tmp_path, Budget(simulations=simulations), strategy=kind(seed=1), margin=40)
 
-    assert search(50).run().invalid == 0
-    assert search(100).resume().invalid == 0  # and the log replays
+    assert search(15).run().invalid == 0
+    assert search(30).resume().invalid == 0  # and the log replays
 
     asked = []
 
@@ -459,23 +459,17 @@ def test_configuration_says_what_was_run(tmp_path: Path) -> None:
     class Part(DummyDriver):
         def __init__(self) -> None:
             super().__init__()
-            self.options = {
-                "table": np.zeros(3),
-                "worst": float("inf"),
-                "lock": threading.Lock(),
-                "gains": (1, 2.5),
-                "name": "plain",
-            }
+            odd = {"table": np.zeros(3), "worst": float("inf"), "lock": threading.Lock()}
+            self.options = odd | {"gains": (1, 2.5), "name": "plain"}
 
-    configuration = campaign(
+    search = campaign(
         tmp_path,
-        strategy=Frenetic2021(seed=5, threshold=-0.25, max_redraws=10),
+        strategy=Frenetic2021(seed=5, threshold=-0.25),
         simulator=EmbeddedSimulator(friction=0.5),
         driver=Delayed(Part(), seconds=0.2),
-    ).configuration()
-    stored = json.loads(json.dumps(configuration, allow_nan=False))
-    assert stored["seed"] == 5
-    assert stored["strategy"]["options"]["threshold"] == -0.25
+    )
+    stored = json.loads(json.dumps(search.configuration(), allow_nan=False))
+    assert (stored["seed"], stored["strategy"]["options"]["threshold"]) == (5, -0.25)
     assert stored["simulator"]["options"]["vehicle"]["friction"] == 0.5
     assert stored["driver"]["options"] == {"seconds": 0.2}
     inner = stored["driver"]["driver"]["options"]

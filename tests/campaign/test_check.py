@@ -64,13 +64,6 @@ def value(folder: Path, select: str, *values: object) -> Any:
     return found
 
 
-def number_of(folder: Path, outcome: Outcome) -> int:
-    """Id of a test with this outcome, somewhere in the middle."""
-    select = "SELECT id FROM test WHERE outcome = ? ORDER BY told LIMIT 1 OFFSET 2"
-    found: int = value(folder, select, str(outcome))
-    return found
-
-
 def change_config(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:
     config = json.loads(value(folder, "SELECT value FROM fact WHERE name = 'config'"))
     change(config)
@@ -308,64 +301,58 @@ def change_trajectory(folder: Path, number: int, change: Callable[[Any], Any]) -
     execute(folder, "UPDATE test SET trajectory = ? WHERE id = ?", changed, number)
 
 
-def test_a_drive_that_is_judged_otherwise_or_goes_back_in_time(folder: Path) -> None:
-    number = number_of(folder, Outcome.PASS)
-    change_trajectory(folder, number, lambda rows: rows[: len(rows) // 2])
-    expect(folder, f"test {number}: it is stored as PASS, judged again it is ERROR", quick=False)
-    assert check_campaign(folder, quick=True).is_sound
-    change_trajectory(folder, number, lambda rows: rows[::-1])
-    expect(folder, f"the trajectory of test {number} goes back in time")
-
-
 def floats(*numbers: float) -> str:
     return f"x'{np.array(numbers, '<f8').tobytes().hex()}'"
 
 
-@pytest.mark.parametrize(
-    ("outcome", "change", "text"),
-    [
-        ("FAIL", "moobd = moobd - 0.0002", "moobd is stored as"),
-        ("FAIL", "moobd = moobd - 0.00005", ""),
-        ("FAIL", "moobd = NULL", "moobd is stored as nothing"),
-        ("FAIL", "max_oob_share = max_oob_share - 0.001", "max_oob_share is stored as"),
-        ("FAIL", "duration = duration + 0.05", "duration is stored as"),
-        ("FAIL", "finding.time = time - 0.05", "departure time is stored as"),
-        ("FAIL", "finding.distance = distance + 0.01", "departure distance is stored as"),
-        ("FAIL", "finding.x = x + 0.01", "departure x is stored as"),
-        ("FAIL", "finding.y = y + 0.00005", ""),
-        ("FAIL", "finding.side = iif(side = 'left', 'right', 'left')", "judged again to the"),
-        ("FAIL", "finding.criterion = 'speed'", "departure time is stored as nothing"),
-        ("FAIL", "outcome = 'PASS'", "it is stored as PASS, judged again it is FAIL"),
-        ("PASS", "outcome = 'FAIL'", "it is stored as FAIL, judged again it is PASS"),
-        ("FAIL", "x = x + 3.0", "judged again"),
-        ("FAIL", f"curvatures = {floats(*20 * [0.0])}", "judged again"),
-        ("FAIL", "curvatures = x''", "it was driven, but its road is none"),
-        ("INVALID", f"curvatures = {floats(*12 * [0.0])}", "but its road is valid"),
-        ("INVALID", f"points = {floats(20, 20, 60, 20, 100, 20, 140, 20)}", "its road is valid"),
-        ("INVALID", f"points = {floats(2, 2, 42, 2, 82, 2, 122, 2)}", ""),
-    ],
-)
-def test_what_is_judged_otherwise_is_found_beyond_rounding(
-    folder: Path, outcome: str, change: str, text: str
-) -> None:
-    number = number_of(folder, Outcome(outcome))
-    table, _, rest = change.rpartition("finding.")
-    table, key = ("finding", "test") if "finding." in change else ("test", "id")
-    assert execute(folder, f"UPDATE {table} SET {rest} WHERE {key} = ?", number) == 1
-    assert check_campaign(folder, quick=True).is_sound
-    if text:
-        expect(folder, f"test {number}: ", quick=False)
-        expect(folder, text, quick=False)
-    else:
-        assert check_campaign(folder).is_sound
+VERDICTS = [
+    ("FAIL", "moobd = moobd - 0.0002", "moobd is stored as"),
+    ("FAIL", "moobd = moobd - 0.00005", ""),
+    ("FAIL", "moobd = NULL", "moobd is stored as nothing"),
+    ("FAIL", "max_oob_share = max_oob_share - 0.001", "max_oob_share is stored as"),
+    ("FAIL", "duration = duration + 0.05", "duration is stored as"),
+    ("FAIL", "finding.time = time - 0.05", "departure time is stored as"),
+    ("FAIL", "finding.distance = distance + 0.01", "departure distance is stored as"),
+    ("FAIL", "finding.x = x + 0.01", "departure x is stored as"),
+    ("FAIL", "finding.y = y + 0.00005", ""),
+    ("FAIL", "finding.side = iif(side = 'left', 'right', 'left')", "judged again to the"),
+    ("FAIL", "finding.criterion = 'speed'", "departure time is stored as nothing"),
+    ("FAIL", "outcome = 'PASS'", "it is stored as PASS, judged again it is FAIL"),
+    ("PASS", "outcome = 'FAIL'", "it is stored as FAIL, judged again it is PASS"),
+    ("FAIL", "x = x + 3.0", "judged again"),
+    ("FAIL", f"curvatures = {floats(*20 * [0.0])}", "judged again"),
+    ("FAIL", "curvatures = x''", "it was driven, but its road is none"),
+    ("INVALID", f"curvatures = {floats(*12 * [0.0])}", "but its road is valid"),
+    ("INVALID", f"points = {floats(20, 20, 60, 20, 100, 20, 140, 20)}", "its road is valid"),
+    ("INVALID", f"points = {floats(2, 2, 42, 2, 82, 2, 122, 2)}", ""),
+]
+"""An outcome, a change to a test with it, and what is found; nothing where it is rounding."""
 
 
-def test_versions_that_differ_are_told_with_a_verdict(folder: Path) -> None:
+@pytest.mark.parametrize("part", range(3))
+def test_what_is_judged_otherwise_is_found_beyond_rounding(folder: Path, part: int) -> None:
+    """Each change is of a test of its own."""
+    with CampaignStore.open(folder) as store:
+        ids = {one: [test.id for test in store.tests(one)] for one in Outcome}
+    expected: dict[int, str] = {}
+    for outcome, change, text in VERDICTS[part::3]:
+        expected[number := ids[Outcome(outcome)].pop()] = text
+        table, key = ("finding", "test") if "finding." in change else ("test", "id")
+        statement = f"UPDATE {table} SET {change.removeprefix('finding.')} WHERE {key} = ?"
+        assert execute(folder, statement, number) == 1
+    half, backwards = ids[Outcome.PASS].pop(), ids[Outcome.PASS].pop()
+    change_trajectory(folder, half, lambda rows: rows[: len(rows) // 2])
+    expected[half] = "it is stored as PASS, judged again it is ERROR"
     change_config(folder, lambda config: config["versions"].update(numpy="1.0"))
-    number = number_of(folder, Outcome.FAIL)
-    execute(folder, "UPDATE test SET moobd = moobd - 0.1 WHERE id = ?", number)
-    (finding,) = check_campaign(folder).findings
-    assert "versions differ: numpy 1.0, now" in finding
+    assert check_campaign(folder, quick=True).is_sound
+    change_trajectory(folder, backwards, lambda rows: rows[::-1])
+    findings = {finding.split(": ")[0]: finding for finding in check_campaign(folder).findings}
+    assert findings.pop(f"the trajectory of test {backwards} goes back in time")
+    assert findings.keys() == {f"test {number}" for number, text in expected.items() if text}
+    for number, text in expected.items():
+        if text:
+            assert text in findings[f"test {number}"]
+            assert "versions differ: numpy 1.0, now" in findings[f"test {number}"]
 
 
 @pytest.mark.parametrize(("short_of", "is_sound"), [(2e-5, True), (0.01, False)])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import re
 import subprocess
@@ -404,20 +403,3 @@ def test_a_missing_extra_says_what_brings_it(
     monkeypatch.setitem(sys.modules, "distributed", None)
     with refused(r'not installed: pip install "\.\[cluster\]"'):
         campaign(tmp_path / "campaign", cluster="tcp://127.0.0.1:1").run()
-
-
-def test_the_command_line_takes_an_address(cluster: Cluster, tmp_path: Path) -> None:
-    done = subprocess.run(
-        [
-            *(sys.executable, "-m", "frenetic", "run", "--workers", cluster.address, "--json"),
-            *("--simulator", "frenetic.testing:DummySimulator", "--strategy", "random"),
-            *("--simulations", "10", "--seed", "1", "--out", str(tmp_path / "campaign")),
-        ],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=LIMIT,
-    )
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["simulations"] == 10
-    assert "distributed" not in done.stderr

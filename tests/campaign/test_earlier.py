@@ -74,27 +74,15 @@ def test_roads_of_the_earlier_campaign_are_driven_again_first(first: Path, secon
         assert (
             still_failing(new) == f"{failed} of {failed} earlier failures driven again still failed"
         )
-
-
-def test_what_was_known_is_told_apart_from_what_is_new(second: Path) -> None:
-    with CampaignStore.open(second) as store:
-        clusters = distinct_failures(store)
-        still = {
-            number
-            for number, test in driven_again(store).items()
-            if test.evaluation.outcome is Outcome.FAIL
-        }
-    assert 0 < clusters.known < len(clusters)
-    assert still <= {number for one in clusters if one.was_known for number in one.ids}
-
-
-def test_the_record_says_from_where(first: Path, second: Path) -> None:
-    with CampaignStore.open(first) as old, CampaignStore.open(second) as new:
-        counts = old.counts()
         (told,) = Spec.from_json(new.config, source=second).start_from
-        taken = len(read_earlier(new))
-    assert (told.folder, told.taken, told.left_out) == (str(first), taken, 0)
-    assert (told.simulations, told.failures) == (counts.simulations, counts.failed)
+        counts, taken = old.counts(), len(read_earlier(new))
+        assert (told.folder, told.taken, told.left_out) == (str(first), taken, 0)
+        assert (told.simulations, told.failures) == (counts.simulations, counts.failed)
+        # What was known is told apart from what is new.
+        still = {n for n, test in again.items() if test.evaluation.outcome is Outcome.FAIL}
+        clusters = distinct_failures(new)
+        assert 0 < clusters.known < len(clusters)
+        assert still <= {number for one in clusters if one.was_known for number in one.ids}
     assert check_campaign(second).findings == ()
 
 

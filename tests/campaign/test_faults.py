@@ -77,7 +77,7 @@ def test_a_second_process_is_refused(tmp_path: Path) -> None:
 
     for name, report in (("c", try_elsewhere), ("alone", print)):
         search = scripted(tmp_path / name, Budget(simulations=9))
-        assert search.run(on_event=on_result(report)).simulations == 9  # type: ignore[arg-type]
+        assert search.run(on_event=on_result(report)).simulations == 9
     run, resume = answers
     assert "already holds a campaign" in run
     assert f"is being written by process {os.getpid()}" in resume

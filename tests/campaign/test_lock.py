@@ -8,6 +8,7 @@ import platform
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,8 +16,11 @@ from typing import Any
 
 import pytest
 from campaigns import refused
+from filelock import lock_descriptor
 from permissions import bound_by_permissions
+from pids import LIMIT
 
+from frenetic.campaign import lock
 from frenetic.campaign.lock import holder, lock_file
 
 HOLD = """
@@ -103,20 +107,17 @@ def test_the_number_of_a_process_counts_only_where_and_while_it_runs(
         assert holder(path) == "another process"
 
 
-def test_a_look_makes_no_file_and_keeps_nobody_out(path: Path) -> None:
+def test_a_look_makes_no_file_and_keeps_nobody_out(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert holder(path) is None
     assert not path.exists()
     lock_file(path).release()
-    look = "import sys; from pathlib import Path; from frenetic.campaign.lock import holder\n"
-    look += "print(flush=True)\nwhile True: holder(Path(sys.argv[1]))"
-    with subprocess.Popen(
-        [sys.executable, "-c", look, str(path)], stdout=subprocess.PIPE
-    ) as looking:
-        assert looking.stdout is not None
-        looking.stdout.readline()
-        for _ in range(20):
-            lock_file(path).release()
-        looking.kill()
+    monkeypatch.setattr(lock, "PATIENCE", LIMIT)
+    with path.open("rb") as file:  # as a look does, for a moment
+        assert lock_descriptor(file.fileno(), blocking=False)
+        threading.Timer(0.1, file.close).start()
+        lock_file(path).release()
 
 
 def test_a_lock_that_cannot_be_made_is_one_line(tmp_path: Path) -> None:

@@ -36,12 +36,12 @@ from faulty import (
     FaultySimulator,
     Marks,
     Straight,
-    Stumbling,
     await_go,
     fork,
     fork_and_leave,
     hang,
     kill,
+    raise_error,
     refuse_connection,
     roads,
     sys_exit,
@@ -57,8 +57,7 @@ from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers
 from frenetic.drivers import Driver
 from frenetic.outcome import Outcome
 from frenetic.registry import DRIVERS
-from frenetic.road import Road
-from frenetic.simulators import Drive, Simulator
+from frenetic.simulators import Simulator
 from frenetic.simulators.isolated import IsolatedSimulator
 from frenetic.testing import DummyDriver, DummySimulator
 from frenetic.worker import Worker
@@ -201,16 +200,17 @@ def test_forks_and_exits_of_a_driver_do_not_end_this_process(
 
 
 class Ageing(FaultySimulator):
-    """Breaks in its first drive; after that nothing starts any more."""
+    """Breaks in its first drive, or kills its process; then it does not start so many times."""
+
+    def __init__(self, folder: Path, deed: Deed, times: int | None = None) -> None:
+        super().__init__(folder, drive=Fault(deed, folder, times=1))
+        self.deed = deed
+        self.later = Fault(refuse_connection, folder, times=times)
 
     def __enter__(self) -> Any:
-        if self.marks.are_there("broken"):
-            refuse_connection(self.marks)
+        if self.marks.are_there(f"{self.deed.__name__}-0"):
+            self.later.strike()
         return super().__enter__()
-
-    def drive(self, road: Road, driver: Driver) -> Drive:
-        self.marks.make("broken")
-        raise RuntimeError("the engine stalled")
 
 
 @pytest.mark.parametrize("kind", [local, this_process])
@@ -219,11 +219,19 @@ def test_a_simulator_that_does_not_start_again_ends_the_workers(
 ) -> None:
     with (
         refused("nobody listens on port 25252"),
-        kind(Ageing(marks.folder), folder=tmp_path) as workers,
+        kind(Ageing(marks.folder, raise_error), folder=tmp_path) as workers,
     ):
-        assert "the engine stalled" in str(drive_one(workers).failure)
-        for number in range(2, 10):
-            drive_one(workers, number)
+        for number in range(1, 10):
+            assert drive_one(workers, number).failure == STALLED
+
+
+def test_a_worker_that_once_worked_gets_further_chances_to_start(
+    marks: Marks, tmp_path: Path
+) -> None:
+    """Its first road kills it, and its next process finds the port still taken, say."""
+    with local(Ageing(marks.folder, kill, times=1), folder=tmp_path) as workers:
+        assert drive_one(workers).worker_lost
+        assert drive_one(workers).failure is None
 
 
 @posix_only
@@ -236,15 +244,6 @@ def test_candidates_that_waited_in_a_lost_worker_are_driven(marks: Marks, tmp_pa
             workers.submit(candidate)
         attempts = await_attempts(workers, 3)
     assert {a.candidate_id: a.worker_lost for a in attempts} == {1: True, 2: False, 3: False}
-
-
-def test_a_worker_that_once_worked_gets_further_chances_to_start(
-    marks: Marks, tmp_path: Path
-) -> None:
-    """Its first road kills it, and its next process finds the port still taken, say."""
-    with local(Stumbling(marks.folder), folder=tmp_path) as workers:
-        assert drive_one(workers).worker_lost
-        assert drive_one(workers).failure is None
 
 
 @linux_only
@@ -416,6 +415,7 @@ def test_a_driver_from_a_users_file(tmp_path: Path) -> None:
 UNGUARDED = """
 from frenetic import Budget, Campaign, RandomSearch
 from frenetic.campaign.workers import local as processes
+from frenetic.errors import CampaignError
 from frenetic.testing import DummyDriver, DummySimulator
 processes.STARTS = 1
 try:
