@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from datetime import datetime
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import Any
 
 from frenetic._support.json_value import JSONValue
-from frenetic._support.words import counted, format_duration, rate_words, signed
+from frenetic._support.words import capitalised, counted, format_duration, rate_words, signed
 from frenetic.analysis.failures import Clusters
 from frenetic.campaign.asking import FACTS
 from frenetic.campaign.counts import Counts
@@ -17,33 +16,9 @@ from frenetic.campaign.objective import in_words
 from frenetic.campaign.summary import facts_in_words
 from frenetic.quantities import quantities
 from frenetic.registry import part_name
-from frenetic.report.html.blocks import Fact, Role, percent
+from frenetic.report.html.blocks import Fact, Headline, Tile, percent
 from frenetic.spec import earlier_of
 from frenetic.versions import innermost, short_version
-
-
-@dataclass(frozen=True)
-class Tile:
-    """A headline number."""
-
-    label: str
-    value: str
-    note: str = ""
-    role: Role | None = None
-    """None for a number that is neither good nor bad, and for 0."""
-
-
-@dataclass(frozen=True)
-class Headline:
-    """The top of a campaign's page."""
-
-    kind: ClassVar[str] = "headline"
-    title: str
-    lead: str
-    warning: str
-    """A warning, for example that the campaign is unfinished. Mostly empty."""
-    tiles: tuple[Tile, ...]
-    facts: tuple[Fact, ...]
 
 
 def headline(
@@ -75,9 +50,11 @@ def headline(
     """
     failures, tests = counts.failed, counts.tests
     seconds: Any = facts.get("seconds")
-    notice = f"{notice[0].upper()}{notice[1:]}." if (notice := str(facts.get("notice", ""))) else ""
+    notice = f"{capitalised(said)}." if (said := str(facts.get("notice", ""))) else ""
     duration = float(seconds) if isinstance(seconds, int | float) else elapsed
-    strategy, driver, simulator = (_named(config, part) for part in _PARTS)
+    strategy, driver, simulator = (
+        _named(config, part) for part in ("strategy", "driver", "simulator")
+    )
     seed = config.get("seed")
     lead = (
         f"{strategy} searched for roads on which {driver} leaves its lane in {simulator},"
@@ -88,7 +65,7 @@ def headline(
     before = f"{clusters.known} known before" if start_from else ""
     share = f"{percent(failures / counts.simulations)} of simulations" if counts.simulations else ""
     rate = rate_words(tests / duration) if tests and duration > 0.0 else ""
-    least = counts.min_moobd
+    least, version = counts.min_moobd, short_version(innermost(config.get("driver")))
     tiles = [
         Tile("simulations", str(counts.simulations), rate),
         Tile("failures", str(failures), share, "fail" if failures else None),
@@ -124,15 +101,12 @@ def headline(
             Fact("results", counts.in_words()),
             *([Fact("known before", known)] if known else []),
             *([Fact("search", told)] if (told := facts_in_words(facts.get(FACTS))) else []),
-            *(Fact("driver", f"{driver}, {version}") for version in _version(config)),
+            *([Fact("driver", f"{driver}, {version}")] if version else []),
             Fact("begun", _when(facts.get("created_at"))),
             Fact("finished", _when(facts.get("finished_at"))),
             Fact("versions", _versions(config)),
         ),
     )
-
-
-_PARTS = ("strategy", "driver", "simulator")
 
 
 def _title(clusters: Clusters, counts: Counts) -> str:
@@ -166,12 +140,6 @@ def _named(config: Mapping[str, JSONValue], part: str) -> str:
     return f"{name} over {_named(described, 'driver')}" if "driver" in described else name
 
 
-def _version(config: Mapping[str, JSONValue]) -> Iterator[str]:
-    """The version of the driver under its layers, if it is recorded."""
-    if version := short_version(innermost(config.get("driver"))):
-        yield version
-
-
 def _budget(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValue]) -> str:
     budget = facts.get("budget", config.get("budget"))
     limits = budget if isinstance(budget, Mapping) else {}
@@ -186,11 +154,11 @@ def _budget(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValue]) -> 
 def _unfinished(facts: Mapping[str, JSONValue], is_spent: bool) -> str:
     if facts.get("interrupted"):
         return "Interrupted before its budget was spent; 'frenetic resume' goes on."
-    if "finished_at" not in facts and is_spent:
+    if "finished_at" in facts:
+        return ""
+    if is_spent:
         return "Killed after its last result, so that all results are here."
-    if "finished_at" not in facts:
-        return "Not finished: the campaign was still running, or was killed."
-    return ""
+    return "Not finished: the campaign was still running, or was killed."
 
 
 def _when(value: object) -> str:

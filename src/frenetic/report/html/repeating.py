@@ -8,9 +8,9 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from frenetic._support.json_value import JSONValue, plain
-from frenetic._support.words import part_word
+from frenetic._support.words import capitalised, part_word
 from frenetic.errors import CampaignError
-from frenetic.report.html.blocks import Block, Command, Fact, Facts, Paragraph, Section
+from frenetic.report.html.blocks import Block, Fact, Facts, Paragraph, Section, command
 from frenetic.run_file import NAME
 from frenetic.spec import Spec
 
@@ -18,20 +18,12 @@ from frenetic.spec import Spec
 def repeat_section(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValue]) -> Section:
     """The configuration, and how to repeat the campaign."""
     blocks: list[Block] = []
-    command = repeat_command(config, facts)
-    if command is not None:
-        blocks.append(Command(command, "Repeats the campaign, in a new folder, from its own:"))
+    if (line := repeat_command(config, facts)) is not None:
+        blocks.append(command(line, "Repeats the campaign, in a new folder, from its own:"))
     blocks.append(Paragraph(repeatability(config, facts)))
     blocks += [
-        Facts(tuple(_flat(config.get(name))), title, folded=True)
-        for name, title in (
-            ("strategy", "Strategy"),
-            ("driver", "Driver"),
-            ("simulator", "Simulator"),
-            ("rules", "Rules"),
-            ("car", "Car"),
-            ("versions", "Versions"),
-        )
+        Facts(tuple(_flat(config.get(name))), capitalised(name), folded=True)
+        for name in ("strategy", "driver", "simulator", "rules", "car", "versions")
         if isinstance(config.get(name), Mapping)
     ]
     rest = {
