@@ -16,14 +16,15 @@ from frenetic.report.html.blocks import (
     Column,
     Fact,
     Facts,
+    Headline,
     Paragraph,
     Role,
     Section,
     Series,
     Table,
+    Tile,
     percent,
 )
-from frenetic.report.html.headline import Headline, Tile
 from frenetic.report.html.page import Report, made_by, write_page
 from frenetic.twin.calibration import Calibration
 from frenetic.twin.calibration.driving import FAILED, OFFSET_MEDIAN
