@@ -19,14 +19,14 @@ from matplotlib.figure import Figure
 from test_picture import HAIRPIN, SHORT, WINDING, drive_along
 from test_report_comparison import FIVE, SIX, comparison_of
 
-from frenetic import Campaign, EmbeddedSimulator, Frenetic, Planner, data_frame
+from frenetic import Campaign, EmbeddedSimulator, Frenetic, Planner
 from frenetic._support.notebook import Shown
 from frenetic.analysis.failures import distinct_failures
 from frenetic.campaign import CampaignStore
 from frenetic.drivers import Stanley
-from frenetic.errors import FreneticError, UnknownNameError
+from frenetic.errors import FreneticError
 from frenetic.outcome import Outcome
-from frenetic.report import animate, plot, plot_failures, plot_feature_map, plot_progress
+from frenetic.report import animate, plot, plot_failures, plot_progress
 from frenetic.road import Road
 
 
@@ -162,16 +162,6 @@ def test_progress_ends_at_the_counts(campaign: Campaign) -> None:
     assert len(labels) == 4  # with the random expectation
 
 
-@pytest.mark.parametrize("whole", [False, True])
-def test_the_feature_map_holds_every_failure(campaign: Campaign, whole: bool) -> None:
-    axes = plot_feature_map(campaign, x="bends", y="extreme_offset", whole=whole)
-    found = sum(int(text.get_text()) for text in axes.texts)
-    assert found == (data_frame(campaign)["outcome"] == "FAIL").sum()
-    assert axes.get_ylabel() == "Extreme lateral position (m)"
-    with pytest.raises(UnknownNameError, match="no feature is called 'colour'"):
-        plot_feature_map(campaign, x="colour")
-
-
 def test_a_campaign_without_results_or_failures_has_pictures_too(tmp_path: Path) -> None:
     simulator = EmbeddedSimulator()
     search = Campaign(
@@ -182,7 +172,7 @@ def test_a_campaign_without_results_or_failures_has_pictures_too(tmp_path: Path)
     with pytest.raises(FreneticError, match="does not exist"):
         plot_progress(search)
     with CampaignStore.create(tmp_path / "d", search.configuration()) as store:
-        for draw in (plot_failures, plot_progress, plot_feature_map):
+        for draw in (plot_failures, plot_progress):
             draw(store)
         assert "No failure" in html(store)
         assert "no results" in repr(store)

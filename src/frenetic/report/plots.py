@@ -7,26 +7,20 @@ is drawn by the same code as in the report's pictures.
 from __future__ import annotations
 
 import math
-from typing import Any, Final
+from typing import Final
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import BoundaryNorm, ListedColormap
 
-from frenetic._support.arrays import FloatArray
 from frenetic._support.words import counted, signed
 from frenetic.analysis.comparison import Comparison
 from frenetic.analysis.failures import Clusters, distinct_failures, nearest_misses
-from frenetic.analysis.features import Features, feature
-from frenetic.analysis.segments import segment_of
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.drive import Drive
 from frenetic.export.tables import Place, opened
-from frenetic.outcome import Outcome
 from frenetic.report.comparison import draw_chart, draw_curves
-from frenetic.report.html.feature_map import cells_of, choose_mapped, measure, unit_of
 from frenetic.report.html.tests import TestSummary
 from frenetic.report.html.timeline import EXPECTED, timeline_of
 from frenetic.report.picture import draw_sheet, sheet_row
@@ -40,7 +34,7 @@ from frenetic.report.scene import (
     look,
     road_of,
 )
-from frenetic.report.style import FAINT, QUIET, STYLE, Paper
+from frenetic.report.style import STYLE, Paper
 from frenetic.road import Road
 
 SHEET: Final = 12
@@ -50,10 +44,6 @@ SHEET: Final = 12
 _WIDE: Final = 6.5  # new axes
 _TALL: Final = 5.5
 _LEFT, _RIGHT, _TOP, _BOTTOM, _KEY = 0.65, 0.2, 0.4, 0.55, 0.45  # around them
-
-_COVERED: Final = "#e9edf1"
-SEVERITY: Final = "#fde2b8", "#fbc98c", "#f6a866", "#e9834d", "#c34f33", "#ad3a38", "#7d1d30"
-"""Colours of a feature map's cells, the last for the worst; ``report.css`` has the same."""
 
 
 def plot(
@@ -228,7 +218,7 @@ def plot_progress(campaign: Place, ax: Axes | None = None) -> Axes:
         CampaignError: there is no campaign, or it is damaged.
     """
     with opened(campaign) as store:
-        charts, _ = timeline_of(_summaries(store), distinct_failures(store))
+        charts, _ = timeline_of([*map(TestSummary.of, store.tests())], distinct_failures(store))
     with mpl.rc_context(STYLE):
         axes = _new_axes(_WIDE, 3.2)[0] if ax is None else ax
         if charts:
@@ -242,96 +232,6 @@ def plot_progress(campaign: Place, ax: Axes | None = None) -> Axes:
             draw_chart(axes, chart, names)
             axes.legend(loc="upper left", frameon=False, fontsize=8.5)
     return axes
-
-
-def plot_feature_map(
-    campaign: Place,
-    ax: Axes | None = None,
-    *,
-    x: str = "max_curvature",
-    y: str = "mean_speed",
-    whole: bool = False,
-) -> Axes:
-    """Draws what roads and drives were tried (grey), and where they fail.
-
-    A cell with failures has their number, and the colour of the lowest MOOBD.
-
-    Args:
-        campaign: with the tests, or its folder.
-        ax: axes to draw on.
-        x: feature to the right, see `frenetic.analysis.FEATURES`.
-        y: feature upwards.
-        whole: measure the whole road and drive instead of the 30 m before and after the place of
-            departure.
-
-    Raises:
-        CampaignError: there is no campaign, or it is damaged.
-        UnknownNameError: there is no such feature.
-    """
-    features = feature(x), feature(y)
-    with opened(campaign) as store:
-        measured, moobds = _measured(store, "whole" if whole else "segment")
-    (across, columns), (up, rows) = (cells_of(one, measured) for one in features)
-    driven, failed = np.zeros((2, len(up) - 1, len(across) - 1), dtype=np.int64)
-    worst = np.full(driven.shape, np.inf)
-    np.add.at(driven, (rows, columns), 1)
-    np.add.at(failed, (rows, columns), np.isfinite(moobds))
-    np.minimum.at(worst, (rows, columns), moobds)
-    with mpl.rc_context(STYLE):
-        axes = _new_axes(5.2, 4.2)[0] if ax is None else ax
-        how: Any = {"ec": "white", "lw": 1.0}
-        cover = np.ma.masked_where(driven == 0, np.zeros(driven.shape))
-        axes.pcolormesh(across, up, cover, cmap=ListedColormap([_COVERED]), **how)
-        if failed.any():
-            low, high = float(worst[failed > 0].min()), float(worst[failed > 0].max())
-            low, high = (low, high) if low < high else (low - 1e-3, high + 1e-3)
-            bounds = np.linspace(low, high, len(SEVERITY) + 1)
-            how |= {"norm": BoundaryNorm(bounds, len(SEVERITY))}
-            lowest = np.ma.masked_where(failed == 0, worst)
-            shades = axes.pcolormesh(across, up, lowest, cmap=ListedColormap(SEVERITY[::-1]), **how)
-            for k, i in np.argwhere(failed > 0):
-                axes.text(
-                    0.5 * (across[i] + across[i + 1]), 0.5 * (up[k] + up[k + 1]),
-                    str(failed[k, i]), ha="center", va="center", size=8.0,
-                    color="white" if worst[k, i] < bounds[3] else "black",
-                )  # fmt: skip
-            if ax is None:
-                bar = axes.figure.colorbar(shades, ax=axes, label="lowest MOOBD (m)", format="%.2f")
-                bar.outline.set_visible(False)
-        for one, edges, set_title, set_ticks in (
-            (features[0], across, axes.set_xlabel, axes.set_xticks),
-            (features[1], up, axes.set_ylabel, axes.set_yticks),
-        ):
-            unit = unit_of(one)
-            set_title(f"{one.description} ({unit})" if unit else one.description)
-            set_ticks(edges[::2], [f"{edge:.3g}" for edge in edges[::2]])
-        axes.set_title(
-            f"Failures in {counted(int((failed > 0).sum()), 'cell')} of"
-            f" {int((driven > 0).sum())} that were reached",
-            loc="left",
-            fontsize=9.0,
-        )
-        axes.tick_params(length=0.0)
-        for spine in axes.spines.values():
-            spine.set_color(FAINT)
-        axes.xaxis.label.set_color(QUIET)
-    return axes
-
-
-def _summaries(store: CampaignStore) -> list[TestSummary]:
-    return [TestSummary.of(record) for record in store.tests()]
-
-
-def _measured(store: CampaignStore, scope: str) -> tuple[list[Features], FloatArray]:
-    """The features of the mapped tests, and their MOOBDs in m, inf where they did not fail."""
-    features, moobds = [], []
-    for test in choose_mapped(_summaries(store)):
-        record = store.test(test.id)
-        if record.drive is not None and len(record.drive.trajectory):
-            segment = segment_of(record.road, record.drive, record.departure)
-            features.append(measure(segment)[scope])
-            moobds.append(record.moobd or 0.0 if record.outcome is Outcome.FAIL else math.inf)
-    return features, np.array(moobds)
 
 
 def _plot_comparison(comparison: Comparison, ax: Axes | None) -> Axes:

@@ -29,11 +29,6 @@ CELLS: Final = 10
 _BINS: Final = "0123456789abcdefghijklmnopqrstuvwxyz"
 
 
-def unit_of(feature: Feature) -> str:
-    """The unit of a feature in a map: speeds are in km/h."""
-    return "km/h" if feature.unit == "m/s" else feature.unit
-
-
 def cells_of(
     feature: Feature, measured: Sequence[Features]
 ) -> tuple[FloatArray, npt.NDArray[np.int64]]:
@@ -96,7 +91,7 @@ def map_section(
         axis = {
             "name": feature.name,
             "description": feature.description,
-            "unit": unit_of(feature),
+            "unit": "km/h" if feature.unit == "m/s" else feature.unit,
             "counts": feature.counts,
         }
         for scope in ("segment", "whole"):
