@@ -11,7 +11,6 @@ from typing import Any, Final
 
 from msgspec.json import encode
 
-from frenetic._support.json_value import JSONValue
 from frenetic.again.rerun import Rerun, elsewhere, own_repeats, read_reruns
 from frenetic.analysis.failures import Clusters, distinct_failures, nearest_misses
 from frenetic.analysis.features import Features
@@ -42,7 +41,6 @@ from frenetic.report.html.tests import (
 )
 from frenetic.report.html.timeline import timeline_section
 from frenetic.search.operators import DOES
-from frenetic.spec import decode_budget
 
 FILMS: Final = "frenetic.films"
 """Group of entry points: functions of a campaign's record that give one of a test, for its `Film`
@@ -114,15 +112,13 @@ def campaign_report(
     shown = _to_show(tests, found, [test.id for one in there for test in one.tests])
     drives, measured = _look(store, shown, [test.id for test in choose_mapped(tests)])
     moobds = {test.id: test.moobd for test in tests if test.moobd is not None}
-    elapsed = store.elapsed()
     top = headline(
         config,
         facts,
         counts,
         clusters,
         folder=str(store.folder),
-        elapsed=elapsed,
-        is_spent=_budget_spent(config, facts, counts, elapsed) >= 1.0,
+        elapsed=store.elapsed(),
         objectives=objectives(store),
         known=still_failing(store),
         trouble=trouble,
@@ -200,23 +196,6 @@ def _look(
             drives[-1]["film"] = film
             room_for_pictures -= 0 if film is None else len(film.pictures)
     return drives, measured
-
-
-def _budget_spent(
-    config: Mapping[str, JSONValue],
-    facts: Mapping[str, JSONValue],
-    counts: Counts,
-    elapsed: float,
-) -> float:
-    """Share of the campaign's last budget that its results have spent, 0..1.
-
-    It is 0 without a usable budget.
-    """
-    try:
-        budget = decode_budget(facts.get("budget", config.get("budget")))
-    except ValueError:
-        return 0.0
-    return budget.spent(counts.simulations, elapsed, counts.failed)
 
 
 def _to_show(

@@ -1,4 +1,4 @@
-"""Failures over simulations, tests and time, beside the random expectation."""
+"""Failures over simulations and time, beside the random expectation."""
 
 from __future__ import annotations
 
@@ -57,14 +57,15 @@ def timeline_of(tests: Sequence[TestSummary], clusters: Clusters) -> tuple[dict[
     opened = tuple(latest[number] for number in found[0].tolist())
 
     failing = [test.id for test, is_it in zip(tested, failed & random, strict=True) if is_it]
-    drawn, drawn_and_driven = (
-        RandomRoads.of(number, failing, clusters) if number else None
-        for number in (int(random.sum()), int((driven & random).sum()))
-    )
-    simulations, numbers = np.cumsum(driven)[shown], shown + 1
-    expected = _expectation(drawn_and_driven, simulations)
+    number = int((driven & random).sum())
+    drawn = RandomRoads.of(number, failing, clusters) if number else None
+    simulations = np.cumsum(driven)[shown]
+    expected: list[FloatArray] = []  # (3, n) value, low, high of failures and distinct failures
+    if drawn is not None:
+        curves = drawn.failures_after(simulations), drawn.distinct_after(simulations)
+        expected = [np.array([curve.value, curve.low, curve.high]) for curve in curves]
 
-    def chart(title: str, x: npt.NDArray[Any], expectation: Sequence[FloatArray]) -> Chart:
+    def chart(title: str, x: npt.NDArray[Any]) -> Chart:
         across = _floats(x, 4)
         # Where no failure is like another, one line lies on the other.
         width = 6.0 if np.array_equal(*found) else 2.4
@@ -76,33 +77,20 @@ def timeline_of(tests: Sequence[TestSummary], clusters: Clusters) -> tuple[dict[
             Series(name, across, _floats(values), stepped=True, **look)
             for (name, look), values in zip(how.items(), found, strict=True)
         ]
-        for (name, look), values in zip(how.items(), expectation, strict=False):
+        for (name, look), values in zip(how.items(), expected, strict=False):
             middle, low, high = (_floats(one, 2) for one in values)
             dashed: dict[str, Any] = {**look, "dashed": True, "width": 1.5}
             lines.append(Series(f"{name} {EXPECTED}", across, middle, low, high, **dashed))
         return Chart(tuple(lines), title, "found so far", counts=True, tests=opened)
 
-    charts = {
-        "simulations": chart("simulations", simulations, expected),
-        "tests": chart(
-            "tests, roads that were refused included", numbers, _expectation(drawn, numbers)
-        ),
-    }
+    charts = {"simulations": chart("simulations", simulations)}
     elapsed = [test.elapsed for test in tested]
     if None not in elapsed:
         # Results may be told in another order than timed.
         seconds = np.maximum.accumulate(np.array(elapsed, dtype=np.float64))[shown]
         unit, length = next(one for one in _UNITS if seconds[-1] >= 3.0 * one[1] or one[1] == 1.0)
-        charts["wall time"] = chart(f"wall time ({unit})", seconds / length, expected)
-    return charts, _caption(drawn_and_driven, bool(random.all()), clusters, int(failed.sum()))
-
-
-def _expectation(random: RandomRoads | None, counts: Any) -> Sequence[FloatArray]:
-    """Failures and distinct failures of so many random roads: (3, n) value, low, high each."""
-    if random is None:
-        return ()
-    curves = random.failures_after(counts), random.distinct_after(counts)
-    return [np.array([curve.value, curve.low, curve.high]) for curve in curves]
+        charts["wall time"] = chart(f"wall time ({unit})", seconds / length)
+    return charts, _caption(drawn, bool(random.all()), clusters, int(failed.sum()))
 
 
 def _caption(
@@ -129,7 +117,7 @@ def _caption(
     )
     if all_random:
         share += " Here all candidates are random."
-    return f"{share} Over tests, roads that were refused count, too. {distinct}"
+    return f"{share} {distinct}"
 
 
 def _floats(values: Any, digits: int = 0) -> tuple[float, ...]:
