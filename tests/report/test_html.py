@@ -223,6 +223,9 @@ def test_a_campaign_without_failures_shows_its_nearest_misses(tmp_path: Path) ->
         assert shown == [one.most_severe for one in misses][:number]
         outcomes = {drive["id"]: drive["outcome"] for drive in report.data["drives"]}
         assert {outcomes[i] for i in shown} == {"PASS"}
+        for drive in report.data["drives"]:  # whose worst moment is on the way
+            oob = 0.01 * np.cumsum(np.cumsum(drive["columns"][list(COLUMNS).index("oob_distance")]))
+            assert oob.min() == pytest.approx(drive["moobd"], abs=0.006)
 
 
 def test_drives_come_back_as_they_were_stored(searched: Path) -> None:
@@ -258,13 +261,19 @@ def test_every_cluster_can_be_opened_or_it_is_said(
 ) -> None:
     with CampaignStore.open(searched) as store:
         clusters = distinct_failures(store)
-    report, _ = report_of(searched)
+    report, sections = report_of(searched)
     assert {one.most_severe for one in clusters} <= {one["id"] for one in report.data["drives"]}
+    (gallery,) = sections["failures"].blocks
+    moobds = {drive["id"]: drive["moobd"] for drive in report.data["drives"]}
+    for one in gallery.data["clusters"]:  # type: ignore[union-attr]
+        assert one["shown"] == sorted(one["shown"], key=lambda i: moobds[i])
+    assert any(len(one["shown"]) > 1 for one in gallery.data["clusters"])  # type: ignore[union-attr]
     monkeypatch.setattr("frenetic.report.html.campaign.DRIVES_SIZE", 20_000)
     report, sections = report_of(searched)
     drives = report.data["drives"]
     assert 2 <= len(drives) < 10
-    assert drives[0]["id"] == clusters[0].most_severe
+    heads = dict.fromkeys(i for one in clusters for i in (one.most_severe, one.typical))
+    assert [drive["id"] for drive in drives] == list(heads)[: len(drives)]
     assert re.search(r"\d+ of \d+ failures can be opened here", sections["failures"].lead)
 
 

@@ -106,7 +106,8 @@ def test_curves_are_thinned_and_have_bands_where_there_are_enough(tmp_path: Path
     distinct = {curve.name: curve for curve in chart.series}
     curve = distinct["long"]
     assert len(curve.x) == len(curve.y) == len(curve.low) == POINTS
-    assert (curve.x[0], curve.x[-1], curve.y[-1]) == (0, 3000, 11.0)
+    assert (curve.x[0], curve.x[-1]) == (0, 3000)
+    assert (curve.low[-1], curve.y[-1], curve.high[-1]) == (10.0, 11.0, 12.0)
     assert curve.singles == ()
     assert (distinct["few"].low, len(distinct["few"].singles)) == ((), 2)
 

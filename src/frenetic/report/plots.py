@@ -73,44 +73,46 @@ def plot(
         ValueError: the drive does not know its road.
         CampaignError: the test's campaign does not record with what it was driven.
     """
-    if isinstance(thing, Comparison):
-        return _plot_comparison(thing, ax)
-    if isinstance(thing, Test):
-        thing = thing.drive or thing.road
-    if isinstance(thing, Road):
-        return _plot_road(thing, ax, map_size)
-    return _plot_drive(thing, ax, road_of(thing, road), map_size)
-
-
-def _plot_road(road: Road, ax: Axes | None, map_size: float | None) -> Axes:
     with mpl.rc_context(STYLE):
-        axes = _axes_above(road, None)[0] if ax is None else ax
-        _draw_above(axes, road, None, map_size)
-        axes.set_title(f"Road, {road.length:.0f} m", loc="left", fontsize=9.0)
+        if isinstance(thing, Comparison):
+            axes = _new_axes(_WIDE, 3.2)[0] if ax is None else ax
+            draw_curves(axes, thing)
+            axes.legend(loc="upper left", frameon=False, fontsize=8.5)
+            return axes
+        if isinstance(thing, Test):
+            thing = thing.drive or thing.road
+        if isinstance(thing, Road):
+            return _plot_above(thing, None, ax, map_size)
+        road = road_of(thing, road)
+        return _plot_above(road, look(road, thing), ax, map_size)
+
+
+def _plot_above(
+    road: Road, seen: SeenDrive | None, ax: Axes | None, map_size: float | None
+) -> Axes:
+    """A road and its drive where they lie on the map; what the axes show already stays in sight."""
+    box, title = box_of(road, seen, 0.0), f"Road, {road.length:.0f} m"
+    if ax is None:
+        width, height = min((_WIDE, _TALL) / box.size) * box.size
+        key = 0.0 if seen is None else _KEY
+        axes, page = _new_axes(max(width, 0.6 * _WIDE), max(height, 2.0), key=key)
+        if seen is not None:
+            right, y = page.width - _RIGHT, page.height - _KEY + 0.1
+            draw_colour_bar(page, right, y, 0.5 * road.lane_width)
+    else:
+        axes = ax
+    if axes.has_data():
+        box = box.holding(np.transpose([axes.get_xlim(), axes.get_ylim()]))
+    focus = None if seen is None else focus_of(seen)
+    draw_scene(View.showing(axes, box, 0.0), road, seen, focus, map_size)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x (m)")
+    axes.set_ylabel("y (m)")
+    if seen is not None:
+        moobd = seen.result.moobd
+        title = f"{seen.result.outcome}{'' if moobd is None else f', MOOBD {signed(moobd)} m'}"
+    axes.set_title(title, loc="left", fontsize=9.0)
     return axes
-
-
-def _plot_drive(drive: Drive, ax: Axes | None, road: Road, map_size: float | None) -> Axes:
-    with mpl.rc_context(STYLE):
-        seen = look(road, drive)
-        if ax is None:
-            axes, page = _axes_above(road, seen, key=_KEY)
-            right = page.width - _RIGHT
-            draw_colour_bar(page, right, page.height - _KEY + 0.1, 0.5 * road.lane_width)
-        else:
-            axes = ax
-        _draw_above(axes, road, seen, map_size)
-        result = seen.result
-        least = "" if result.moobd is None else f", MOOBD {signed(result.moobd, 2)} m"
-        axes.set_title(f"{result.outcome}{least}", loc="left", fontsize=9.0)
-    return axes
-
-
-def _axes_above(road: Road, seen: SeenDrive | None, key: float = 0.0) -> tuple[Axes, Paper]:
-    """Axes in a new figure as wide and tall as suits a road from above."""
-    box = box_of(road, seen, 0.0)
-    width, height = min((_WIDE, _TALL) / box.size) * box.size
-    return _new_axes(max(width, 0.6 * _WIDE), max(height, 2.0), key=key)
 
 
 def _new_axes(width: float, height: float, *, key: float = 0.0) -> tuple[Axes, Paper]:
@@ -120,18 +122,6 @@ def _new_axes(width: float, height: float, *, key: float = 0.0) -> tuple[Axes, P
     wide, tall = _LEFT + width + _RIGHT, _TOP + height + _BOTTOM + key
     page = Paper(plt.figure(figsize=(wide, tall)), wide, tall)
     return page.axes(_LEFT, _TOP, width, height, bare=False), page
-
-
-def _draw_above(axes: Axes, road: Road, seen: SeenDrive | None, map_size: float | None) -> None:
-    """A road and its drive where they lie on the map; what the axes show already stays in sight."""
-    box = box_of(road, seen, 0.0)
-    if axes.has_data():
-        box = box.holding(np.transpose([axes.get_xlim(), axes.get_ylim()]))
-    focus = None if seen is None else focus_of(seen)
-    draw_scene(View.showing(axes, box, 0.0), road, seen, focus, map_size)
-    axes.set_aspect("equal")
-    axes.set_xlabel("x (m)")
-    axes.set_ylabel("y (m)")
 
 
 # Campaigns
@@ -231,12 +221,4 @@ def plot_progress(campaign: Place, ax: Axes | None = None) -> Axes:
             }
             draw_chart(axes, chart, names)
             axes.legend(loc="upper left", frameon=False, fontsize=8.5)
-    return axes
-
-
-def _plot_comparison(comparison: Comparison, ax: Axes | None) -> Axes:
-    with mpl.rc_context(STYLE):
-        axes = _new_axes(_WIDE, 3.2)[0] if ax is None else ax
-        draw_curves(axes, comparison)
-        axes.legend(loc="upper left", frameon=False, fontsize=8.5)
     return axes
