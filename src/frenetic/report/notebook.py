@@ -19,6 +19,7 @@ from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.drive import Drive
 from frenetic.errors import CampaignError
+from frenetic.export.tables import opened
 from frenetic.report.comparison import draw_curves
 from frenetic.report.html.headline import headline
 from frenetic.report.picture import Fact, draw_sheet, facts_of_drive, facts_of_road, sheet_row
@@ -63,19 +64,15 @@ def _test(test: Test) -> str:
 
 
 @html_of.register
-def _campaign(campaign: Campaign) -> str:
+def _campaign(campaign: Campaign | CampaignStore) -> str:
     if not campaign.folder.exists():
         return f"<p>{html.escape(repr(campaign))}</p>"
-    with CampaignStore.open(campaign.folder) as store:
-        return _store(store)
-
-
-@html_of.register
-def _store(store: CampaignStore) -> str:
-    title, items = failures_to_show(store, FAILURES, COMPARED)
-    picture = _sheet(items, 2.0 * min(len(items), 3), title) if items else ""
-    nothing, elapsed = Clusters((), 0.0), store.elapsed()
-    top = headline(store.config, store.facts, store.counts(), nothing, folder="", elapsed=elapsed)
+    with opened(campaign) as store:
+        title, items = failures_to_show(store, FAILURES, COMPARED)
+        picture = _sheet(items, 2.0 * min(len(items), 3), title) if items else ""
+        nothing, elapsed = Clusters((), 0.0), store.elapsed()
+        counts = store.counts()
+        top = headline(store.config, store.facts, counts, nothing, folder="", elapsed=elapsed)
     told = (tile for tile in top.tiles if tile.label != "distinct failures")
     return _card(title, top.lead, picture, [(one.label, one.value, one.note) for one in told])
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import shlex
 import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,6 +20,7 @@ from frenetic.campaign.objective import objectives
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
+from frenetic.export.tables import Place, opened
 from frenetic.outcome import Outcome
 from frenetic.registry import imported, installed
 from frenetic.report.html.blocks import Part, Section
@@ -29,7 +29,7 @@ from frenetic.report.html.feature_map import choose_mapped, map_section, measure
 from frenetic.report.html.gallery import gallery_section
 from frenetic.report.html.headline import headline
 from frenetic.report.html.operators import operators_section
-from frenetic.report.html.page import Report, made_by, write_page
+from frenetic.report.html.page import Report, write_page
 from frenetic.report.html.repeating import drive_options, repeat_section
 from frenetic.report.html.tests import (
     COLUMNS,
@@ -54,7 +54,7 @@ REPORT: Final = "report.html"
 
 
 def write_report(
-    campaign: CampaignStore | Path | str,
+    campaign: Place,
     path: Path | str | None = None,
     *,
     clusters: Clusters | None = None,
@@ -77,12 +77,7 @@ def write_report(
         CampaignError: there is no campaign, or it is damaged.
         FreneticError: the file cannot be written.
     """
-    with ExitStack() as stack:
-        store = (
-            campaign
-            if isinstance(campaign, CampaignStore)
-            else stack.enter_context(CampaignStore.open(Path(campaign)))
-        )
+    with opened(campaign) as store:
         path = store.folder / REPORT if path is None else Path(path)
         report = campaign_report(store, clusters=clusters, misses=misses, sections=sections)
     return write_page(report, path)
@@ -139,7 +134,6 @@ def campaign_report(
             repeat_section(config, facts),
             *sections,
         ),
-        made_by=made_by(),
         data={
             "campaign": _shell(store.folder),
             "drive_options": drive_options(config),

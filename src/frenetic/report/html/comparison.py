@@ -26,7 +26,7 @@ from frenetic.report.html.blocks import (
 from frenetic.report.html.blocks import command as command_block
 from frenetic.report.html.campaign import REPORT
 from frenetic.report.html.groups import group_curves, group_pairs, group_spreads, group_tables
-from frenetic.report.html.page import Report, made_by, write_page
+from frenetic.report.html.page import Report, write_page
 
 MOST_TILES: Final = 8
 """Most groups in the headline."""
@@ -125,7 +125,6 @@ def comparison_report(
             Section("campaigns", "Campaigns", (_campaigns(comparison, folder),)),
             _configuration(comparison, facts, command),
         ),
-        made_by=made_by(),
     )
 
 

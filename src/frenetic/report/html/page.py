@@ -34,13 +34,21 @@ SCRIPTED: Final = frozenset({"chart", "switch", "gallery", "elsewhere", "feature
 _SECTION_ID: Final = re.compile(r"[a-z][a-z0-9-]*")
 
 
+def made_by() -> str:
+    """The program and its version, for the foot of a page."""
+    try:
+        return f"frenetic {version('frenetic-roads')}"
+    except PackageNotFoundError:
+        return "frenetic, version unknown"
+
+
 @dataclass(frozen=True)
 class Report:
     """The contents of a page."""
 
     title: str
     sections: tuple[Section, ...]
-    made_by: str = ""
+    made_by: str = field(default_factory=made_by)
     """The program and its version."""
     data: Mapping[str, Any] = field(default_factory=dict)
     """What the script needs beside the blocks, see `campaign_report` and `animate`."""
@@ -86,14 +94,6 @@ def write_page(report: Report, path: Path | str) -> Path:
     path = Path(path)
     write_file(path, render(report), remedy="choose another place for the page")
     return path
-
-
-def made_by() -> str:
-    """The program and its version, for the foot of a page."""
-    try:
-        return f"frenetic {version('frenetic-roads')}"
-    except PackageNotFoundError:
-        return "frenetic, version unknown"
 
 
 def _plain(block: Block) -> dict[str, Any]:

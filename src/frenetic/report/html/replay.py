@@ -11,7 +11,7 @@ from frenetic._support.files import write_file
 from frenetic.analysis.segments import segment_of
 from frenetic.campaign.record import Test
 from frenetic.drive import Drive
-from frenetic.report.html.page import Report, made_by, render
+from frenetic.report.html.page import Report, render
 from frenetic.report.html.tests import COLUMNS, drive_data
 from frenetic.report.scene import look, road_of
 from frenetic.road import Road
@@ -83,4 +83,4 @@ def animate(thing: Drive | Test, *, road: Road | None = None) -> Replay:
         "resolutions": COLUMNS,
         "drives": [drive_data(number, result, segment)],
     }
-    return Replay(title, render(Report(title, (), made_by(), data)))
+    return Replay(title, render(Report(title, (), data=data)))
