@@ -224,7 +224,7 @@ def test_what_cannot_be_written_is_one_line(tmp_path: Path) -> None:
     assert left_behind(tmp_path) == ["file", "folder.png"]
 
 
-@pytest.mark.parametrize("count", [1, 2, 7, 50])
+@pytest.mark.parametrize("count", [1, 7, 20])
 def test_a_contact_sheet_shows_every_caption(count: int, tmp_path: Path) -> None:
     drives = [drive_along(WINDING), drive_along(HAIRPIN, drift=-5.0), nothing("It broke")]
     roads = [WINDING, HAIRPIN, WINDING]
