@@ -65,7 +65,7 @@ def take_pictures(browser: Browser, report: Path) -> None:
     page = opened(browser, report, 1180, 1010)
     save(page, "report-top")
     page.set_viewport_size({"width": 1180, "height": 860})
-    page.locator(".cell[class*=severity-5], .cell[class*=severity-4]").first.click()
+    page.locator(".cell.severity.depth-5, .cell.severity.depth-4").first.click()
     page.locator("#map").scroll_into_view_if_needed()
     page.evaluate("document.getElementById('map').scrollIntoView({behavior: 'instant'})")
     save(page, "report-map")

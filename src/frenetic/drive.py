@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.notebook import Shown
 from frenetic._support.scalars import take_numpy_scalars
 from frenetic.errors import Fault, traceback_of
 
@@ -173,7 +172,7 @@ class Breakdown(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Drive(Shown):
+class Drive:
     """One execution of a road test."""
 
     trajectory: Trajectory

@@ -42,7 +42,6 @@ from frenetic.drivers import Driver, Planner
 from frenetic.errors import CampaignError
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
-from frenetic.report.elsewhere import pictures_of, write_elsewhere
 from frenetic.road import Road
 from frenetic.search import RandomSearch
 from frenetic.simulators import Drive, EmbeddedSimulator, Rules, Vehicle
@@ -315,24 +314,6 @@ def test_of_several_drives_of_a_test_the_last_judged_ones_count(campaign: Path) 
     (kept,) = there(campaign)
     assert [one.id for one in kept.tests] == [first, second]
     assert [one.change for one in kept.tests] == [Change.PASSES_NOW] * 2
-
-
-def raising(road: Road) -> float:
-    raise OSError(f"no connection on {road}")
-
-
-def test_pictures_are_of_what_was_driven(campaign: Path) -> None:
-    ids = [test.id for test in failures_in(campaign)][:2]
-    nothing = rerun(campaign, DummySimulator(raising), DummyDriver(), tests=ids)
-    found = rerun(campaign, EmbeddedSimulator(friction=0.9), Planner(), tests=ids)
-    with CampaignStore.open(campaign) as store:
-        assert write_elsewhere(store, nothing) is None
-        gallery = write_elsewhere(store, found)
-    folder = campaign / pictures_of(found)
-    assert gallery == folder / "gallery.png"
-    names = {path.name for path in folder.iterdir()}
-    assert names == {"gallery.png", *(f"test-{number:05d}.png" for number in ids)}
-    assert all(path.read_bytes()[:4] == b"\x89PNG" for path in folder.iterdir())
 
 
 # Once

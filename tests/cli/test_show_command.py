@@ -68,8 +68,8 @@ def test_nothing_failed_so_run_show_and_pictures_give_the_nearest_misses(
     assert near[0]["moobd"] == shown["min_moobd"]
     for one in near:
         assert one["description"] in " ".join(frenetic("show", "slow").out.split())
-    pictures = sorted(path.name for path in Path("slow/failures").glob("near-miss-*.png"))
-    assert pictures == sorted(f"near-miss-{one['most_severe']:05d}.png" for one in near)
+    pictures = sorted(path.name for path in Path("slow/pictures").iterdir())
+    assert pictures == sorted(f"test-{one['most_severe']:05d}.png" for one in near)
     assert Path("slow/failures/gallery.png").is_file()
     assert not list(Path("slow/failures").glob("*.json"))
 
@@ -114,15 +114,6 @@ def test_headings_say_how_many_drives_broke(
         assert broken in text
         assert "Nothing failed" not in text
         assert "No failure" not in text
-
-
-def test_pictures_of_near_misses_make_way_for_failures(frenetic: Frenetic, campaign: str) -> None:
-    Path(campaign, "failures").mkdir(exist_ok=True)
-    Path(campaign, "failures", "near-miss-00001.png").touch()
-    answer = frenetic("resume", campaign, "--simulations", "1", "--workers", "1", "--json")
-    assert answer.json["near_misses"] == []
-    assert not list(Path(campaign, "failures").glob("near-miss-*"))
-    assert list(Path(campaign, "failures").glob("test-*.png"))
 
 
 def test_show_lists_tests_by_outcome_severity_and_feature(

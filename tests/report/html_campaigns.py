@@ -16,7 +16,8 @@ from frenetic.search import Candidate, Frenetic2021, Origin
 from frenetic.simulators import EmbeddedSimulator
 
 HOSTILE = (
-    "</script><script>window.hacked = 1</script><!-- \u2028 & ' \" <img src=x onerror=hacked=1>"
+    "</script ></script><script>window.hacked = 1</script><!-- \u2028 & ' \" "
+    "<img src=x onerror=hacked=1>"
 )
 """A text that a page must show and never run."""
 
@@ -86,27 +87,3 @@ def make_refused(folder: Path, searched: Path) -> Path:
             )
         )
     return folder
-
-
-def make_large(folder: Path, searched: Path, tests: int) -> int:
-    """A campaign of so many tests that repeat the drives of another; how many of them failed.
-
-    Nine of twenty fail.
-    """
-    with CampaignStore.open(searched) as store:
-        config = store.config
-        failed, passed = (
-            list(store.tests(outcome, order_by="moobd", with_trajectory=True))
-            for outcome in (Outcome.FAIL, Outcome.PASS)
-        )
-    failures = 0
-    with CampaignStore.create(folder, config) as store:
-        for number in range(1, tests + 1):
-            fails = number % 20 < 9
-            found = failed if fails else passed
-            failures += fails
-            like = found[number % len(found)]
-            candidate = replace(like.candidate, id=number, origin=Origin("random"))
-            store.asked(candidate)
-            store.told(replace(like, candidate=candidate, told=number, elapsed=0.002 * number))
-    return failures

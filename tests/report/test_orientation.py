@@ -9,7 +9,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from frenetic.report.html.tests import RoadData
+from frenetic.report.html.tests import road_data
 from frenetic.report.orientation import turn_of, turned
 from frenetic.report.scene import OOB_COLOURS
 from frenetic.road import Pose, Road
@@ -45,7 +45,7 @@ def test_where_a_road_lies_on_the_map_does_not_matter(angle: float) -> None:
 
 def test_the_page_turns_a_road_like_the_pictures() -> None:
     road = Road(S_BEND, 10.0)
-    assert RoadData.of(road).turn == pytest.approx(turn_of(road), abs=1e-3)
+    assert road_data(road)["turn"] == pytest.approx(turn_of(road), abs=1e-3)
 
 
 def test_page_and_pictures_have_one_colour_scale() -> None:

@@ -9,6 +9,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 
@@ -41,9 +42,7 @@ def drive_along(
     It goes `until` m, by default the whole road, and then stands for `stand` s.
     """
     end = road.length if until is None else until
-    s = np.arange(0.0, end, speed / RATE)
-    if not len(s):
-        s = np.zeros(1)
+    s = np.arange(0.0, end, speed / RATE) if end > 0.0 else np.zeros(1)
     s = np.concatenate([s, np.full(round(stand * RATE), s[-1])])
     poses = np.array([road.pose_at(float(v)) for v in s])
     offset = -0.5 * road.lane_width + drift * (s / road.length) ** 3
@@ -57,13 +56,12 @@ def drive_along(
 
 
 SHORT = bends(0.0, 0.02, 0.0, step=10.5)
-STRAIGHT = bends(*[0.0] * 26)
 HAIRPIN = bends(0, 0, 0, 0, 0.02, 0.06, 0.065, 0.06, 0.065, 0.03, 0, 0, 0, 0)
 WINDING = Road(0.06 * np.sin(np.arange(26)), pose=Pose(60.0, 40.0, 0.4))
 LOOP = bends(*[0.1] * 30)  # goes around several times
 ROADS = {
     "short": SHORT,
-    "straight": STRAIGHT,
+    "straight": bends(*[0.0] * 26),
     "hairpin": HAIRPIN,
     "winding": WINDING,
     "loop": LOOP,
@@ -93,58 +91,33 @@ def left_behind(folder: Path) -> list[str]:
     return sorted(p.name for p in folder.iterdir())
 
 
-def test_a_png_is_a_png_of_a_good_size(tmp_path: Path) -> None:
-    draw_drive(WINDING, drive_along(WINDING), tmp_path / "a.png")
-    width, height = png_size(tmp_path / "a.png")
-    assert 1000 <= width <= 1400
-    assert 700 <= height <= 1600
-    assert left_behind(tmp_path) == ["a.png"]
-
-
 def test_a_failure_says_what_happened(tmp_path: Path) -> None:
     drive = drive_along(HAIRPIN, drift=5.0)
     result = judge(HAIRPIN, drive)
     assert result.outcome is Outcome.FAIL
-    assert result.departure is not None
     draw_drive(HAIRPIN, drive, tmp_path / "a.svg", title="Test 123: FAIL", map_size=200.0)
     texts = svg_texts(tmp_path / "a.svg")
-    assert "Test 123: FAIL" in texts
-    assert result.reason in texts
-    for label in (
-        "distance along the road (m)",
-        "oob distance (m)",
-        "curvature (1/m)",
-        "speed (km/h)",
-        "start",
-        "end",
-        "departure",
-        "departure to the left",
-        f"{result.moobd:.2f} m".replace("-", "−"),
-        f"{result.duration:.1f} s",
-        f"{HAIRPIN.length:.0f} m",
-    ):
-        assert label in texts
+    labels = {"distance along the road (m)", "oob distance (m)", "curvature (1/m)", "start", "end"}
+    labels |= {"speed (km/h)", "departure", "departure to the left", "edge of the map"}
+    figures = {f"{result.duration:.1f} s", f"{HAIRPIN.length:.0f} m"}
+    figures.add(f"{result.moobd:.2f} m".replace("-", "−"))
+    assert labels | figures | {"Test 123: FAIL", result.reason} <= set(texts)
     assert any(text.startswith("MOOBD −") for text in texts)
 
 
 def test_a_pass_has_no_departure(tmp_path: Path) -> None:
     drive = drive_along(WINDING, drift=1.0)
-    assert judge(WINDING, drive).outcome is Outcome.PASS
-    draw_drive(WINDING, drive, tmp_path / "a.svg")
+    draw_drive(WINDING, drive, tmp_path / "a.svg", map_size=1000.0)
     texts = svg_texts(tmp_path / "a.svg")
-    assert "Drive: PASS" in texts
-    assert "departure" not in texts
-    assert "none" in texts
+    assert {"Drive: PASS", "none"} <= set(texts)
+    assert not {"departure", "edge of the map"} & set(texts)
 
 
 @pytest.mark.parametrize(
     ("name", "drift"),
-    [
-        *((name, 5.0) for name in ROADS),
-        *((name, drift) for name in ("hairpin", "loop") for drift in (0.0, -5.0)),
-    ],
+    [*((name, 5.0) for name in ROADS), ("hairpin", 0.0), ("loop", -5.0)],
 )
-def test_every_road_can_be_drawn_driven(name: str, drift: float, tmp_path: Path) -> None:
+def test_every_road_can_be_drawn(name: str, drift: float, tmp_path: Path) -> None:
     road = ROADS[name]
     speed = max(0.2, road.length / 20.0)
     path = tmp_path / "a.png"
@@ -152,14 +125,12 @@ def test_every_road_can_be_drawn_driven(name: str, drift: float, tmp_path: Path)
     width, height = png_size(path)
     assert width == 1210
     assert 600 <= height <= 1600
-
-
-@pytest.mark.parametrize("name", ROADS)
-def test_every_road_can_be_drawn_alone(name: str, tmp_path: Path) -> None:
-    draw_road(ROADS[name], tmp_path / "a.svg", reason="The road is too sharp", map_size=200.0)
+    draw_road(road, tmp_path / "a.svg", reason="The road is too sharp", map_size=200.0)
     texts = svg_texts(tmp_path / "a.svg")
-    assert {"Road", "The road is too sharp", "curvature (1/m)", "start", "end"} <= set(texts)
+    assert {"Road", "The road is too sharp", "curvature (1/m)"} <= set(texts)
+    assert texts.count("start") == texts.count("end") == 1
     assert "oob distance (m)" not in texts
+    assert left_behind(tmp_path) == ["a.png", "a.svg"]
 
 
 def nothing(error: str | None) -> Drive:
@@ -167,58 +138,37 @@ def nothing(error: str | None) -> Drive:
     return Drive(Trajectory.from_rows(empty), error=error)
 
 
-def broken(*rows: tuple[int, float, float]) -> Drive:
-    """A drive whose records from `k` on lie at (x, y), for each (k, x, y)."""
+def broken(k: int, x: float, y: float) -> Drive:
+    """A drive whose records from `k` on lie at (x, y)."""
     table = drive_along(WINDING).trajectory.to_rows()
-    for k, x, y in rows:
-        table[k:, 1:3] = x, y
+    table[k:, 1:3] = x, y
     return Drive(Trajectory.from_rows(table), error="The simulator crashed")
 
 
-@pytest.mark.parametrize(
-    "drive",
-    [
-        nothing(None),
-        nothing("The simulator did not start"),
-        drive_along(WINDING, until=0.0),
-        drive_along(WINDING, until=60.0),
-        drive_along(WINDING, until=60.0, error="The driver raised ValueError: $x_1"),
-        broken((100, 1e5, -1e5)),
-        broken((100, 1e30, 1e30)),
-        broken((100, np.nan, np.inf)),
-        broken((0, np.nan, 0.0)),
-    ],
-    ids=[
-        "nothing", "no start", "one record", "stopped", "error", "astray", "far", "not a number",
-        "no number",
-    ],
-)  # fmt: skip
-def test_a_broken_drive_is_shown_as_far_as_it_went(drive: Drive, tmp_path: Path) -> None:
-    draw_drive(WINDING, drive, tmp_path / "a.svg")
-    draw_drive(WINDING, drive, tmp_path / "a.png")
-    texts = svg_texts(tmp_path / "a.svg")
-    assert "Drive: ERROR" in texts
-    assert "–" in texts
+TIMEOUT = Rules(timeout_base=1.0, timeout_speed=10.0)
+ENDS: dict[str, tuple[Drive, str]] = {
+    "nothing": (nothing(None), "Drive: ERROR"),
+    "no start": (nothing("The simulator did not start"), "Drive: ERROR"),
+    "one record": (drive_along(WINDING, until=0.0), "Drive: ERROR"),
+    "stopped": (drive_along(WINDING, until=60.0), "Drive: ERROR"),
+    "error": (drive_along(WINDING, until=60.0, error="It raised ValueError: $x_1"), "Drive: ERROR"),
+    "astray": (broken(100, 1e5, -1e5), "Drive: ERROR"),
+    "far": (broken(100, 1e30, 1e30), "Drive: ERROR"),
+    "not a number": (broken(100, np.nan, np.inf), "Drive: ERROR"),
+    "no number": (broken(0, np.nan, 0.0), "Drive: ERROR"),
+    "stuck": (drive_along(WINDING, until=80.0, stand=12.0), "ended at "),
+    "timeout": (drive_along(WINDING, speed=3.0, rules=TIMEOUT), "ended at "),
+}
 
 
-@pytest.mark.parametrize(
-    ("drive", "words"),
-    [
-        (drive_along(WINDING, until=80.0, stand=12.0), "Car moved less than"),
-        (
-            drive_along(WINDING, speed=3.0, rules=Rules(timeout_base=1.0, timeout_speed=10.0)),
-            "Car took longer",
-        ),
-    ],
-    ids=["stuck", "timeout"],
-)
-def test_a_failure_in_the_lane_shows_where_it_ended(
-    drive: Drive, words: str, tmp_path: Path
-) -> None:
-    draw_drive(WINDING, drive, tmp_path / "a.svg")
+@pytest.mark.parametrize("name", ENDS)
+def test_a_drive_that_did_not_arrive_is_shown_as_far_as_it_went(name: str, tmp_path: Path) -> None:
+    drive, said = ENDS[name]
+    for file in ("a.svg", "a.png"):
+        draw_drive(WINDING, drive, tmp_path / file)
     texts = svg_texts(tmp_path / "a.svg")
-    assert any(text.startswith(words) for text in texts)
-    assert any(text.startswith("ended at ") for text in texts)
+    assert any(text.startswith(said) for text in texts)
+    assert judge(WINDING, drive).reason in texts
 
 
 def test_any_title_and_reason_can_be_written(tmp_path: Path) -> None:
@@ -231,56 +181,50 @@ def test_any_title_and_reason_can_be_written(tmp_path: Path) -> None:
     assert any(t.startswith("why & <why> $y$ because") for t in texts)
 
 
-def test_a_loop_around_the_start_hides_no_label(tmp_path: Path) -> None:
-    draw_road(bends(*[0.025] * 25), tmp_path / "a.svg")
-    texts = svg_texts(tmp_path / "a.svg")
-    assert texts.count("start") == texts.count("end") == 1
-
-
 @pytest.mark.parametrize(
     ("name", "start"),
     [("a.png", b"\x89PNG"), ("A.PNG", b"\x89PNG"), ("a.svg", b"<?xml"), ("a.pdf", b"%PDF-")],
 )
-def test_the_same_drive_gives_the_same_bytes_whatever_was_there(
+def test_the_same_drive_gives_the_same_bytes_whatever_was_there_or_is_set(
     name: str, start: bytes, tmp_path: Path
 ) -> None:
     drive, path = drive_along(HAIRPIN, drift=5.0), tmp_path / name
     path.write_bytes(b"old")
     pictures = set()
-    for _ in range(2):
-        draw_drive(HAIRPIN, drive, path, map_size=200.0)
+    for settings in ({}, {"font.size": 30.0, "svg.fonttype": "path", "savefig.bbox": "tight"}):
+        with mpl.rc_context(settings):
+            before = dict(mpl.rcParams)
+            draw_drive(HAIRPIN, drive, path, map_size=200.0)
+            assert dict(mpl.rcParams) == before
         pictures.add(path.read_bytes())
     assert len(pictures) == 1
     assert pictures.pop().startswith(start)
 
 
-@pytest.mark.parametrize("name", ["a.jpeg", "a", "a.png.txt"])
-def test_another_suffix_is_refused(name: str, tmp_path: Path) -> None:
+def test_what_cannot_be_written_is_one_line(tmp_path: Path) -> None:
     drive = drive_along(SHORT)
-    path = tmp_path / name
-    draws: list[Callable[[], None]] = [
-        lambda: draw_road(SHORT, path),
-        lambda: draw_drive(SHORT, drive, path),
-        lambda: draw_gallery([("a", SHORT, drive)], path),
+    draws: list[Callable[[Path], None]] = [
+        lambda path: draw_road(SHORT, path),
+        lambda path: draw_drive(SHORT, drive, path),
+        lambda path: draw_gallery([("a", SHORT, drive)], path),
     ]
-    for draw in draws:
-        with pytest.raises(FreneticError, match=r"must end with \.png, \.svg or \.pdf") as caught:
-            draw()
-        assert "\n" not in str(caught.value)
-    assert left_behind(tmp_path) == []
-
-
-def test_a_path_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "folder.png").mkdir()
     (tmp_path / "file").write_text("in the way")
-    for name in ("folder.png", "missing/a.png", "file/a.png"):
-        with pytest.raises(FreneticError, match="cannot write the picture") as caught:
-            draw_road(SHORT, tmp_path / name)
-        assert "\n" not in str(caught.value)
+    suffix, place = r"must end with \.png, \.svg or \.pdf", "cannot write the picture"
+    mistakes = dict.fromkeys(("a.jpeg", "a", "a.png.txt"), suffix)
+    mistakes |= dict.fromkeys(("folder.png", "missing/a.png", "file/a.png"), place)
+    for name, said in mistakes.items():
+        for draw in draws:
+            with pytest.raises(FreneticError, match=said) as caught:
+                draw(tmp_path / name)
+            assert "\n" not in str(caught.value)
+    for count in (0, 401):
+        with pytest.raises(FreneticError, match="1 to 400 are allowed"):
+            draw_gallery([("a", SHORT, drive)] * count, tmp_path / "a.png")
     assert left_behind(tmp_path) == ["file", "folder.png"]
 
 
-@pytest.mark.parametrize("count", [1, 2, 7, 50])
+@pytest.mark.parametrize("count", [1, 7, 20])
 def test_a_contact_sheet_shows_every_caption(count: int, tmp_path: Path) -> None:
     drives = [drive_along(WINDING), drive_along(HAIRPIN, drift=-5.0), nothing("It broke")]
     roads = [WINDING, HAIRPIN, WINDING]
@@ -293,20 +237,6 @@ def test_a_contact_sheet_shows_every_caption(count: int, tmp_path: Path) -> None
     png_size(tmp_path / "a.png")
 
 
-@pytest.mark.parametrize("count", [0, 401])
-def test_a_contact_sheet_has_a_size(count: int, tmp_path: Path) -> None:
-    with pytest.raises(FreneticError, match="1 to 400 are allowed"):
-        draw_gallery([("a", SHORT, drive_along(SHORT))] * count, tmp_path / "a.png")
-    assert left_behind(tmp_path) == []
-
-
-def run(code: str) -> str:
-    result = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    )
-    return result.stdout.strip()
-
-
 def test_drawing_waits_for_matplotlib_and_touches_no_backend(tmp_path: Path) -> None:
     path = tmp_path / "a.png"
     code = (
@@ -315,18 +245,7 @@ def test_drawing_waits_for_matplotlib_and_touches_no_backend(tmp_path: Path) -> 
         "from frenetic.report import draw_road\n"
         "from frenetic.road import Road\n"
         f"draw_road(Road([0.0, 0.01, 0.0]), pathlib.Path({str(path)!r}))\n"
-        "print('matplotlib.pyplot' in sys.modules)"
+        "assert 'matplotlib.pyplot' not in sys.modules\n"
     )
-    assert run(code) == "False"
+    subprocess.run([sys.executable, "-c", code], check=True)
     png_size(path)
-
-
-def test_the_callers_matplotlib_settings_neither_matter_nor_change(tmp_path: Path) -> None:
-    import matplotlib as mpl
-
-    draw_road(WINDING, tmp_path / "a.svg")
-    with mpl.rc_context({"font.size": 30.0, "svg.fonttype": "path", "savefig.bbox": "tight"}):
-        before = dict(mpl.rcParams)
-        draw_road(WINDING, tmp_path / "b.svg")
-        assert dict(mpl.rcParams) == before
-    assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()

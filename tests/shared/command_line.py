@@ -44,8 +44,6 @@ Frenetic = Callable[..., Answer]
 DRAWINGS = (
     "frenetic.report.picture.draw_drive",
     "frenetic.report.picture.draw_gallery",
-    "frenetic.report.elsewhere.draw_pair",
-    "frenetic.report.elsewhere.draw_pairs",
 )
 """What draws pictures into files."""
 

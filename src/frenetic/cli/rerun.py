@@ -139,11 +139,9 @@ def rerun(
     else:
         is_as_before = not asked and all(value in (None, ()) for value in given.values())
         _print(found, times, is_as_before, is_elsewhere, with_rows=bool(test_ids))
-        see = f"to see it: frenetic report {shell(campaign)}"
+        what = "both paths" if is_elsewhere else "it"
+        see = f"to see {what}: frenetic report {shell(campaign)}"
         click.echo(f"Kept in {found.folder}; {see if out is None else 'the same command shows it'}")
-    gallery = _draw(log, campaign, found, out) if is_elsewhere else None
-    if gallery is not None and not as_json:
-        click.echo(f"At a glance: {gallery}")
     if found.missing:
         left = counted(found.missing, "drive")
         raise interrupted(log, f"{left} to go; the same command goes on")
@@ -154,15 +152,6 @@ def rerun(
 
 def _driven_tests(store: CampaignStore) -> list[int]:
     return [test.id for test in store.tests() if test.outcome.is_driven]
-
-
-def _draw(log: Log, campaign: Path, found: Rerun, out: Path | None) -> Path | None:
-    """Draws the paths in another simulator beside the campaign's; None if there are none."""
-    from frenetic.campaign import CampaignStore
-    from frenetic.report.elsewhere import write_elsewhere  # matplotlib imports slowly
-
-    with log.status("Drawing both paths"), CampaignStore.open(campaign) as store:
-        return write_elsewhere(store, found, out)
 
 
 def _print(

@@ -19,7 +19,7 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic._support.words import text_cell
 from frenetic.analysis.competition import failure_segment
-from frenetic.analysis.sparseness import MOST_COMPARED, largest_distances
+from frenetic.analysis.sparseness import MOST_COMPARED
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.drive import Drive
@@ -215,24 +215,60 @@ def write_competition_folder(
         driven: only files of tests of these hold execution data.
         sides: whose ``left_oob`` and ``right_oob``. By geometry they add up to ``total_oob``. The
             competition's side is that of `CompetitionSegment`, where its code makes a segment.
-        on_test: called after each test with their number so far.
+        on_test: called with the number of tests so far.
 
     Raises:
         CampaignError: the campaign is damaged.
         OSError: a file cannot be written.
     """
-    failures = store.by_outcome()[Outcome.FAIL]
-    statistics = _Statistics(sides, with_sparseness=failures <= MOST_COMPARED)
+    compared = store.by_outcome()[Outcome.FAIL] <= MOST_COMPARED
+    numbers: Counter[Outcome] = Counter()
+    by_side: Counter[str] = Counter()
+    segments: list[FloatArray] = []
+    departures, driven_for, simulated, elapsed = 0, 0.0, 0.0, 0.0
     for done, record in enumerate(store.tests(), start=1):
-        outcome = record.outcome
-        if outcome.is_test:
-            statistics.count(record)
-            if outcome in outcomes:
-                _write_test(folder, store.test(record.id) if outcome in driven else record)
+        outcome, departure = record.outcome, record.departure
         on_test(done)
+        if not outcome.is_test:
+            continue
+        numbers[outcome] += 1
+        simulated += record.result.duration or 0.0
+        driven_for += 0.0 if outcome is Outcome.INVALID else record.attempt.seconds
+        elapsed = record.elapsed
+        if outcome is Outcome.FAIL and departure is not None:
+            departures += 1
+            by_geometry = sides == "geometry"
+            segment = failure_segment(record) if compared or not by_geometry else None
+            if by_geometry:
+                by_side[str(departure.side)] += 1
+            elif segment is not None:
+                by_side[segment.side] += 1
+            if segment is not None and compared:
+                segments.append(segment.points)
+        if outcome in outcomes:
+            _write_test(folder, store.test(record.id) if outcome in driven else record)
     alone = store.config.get("workers", 1) == 1 and store.config.get("cluster") is None
-    _write_row(folder / "generation_stats.csv", statistics.generation(alone))
-    _write_row(folder / "oob_stats.csv", statistics.out_of_bounds())
+    distances = largest_distances(segments)
+    generation = {
+        "test_generated": numbers.total(),
+        "test_valid": numbers.total() - numbers[Outcome.INVALID],
+        "test_invalid": numbers[Outcome.INVALID],
+        "test_passed": numbers[Outcome.PASS],
+        "test_failed": numbers[Outcome.FAIL],
+        "test_in_error": numbers[Outcome.ERROR],
+        "real_time_generation": round(elapsed - driven_for, 3) if alone else None,
+        "real_time_execution": round(driven_for, 3),
+        "simulated_time_execution": round(simulated, 3),
+    }
+    out_of_bounds = {
+        "total_oob": departures,
+        "left_oob": by_side["left"],
+        "right_oob": by_side["right"],
+        "avg_sparseness": round(float(distances.mean()), 6) if len(distances) else None,
+        "stdev_sparseness": round(float(distances.std()), 6) if len(distances) else None,
+    }
+    _write_row(folder / "generation_stats.csv", generation)
+    _write_row(folder / "oob_stats.csv", out_of_bounds)
     _write_row(folder / "experiment_description.csv", _experiment(store))
 
 
@@ -240,69 +276,6 @@ def _write_test(folder: Path, test: Test) -> None:
     path = folder / f"test.{test.id:04d}.json"
     text = json.dumps(stored_test_document(test), allow_nan=False)
     path.write_text(f"{text}\n", encoding="utf-8")
-
-
-class _Statistics:
-    """Totals of the tests for the competition's tables."""
-
-    def __init__(self, sides: Sides, *, with_sparseness: bool) -> None:
-        self._rule = sides
-        self._with_sparseness = with_sparseness
-        self._outcomes: Counter[Outcome] = Counter()
-        self._departures = 0
-        self._sides: Counter[str] = Counter()
-        self._segments: list[FloatArray] = []
-        self._seconds = self._simulated = self._elapsed = 0.0
-
-    def count(self, record: Test) -> None:
-        """Takes one more test into account."""
-        self._outcomes[record.outcome] += 1
-        self._simulated += record.result.duration or 0.0
-        if record.outcome is not Outcome.INVALID:
-            self._seconds += record.attempt.seconds
-        self._elapsed = record.elapsed
-        departure = record.departure
-        if record.outcome is Outcome.FAIL and departure is not None:
-            self._departures += 1
-            by_geometry = self._rule == "geometry"
-            if by_geometry:
-                self._sides[str(departure.side)] += 1
-            if by_geometry and not self._with_sparseness:
-                return
-            segment = failure_segment(record)
-            if segment is None:
-                return
-            if not by_geometry:
-                self._sides[segment.side] += 1
-            if self._with_sparseness:
-                self._segments.append(segment.points)
-
-    def generation(self, alone: bool) -> dict[str, object]:
-        """The row of generation_stats.csv; ``alone`` if one test was driven at a time."""
-        number = self._outcomes
-        invalid = number[Outcome.INVALID]
-        return {
-            "test_generated": number.total(),
-            "test_valid": number.total() - invalid,
-            "test_invalid": invalid,
-            "test_passed": number[Outcome.PASS],
-            "test_failed": number[Outcome.FAIL],
-            "test_in_error": number[Outcome.ERROR],
-            "real_time_generation": round(self._elapsed - self._seconds, 3) if alone else "",
-            "real_time_execution": round(self._seconds, 3),
-            "simulated_time_execution": round(self._simulated, 3),
-        }
-
-    def out_of_bounds(self) -> dict[str, object]:
-        """The row of oob_stats.csv."""
-        found = largest_distances(self._segments)
-        return {
-            "total_oob": self._departures,
-            "left_oob": self._sides["left"],
-            "right_oob": self._sides["right"],
-            "avg_sparseness": round(float(found.mean()), 6) if len(found) else "",
-            "stdev_sparseness": round(float(found.std()), 6) if len(found) else "",
-        }
 
 
 def _experiment(store: CampaignStore) -> dict[str, object]:

@@ -3,27 +3,34 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
 from frenetic._support.words import counted
-from frenetic.analysis.comparison import Comparison, MeasureComparison
-from frenetic.analysis.metrics import curves
-from frenetic.analysis.statistics import LEAST_REPEATS
-from frenetic.report.style import DPI, FAINT, INK, QUIET, STYLE, WIDTH, form_of, write_figure
+from frenetic.analysis.comparison import Comparison
+from frenetic.report.html.blocks import Chart
+from frenetic.report.html.groups import COLOURS, group_curves, groups_of, spread_panel
+from frenetic.report.style import FAINT, INK, QUIET, STYLE, WIDTH, Paper, form_of, write_figure
 
-# Told apart with any kind of colour vision, and in grey by their order. When all are taken, they
-# come again with other lines and markers.
-_COLOURS: Final = ("#0b5fa5", "#e07b1a", "#1b8a6b", "#8a4fa0", "#b3262c", "#5c6670", "#c2a200")
-
-_DASHES: Final[tuple[Any, ...]] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1.2, 1, 1.2)))
-_MARKERS: Final = ("o", "s", "^", "D")
+# Told apart with any kind of colour vision, and in grey by their order.
+_GROUPS: Final = (
+    "#0b5fa5", "#e07b1a", "#1b8a6b", "#8a4fa0", "#b3262c", "#5c6670", "#c2a200", "#c2407f",
+)  # fmt: skip
+ROLES: Final[Mapping[str, str]] = {
+    "accent": "#0b5fa5",
+    "fail": "#d1232a",
+    **{f"group-{i}": colour for i, colour in enumerate(_GROUPS)},
+}
+"""Colours of a chart's lines on paper."""
+assert len(_GROUPS) == COLOURS
 
 # Sizes in inches.
 _LEFT: Final = 0.75
@@ -32,7 +39,6 @@ _CURVES: Final = 3.3
 _ROW: Final = 0.3  # of a group in a panel
 _GAP: Final = 0.3
 _COLUMNS: Final = 3
-_STEPS: Final = (1, 2, 5, 10)  # between ticks
 _LONGEST: Final = 48  # letters of a group's name
 
 
@@ -52,27 +58,14 @@ def draw_comparison(comparison: Comparison, path: Path | str) -> None:
 
 
 def _page(comparison: Comparison) -> Figure:
-    shown = comparison.measures
-    rows = math.ceil(len(shown) / _COLUMNS)
-    panel = _ROW * len(comparison.groups) + 0.1
-    pitch = panel + 1.02
-    top, legend = 0.62, 0.26 * math.ceil(len(comparison.groups) / 2)
-    height = top + _CURVES + 0.55 + legend + rows * pitch + 0.1
-    figure = Figure(figsize=(WIDTH, height), dpi=DPI, facecolor="white")
-
-    def axes(x: float, y: float, width: float, tall: float) -> Any:
-        """Axes by their upper left corner, in inches."""
-        return figure.add_axes((x / WIDTH, 1.0 - (y + tall) / height, width / WIDTH, tall / height))
-
-    figure.text(
-        _LEFT / WIDTH,
-        1.0 - 0.4 / height,
-        "Failures found over simulations",
-        size=14,
-        weight="bold",
-        color=INK,
-    )
-    main = axes(_LEFT, top, WIDTH - _LEFT - _RIGHT, _CURVES)
+    groups, inner = groups_of(comparison), WIDTH - _LEFT - _RIGHT
+    panel = _ROW * len(groups) + 0.1
+    top, legend = 0.62, 0.26 * math.ceil(len(groups) / 2)
+    below = top + _CURVES + 0.55 + legend
+    rows = math.ceil(len(comparison.measures) / _COLUMNS)
+    page = Paper.new(WIDTH, below + rows * (panel + 1.02) + 0.1)
+    page.text(_LEFT, 0.4, "Failures found over simulations", size=14, weight="bold")
+    main = page.axes(_LEFT, top, inner, _CURVES, bare=False)
     draw_curves(main, comparison)
     main.legend(
         loc="upper left",
@@ -84,142 +77,76 @@ def _page(comparison: Comparison) -> Figure:
         handlelength=2.6,
         columnspacing=3.0,
     )
-    width = (WIDTH - _LEFT - _RIGHT - (_COLUMNS - 1) * _GAP) / _COLUMNS
-    for i, measured in enumerate(shown):
+    width = (inner - (_COLUMNS - 1) * _GAP) / _COLUMNS
+    for i, by in enumerate(comparison.measures):
         row, column = divmod(i, _COLUMNS)
-        x = _LEFT + column * (width + _GAP)
-        y = top + _CURVES + 0.55 + legend + row * pitch + 0.55
-        draw_measure(axes(x, y, width, panel), measured)
-    return figure
+        x, y = _LEFT + column * (width + _GAP), below + row * (panel + 1.02) + 0.55
+        _draw_spreads(page.axes(x, y, width, panel, bare=False), spread_panel(by, groups))
+    return page.figure
 
 
-def look_of(group: int) -> tuple[str, Any, str]:
-    """(colour, dashes, marker) of a group, by its place."""
-    turn, colour = divmod(group, len(_COLOURS))
-    return _COLOURS[colour], _DASHES[turn % len(_DASHES)], _MARKERS[turn % len(_MARKERS)]
-
-
-def draw_curves(axes: Any, comparison: Comparison) -> None:
+def draw_curves(axes: Axes, comparison: Comparison) -> None:
     """Draws the failures of each group over the simulations: median, and quartiles or curves."""
-    longest = 0
-    for group, (name, campaigns) in enumerate(comparison.groups.items()):
-        colour, dashes, _ = look_of(group)
-        found = curves(campaigns, "failures_after")
-        simulations = np.arange(found.shape[1])
-        longest = max(longest, found.shape[1] - 1)
-        low, median, high = np.quantile(found, (0.25, 0.5, 0.75), axis=0)
-        if len(campaigns) >= LEAST_REPEATS:
-            axes.fill_between(simulations, low, high, color=colour, alpha=0.16, linewidth=0)
-        else:
-            for curve in found:
-                axes.plot(simulations, curve, color=colour, alpha=0.3, linewidth=0.8)
-        label = f"{_short(name)}, {counted(len(campaigns), 'campaign')}"
-        how: Any = {"color": colour, "linestyle": dashes, "linewidth": 2.0}
-        axes.plot(simulations, median, label=label, **how)
-    axes.set_xlim(0, max(longest, 1))
-    most = max(c.failures_after[-1] for campaigns in comparison.groups.values() for c in campaigns)
-    axes.set_ylim(-0.02 * max(most, 1), 1.05 * max(most, 1))  # a curve at 0 can be seen
-    frame_counts(axes, "simulations", "failures, median and quartiles")
+    *_, chart = group_curves(comparison)
+    names = {}
+    for name, own in comparison.groups.items():
+        short = name if len(name) <= _LONGEST else f"{name[: _LONGEST - 3]}..."
+        names[name] = f"{short}, {counted(len(own), 'campaign')}"
+    draw_chart(axes, chart, names)
+    axes.set_ylabel("failures, median and quartiles")
 
 
-def frame_counts(axes: Any, across: str, up: str) -> None:
-    """Titles, a quiet grid and whole numbers, as in every chart of counts."""
-    axes.set_xlabel(across)
-    axes.set_ylabel(up)
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(MaxNLocator(steps=_STEPS, integer=True))
-    axes.grid(color=FAINT, linewidth=0.5, alpha=0.6)
-    axes.set_axisbelow(True)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-
-
-def draw_measure(axes: Any, measured: MeasureComparison) -> None:
-    """Draws a measure's values, a row for each group."""
-    measure = measured.measure
-    everything = [value for values in measured.values.values() for value in values]
-    finite = [value for value in everything if math.isfinite(value)]
-    low, high = min(finite, default=0.0), max(finite, default=1.0)
-    if low == high:  # it is shown how far they are from zero
-        low, high = (0.0, 1.0) if low == 0.0 else (min(low, 0.0), max(high, 0.0))
-    room = 0.06 * (high - low)
-    # Campaigns without a value stand behind a line, on the worse side.
-    worse = -1.0 if measure.more_is_better else 1.0
-    edge = low if measure.more_is_better else high
-    nowhere = edge + 3.0 * worse * room
-    has_none = len(finite) < len(everything)
-    groups = len(measured.values)
-    for row, (name, values) in enumerate(measured.values.items()):
-        colour, dashes, marker = look_of(row)
-        y = groups - 1 - row
-        places = [value if math.isfinite(value) else nowhere for value in values]
-        if len(values) >= LEAST_REPEATS:
-            q = measured.quartiles(name)
-            first, median, third = (
-                value if math.isfinite(value) else nowhere for value in (q.low, q.median, q.high)
-            )
-            box = Rectangle(
-                (first, y - 0.3), third - first, 0.6, facecolor=colour, alpha=0.16, linewidth=0
-            )
-            axes.add_patch(box)
-            middle: Any = {"color": colour, "linestyle": dashes, "linewidth": 2.0}
-            axes.plot([median, median], [y - 0.3, y + 0.3], **middle)
-        # Side by side where they would overlap.
-        shifts = 0.2 * np.cos(np.pi * np.arange(len(places)))
+def draw_chart(axes: Axes, chart: Chart, names: Mapping[str, str]) -> None:
+    """Draws a chart of counts, with other names of its lines for a legend."""
+    for line in chart.series:
+        colour, style = ROLES[line.role], (0, (4, 2)) if line.dashed else "-"
+        if line.low:
+            axes.fill_between(line.x, line.low, line.high, color=colour, alpha=0.16, linewidth=0)
+        for single in line.singles:
+            axes.plot(line.x, single, color=colour, alpha=0.3, linewidth=0.8)
         axes.plot(
-            np.sort(places),
-            y + (shifts if len(places) > 1 else np.zeros(1)),
-            linestyle="none",
-            marker=marker,
-            markersize=3.6,
-            markerfacecolor=colour,
-            markeredgecolor="white",
-            markeredgewidth=0.4,
-            alpha=0.85,
-        )
-    ends = [low, high, nowhere] if has_none else [low, high]
-    axes.set_xlim(min(ends) - room, max(ends) + room)
-    axes.set_ylim(-0.55, groups - 0.45)
-    axes.set_yticks([])
-    locator = MaxNLocator(4, steps=_STEPS, integer=measure.decimals == 0)
-    lowest = low - room if low < 0.0 else max(low - room, 0.0)
-    ticks = [tick for tick in locator.tick_values(low, high) if lowest <= tick <= high + room]
-    axes.set_xticks(ticks)
-    if has_none:
-        axes.axvline(edge + 1.5 * worse * room, color=FAINT, linewidth=0.8, linestyle=(0, (3, 3)))
-        axes.set_xticks([*ticks, nowhere], [*(f"{tick:g}" for tick in ticks), "none"])
-    for side in ("top", "right", "left"):
-        axes.spines[side].set_visible(False)
-    better = "more is better" if measure.more_is_better else "less is better"
-    _above(axes, 21.0, measure.heading, INK, 9.5, "bold")
-    _above(axes, 8.0, f"{better}; {_finding(measured)}", QUIET, 8.0, "normal")
+            line.x, line.y, label=names[line.name], color=colour, linestyle=style, lw=line.width,
+            drawstyle="steps-post" if line.stepped else "default",
+        )  # fmt: skip
+    most = max(max(*line.y, *line.high, 1.0) for line in chart.series)
+    axes.set_xlim(0, max(1, *(line.x[-1] for line in chart.series)))
+    axes.set_ylim(-0.02 * most, 1.05 * most)  # a curve at 0 can be seen
+    axes.set_xlabel(chart.x_title)
+    axes.set_ylabel(chart.y_title)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MaxNLocator(steps=[1, 2, 5, 10], integer=True))
+    axes.grid(color=FAINT, linewidth=0.5, alpha=0.6)
 
 
-def _above(axes: Any, points: float, text: str, colour: str, size: float, weight: str) -> None:
-    axes.annotate(
-        text,
-        (0.0, 1.0),
-        (0.0, points),
-        xycoords="axes fraction",
-        textcoords="offset points",
-        color=colour,
-        size=size,
-        weight=weight,
-        annotation_clip=False,
-    )
-
-
-def _finding(measured: MeasureComparison) -> str:
-    if len(measured.pairs) == 1:
-        (pair,) = measured.pairs
-        if min(pair.repeats) < LEAST_REPEATS:
-            return str(pair.verdict)
-        return f"A12 {pair.a12:.2f} ({pair.magnitude}), p {pair.p:.2g}"
-    fewest = min(len(values) for values in measured.values.values())
-    if measured.p_overall is None or fewest < LEAST_REPEATS:
-        return "too few repeats to tell"
-    return f"Kruskal-Wallis p {measured.p_overall:.2g}"
-
-
-def _short(name: str) -> str:
-    return name if len(name) <= _LONGEST else f"{name[: _LONGEST - 3]}..."
+def _draw_spreads(axes: Axes, panel: Mapping[str, Any]) -> None:
+    """Draws a measure's values, a row for each group."""
+    rows = panel["spreads"]
+    for y, row in zip(reversed(range(len(rows))), rows, strict=True):
+        colour, places = ROLES[row["group"]["role"]], row["places"]
+        if row["box"]:
+            first, median, third = row["box"]
+            how: dict[str, Any] = {"facecolor": colour, "alpha": 0.16, "linewidth": 0}
+            axes.add_patch(Rectangle((first, y - 0.3), third - first, 0.6, **how))
+            axes.plot([median, median], [y - 0.3, y + 0.3], color=colour, linewidth=2.0)
+        # Side by side where they would overlap.
+        shifts = 0.2 * np.cos(np.pi * np.arange(len(places))) if len(places) > 1 else np.zeros(1)
+        inside, edge = ("white", colour) if row["group"]["is_again"] else (colour, "white")
+        axes.plot(
+            places, y + shifts, "o", ms=3.6, mfc=inside, mec=edge, mew=0.4, alpha=0.85,
+        )  # fmt: skip
+    axes.set(xlim=(-6.0, 106.0), ylim=(-0.55, len(rows) - 0.45), yticks=[])
+    places, texts = zip(*panel["ticks"], strict=True)
+    axes.set_xticks(places, texts)
+    if texts[-1] == "none":
+        beside = abs(places[-1] - 7.0)
+        axes.axvline(beside, color=FAINT, linewidth=0.8, linestyle=(0, (3, 3)))
+    axes.spines["left"].set_visible(False)
+    for points, text, colour, size, weight in (
+        (21.0, panel["title"], INK, 9.5, "bold"),
+        (8.0, panel["note"], QUIET, 8.0, "normal"),
+    ):
+        axes.annotate(
+            text, (0.0, 1.0), (0.0, points), xycoords="axes fraction",
+            textcoords="offset points", color=colour, size=size, weight=weight,
+            annotation_clip=False,
+        )  # fmt: skip

@@ -29,7 +29,6 @@ GALLERY: Final = "gallery.png"
 """Picture in that folder of all listed failures at a glance."""
 MOST_FILES: Final = 1000
 """Most failing roads with their own file, the most severe first; the database holds all."""
-_NEAR_MISS: Final = "near-miss-"
 
 
 def file_stem(candidate_id: int) -> str:
@@ -82,14 +81,10 @@ def road_document(record: Test, config: Mapping[str, JSONValue]) -> dict[str, An
     }
 
 
-def write_failures(
-    store: CampaignStore,
-    listed: Sequence[Test],
-) -> bool:
+def write_failures(store: CampaignStore, listed: Sequence[Test]) -> bool:
     """Writes the failing roads as JSON files and pictures of the listed ones.
 
     A failure whose file and picture are there already keeps both: going on draws only new ones.
-    Pictures of near misses that stood in for failures are removed when there are failures.
 
     Args:
         store: the campaign.
@@ -116,8 +111,8 @@ def write_failures(
                 continue
             with replacing(path) as partial:
                 partial.write_text(document, encoding="utf-8")
-        for old in folder.glob(f"{_NEAR_MISS}*.png"):
-            old.unlink()
+        if any(record.outcome is Outcome.PASS for record in listed):
+            (store.folder / PICTURES).mkdir(exist_ok=True)
     except OSError as error:
         raise CampaignError(
             f"{folder} cannot be written: {error.strerror or error}; all results are safe in"
@@ -128,9 +123,8 @@ def write_failures(
         for record in listed:
             test = store.test(record.candidate.id)
             if test.drive is not None:
-                is_near = test.outcome is Outcome.PASS
-                stem = f"{_NEAR_MISS}{test.id:05d}" if is_near else file_stem(test.id)
-                path = folder / f"{stem}.png"
+                kind = FAILURES if test.outcome is Outcome.FAIL else PICTURES
+                path = store.folder / kind / f"{file_stem(test.id)}.png"
                 if test.id not in kept or not path.exists():
                     title = f"Test {test.id}: {record.outcome}"
                     draw_drive(test.road, test.drive, path, title=title)

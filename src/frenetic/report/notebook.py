@@ -1,4 +1,4 @@
-"""Objects as notebooks show them: a picture and the figures, by `html_of`."""
+"""Tests, campaigns and comparisons as notebooks show them: a picture and the figures."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from functools import singledispatch
 from typing import Final
 
 import matplotlib as mpl
-import numpy as np
 
 from frenetic._support.words import signed
 from frenetic.analysis.comparison import Comparison
@@ -20,25 +19,12 @@ from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.drive import Drive
 from frenetic.errors import CampaignError
+from frenetic.export.tables import opened
 from frenetic.report.comparison import draw_curves
 from frenetic.report.html.headline import headline
-from frenetic.report.orientation import turn_of
-from frenetic.report.picture import (
-    Fact,
-    draw_sheet,
-    facts_of_drive,
-    facts_of_road,
-    sheet_row,
-)
-from frenetic.report.plots import failures_to_show, opened
-from frenetic.report.scene import (
-    SeenDrive,
-    View,
-    box_of,
-    draw_scene,
-    focus_of,
-    look,
-)
+from frenetic.report.picture import Fact, draw_sheet, facts_of_drive, facts_of_road, sheet_row
+from frenetic.report.plots import failures_to_show
+from frenetic.report.scene import look
 from frenetic.report.style import STYLE, Paper, encode_figure
 from frenetic.road import Road
 
@@ -49,7 +35,6 @@ COMPARED: Final = 500
 
 _DPI: Final = 144.0  # for screens with many pixels
 _PNG_COLOURS: Final = 64  # a notebook keeps all its pictures
-_WIDTH, _HEIGHT = 4.6, 2.6  # inches of a road from above
 
 
 @singledispatch
@@ -59,74 +44,37 @@ def html_of(thing: object) -> str:
 
 
 @html_of.register
-def _road(road: Road) -> str:
-    return _card("Road", "", _from_above(road, None), facts_of_road(road))
-
-
-@html_of.register
-def _drive(drive: Drive) -> str:
-    if drive.road is None:
-        return f"<p>{html.escape(repr(drive))}</p>"
-    seen = look(drive.road, drive)
-    picture, result = _from_above(drive.road, seen), seen.result
-    return _card(
-        f"Drive: {result.outcome}", result.reason, picture, facts_of_drive(drive.road, seen)
-    )
-
-
-@html_of.register
 def _test(test: Test) -> str:
-    origin = test.candidate.origin
+    origin, moobd = test.candidate.origin, test.moobd
     parents = f" of {', '.join(map(str, origin.parents))}" if origin.parents else ""
-    made = ("Origin", f"{origin.operator}{parents}", f"generation {origin.generation}")
-    title = f"Test {test.id}: {test.outcome}"
+    facts = [("Origin", f"{origin.operator}{parents}", f"generation {origin.generation}")]
+    title, picture = f"Test {test.id}: {test.outcome}", ""
     try:
         road, drive = test.road, test.drive
     except CampaignError:  # it does not say on which terms it drove
-        return _card(title, test.reason, "", [made])
-    if drive is None:
-        facts = facts_of_road(road)
-        if test.moobd is not None:
-            facts.insert(0, ("MOOBD", f"{signed(test.moobd, 2)} m", "read without its drive"))
-        return _card(title, test.reason, _from_above(road, None), [*facts, made])
-    seen = look(road, drive)
-    return _card(title, test.reason, _from_above(road, seen), [*facts_of_drive(road, seen), made])
+        pass
+    else:
+        if drive is not None:
+            facts = [*facts_of_drive(road, look(road, drive)), *facts]
+        else:
+            read = [] if moobd is None else [("MOOBD", f"{signed(moobd)} m", "read without drive")]
+            facts = [*read, *facts_of_road(road), *facts]
+        picture = _sheet([("", road, drive)], 4.6, title)
+    return _card(title, test.reason, picture, facts)
 
 
 @html_of.register
-def _campaign(campaign: Campaign) -> str:
+def _campaign(campaign: Campaign | CampaignStore) -> str:
     if not campaign.folder.exists():
         return f"<p>{html.escape(repr(campaign))}</p>"
     with opened(campaign) as store:
-        return _store(store)
-
-
-@html_of.register
-def _store(store: CampaignStore) -> str:
-    title, items = failures_to_show(store, FAILURES, COMPARED)
-    picture = ""
-    if items:
-        width, columns = 2.0 * min(len(items), 3), min(len(items), 3)
-        with mpl.rc_context(STYLE):
-            rows = math.ceil(len(items) / columns)
-            page = Paper.new(width, sheet_row(width, columns) * rows, _DPI)
-            draw_sheet(page, items, columns, left=0.0, top=0.0, width=width)
-            picture = _image(page, title)
-    counts = store.counts()
-    top = headline(
-        store.config,
-        store.facts,
-        counts,
-        Clusters((), 0.0),
-        folder=str(store.folder),
-        elapsed=store.elapsed(),
-    )
-    facts = [
-        (tile.label, tile.value, tile.note)
-        for tile in top.tiles
-        if tile.label != "distinct failures"
-    ]
-    return _card(title, top.lead, picture, facts)
+        title, items = failures_to_show(store, FAILURES, COMPARED)
+        picture = _sheet(items, 2.0 * min(len(items), 3), title) if items else ""
+        nothing, elapsed = Clusters((), 0.0), store.elapsed()
+        counts = store.counts()
+        top = headline(store.config, store.facts, counts, nothing, folder="", elapsed=elapsed)
+    told = (tile for tile in top.tiles if tile.label != "distinct failures")
+    return _card(title, top.lead, picture, [(one.label, one.value, one.note) for one in told])
 
 
 @html_of.register
@@ -137,36 +85,28 @@ def _comparison(comparison: Comparison) -> str:
         draw_curves(axes, comparison)
         axes.legend(loc="upper left", frameon=False, fontsize=8.5)
         picture = _image(page, "Failures found over simulations")
-    shown = comparison.measures
+    shown, groups = comparison.measures, comparison.groups
     rows = [
-        (
-            html.escape(group),
-            str(len(comparison.groups[group])),
-            *(html.escape(by.text(group)) for by in shown),
-        )
+        (group, str(len(groups[group])), *(by.text(group) for by in shown))
         for group in comparison.headline.order
     ]
-    titles = ("group", "campaigns", *(html.escape(by.measure.heading) for by in shown))
+    titles = ("group", "campaigns", *(by.measure.heading for by in shown))
     by = comparison.headline
     said = "".join(f"<li>{html.escape(by.said(pair))}</li>" for pair in by.pairs)
     notes = "".join(f"<p>Note: {html.escape(note)}</p>" for note in comparison.notes)
-    return f"{picture}{_table(titles, rows)}<ul>{said}</ul>{notes}"
+    head, *body = (_row(cells, tag) for cells, tag in [(titles, "th"), *((r, "td") for r in rows)])
+    table = f"<table><thead>{head}</thead><tbody>{''.join(body)}</tbody></table>"
+    return f"{picture}{table}<ul>{said}</ul>{notes}"
 
 
-# Pictures
-
-
-def _from_above(road: Road, seen: SeenDrive | None) -> str:
-    """A road, and a drive along it, as in the report's contact sheet."""
+def _sheet(items: Sequence[tuple[str, Road, Drive | None]], width: float, text: str) -> str:
+    """Drives from above, as in the report's contact sheet."""
+    columns = min(len(items), 3)
     with mpl.rc_context(STYLE):
-        turn = turn_of(road)
-        box = box_of(road, seen, turn)
-        height = float(np.clip(_WIDTH * box.height / box.width, 1.2, _HEIGHT))
-        page = Paper.new(_WIDTH, height, _DPI)
-        focus = None if seen is None else focus_of(seen)
-        view = View.showing(page.axes(0.0, 0.0, _WIDTH, height), box, turn)
-        draw_scene(view, road, seen, focus, None, labelled=False)
-        return _image(page, "The road from above")
+        rows = math.ceil(len(items) / columns)
+        page = Paper.new(width, sheet_row(width, columns) * rows, _DPI)
+        draw_sheet(page, items, columns, left=0.0, top=0.0, width=width)
+        return _image(page, text)
 
 
 def _image(page: Paper, text: str) -> str:
@@ -177,9 +117,6 @@ def _image(page: Paper, text: str) -> str:
         f'<img alt="{html.escape(text)}" width="{width}" style="border-radius: 6px"'
         f' src="data:image/png;base64,{data}">'
     )
-
-
-# Elements
 
 
 def _card(title: str, text: str, picture: str, facts: Iterable[Fact]) -> str:
@@ -193,7 +130,5 @@ def _card(title: str, text: str, picture: str, facts: Iterable[Fact]) -> str:
     return f"<p><b>{html.escape(title)}</b>{said}</p>{picture}<table><tr>{cells}</tr></table>"
 
 
-def _table(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    head = "".join(f"<th>{title}</th>" for title in titles)
-    body = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows)
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+def _row(cells: Iterable[str], tag: str) -> str:
+    return f"<tr>{''.join(f'<{tag}>{html.escape(cell)}</{tag}>' for cell in cells)}</tr>"

@@ -14,8 +14,7 @@ while a picture is drawn: draw from one thread at a time.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
@@ -50,7 +49,6 @@ from frenetic.report.scene import (
     draw_scene,
     focus_of,
     look,
-    sane,
     size_of,
 )
 from frenetic.report.style import (
@@ -111,16 +109,9 @@ def draw_drive(
     form = form_of(path)
     with mpl.rc_context(STYLE):
         seen = look(road, drive)
-        outcome = seen.result.outcome
-        figure = _page(
-            road,
-            seen,
-            title or f"Drive: {outcome}",
-            seen.result.reason,
-            COLOURS[outcome],
-            facts_of_drive(road, seen),
-            map_size,
-        )
+        result = seen.result
+        title = title or f"Drive: {result.outcome}"
+        figure = _page(road, seen, title, result.reason, COLOURS[result.outcome], map_size)
         write_figure(figure, path, form)
 
 
@@ -147,10 +138,7 @@ def draw_road(
     form = form_of(path)
     with mpl.rc_context(STYLE):
         colour = INK if reason is None else COLOURS[Outcome.INVALID]
-        figure = _page(
-            road, None, title or "Road", reason or "", colour, facts_of_road(road), map_size
-        )
-        write_figure(figure, path, form)
+        write_figure(_page(road, None, title or "Road", reason or "", colour, map_size), path, form)
 
 
 def draw_gallery(
@@ -190,11 +178,7 @@ def facts_of_drive(road: Road, seen: SeenDrive) -> list[Fact]:
         ("Largest oob share", "–" if share is None else f"{share:.0%}".replace("%", " %"), ""),
         (
             "Departure",
-            "none"
-            if left is None and result.outcome.is_driven
-            else "–"
-            if left is None
-            else str(left.side),
+            str(left.side) if left else "none" if result.outcome.is_driven else "–",
             "" if left is None else f"at {left.distance:.0f} m",
         ),
         ("Duration", f"{result.duration:.1f} s", ""),
@@ -214,6 +198,9 @@ def facts_of_road(road: Road) -> list[Fact]:
     ]
 
 
+_Draw: TypeAlias = Callable[[Axes, Road, SeenDrive | None], None]
+
+
 # --- The page --------------------------------------------------------------------------------
 
 
@@ -223,24 +210,24 @@ def _page(
     title: str,
     reason: str,
     colour: str,
-    facts: Sequence[Fact],
     map_size: float | None,
 ) -> Figure:
     focus = None if seen is None else focus_of(seen)
+    facts = facts_of_road(road) if seen is None else facts_of_drive(road, seen)
     lines = wrapped(reason, 118, 3)
-    profiles = [name for name in _PROFILES if focus is not None or name == "curvature"]
+    profiles = [one for one in _PROFILES if focus is not None or one[0] == "curvature"]
 
     turn = turn_of(road)
     wide = box_of(road, seen, turn)
     # A road that is shown that large already needs no close-up.
-    shown = min(INNER / wide.width, HIGHEST / wide.height)
+    shown = float(min((INNER, HIGHEST) / wide.size))
     closer = focus is not None and shown < 0.6 * CLOSE_UP / ACROSS
     main_width = INNER - (CLOSE_UP + _GAP if closer else 0.0)
-    main_height = float(np.clip(main_width * wide.height / wide.width, _LOWEST, HIGHEST))
+    main_height = float(np.clip(main_width * wide.flatness, _LOWEST, HIGHEST))
 
     top = 0.42 + 0.42 + 0.235 * len(lines) + 0.16
     tiles, strip, heading = 0.74, 0.66, 0.3
-    below = sum(_PROFILES[name].height + heading for name in profiles) + 0.55
+    below = sum(height + heading for _, _, height, _ in profiles) + 0.55
     page = Paper.new(WIDTH, top + tiles + main_height + strip + below)
 
     # Headline.
@@ -259,60 +246,50 @@ def _page(
     near = None
     if closer and seen is not None and focus is not None:
         x = MARGIN + main_width + _GAP
-        near = _close_up(page, (x, y, main_height), turn, road, seen, focus)
+        near = _close_up(page.axes(x, y, CLOSE_UP, main_height), turn, road, seen, focus)
     draw_scene(view, road, seen, focus, map_size, near=near)
     draw_key(page, y + main_height + 0.1, view, road, seen, map_size)
 
     # Along the road.
     y += main_height + strip
     left, width = MARGIN + 0.45, INNER - 0.45
-    for name in profiles:
-        profile = _PROFILES[name]
-        page.text(MARGIN, y + heading - 0.08, profile.title, size=8.5, color=QUIET)
+    for name, title, height, draw in profiles:
+        page.text(MARGIN, y + heading - 0.08, title, size=8.5, color=QUIET)
         y += heading
-        axes = page.axes(left, y, width, profile.height, bare=False, label=name)
-        profile.draw(axes, road, seen)
+        axes = page.axes(left, y, width, height, bare=False, label=name)
+        draw(axes, road, seen)
         axes.set_xlim(0.0, road.length)
         axes.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 2.5, 5, 10]))
         axes.grid(visible=True)
         axes.spines["left"].set_visible(False)
-        axes.tick_params(labelbottom=name == profiles[-1])
+        axes.tick_params(labelbottom=name == profiles[-1][0])
         if seen is not None and seen.result.departure is not None:
             at = seen.result.departure.distance
             axes.axvline(at, color=ALARM, lw=1.0, zorder=2)
-            if name == profiles[0]:
+            if name == profiles[0][0]:
                 _mark_departure(axes, at / road.length)
-        y += profile.height
+        y += height
     middle = left + 0.5 * width
     page.text(middle, y + 0.335, "distance along the road (m)", size=8.5, color=QUIET, ha="center")
     return page.figure
 
 
-def _close_up(
-    page: Paper,
-    place: tuple[float, float, float],
-    turn: float,
-    road: Road,
-    seen: SeenDrive,
-    focus: Focus,
-) -> View:
-    """The decisive place, so many inches from the left and the top, and so many high."""
-    x, y, height = place
-    ((u, v),) = turned(sane(seen.xy[[focus.record]]), turn)
-    box = Box(u, v, ACROSS, ACROSS * height / CLOSE_UP)
-    near = View.showing(page.axes(x, y, CLOSE_UP, height), box, turn)
+def _close_up(axes: Axes, turn: float, road: Road, seen: SeenDrive, focus: Focus) -> View:
+    """The decisive place."""
+    page = Paper.on(axes)
+    (place,) = turned(seen.xy[[focus.record]], turn)
+    half = 0.5 * ACROSS * np.array([1.0, page.height / page.width])
+    near = View.showing(axes, Box(place - half, place + half), turn)
     draw_close_up(near, road, seen, focus)
     behind = {"facecolor": PANEL, "edgecolor": "none", "alpha": 0.85, "pad": 2.5}
-    near.axes.text(
-        0.12 / CLOSE_UP, 1.0 - 0.24 / height, focus.what, size=9.5, weight="bold",
-        color=focus.colour, bbox=behind, transform=near.axes.transAxes, zorder=9,
-    )  # fmt: skip
+    how: dict[str, Any] = {"weight": "bold", "color": focus.colour, "bbox": behind, "zorder": 9}
+    page.text(0.12, 0.24, focus.what, size=9.5, **how)
     # In the corner where no car is.
-    cars = (near.at(sane(seen.xy)) - near.centre + near.half) * near.scale
-    corner = 0.5 * CLOSE_UP * POINT, 0.6 * POINT
+    cars = (near.at(seen.xy) - near.centre + near.half) * near.scale
+    corner = 0.5 * page.width * POINT, 0.6 * POINT
     is_taken = ((cars > -POINT) & (cars < corner)).all(axis=1).any()
-    left = CLOSE_UP - 5.0 * near.scale / POINT - 0.5 if is_taken else 0.12
-    draw_scale(page, x + left, y + height - 0.14, near, 5.0)
+    left = page.width - 5.0 * near.scale / POINT - 0.5 if is_taken else 0.12
+    draw_scale(page, left, page.height - 0.14, near, 5.0)
     return near
 
 
@@ -384,20 +361,12 @@ def _draw_speed(axes: Axes, road: Road, seen: SeenDrive | None) -> None:
     axes.plot(seen.distance, seen.speed, color=_LINE, lw=1.4, zorder=3)
 
 
-@dataclass(frozen=True)
-class _Profile:
-    """A value along the road."""
-
-    title: str
-    height: float  # inches
-    draw: Callable[[Axes, Road, SeenDrive | None], None]
-
-
-_PROFILES: Final[Mapping[str, _Profile]] = {
-    "oob": _Profile("oob distance (m)", 1.35, _draw_oob_distance),
-    "curvature": _Profile("curvature (1/m)", 0.85, _draw_curvature),
-    "speed": _Profile("speed (km/h)", 0.85, _draw_speed),
-}
+_PROFILES: Final[Sequence[tuple[str, str, float, _Draw]]] = (
+    ("oob", "oob distance (m)", 1.35, _draw_oob_distance),
+    ("curvature", "curvature (1/m)", 0.85, _draw_curvature),
+    ("speed", "speed (km/h)", 0.85, _draw_speed),
+)
+"""Values along the road: name, title, inches of height, and what draws them."""
 
 
 # --- The contact sheet -----------------------------------------------------------------------
@@ -427,7 +396,7 @@ def _sheet_picture(width: float, columns: int) -> float:
 
 def draw_sheet(
     page: Paper,
-    items: Sequence[tuple[str, Road, Drive]],
+    items: Sequence[tuple[str, Road, Drive | None]],
     columns: int,
     *,
     left: float,
@@ -442,16 +411,17 @@ def draw_sheet(
         row, column = divmod(k, columns)
         x = left + column * (picture + _BETWEEN)
         y = top + row * sheet_row(width, columns)
-        seen = look(road, drive)
+        seen = None if drive is None else look(road, drive)
         turn = turn_of(road)
         view = View.showing(page.axes(x, y, picture, height), box_of(road, seen, turn), turn)
-        draw_scene(view, road, seen, focus_of(seen), None, labelled=False)
+        focus = None if seen is None else focus_of(seen)
+        draw_scene(view, road, seen, focus, None, labelled=False)
         page.text(x, y + height + 0.17, one_line(text, letters), size=9, weight="bold")
-        page.text(x, y + height + 0.33, _sheet_line(road, seen), size=8, color=QUIET)
-
-
-def _sheet_line(road: Road, seen: SeenDrive) -> str:
-    result = seen.result
-    if result.moobd is None:
-        return f"{result.outcome}, {road.length:.0f} m"
-    return f"{road.length:.0f} m, MOOBD {signed(result.moobd, 2)} m"
+        line = f"{road.length:.0f} m"
+        if seen is not None:
+            result = seen.result
+            moobd = result.moobd
+            line = (
+                f"{result.outcome}, {line}" if moobd is None else f"{line}, MOOBD {signed(moobd)} m"
+            )
+        page.text(x, y + height + 0.33, line, size=8, color=QUIET)

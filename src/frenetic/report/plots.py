@@ -7,35 +7,24 @@ is drawn by the same code as in the report's pictures.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
 from typing import Final
 
 import matplotlib as mpl
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
-from matplotlib.colors import BoundaryNorm, ListedColormap
 
-from frenetic._support.arrays import FloatArray
 from frenetic._support.words import counted, signed
 from frenetic.analysis.comparison import Comparison
 from frenetic.analysis.failures import Clusters, distinct_failures, nearest_misses
-from frenetic.analysis.features import Feature, feature, features_of
-from frenetic.analysis.segments import segment_of
-from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.drive import Drive
-from frenetic.outcome import Outcome
-from frenetic.report.comparison import draw_curves, frame_counts
-from frenetic.report.html.feature_map import MapAxis, choose_mapped
+from frenetic.export.tables import Place, opened
+from frenetic.report.comparison import draw_chart, draw_curves
 from frenetic.report.html.tests import TestSummary
 from frenetic.report.html.timeline import EXPECTED, timeline_of
 from frenetic.report.picture import draw_sheet, sheet_row
 from frenetic.report.scene import (
-    ALARM,
     SeenDrive,
     View,
     box_of,
@@ -45,7 +34,7 @@ from frenetic.report.scene import (
     look,
     road_of,
 )
-from frenetic.report.style import FAINT, QUIET, STYLE, Paper
+from frenetic.report.style import STYLE, Paper
 from frenetic.road import Road
 
 SHEET: Final = 12
@@ -55,11 +44,6 @@ SHEET: Final = 12
 _WIDE: Final = 6.5  # new axes
 _TALL: Final = 5.5
 _LEFT, _RIGHT, _TOP, _BOTTOM, _KEY = 0.65, 0.2, 0.4, 0.55, 0.45  # around them
-
-_DISTINCT: Final = "#0b5fa5"
-_COVERED: Final = "#e9edf1"
-SEVERITY: Final = "#fde2b8", "#fbc98c", "#f6a866", "#e9834d", "#c34f33", "#ad3a38", "#7d1d30"
-"""Colours of a feature map's cells, the last for the worst; ``report.css`` has the same."""
 
 
 def plot(
@@ -89,44 +73,46 @@ def plot(
         ValueError: the drive does not know its road.
         CampaignError: the test's campaign does not record with what it was driven.
     """
-    if isinstance(thing, Comparison):
-        return _plot_comparison(thing, ax)
-    if isinstance(thing, Test):
-        thing = thing.drive or thing.road
-    if isinstance(thing, Road):
-        return _plot_road(thing, ax, map_size)
-    return _plot_drive(thing, ax, road_of(thing, road), map_size)
-
-
-def _plot_road(road: Road, ax: Axes | None, map_size: float | None) -> Axes:
     with mpl.rc_context(STYLE):
-        axes = _axes_above(road, None)[0] if ax is None else ax
-        _draw_above(axes, road, None, map_size)
-        axes.set_title(f"Road, {road.length:.0f} m", loc="left", fontsize=9.0)
+        if isinstance(thing, Comparison):
+            axes = _new_axes(_WIDE, 3.2)[0] if ax is None else ax
+            draw_curves(axes, thing)
+            axes.legend(loc="upper left", frameon=False, fontsize=8.5)
+            return axes
+        if isinstance(thing, Test):
+            thing = thing.drive or thing.road
+        if isinstance(thing, Road):
+            return _plot_above(thing, None, ax, map_size)
+        road = road_of(thing, road)
+        return _plot_above(road, look(road, thing), ax, map_size)
+
+
+def _plot_above(
+    road: Road, seen: SeenDrive | None, ax: Axes | None, map_size: float | None
+) -> Axes:
+    """A road and its drive where they lie on the map; what the axes show already stays in sight."""
+    box, title = box_of(road, seen, 0.0), f"Road, {road.length:.0f} m"
+    if ax is None:
+        width, height = min((_WIDE, _TALL) / box.size) * box.size
+        key = 0.0 if seen is None else _KEY
+        axes, page = _new_axes(max(width, 0.6 * _WIDE), max(height, 2.0), key=key)
+        if seen is not None:
+            right, y = page.width - _RIGHT, page.height - _KEY + 0.1
+            draw_colour_bar(page, right, y, 0.5 * road.lane_width)
+    else:
+        axes = ax
+    if axes.has_data():
+        box = box.holding(np.transpose([axes.get_xlim(), axes.get_ylim()]))
+    focus = None if seen is None else focus_of(seen)
+    draw_scene(View.showing(axes, box, 0.0), road, seen, focus, map_size)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x (m)")
+    axes.set_ylabel("y (m)")
+    if seen is not None:
+        moobd = seen.result.moobd
+        title = f"{seen.result.outcome}{'' if moobd is None else f', MOOBD {signed(moobd)} m'}"
+    axes.set_title(title, loc="left", fontsize=9.0)
     return axes
-
-
-def _plot_drive(drive: Drive, ax: Axes | None, road: Road, map_size: float | None) -> Axes:
-    with mpl.rc_context(STYLE):
-        seen = look(road, drive)
-        if ax is None:
-            axes, page = _axes_above(road, seen, key=_KEY)
-            right = page.width - _RIGHT
-            draw_colour_bar(page, right, page.height - _KEY + 0.1, 0.5 * road.lane_width)
-        else:
-            axes = ax
-        _draw_above(axes, road, seen, map_size)
-        result = seen.result
-        least = "" if result.moobd is None else f", MOOBD {signed(result.moobd, 2)} m"
-        axes.set_title(f"{result.outcome}{least}", loc="left", fontsize=9.0)
-    return axes
-
-
-def _axes_above(road: Road, seen: SeenDrive | None, key: float = 0.0) -> tuple[Axes, Paper]:
-    """Axes in a new figure as wide and tall as suits a road from above."""
-    box = box_of(road, seen, 0.0)
-    scale = min(_WIDE / box.width, _TALL / box.height)
-    return _new_axes(max(scale * box.width, 0.6 * _WIDE), max(scale * box.height, 2.0), key=key)
 
 
 def _new_axes(width: float, height: float, *, key: float = 0.0) -> tuple[Axes, Paper]:
@@ -138,34 +124,7 @@ def _new_axes(width: float, height: float, *, key: float = 0.0) -> tuple[Axes, P
     return page.axes(_LEFT, _TOP, width, height, bare=False), page
 
 
-def _draw_above(axes: Axes, road: Road, seen: SeenDrive | None, map_size: float | None) -> None:
-    """A road and its drive where they lie on the map; what the axes show already stays in sight."""
-    box = box_of(road, seen, 0.0)
-    if axes.has_data():
-        box = box.holding(np.transpose([axes.get_xlim(), axes.get_ylim()]))
-    focus = None if seen is None else focus_of(seen)
-    draw_scene(View.showing(axes, box, 0.0), road, seen, focus, map_size)
-    axes.set_aspect("equal")
-    axes.set_xlabel("x (m)")
-    axes.set_ylabel("y (m)")
-
-
 # Campaigns
-
-
-@contextmanager
-def opened(campaign: Campaign | CampaignStore | Path | str) -> Iterator[CampaignStore]:
-    """The store of a campaign, for reading.
-
-    Raises:
-        CampaignError: there is no campaign, or it is damaged.
-    """
-    if isinstance(campaign, CampaignStore):
-        yield campaign
-        return
-    folder = campaign.folder if isinstance(campaign, Campaign) else Path(campaign)
-    with CampaignStore.open(folder) as store:
-        yield store
 
 
 def failures_to_show(
@@ -206,9 +165,7 @@ def _distinct_in_words(found: Clusters, failed: int) -> str:
     return f"{counted(len(found), 'distinct failure')} among {among}"
 
 
-def plot_failures(
-    campaign: Campaign | CampaignStore | Path | str, ax: Axes | None = None, *, number: int = SHEET
-) -> Axes:
+def plot_failures(campaign: Place, ax: Axes | None = None, *, number: int = SHEET) -> Axes:
     """Draws the most severe distinct failures from above; the nearest misses if nothing failed.
 
     Args:
@@ -241,7 +198,7 @@ def _columns(page: Paper, number: int) -> int:
     return max(number, 1)
 
 
-def plot_progress(campaign: Campaign | CampaignStore | Path | str, ax: Axes | None = None) -> Axes:
+def plot_progress(campaign: Place, ax: Axes | None = None) -> Axes:
     """Draws failures and distinct failures over the simulations, as the report does.
 
     Dashed: how many there would be if all roads were like those of the random phase, with bands of
@@ -251,134 +208,17 @@ def plot_progress(campaign: Campaign | CampaignStore | Path | str, ax: Axes | No
         CampaignError: there is no campaign, or it is damaged.
     """
     with opened(campaign) as store:
-        timeline = timeline_of(_summaries(store), distinct_failures(store))
+        charts, _ = timeline_of([*map(TestSummary.of, store.tests())], distinct_failures(store))
     with mpl.rc_context(STYLE):
         axes = _new_axes(_WIDE, 3.2)[0] if ax is None else ax
-        curves = ("failures", ALARM), ("distinct failures", _DISTINCT)
-        if timeline is not None:
-            by_simulations = timeline.axes[0]
-            x, expected = by_simulations.x, by_simulations.expected
-            found = timeline.failures, timeline.distinct
-            for (name, colour), values in zip(curves, found, strict=True):
-                axes.step(
-                    (0.0, *x), (0, *values), where="post", color=colour, lw=1.8,
-                    label=f"{name}: {values[-1]}",
-                )  # fmt: skip
-            bands = () if expected is None else (expected.failures, expected.distinct)
-            for (name, colour), (middle, low, high) in zip(curves, bands, strict=False):
-                axes.fill_between(x, low, high, color=colour, alpha=0.1, lw=0.0)
-                label = f"{name}, {EXPECTED}"
-                axes.plot(x, middle, color=colour, lw=1.0, ls=(0, (4, 3)), label=label)
+        if charts:
+            chart = charts["simulations"]
+            names = {
+                line.name: line.name.replace(f" {EXPECTED}", f", {EXPECTED}")
+                if line.dashed
+                else f"{line.name}: {line.y[-1]:.0f}"
+                for line in chart.series
+            }
+            draw_chart(axes, chart, names)
             axes.legend(loc="upper left", frameon=False, fontsize=8.5)
-        axes.set_xlim(left=0.0)
-        axes.set_ylim(bottom=0.0)
-        frame_counts(axes, "simulations", "found")
-    return axes
-
-
-def plot_feature_map(
-    campaign: Campaign | CampaignStore | Path | str,
-    ax: Axes | None = None,
-    *,
-    x: str = "max_curvature",
-    y: str = "mean_speed",
-    whole: bool = False,
-) -> Axes:
-    """Draws what roads and drives were tried (grey), and where they fail.
-
-    A cell with failures has their number, and the colour of the lowest MOOBD.
-
-    Args:
-        campaign: with the tests, or its folder.
-        ax: axes to draw on.
-        x: feature to the right, see `frenetic.analysis.FEATURES`.
-        y: feature upwards.
-        whole: measure the whole road and drive instead of the 30 m before and after the place of
-            departure.
-
-    Raises:
-        CampaignError: there is no campaign, or it is damaged.
-        UnknownNameError: there is no such feature.
-    """
-    chosen = feature(x), feature(y)
-    with opened(campaign) as store:
-        across, up, failing, moobds = _measured(store, *chosen, whole=whole)
-    shape = len(across.edges) - 1, len(up.edges) - 1
-    driven, failed, worst = np.zeros(shape), np.zeros(shape, dtype=np.int64), np.full(shape, np.inf)
-    np.add.at(driven, (across.cells, up.cells), 1)
-    np.add.at(failed, (across.cells[failing], up.cells[failing]), 1)
-    np.minimum.at(worst, (across.cells[failing], up.cells[failing]), moobds[failing])
-    with mpl.rc_context(STYLE):
-        axes = _new_axes(5.2, 4.2)[0] if ax is None else ax
-        cover = np.ma.masked_where(driven == 0, np.zeros_like(worst))
-        axes.pcolormesh(
-            across.edges, up.edges, cover.T, cmap=ListedColormap([_COVERED]), ec="white", lw=1.0
-        )
-        if failed.any():
-            low, high = float(worst[failed > 0].min()), float(worst[failed > 0].max())
-            low, high = (low, high) if low < high else (low - 1e-3, high + 1e-3)
-            shades = axes.pcolormesh(
-                across.edges,
-                up.edges,
-                np.ma.masked_where(failed == 0, worst).T,
-                cmap=ListedColormap(SEVERITY[::-1]),
-                norm=BoundaryNorm(np.linspace(low, high, len(SEVERITY) + 1), len(SEVERITY)),
-                ec="white",
-                lw=1.0,
-            )
-            middles = [0.5 * (axis.edges[1:] + axis.edges[:-1]) for axis in (across, up)]
-            for i, k in np.argwhere(failed > 0):
-                dark = worst[i, k] < low + 3.0 * (high - low) / len(SEVERITY)
-                axes.text(
-                    middles[0][i], middles[1][k], str(failed[i, k]), ha="center", va="center",
-                    size=8.0, color="white" if dark else "black",
-                )  # fmt: skip
-            if ax is None:
-                bar = axes.figure.colorbar(shades, ax=axes, label="lowest MOOBD (m)", format="%.2f")
-                bar.outline.set_visible(False)
-        for axis, set_title, set_ticks in (
-            (across, axes.set_xlabel, axes.set_xticks),
-            (up, axes.set_ylabel, axes.set_yticks),
-        ):
-            set_title(axis.title)
-            set_ticks(axis.edges[::2], [f"{edge:.3g}" for edge in axis.edges[::2]])
-        axes.set_title(
-            f"Failures in {counted(int((failed > 0).sum()), 'cell')} of"
-            f" {int((driven > 0).sum())} that were reached",
-            loc="left",
-            fontsize=9.0,
-        )
-        axes.tick_params(length=0.0)
-        for spine in axes.spines.values():
-            spine.set_color(FAINT)
-        axes.xaxis.label.set_color(QUIET)
-    return axes
-
-
-def _summaries(store: CampaignStore) -> list[TestSummary]:
-    return [TestSummary.of(record) for record in store.tests()]
-
-
-def _measured(
-    store: CampaignStore, x: Feature, y: Feature, *, whole: bool
-) -> tuple[MapAxis, MapAxis, npt.NDArray[np.bool_], FloatArray]:
-    """The axes of two features; which of the tests failed, (n,), and their MOOBDs in m, (n,)."""
-    features, failed, moobds = [], [], []
-    for test in choose_mapped(_summaries(store)):
-        record = store.test(test.id)
-        if record.drive is None or not len(record.drive.trajectory):
-            continue
-        segment = segment_of(record.road, record.drive, record.departure)
-        features.append(features_of(segment.whole() if whole else segment))
-        failed.append(record.outcome is Outcome.FAIL)
-        moobds.append(record.moobd or 0.0)
-    which = np.array(failed, dtype=np.bool_)
-    return MapAxis.of(x, features), MapAxis.of(y, features), which, np.array(moobds)
-
-
-def _plot_comparison(comparison: Comparison, ax: Axes | None) -> Axes:
-    with mpl.rc_context(STYLE):
-        axes = _new_axes(_WIDE, 3.2)[0] if ax is None else ax
-        draw_curves(axes, comparison)
-        axes.legend(loc="upper left", frameon=False, fontsize=8.5)
     return axes

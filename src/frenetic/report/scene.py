@@ -66,10 +66,9 @@ class SeenDrive:
     xy: FloatArray  # (n, 2) m
     heading: FloatArray  # (n,) rad
     speed: FloatArray  # (n,) km/h
-    time: FloatArray  # (n,) s
 
     def __len__(self) -> int:
-        return len(self.time)
+        return len(self.distance)
 
 
 def road_of(drive: Drive, road: Road | None) -> Road:
@@ -102,10 +101,10 @@ def look(road: Road, drive: Drive) -> SeenDrive:
         result=judge(road, drive),
         distance=seen.distance,
         oob_distance=seen.oob_distance,
-        xy=np.column_stack([t.x[:n], t.y[:n]]),
+        # What is out of any picture is brought near enough to draw.
+        xy=np.clip(np.column_stack([t.x[:n], t.y[:n]]), -1e6, 1e6),
         heading=t.heading[:n],
         speed=t.speed[:n] * 3.6,
-        time=t.time[:n],
     )
 
 
@@ -140,22 +139,23 @@ def focus_of(seen: SeenDrive) -> Focus | None:
 class Box:
     """A rectangle in the turned plane, in metres."""
 
-    x: float  # of its centre
-    y: float
-    width: float
-    height: float
+    low: FloatArray  # (2,) its lower left corner
+    high: FloatArray  # (2,) its upper right corner
 
     @property
-    def ends(self) -> FloatArray:
-        """(2, 2) its lower left and upper right corner."""
-        middle, reach = np.array([self.x, self.y]), 0.5 * np.array([self.width, self.height])
-        return np.array([middle - reach, middle + reach])
+    def size(self) -> FloatArray:
+        """(2,) width and height."""
+        return self.high - self.low
+
+    @property
+    def flatness(self) -> float:
+        """Height over width."""
+        width, height = self.size
+        return float(height / width)
 
     def holding(self, ends: FloatArray) -> Box:
-        """The box around this one and another one's ends."""
-        low, high = np.minimum(self.ends, ends)[0], np.maximum(self.ends, ends)[1]
-        (x, y), (width, height) = 0.5 * (low + high), high - low
-        return Box(float(x), float(y), float(width), float(height))
+        """The box around this one and another one's corners, (2, 2)."""
+        return Box(np.minimum(self.low, ends[0]), np.maximum(self.high, ends[1]))
 
 
 @dataclass(frozen=True)
@@ -172,16 +172,25 @@ class View:
     def showing(cls, axes: Axes, box: Box, turn: float) -> View:
         """The view of ``box``, with what else fits into the axes."""
         size = size_of(axes)
-        scale = float(min(size / (box.width, box.height)))
-        half = 0.5 * size / scale
-        axes.set_xlim(box.x - half[0], box.x + half[0])
-        axes.set_ylim(box.y - half[1], box.y + half[1])
-        axes.set_facecolor(PANEL)
-        return cls(axes, turn, scale, np.array([box.x, box.y]), half)
+        scale = float(min(size / box.size))
+        half, centre = 0.5 * size / scale, 0.5 * (box.low + box.high)
+        (left, bottom), (right, top) = centre - half, centre + half
+        axes.set(xlim=(left, right), ylim=(bottom, top), facecolor=PANEL)
+        return cls(axes, turn, scale, centre, half)
 
     def at(self, points: FloatArray) -> FloatArray:
         """(n, 2) places in the axes of (n, 2) places on the map, in m."""
         return turned(points, self.turn)
+
+    def points(self, places: FloatArray) -> FloatArray:
+        """Places in the axes, (..., 2), in points from the middle."""
+        found: FloatArray = (places - self.centre) * self.scale
+        return found
+
+    def places(self, points: FloatArray) -> FloatArray:
+        """The reverse of `points`."""
+        found: FloatArray = self.centre + points / self.scale
+        return found
 
     def shows(self, place: FloatArray) -> bool:
         """Whether a place, (2,) in the axes, is in sight."""
@@ -202,11 +211,6 @@ def size_of(axes: Axes) -> FloatArray:
     return np.array([box.width, box.height]) * POINT / dpi
 
 
-def sane(places: FloatArray) -> FloatArray:
-    """Places, (n, 2) in m, with those out of any picture brought near enough to draw."""
-    return np.clip(places, -1e6, 1e6)
-
-
 def box_of(road: Road, seen: SeenDrive | None, turn: float) -> Box:
     """The box to show: the road and the path, unless the path goes far astray."""
     outline = turned(edges_of(road, max(2.0, road.length / _MAX_POINTS)), turn)
@@ -215,9 +219,7 @@ def box_of(road: Road, seen: SeenDrive | None, turn: float) -> Box:
         path = np.clip(turned(seen.xy, turn), low - 15.0, high + 15.0)
         low, high = np.minimum(low, path.min(axis=0)), np.maximum(high, path.max(axis=0))
     around = 4.0 + 0.03 * float((high - low).max())
-    x, y = (low + high) / 2.0
-    width, height = high - low + 2.0 * around
-    return Box(float(x), float(y), float(width), float(height))
+    return Box(low - around, high + around)
 
 
 _REACHES: Final = np.array([11.0, 18.0, 28.0, 42.0, 60.0, 84.0])
@@ -234,20 +236,13 @@ class _Labels:
     """
 
     view: View
-    obstacles: FloatArray  # (n, 2) m in the axes
+    obstacles: FloatArray  # (n, 2) of what is drawn
     size: float = 9.0
     taken: list[tuple[float, float, float, float]] = field(default_factory=list)
 
-    def __post_init__(self) -> None:
-        self._hidden = self._points(self.obstacles)
-
-    def _points(self, places: FloatArray) -> FloatArray:
-        points: FloatArray = (places - self.view.centre) * self.view.scale
-        return points
-
     def put(self, place: FloatArray, text: str, colour: str) -> None:
         """Write ``text`` beside a place, (2,) in the axes, with a leader if need be."""
-        place = self._points(place)
+        place = self.view.points(place)
         half = np.array([0.31 * self.size * len(text) + 2.0, 0.68 * self.size])
         # From the label's edge to the place it is the reach.
         to_edge = np.min(half / np.maximum(np.abs(_DIRECTIONS), 1e-9), axis=1)
@@ -261,26 +256,22 @@ class _Labels:
         if chosen > 15.0:
             near = np.clip(place, low + 1.0, high - 1.0)
             away = (near - place) / max(float(np.hypot(*(near - place))), 1e-9)
-            leader = self._places(np.array([place + 6.0 * away, near]))
+            leader = self.view.places(np.array([place + 6.0 * away, near]))
             self.view.axes.plot(*leader.T, color=colour, lw=0.7, alpha=0.7, zorder=8)
-        x, y = self._places(best)
+        x, y = self.view.places(best)
         self.view.axes.text(
             x, y, text, size=self.size, color=colour,
             ha="center", va="center", weight="bold", zorder=9,
         )  # fmt: skip
-
-    def _places(self, points: FloatArray) -> FloatArray:
-        places: FloatArray = self.view.centre + points / self.view.scale
-        return places
 
     def _costs(self, centres: FloatArray, half: FloatArray) -> FloatArray:
         """What labels at (n, 2) ``centres`` would hide, touch or cut off, (n,)."""
         low, high = (centres - half - 2.0)[:, None], (centres + half + 2.0)[:, None]
         frame = self.view.half * self.view.scale
         outside = np.maximum(high - frame, 0.0) + np.maximum(-frame - low, 0.0)
-        covered = np.ones((len(low), len(self._hidden)), dtype=bool)
+        covered = np.ones((len(low), len(self.obstacles)), dtype=bool)
         for axis in (0, 1):  # one after the other, in a tenth of the time
-            places = np.ascontiguousarray(self._hidden[:, axis])
+            places = np.ascontiguousarray(self.obstacles[:, axis])
             covered &= (places > low[:, :, axis]) & (places < high[:, :, axis])
         hidden = covered.sum(axis=1)
         taken = np.array(self.taken).reshape(-1, 4)
@@ -290,7 +281,7 @@ class _Labels:
 
     def keep_clear(self, place: FloatArray, half: float) -> None:
         """Let no label touch the square of 2 ``half`` points around a place, (2,) in the axes."""
-        centre = self._points(place)
+        centre = self.view.points(place)
         self.taken.append((*(centre - half), *(centre + half)))
 
 
@@ -306,8 +297,10 @@ def draw_scene(
 ) -> None:
     """The whole road from above with the drive on it, and a frame around what ``near`` shows."""
     if map_size is not None:
-        edge = view.at(_map_edge(map_size))
-        view.axes.plot(*edge.T, color=QUIET, lw=1.0, dashes=(5.0, 3.0), alpha=0.8, zorder=0.5)
+        corners = map_size * np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]])
+        view.axes.plot(
+            *view.at(corners).T, color=QUIET, lw=1.0, dashes=(5.0, 3.0), alpha=0.8, zorder=0.5,
+        )  # fmt: skip
     draw_surface(view, road)
     spacing = max(1.0, road.length / _MAX_POINTS)
     start, end = view.at(road.sample(spacing, -0.5 * road.lane_width)[[0, -1]])
@@ -320,13 +313,13 @@ def draw_scene(
     mark = None
     if seen is not None and focus is not None:
         _draw_path(view, seen, 0.5 * road.lane_width, 3.0 if labelled else 2.2)
-        drawn.append(view.at(sane(seen.xy)))
+        drawn.append(view.at(seen.xy))
         if labelled:
             some = _some_records(seen, focus)
             _draw_cars(view, seen, some, INK)
             _draw_cars(view, seen, [focus.record], focus.colour, zorder=6.0)
             drawn += _boxes(view, seen, [*some, focus.record])
-        mark = view.at(sane(seen.xy[[focus.record]]))[0]
+        mark = view.at(seen.xy[[focus.record]])[0]
         if near is not None and near.scale > 2.0 * view.scale:
             corner, (across, up) = mark - near.half, 2.0 * near.half
             how: Any = {"fill": False, "ec": QUIET, "lw": 0.8, "alpha": 0.7, "zorder": 6}
@@ -342,7 +335,7 @@ def draw_scene(
             view.mark(mark, "o", ms=size, mfc="none", mec=focus.colour, mew=width, zorder=7)
     if not labelled:
         return
-    labels = _Labels(view, np.vstack(drawn))
+    labels = _Labels(view, view.points(np.vstack(drawn)))
     for place in (start, end):
         labels.keep_clear(place, 4.0)
     if focus is not None and mark is not None:
@@ -387,7 +380,7 @@ def _draw_arrows(view: View, road: Road) -> None:
 
 def _draw_path(view: View, seen: SeenDrive, half: float, width: float) -> None:
     """The path of the car's centre of mass, coloured by oob distance."""
-    places = view.at(sane(seen.xy))
+    places = view.at(seen.xy)
     draw_coloured(view.axes, places, view.scale, seen.oob_distance, half, width)
 
 
@@ -434,7 +427,7 @@ def draw_coloured(
 
 def _some_records(seen: SeenDrive, focus: Focus) -> list[int]:
     """A few records at equal distances, none near to the one that the picture is about."""
-    driven = np.cumsum(np.hypot(*np.diff(sane(seen.xy), axis=0, prepend=seen.xy[:1]).T))
+    driven = np.cumsum(np.hypot(*np.diff(seen.xy, axis=0, prepend=seen.xy[:1]).T))
     count = int(np.clip(driven[-1] / 15.0, 0.0, 6.0))
     some = np.searchsorted(driven, np.linspace(0.0, driven[-1], count + 2)[1:-1])
     away = np.hypot(*(seen.xy - seen.xy[focus.record]).T)
@@ -446,7 +439,7 @@ def _boxes(view: View, seen: SeenDrive, records: Sequence[int]) -> list[FloatArr
     car = seen.drive.car
     x = car.centre_ahead + car.length * np.array([-0.5, 0.5, 0.5, -0.5])
     corners = np.column_stack([x, car.width * np.array([0.5, 0.5, -0.5, -0.5])])
-    return [view.at(sane(seen.xy[i]) + turned(corners, seen.heading[i])) for i in records]
+    return [view.at(seen.xy[i] + turned(corners, seen.heading[i])) for i in records]
 
 
 def _draw_cars(
@@ -467,15 +460,6 @@ def _draw_cars(
     view.add(LineCollection(screens, colors=colour, linewidths=width, zorder=zorder))
 
 
-def _map_edge(map_size: float) -> FloatArray:
-    """Points all around the map, (n, 2) in m."""
-    along = np.linspace(0.0, map_size, 201)
-    near, far = np.zeros_like(along), np.full_like(along, map_size)
-    x = np.concatenate([along, far, along[::-1], near])
-    y = np.concatenate([near, along, far, along[::-1]])
-    return np.column_stack([x, y])
-
-
 def draw_close_up(view: View, road: Road, seen: SeenDrive, focus: Focus) -> None:
     """The place that the picture is about, large enough to see the car on the lane."""
     draw_surface(view, road)
@@ -493,7 +477,7 @@ def draw_close_up(view: View, road: Road, seen: SeenDrive, focus: Focus) -> None
             i += direction
     _draw_cars(view, seen, chosen, INK)
     _draw_cars(view, seen, [focus.record], focus.colour, width=1.8, zorder=6.0, fill=0.22)
-    place = view.at(sane(seen.xy[[focus.record]]))[0]
+    place = view.at(seen.xy[[focus.record]])[0]
     view.mark(place, "o", ms=4.5, color=focus.colour, zorder=7)
 
 
@@ -511,7 +495,9 @@ def draw_key(
         page.line([x, x + dx], [y + 0.24, y + 0.24 + dy], color=QUIET, lw=1.1)
         beside = x + 1.55 * dx, y + 0.24 + 1.55 * dy
         page.text(*beside, name, size=8, color=QUIET, ha="center", va="center")
-    if map_size is not None and any(view.shows(place) for place in view.at(_map_edge(map_size))):
+    frame = view.centre + view.half * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
+    ends = turned(frame, -view.turn)
+    if map_size is not None and ((ends < 0.0) | (ends > map_size)).any():
         x += 0.65
         page.line([x, x + 0.36], [y + 0.2, y + 0.2], color=QUIET, lw=1.0, dashes=(5.0, 3.0))
         page.text(x + 0.45, y + 0.24, "edge of the map", size=8.5, color=QUIET)

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.notebook import Shown
 from frenetic.errors import RoadError
 from frenetic.road import geometry
 from frenetic.road.fitting import MARGIN, fit_to_map
@@ -61,7 +60,7 @@ START = Pose(0.0, 0.0, math.pi / 2)
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
-class Road(Shown):
+class Road:
     """A planar centre line given by curvature samples, with one lane on each side.
 
     The curvature is linear between samples, so every piece is a clothoid. The car drives on the

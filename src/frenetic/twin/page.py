@@ -10,8 +10,18 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray, evenly
 from frenetic._support.words import capitalised, counted, signed
-from frenetic.report.html.blocks import Block, Chart, Column, Fact, Role, Section, Series, Table
-from frenetic.report.html.headline import Headline, Tile
+from frenetic.report.html.blocks import (
+    Block,
+    Chart,
+    Column,
+    Fact,
+    Headline,
+    Role,
+    Section,
+    Series,
+    Table,
+    Tile,
+)
 from frenetic.report.html.page import Report, made_by, write_page
 from frenetic.twin.calibration import Calibration
 from frenetic.twin.calibration.driving import OFFSET_MEDIAN

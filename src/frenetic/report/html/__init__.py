@@ -16,21 +16,15 @@ Your own section needs no JavaScript, as long as its blocks are of existing kind
         ),
     )
     write_report("campaigns/night", sections=[errors])
-
-A new kind of block is a frozen dataclass with a ``kind``, and a macro of that name in
-``templates/blocks.html``, which is given the block.
 """
 
 from frenetic.report.html.blocks import (
-    Bars,
-    Block,
     Chart,
     Column,
-    Command,
     Fact,
     Facts,
     Paragraph,
-    Picture,
+    Part,
     Section,
     Series,
     Table,
@@ -41,15 +35,12 @@ from frenetic.report.html.page import Report, render, write_page
 
 __all__ = [
     "REPORT",
-    "Bars",
-    "Block",
     "Chart",
     "Column",
-    "Command",
     "Fact",
     "Facts",
     "Paragraph",
-    "Picture",
+    "Part",
     "Report",
     "Section",
     "Series",

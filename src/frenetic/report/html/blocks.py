@@ -5,29 +5,14 @@ Texts are plain: nothing in them is HTML.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields, is_dataclass
-from enum import StrEnum
-from math import floor, isfinite, log10
-from typing import Any, ClassVar, Final, Literal, Protocol, TypeAlias
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal, TypeAlias
 
 from matplotlib.ticker import MaxNLocator
 
-from frenetic._support.words import signed
-
 Role: TypeAlias = Literal["accent", "fail", "pass", "invalid", "error", "quiet"]
 """Meaning of a colour; the page chooses the colour, light or dark."""
-
-
-class Block(Protocol):
-    """A part of a section: a dataclass with the name of what draws it.
-
-    That is a macro of ``templates/blocks.html``, or a function of the page's script.
-    """
-
-    @property
-    def kind(self) -> str:
-        """The name."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +20,9 @@ class Part:
     """A block of our own pages."""
 
     kind: str
+    """Name of what draws it: a macro of ``templates/blocks.html``, or a function of the script."""
     data: Mapping[str, Any]
-    """What is drawn: texts, numbers, and tuples, mappings or dataclasses of them."""
+    """What is drawn: texts, numbers, and lists, mappings or dataclasses of them."""
 
 
 @dataclass(frozen=True)
@@ -64,16 +50,6 @@ class Facts:
     title: str = ""
     folded: bool = False
     """Whether it is folded until its title is clicked."""
-
-
-@dataclass(frozen=True)
-class Command:
-    """A command line that can be copied."""
-
-    kind: ClassVar[str] = "command"
-    line: str
-    text: str = ""
-    """Its effect."""
 
 
 @dataclass(frozen=True)
@@ -133,8 +109,6 @@ class Chart:
     x_title: str
     y_title: str
     caption: str = ""
-    name: str = ""
-    """Name among the charts of a `Switch`."""
     counts: bool = False
     """Whether both axes begin at 0, and the upper one has whole numbers."""
     tests: tuple[int | None, ...] = ()
@@ -142,86 +116,30 @@ class Chart:
 
 
 @dataclass(frozen=True)
-class Switch:
-    """Charts of which one is shown at a time."""
+class Tile:
+    """A headline number."""
 
-    kind: ClassVar[str] = "switch"
     label: str
-    """Word before the buttons."""
-    charts: tuple[Chart, ...]
-    caption: str = ""
+    value: str
+    note: str = ""
+    role: Role | None = None
+    """None for a number that is neither good nor bad, and for 0."""
 
 
 @dataclass(frozen=True)
-class Scale:
-    """A scale of round numbers along a track, in percent of its width."""
+class Headline:
+    """The top of a page."""
 
-    low: float
-    high: float
-    ticks: tuple[float, ...]
-    first: float = 0.0
-    """Place of the lower end, in percent."""
-    last: float = 100.0
-    """Place of the upper end, in percent."""
-
-    @classmethod
-    def of(cls, values: Iterable[float | None], *, most: int = 5, fits: bool = True) -> Scale:
-        """The scale of some values; it begins and ends at round numbers if it ``fits``."""
-        known = [value for value in values if value is not None]
-        low, high = min(known), max(known)
-        ticks = [
-            float(tick) for tick in MaxNLocator(most, steps=[1, 2, 5, 10]).tick_values(low, high)
-        ]
-        if fits:
-            return cls(min(low, ticks[0]), max(high, ticks[-1]), tuple(ticks))
-        return cls(low, high, tuple(tick for tick in ticks if low <= tick <= high))
-
-    def at(self, value: float) -> float:
-        """Place of a value, in percent."""
-        share = (value - self.low) / (self.high - self.low)
-        return round(self.first + share * (self.last - self.first), 2)
-
-
-@dataclass(frozen=True)
-class Bars:
-    """A bar for each name, with an interval if there is one."""
-
-    kind: ClassVar[str] = "bars"
-    names: tuple[str, ...]
-    values: tuple[float | None, ...]
+    kind: ClassVar[str] = "headline"
     title: str
-    """Name of the values, with their unit."""
-    low: tuple[float | None, ...] = ()
-    """Lower ends of the intervals, as many as names, or none."""
-    high: tuple[float | None, ...] = ()
-    role: Role = "fail"
-    caption: str = ""
-    notes: tuple[str, ...] = ()
-    """Small text under each name, as many as names, or none."""
-    faint: tuple[bool, ...] = ()
-    """Whether a bar fades, since little stands behind it; as many as names, or none."""
-
-    @property
-    def scale(self) -> Scale:
-        """The scale of all bars, from 0 or below."""
-        return Scale.of([0.0, 1e-9, *self.values, *self.low, *self.high])
-
-    def text(self, value: float | None) -> str:
-        """A value, with as many digits as the largest needs."""
-        most = max(abs(self.scale.low), abs(self.scale.high))
-        return signed(value, max(1, 2 - floor(log10(most))))
+    lead: str
+    warning: str
+    """A warning, for example that the campaign is unfinished. Mostly empty."""
+    tiles: tuple[Tile, ...]
+    facts: tuple[Fact, ...]
 
 
-@dataclass(frozen=True)
-class Picture:
-    """A picture that is part of the page."""
-
-    kind: ClassVar[str] = "picture"
-    source: str
-    """A ``data:`` URI: the page can load nothing else."""
-    text: str
-    """Description for readers who cannot see it."""
-    caption: str = ""
+Block: TypeAlias = Part | Paragraph | Facts | Table | Chart | Headline
 
 
 @dataclass(frozen=True)
@@ -236,7 +154,9 @@ class Section:
     """A sentence or two under the headline."""
 
 
-_PLAIN: Final = frozenset({int, str, bool, type(None)})
+def command(line: str, text: str) -> Part:
+    """A command line that can be copied, and its effect."""
+    return Part("command", {"line": line, "text": text})
 
 
 def percent(share: float) -> str:
@@ -244,24 +164,12 @@ def percent(share: float) -> str:
     return f"{100.0 * share:.1f}\u00a0%"
 
 
-def to_json(value: Any) -> Any:
-    """A dataclass and its contents as JSON; numbers that are not finite become null."""
-    if is_dataclass(value) and not isinstance(value, type):
-        found = {item.name: to_json(getattr(value, item.name)) for item in fields(value)}
-        if isinstance(value, Part):
-            return {"kind": value.kind, **found["data"]}
-        kind = getattr(value, "kind", None)
-        return found if kind is None else {"kind": kind, **found}
-    if isinstance(value, float):
-        return value if isfinite(value) else None
-    if isinstance(value, StrEnum):
-        return str(value)
-    if value is None or isinstance(value, (bool, int, str)):
-        return value
-    if isinstance(value, Mapping):
-        return {str(name): to_json(item) for name, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        if set(map(type, value)) <= _PLAIN:
-            return value  # most of a page is long columns
-        return [to_json(item) for item in value]
-    raise TypeError(f"{value!r} is a {type(value).__name__}, which a page cannot hold")
+def round_numbers(low: float, high: float, most: int = 5) -> list[float]:
+    """Round numbers from below ``low`` to above ``high``, at most so many steps."""
+    ticks = MaxNLocator(most, steps=[1, 2, 5, 10]).tick_values(low, high)
+    return [float(tick) for tick in ticks]
+
+
+def tick_text(value: float) -> str:
+    """A number at an axis."""
+    return f"{value:.6g}".replace("-", "−")

@@ -4,55 +4,57 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
-from dataclasses import replace
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from msgspec.json import encode
+
 from frenetic._support.entry_points import imported, installed
-from frenetic._support.json_value import JSONValue
 from frenetic.again.rerun import Rerun, elsewhere, own_repeats, read_reruns
 from frenetic.analysis.failures import Clusters, distinct_failures, nearest_misses
-from frenetic.analysis.segments import Segment, segment_of
-from frenetic.campaign.counts import Counts, key_of
+from frenetic.analysis.features import Features
+from frenetic.analysis.segments import segment_of
+from frenetic.campaign.counts import Counts
 from frenetic.campaign.earlier import still_failing
 from frenetic.campaign.objective import objectives
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
+from frenetic.export.tables import Place, opened
 from frenetic.outcome import Outcome
 from frenetic.report.html.blocks import Part, Section
 from frenetic.report.html.elsewhere import elsewhere_sections
-from frenetic.report.html.feature_map import Measured, choose_mapped, map_section
-from frenetic.report.html.gallery import gallery_section, misses_section
+from frenetic.report.html.feature_map import choose_mapped, map_section, measure
+from frenetic.report.html.gallery import gallery_section
 from frenetic.report.html.headline import headline
 from frenetic.report.html.operators import operators_section
-from frenetic.report.html.page import Report, made_by, write_page
+from frenetic.report.html.page import Report, write_page
 from frenetic.report.html.repeating import drive_options, repeat_section
 from frenetic.report.html.tests import (
-    DRIVES_SIZE,
-    DriveData,
+    COLUMNS,
     Film,
     TestSummary,
-    TestTable,
     drive_data,
+    files_of,
+    table_of,
 )
 from frenetic.report.html.timeline import timeline_section
-from frenetic.spec import decode_budget
+from frenetic.search.operators import DOES
 
 FILMS: Final = "frenetic.films"
 """Group of entry points: functions of a campaign's record that give one of a test, for its `Film`
 or None."""
+DRIVES_SIZE: Final = 3_500_000
+"""Most bytes of JSON for all drives of a page."""
 FILMS_SIZE: Final = 3_000_000
-"""Approximate bytes of all pictures of a page."""
+"""Most bytes of all pictures of a page, likewise."""
 REPORT: Final = "report.html"
 """Name of the report in a campaign's folder."""
 
 
 def write_report(
-    campaign: CampaignStore | Path | str,
+    campaign: Place,
     path: Path | str | None = None,
     *,
     clusters: Clusters | None = None,
@@ -75,12 +77,7 @@ def write_report(
         CampaignError: there is no campaign, or it is damaged.
         FreneticError: the file cannot be written.
     """
-    with ExitStack() as stack:
-        store = (
-            campaign
-            if isinstance(campaign, CampaignStore)
-            else stack.enter_context(CampaignStore.open(Path(campaign)))
-        )
+    with opened(campaign) as store:
         path = store.folder / REPORT if path is None else Path(path)
         report = campaign_report(store, clusters=clusters, misses=misses, sections=sections)
     return write_page(report, path)
@@ -98,41 +95,38 @@ def campaign_report(
     Raises:
         CampaignError: the campaign is damaged.
     """
-    failures = store.by_outcome()[Outcome.FAIL]
     clusters = distinct_failures(store) if clusters is None else clusters
     found = clusters
+    failures = store.by_outcome()[Outcome.FAIL]
     if not failures:
         found = nearest_misses(store) if misses is None else misses
     tests, counts = _read(store)  # last: while the campaign runs, it has what was found before
-    mapped = [test.id for test in choose_mapped(tests)]
     config, facts = store.config, store.facts
     reruns, trouble = _reruns(store)
-    own, there = own_repeats(reruns, config, store.setting.rules), elsewhere(reruns, config)
-    driven_there = [test.id for one in there for test in one.tests]
-    drives, measured = _look(store, _to_show(tests, found, driven_there), mapped)
-    opened = {drive.id for drive in drives}
+    there = elsewhere(reruns, config)
+    shown = _to_show(tests, found, [test.id for one in there for test in one.tests])
+    drives, measured = _look(store, shown, [test.id for test in choose_mapped(tests)])
     moobds = {test.id: test.moobd for test in tests if test.moobd is not None}
-    elapsed = store.elapsed()
     top = headline(
         config,
         facts,
         counts,
         clusters,
         folder=str(store.folder),
-        elapsed=elapsed,
-        is_spent=_budget_spent(config, facts, counts, elapsed) >= 1.0,
+        elapsed=store.elapsed(),
         objectives=objectives(store),
         known=still_failing(store),
         trouble=trouble,
     )
+    own = own_repeats(reruns, config, store.setting.rules)
     return Report(
         title=top.title,
         sections=(
             Section("summary", top.title, (top,)),
             timeline_section(tests, clusters),
-            gallery_section(found, moobds, opened, own, failures)
-            if failures
-            else misses_section(found, counts, moobds, opened),
+            gallery_section(
+                found, moobds, {drive["id"] for drive in drives}, own, failures, counts.broken
+            ),
             map_section(measured, tests),
             operators_section(tests, clusters),
             *elsewhere_sections(store, there),
@@ -140,88 +134,62 @@ def campaign_report(
             repeat_section(config, facts),
             *sections,
         ),
-        campaign=_shell(store.folder),
-        drive_options=drive_options(config),
-        made_by=made_by(),
-        lane_width=_lane_width(config.get("lane_width")),
-        tests=TestTable.of(tests),
-        drives=tuple(drives),
+        data={
+            "campaign": _shell(store.folder),
+            "drive_options": drive_options(config),
+            "lane_width": store.setting.lane_width,
+            "tests": table_of(tests),
+            "operators": {test.origin.operator: DOES.get(test.origin.operator) for test in tests},
+            "resolutions": COLUMNS,
+            "drives": drives,
+        },
     )
 
 
 def _read(store: CampaignStore) -> tuple[list[TestSummary], Counts]:
     """The tests, and their counts: a campaign that runs may have more by now."""
-    tests, roads = [], set()
+    tests, counts = [], Counts()
     for record in store.tests():
         tests.append(TestSummary.of(record))
-        if record.outcome is not Outcome.DROPPED:
-            roads.add(key_of(record.candidate))
-    by_outcome = dict.fromkeys(Outcome, 0) | Counter(test.outcome for test in tests)
-    moobds = [test.moobd for test in tests if test.moobd is not None]
-    return tests, Counts.of(by_outcome, min(moobds, default=None), len(roads))
+        counts.add(record.candidate, record.outcome, record.moobd)
+    return tests, counts
 
 
 def _look(
-    store: CampaignStore, shown: Sequence[int], mapped: Sequence[int]
-) -> tuple[list[DriveData], dict[int, Measured]]:
+    store: CampaignStore, shown: Sequence[int], mapped: Collection[int]
+) -> tuple[list[dict[str, Any]], dict[int, Mapping[str, Features]]]:
     """The drives of as many tests to show as there is room for, and the features of the mapped.
 
     Each trajectory is read once, and not kept.
     """
-    drives: list[DriveData] = []
-    measured: dict[int, Measured] = {}
+    drives: list[dict[str, Any]] = []
+    measured: dict[int, Mapping[str, Features]] = {}
     room, room_for_pictures = DRIVES_SIZE, FILMS_SIZE
     is_mapped, is_shown = set(mapped), set(shown)
-    films = [film(store.config) for film in _films()]
+    films: list[Callable[[Test], Film | None]] = [
+        imported(entry.target)(store.config) for entry in installed(FILMS)
+    ]
     for test_id in dict.fromkeys([*shown, *mapped]):
         is_wanted = room > 0 and test_id in is_shown
         if not is_wanted and test_id not in is_mapped:
             continue
         record = store.test(test_id)
-        segment = _segment(record)
-        if segment is None:
+        drive = record.drive
+        if drive is None or not len(drive.trajectory):
             continue
+        segment = segment_of(record.road, drive, record.departure)
         if test_id in is_mapped:
-            measured[test_id] = Measured.of(segment)
+            measured[test_id] = measure(segment)
         if is_wanted:
-            drive = drive_data(record, segment)
-            if room_for_pictures > 0:
-                seen = (film(record) for film in films)
-                drive = replace(drive, film=next((one for one in seen if one is not None), None))
-            drives.append(drive.with_files(store.folder))
-            room -= drive.size
-            if drive.film is not None:
-                room_for_pictures -= drive.film.size
+            origin = record.candidate.origin
+            data = drive_data(test_id, record.result, segment, origin.generation)
+            drives.append(data | files_of(test_id, store.folder))
+            room -= len(encode(data))
+            seen = (film(record) for film in films if room_for_pictures > 0)
+            film = next((one for one in seen if one is not None), None)
+            drives[-1]["film"] = film
+            room_for_pictures -= 0 if film is None else len(film.pictures)
     return drives, measured
-
-
-def _films() -> list[Callable[[Mapping[str, JSONValue]], Callable[[Test], Film | None]]]:
-    return [imported(entry.target) for entry in installed(FILMS)]
-
-
-def _segment(record: Test) -> Segment | None:
-    """The segment of a test that was read with its trajectory; None if it has no records."""
-    drive = record.drive
-    if drive is None or not len(drive.trajectory):
-        return None
-    return segment_of(record.road, drive, record.departure)
-
-
-def _budget_spent(
-    config: Mapping[str, JSONValue],
-    facts: Mapping[str, JSONValue],
-    counts: Counts,
-    elapsed: float,
-) -> float:
-    """Share of the campaign's last budget that its results have spent, 0..1.
-
-    It is 0 without a usable budget.
-    """
-    try:
-        budget = decode_budget(facts.get("budget", config.get("budget")))
-    except ValueError:
-        return 0.0
-    return budget.spent(counts.simulations, elapsed, counts.failed)
 
 
 def _to_show(
@@ -250,8 +218,5 @@ def _reruns(store: CampaignStore) -> tuple[list[Rerun], str]:
 
 def _shell(path: Path) -> str:
     """A path for pasting into a shell."""
-    return f'"{path}"' if sys.platform == "win32" else shlex.quote(str(path))
-
-
-def _lane_width(value: Any) -> float:
-    return float(value) if isinstance(value, int | float) else 4.0
+    text = str(path).encode("utf-8", "replace").decode()  # it may hold what no page can
+    return f'"{text}"' if sys.platform == "win32" else shlex.quote(text)

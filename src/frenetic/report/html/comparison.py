@@ -15,22 +15,17 @@ from frenetic.analysis.statistics import LEAST_REPEATS, SIGNIFICANT
 from frenetic.report.html.blocks import (
     Block,
     Column,
-    Command,
     Fact,
     Facts,
+    Headline,
     Section,
     Table,
+    Tile,
 )
+from frenetic.report.html.blocks import command as command_block
 from frenetic.report.html.campaign import REPORT
-from frenetic.report.html.groups import (
-    group_curves,
-    group_pairs,
-    group_spreads,
-    group_tables,
-    groups_of,
-)
-from frenetic.report.html.headline import Headline, Tile
-from frenetic.report.html.page import Report, made_by, write_page
+from frenetic.report.html.groups import group_curves, group_pairs, group_spreads, group_tables
+from frenetic.report.html.page import Report, write_page
 
 MOST_TILES: Final = 8
 """Most groups in the headline."""
@@ -116,21 +111,19 @@ def comparison_report(
     The other arguments are those of `write_comparison_page`.
     """
     title = title or f"{in_short(list(comparison.groups))} compared"
-    groups = groups_of(comparison)
-    pairs = Section("pairs", "Pair by pair", (group_pairs(comparison, groups),))
+    pairs = Section("pairs", "Pair by pair", (group_pairs(comparison),))
     return Report(
         title=title,
         sections=(
             Section("summary", title, (_headline(comparison, lead),)),
-            Section("results", "Results", tuple(group_tables(comparison, groups))),
-            Section("curves", "Over the budget", tuple(group_curves(comparison, groups))),
-            Section("spreads", "Campaign by campaign", (group_spreads(comparison, groups),)),
-            *([pairs] if len(groups) > 1 else []),
+            Section("results", "Results", tuple(group_tables(comparison))),
+            Section("curves", "Over the budget", tuple(group_curves(comparison))),
+            Section("spreads", "Campaign by campaign", (group_spreads(comparison),)),
+            *([pairs] if len(comparison.groups) > 1 else []),
             Section("measures", "What is measured", tuple(_definitions(comparison))),
             Section("campaigns", "Campaigns", (_campaigns(comparison, folder),)),
             _configuration(comparison, facts, command),
         ),
-        made_by=made_by(),
     )
 
 
@@ -170,18 +163,17 @@ def _headline(comparison: Comparison, lead: str) -> Headline:
 
 
 def _sizes(comparison: Comparison) -> str:
-    sizes = {len(group) for group in comparison.groups.values()}
-    total = sum(len(group) for group in comparison.groups.values())
-    number = len(comparison.groups)
-    if len(sizes) == 1:
-        return f"{total}: {sizes.pop()} of each of {number} groups"
-    return f"{total}: " + ", ".join(f"{len(g)} of {n}" for n, g in comparison.groups.items())
+    sizes = {name: len(group) for name, group in comparison.groups.items()}
+    if len(set(sizes.values())) == 1:
+        each = f"{next(iter(sizes.values()))} of each of {len(sizes)} groups"
+    else:
+        each = ", ".join(f"{size} of {name}" for name, size in sizes.items())
+    return f"{sum(sizes.values())}: {each}"
 
 
 def _range(numbers: Sequence[int]) -> str:
-    return (
-        str(min(numbers)) if min(numbers) == max(numbers) else f"{min(numbers)} to {max(numbers)}"
-    )
+    low, high = min(numbers), max(numbers)
+    return str(low) if low == high else f"{low} to {high}"
 
 
 # Definitions and sources
@@ -203,15 +195,11 @@ def _campaigns(comparison: Comparison, folder: Path) -> Table:
     campaigns = [
         (group, campaign) for group, found in comparison.groups.items() for campaign in found
     ]
+    numbers = ("seed", "simulations", "failures", "distinct", "invalid", "errors")
     columns = (
         Column("campaign"),
         Column("group"),
-        Column("seed", is_number=True),
-        Column("simulations", is_number=True),
-        Column("failures", is_number=True),
-        Column("distinct", is_number=True),
-        Column("invalid", is_number=True),
-        Column("errors", is_number=True),
+        *(Column(name, is_number=True) for name in numbers),
         Column("finished"),
     )
     return Table(
@@ -256,7 +244,7 @@ def _link(campaign: CampaignMeasures, folder: Path) -> str | None:
 def _configuration(comparison: Comparison, facts: Sequence[Fact], command: str | None) -> Section:
     blocks: list[Block] = []
     if command:
-        blocks.append(Command(command, "Makes this again:"))
+        blocks.append(command_block(command, "Makes this again:"))
     if facts:
         blocks.append(Facts(tuple(facts)))
     if comparison.shared:

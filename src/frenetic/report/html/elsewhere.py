@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
+from msgspec.json import encode
+
 from frenetic._support.words import signed
 from frenetic.again.rerun import Rerun, names_of
 from frenetic.again.verdicts import matches_text
 from frenetic.campaign.store import CampaignStore
 from frenetic.oracle import assess
 from frenetic.report.html.blocks import Block, Column, Paragraph, Part, Section, Table
-from frenetic.report.html.tests import columns_size, drive_columns
+from frenetic.report.html.tests import drive_columns
 from frenetic.spec import part_text
 
 OTHERS_SIZE: Final = 1_000_000
-"""Approximate bytes of JSON for the drives in other simulators."""
+"""Most bytes of JSON for the drives in other simulators."""
 
 _COLUMNS: Final = (
     Column("test", is_number=True),
@@ -41,31 +43,35 @@ def elsewhere_sections(store: CampaignStore, reruns: Sequence[Rerun]) -> tuple[S
     blocks: list[Block] = []
     room = OTHERS_SIZE
     for one in reruns:
-        blocks += _blocks(store, one)
-        drives = _drives(store, one, room)
-        room -= sum(columns_size(drive["columns"]) for drive in drives)
+        drives = []
+        for drive in _drives(store, one):
+            room -= len(encode(drive))
+            if room < 0:
+                break
+            drives.append(drive)
         here, there = names_of(one, store.config)
-        blocks.append(Part("elsewhere", {"here": here, "there": there, "drives": drives}))
+        shown = Part("elsewhere", {"here": here, "there": there, "drives": drives})
+        blocks += [Paragraph(_text(store, one)), _table(one), shown]
     if not blocks:
         return ()
     lead = "What fails alike in two simulators says something of the driver."
     return (Section("elsewhere", "In other simulators", tuple(blocks), lead),)
 
 
-def _blocks(store: CampaignStore, rerun: Rerun) -> Iterator[Block]:
-    correlation = rerun.correlation
-    ranks = (
-        ""
-        if correlation is None
-        else f" MOOBDs go together with a rank correlation of"
-        f" {signed(correlation.spearman)}"
-        f" (p {correlation.p:.2g}, {correlation.pairs} roads)."
+def _text(store: CampaignStore, rerun: Rerun) -> str:
+    driver, simulator = (
+        part_text(getattr(rerun, part), store.config.get(part)) for part in ("driver", "simulator")
     )
-    yield Paragraph(
-        f"{part_text(rerun.driver, store.config.get('driver'))} in"
-        f" {part_text(rerun.simulator, store.config.get('simulator'))}:"
-        f" {rerun}.{ranks}"
-    )
+    text = f"{driver} in {simulator}: {rerun}."
+    if (found := rerun.correlation) is not None:
+        text += (
+            f" MOOBDs go together with a rank correlation of {signed(found.spearman)}"
+            f" (p {found.p:.2g}, {found.pairs} roads)."
+        )
+    return text
+
+
+def _table(rerun: Rerun) -> Table:
     rows = tuple(
         (
             str(test.id),
@@ -77,29 +83,20 @@ def _blocks(store: CampaignStore, rerun: Rerun) -> Iterator[Block]:
         )
         for test in rerun.tests
     )
-    yield Table(_COLUMNS, rows, links=tuple(f"#test-{one.id}" for one in rerun.tests))
+    return Table(_COLUMNS, rows, links=tuple(f"#test-{one.id}" for one in rerun.tests))
 
 
-def _drives(store: CampaignStore, rerun: Rerun, room: int) -> tuple[dict[str, Any], ...]:
-    """As many of its drives as there is room for."""
-    drives = []
+def _drives(store: CampaignStore, rerun: Rerun) -> Iterator[dict[str, Any]]:
+    """The first drive of each test that has records."""
     for test in rerun.tests:
         again = test.drives[0]
         drive = again.test.drive
-        if drive is None or not len(drive.trajectory):
-            continue
-        road = store.test(test.id, with_trajectory=False).road
-        columns = drive_columns(drive.trajectory, assess(road, drive))
-        room -= columns_size(columns)
-        if room < 0:
-            break
-        drives.append(
-            {
+        if drive is not None and len(drive.trajectory):
+            road = store.test(test.id, with_trajectory=False).road
+            yield {
                 "test": test.id,
                 "agreement": test.verdict,
                 "reason": again.reason,
-                "moobd": None if again.moobd is None else round(again.moobd, 3),
-                "columns": columns,
+                "moobd": again.moobd,
+                "columns": drive_columns(drive.trajectory, assess(road, drive)),
             }
-        )
-    return tuple(drives)

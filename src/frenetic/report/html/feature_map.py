@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -30,63 +29,33 @@ CELLS: Final = 10
 _BINS: Final = "0123456789abcdefghijklmnopqrstuvwxyz"
 
 
-@dataclass(frozen=True)
-class MapAxis:
-    """A feature of the mapped tests, cut into cells of round numbers over their own range."""
+def cells_of(
+    feature: Feature, measured: Sequence[Features]
+) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+    """A feature of some tests, cut into cells of round numbers over its own range.
 
-    feature: Feature
-    unit: str
-    """Speeds are in km/h."""
-    edges: FloatArray
-    """(n + 1,) of the cells, ascending."""
-    cells: npt.NDArray[np.int64]
-    """(tests,) of each test, from 0."""
-
-    @property
-    def title(self) -> str:
-        """The feature with its unit."""
-        return f"{self.feature.description}{f' ({self.unit})' if self.unit else ''}"
-
-    @classmethod
-    def of(cls, feature: Feature, measured: Sequence[Features]) -> MapAxis:
-        """The axis of a feature; it has the published range if nothing is measured."""
-        is_speed = feature.unit == "m/s"
-        factor = 3.6 if is_speed else 1.0
-        values = factor * np.array([feature.of(one) for one in measured], dtype=np.float64)
-        shown = values if len(values) else factor * feature.edges[[0, -1]]
-        low, high = float(shown.min()), float(shown.max())
-        if feature.counts:
-            edges = np.arange(round(low) - 0.5, round(high) + 1.0)
-        else:
-            # One value lies in the middle of a published cell.
-            half = 0.0 if high - low > 1e-6 else 0.5 * factor * float(np.diff(feature.edges)[0])
-            low, high = low - half, high + half
-            ticks = MaxNLocator(CELLS, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high)
-            edges = np.array(ticks, dtype=np.float64)
-        cells = np.searchsorted(edges, values, side="right") - 1
-        unit = "km/h" if is_speed else feature.unit
-        return cls(feature, unit, edges, cells.clip(0, len(edges) - 2))
-
-    def data(self) -> dict[str, Any]:
-        """What the page draws."""
-        assert len(self.edges) <= len(_BINS)
-        return {
-            "edges": self.edges.round(6).tolist(),
-            "bins": "".join(_BINS[cell] for cell in self.cells.tolist()),
-        }
+    Returns:
+        (n + 1,) edges of the cells, ascending; and (tests,) the cell of each test, from 0. The
+        edges are those of the published range if nothing is measured.
+    """
+    factor = 3.6 if feature.unit == "m/s" else 1.0
+    values = factor * np.array([feature.of(one) for one in measured], dtype=np.float64)
+    shown = values if len(values) else factor * feature.edges[[0, -1]]
+    low, high = float(shown.min()), float(shown.max())
+    if feature.counts:
+        edges = np.arange(round(low) - 0.5, round(high) + 1.0)
+    else:
+        # One value lies in the middle of a published cell.
+        half = 0.0 if high - low > 1e-6 else 0.5 * factor * float(np.diff(feature.edges)[0])
+        ticks = MaxNLocator(CELLS, steps=[1, 2, 2.5, 5, 10]).tick_values(low - half, high + half)
+        edges = np.array(ticks, dtype=np.float64)
+    cells = np.searchsorted(edges, values, side="right") - 1
+    return edges, cells.clip(0, len(edges) - 2)
 
 
-@dataclass(frozen=True)
-class Measured:
-    """The features of a test."""
-
-    segment: Features
-    whole: Features
-
-    @classmethod
-    def of(cls, segment: Segment) -> Measured:
-        """The features of a segment and of the whole drive that it is part of."""
-        return cls(features_of(segment), features_of(segment.whole()))
+def measure(segment: Segment) -> dict[str, Features]:
+    """The features of a segment, and of the whole drive that it is part of."""
+    return {"segment": features_of(segment), "whole": features_of(segment.whole())}
 
 
 def choose_mapped(tests: Sequence[TestSummary]) -> list[TestSummary]:
@@ -105,11 +74,13 @@ def choose_mapped(tests: Sequence[TestSummary]) -> list[TestSummary]:
     return [test for test in tests if test.id in chosen]
 
 
-def map_section(measured: Mapping[int, Measured], tests: Sequence[TestSummary]) -> Section:
+def map_section(
+    measured: Mapping[int, Mapping[str, Features]], tests: Sequence[TestSummary]
+) -> Section:
     """The feature map.
 
     Args:
-        measured: test -> its features, of those that have any.
+        measured: test -> its features by `measure`, of those that have any.
         tests: all of the campaign.
     """
     title = "Feature map"
@@ -117,58 +88,51 @@ def map_section(measured: Mapping[int, Measured], tests: Sequence[TestSummary]) 
         return Section("map", title, (), "Nothing was driven yet.")
     axes = []
     for feature in FEATURES.values():
-        segment, whole = (
-            MapAxis.of(feature, [getattr(one, scope) for one in measured.values()])
-            for scope in ("segment", "whole")
-        )
-        axes.append(
-            {
-                "name": feature.name,
-                "description": feature.description,
-                "unit": segment.unit,
-                "counts": feature.counts,
-                "segment": segment.data(),
-                "whole": whole.data(),
-            }
-        )
-    failed = [test.id for test in tests if test.outcome is Outcome.FAIL]
-    passed = [test.id for test in tests if test.outcome is Outcome.PASS]
-    failures, passes = (sum(i in measured for i in ids) for ids in (failed, passed))
-    all_driven = len(measured) == len(failed) + len(passed)
-    block = Part(
-        "featureMap",
-        {
-            "tests": tuple(measured),
-            "axes": tuple(axes),
-            "first": "max_curvature",
-            "second": "mean_speed",
-            "all_driven": all_driven,
-            "all_failures": failures == len(failed),
-        },
+        axis = {
+            "name": feature.name,
+            "description": feature.description,
+            "unit": "km/h" if feature.unit == "m/s" else feature.unit,
+            "counts": feature.counts,
+        }
+        for scope in ("segment", "whole"):
+            edges, cells = cells_of(feature, [one[scope] for one in measured.values()])
+            assert len(edges) <= len(_BINS)
+            bins = "".join(_BINS[cell] for cell in cells.tolist())
+            axis[scope] = {"edges": edges.round(6).tolist(), "bins": bins}
+        axes.append(axis)
+    failed, passed = (
+        [test.id in measured for test in tests if test.outcome is outcome]
+        for outcome in (Outcome.FAIL, Outcome.PASS)
     )
+    all_driven = all(failed) and all(passed)
+    data: dict[str, Any] = {
+        "tests": list(measured),
+        "axes": axes,
+        "first": "max_curvature",
+        "second": "mean_speed",
+        "all_driven": all_driven,
+        "all_failures": all(failed),
+    }
     lead = "What the roads are like on which the driver fails; choose a cell to see its roads."
     if not all_driven:
-        lead += f" {_mapped(failures, len(failed), passes, len(passed))}"
-    return Section("map", title, (block,), lead)
+        lead += f" {_mapped(failed, passed)}"
+    return Section("map", title, (Part("featureMap", data),), lead)
 
 
-def _mapped(failures: int, all_failures: int, passes: int, all_passes: int) -> str:
+def _mapped(failed: Sequence[bool], passed: Sequence[bool]) -> str:
     """A sentence about the tests in the map."""
     parts = []
-    if all_failures:
-        thinned = all_failures > MAPPED_FAILURES
-        parts.append(
-            _some(failures, all_failures, "failure", "failures")
-            + (", evenly from the most to the least severe," if thinned else "")
-        )
-    if all_passes:
-        parts.append(_some(passes, all_passes, "test that passed", "tests that passed"))
-    text = " and ".join(parts)
-    spread = ", evenly over the campaign," if passes < all_passes else ""
-    return f"{capitalised(text)}{spread} are mapped."
+    if failed:
+        thinned = len(failed) > MAPPED_FAILURES
+        text = _some(failed, "failure", "failures")
+        parts.append(f"{text}, evenly from the most to the least severe," if thinned else text)
+    if passed:
+        parts.append(_some(passed, "test that passed", "tests that passed"))
+    over = "" if all(passed) else ", evenly over the campaign,"
+    return f"{capitalised(' and '.join(parts))}{over} are mapped."
 
 
-def _some(number: int, of: int, one: str, many: str) -> str:
-    if number < of:
-        return f"{number} of the {of} {many}"
-    return f"the only {one}" if of == 1 else f"all {of} {many}"
+def _some(mapped: Sequence[bool], one: str, many: str) -> str:
+    if not all(mapped):
+        return f"{sum(mapped)} of the {len(mapped)} {many}"
+    return f"the only {one}" if len(mapped) == 1 else f"all {len(mapped)} {many}"

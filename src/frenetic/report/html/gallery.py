@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 from frenetic._support.words import counted
-from frenetic.again import verdicts
-from frenetic.analysis.failures import Cluster, Clusters
-from frenetic.campaign.counts import Counts
+from frenetic.again.verdicts import Repeats
+from frenetic.analysis.failures import Clusters
 from frenetic.report.html.blocks import Part, Section
 
 
@@ -16,22 +15,65 @@ def gallery_section(
     clusters: Clusters,
     moobds: Mapping[int, float],
     shown: Collection[int],
-    again: Iterable[verdicts.Repeats],
+    again: Iterable[Repeats],
     failures: int,
+    broken: str,
 ) -> Section:
-    """The failures as pictures.
+    """The failures as pictures; the nearest misses where nothing failed.
 
     Args:
-        clusters: the distinct failures.
+        clusters: the distinct failures, or misses.
         moobds: m, of each of their tests.
         shown: ids of the tests with a drive in the page.
         again: those failures that were driven again with the same parts.
         failures: number of all failures.
+        broken: what is wrong where every drive ended with an error; mostly empty.
     """
-    data = tuple(_cluster_data(cluster, moobds, shown) for cluster in clusters if cluster.ids)
-    there = sum(len(cluster["shown"]) for cluster in data)
+    data: list[dict[str, Any]] = [
+        {
+            "most_severe": one.most_severe,
+            "size": len(one),
+            "shown": sorted(
+                (i for i in one.ids if i in shown), key=lambda i: (moobds.get(i, 0.0), i)
+            ),
+            "moobd": round(one.moobd, 3),
+            "side": one.side,
+            "first": min(one.ids),
+            "description": f"{one.description}{', known before' if one.was_known else ''}",
+        }
+        for one in clusters
+        if one.ids
+    ]
+    repeats = [
+        {
+            "test": one.id,
+            "stability": one.stability,
+            "share": one.share,
+            "low": round(one.interval[0], 4),
+            "high": round(one.interval[1], 4),
+            "text": f"{one}; {one.what_varied}",
+        }
+        for one in again
+        if one.stability is not None
+    ]
+    if failures:
+        title, lead = "Failures", _lead(clusters, failures, sum(len(one["shown"]) for one in data))
+    else:
+        title, lead = "Nearest misses", f"{broken or 'No failure was found'}."
+        if not data:
+            return Section("failures", "Failures", (), lead)
+        lead += (
+            " These tests passed and came nearest to failing, by MOOBD. Those that would be the"
+            " same problem are together."
+        )
+    return Section(
+        "failures", title, (Part("gallery", {"clusters": data, "repeats": repeats}),), lead
+    )
+
+
+def _lead(clusters: Clusters, failures: int, there: int) -> str:
     lead = (
-        f"{counted(len(data), 'distinct failure')} among {clusters.failures}: failures that are"
+        f"{counted(len(clusters), 'distinct failure')} among {clusters.failures}: failures that are"
         " the same problem are together, by their most severe."
     )
     if clusters.known:
@@ -42,53 +84,4 @@ def gallery_section(
         lead += (
             f" {there} of {failures} failures can be opened here; 'frenetic show' shows any other."
         )
-    repeats = tuple(
-        {
-            "test": one.id,
-            "stability": str(one.stability),
-            "share": one.share,
-            "low": round(one.interval[0], 4),
-            "high": round(one.interval[1], 4),
-            "text": f"{one}; {one.what_varied}",
-        }
-        for one in again
-        if one.stability is not None
-    )
-    return Section("failures", "Failures", (_gallery(data, repeats),), lead)
-
-
-def misses_section(
-    misses: Clusters, counts: Counts, moobds: Mapping[int, float], shown: Collection[int]
-) -> Section:
-    """The nearest misses as pictures, where nothing failed; for its arguments see above."""
-    lead = f"{counts.broken or 'No failure was found'}."
-    if not misses:
-        return Section("failures", "Failures", (), lead)
-    lead += (
-        " These tests passed and came nearest to failing, by MOOBD. Those that would be the same"
-        " problem are together."
-    )
-    data = tuple(_cluster_data(cluster, moobds, shown) for cluster in misses)
-    return Section("failures", "Nearest misses", (_gallery(data, ()),), lead)
-
-
-def _gallery(clusters: Sequence[Mapping[str, Any]], repeats: Sequence[Mapping[str, Any]]) -> Part:
-    return Part("gallery", {"clusters": tuple(clusters), "repeats": tuple(repeats)})
-
-
-def _cluster_data(
-    cluster: Cluster, moobds: Mapping[int, float], shown: Collection[int]
-) -> dict[str, Any]:
-    """Failures that are the same problem, those with a drive in the page the most severe first."""
-    members = sorted((i for i in cluster.ids if i in shown), key=lambda i: (moobds.get(i, 0.0), i))
-    known = ", known before" if cluster.was_known else ""
-    return {
-        "most_severe": cluster.most_severe,
-        "typical": cluster.typical,
-        "size": len(cluster),
-        "shown": tuple(members),
-        "moobd": round(cluster.moobd, 3),
-        "side": cluster.side,
-        "first": min(cluster.ids),
-        "description": f"{cluster.description}{known}",
-    }
+    return lead

@@ -2,48 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from datetime import datetime
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import Any
 
 from frenetic._support.json_value import JSONValue
-from frenetic._support.words import counted, format_duration, rate_words, signed
+from frenetic._support.words import capitalised, counted, format_duration, rate_words, signed
 from frenetic.analysis.failures import Clusters
 from frenetic.campaign.asking import FACTS
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.objective import in_words
 from frenetic.campaign.summary import facts_in_words
-from frenetic.quantities import quantities
-from frenetic.registry import part_name
-from frenetic.report.html.blocks import Fact, Role, percent
-from frenetic.spec import earlier_of
+from frenetic.report.html.blocks import Fact, Headline, Tile, percent
+from frenetic.spec import Budget, decode_budget, earlier_of, part_text
 from frenetic.versions import innermost, short_version
-
-
-@dataclass(frozen=True)
-class Tile:
-    """A headline number."""
-
-    label: str
-    value: str
-    note: str = ""
-    role: Role | None = None
-    """None for a number that is neither good nor bad, and for 0."""
-
-
-@dataclass(frozen=True)
-class Headline:
-    """The top of a campaign's page."""
-
-    kind: ClassVar[str] = "headline"
-    title: str
-    lead: str
-    warning: str
-    """A warning, for example that the campaign is unfinished. Mostly empty."""
-    tiles: tuple[Tile, ...]
-    facts: tuple[Fact, ...]
 
 
 def headline(
@@ -54,7 +27,6 @@ def headline(
     *,
     folder: str,
     elapsed: float,
-    is_spent: bool = False,
     known: str = "",
     objectives: Mapping[int, float] = MappingProxyType({}),
     trouble: str = "",
@@ -68,41 +40,38 @@ def headline(
         clusters: its distinct failures.
         folder: of the campaign.
         elapsed: s of its spent time.
-        is_spent: whether its budget is.
-        objectives: value of the objective by test, if it is not the MOOBD.
         known: what became of the failures of earlier campaigns.
+        objectives: value of the objective by test, if it is not the MOOBD.
         trouble: other warnings for the reader.
     """
     failures, tests = counts.failed, counts.tests
     seconds: Any = facts.get("seconds")
-    notice = f"{notice[0].upper()}{notice[1:]}." if (notice := str(facts.get("notice", ""))) else ""
     duration = float(seconds) if isinstance(seconds, int | float) else elapsed
-    strategy, driver, simulator = (_named(config, part) for part in _PARTS)
-    seed = config.get("seed")
-    lead = (
-        f"{strategy} searched for roads on which {driver} leaves its lane in {simulator},"
-        f" seed {'unknown' if seed is None else seed}."
+    strategy, driver, simulator = (
+        part_text(config.get(part)) for part in ("strategy", "driver", "simulator")
     )
-    most = f"among the {clusters.failures} most severe" if clusters.failures < failures else ""
-    start_from = earlier_of(config)
-    before = f"{clusters.known} known before" if start_from else ""
+    start_from, seed = earlier_of(config), config.get("seed")
+    notes = [f"{clusters.known} known before"] if start_from else []
+    if clusters.failures < failures:
+        notes.append(f"among the {clusters.failures} most severe")
     share = f"{percent(failures / counts.simulations)} of simulations" if counts.simulations else ""
-    rate = rate_words(tests / duration) if tests and duration > 0.0 else ""
-    least = counts.min_moobd
+    least, invalid = counts.min_moobd, counts.invalid
     tiles = [
-        Tile("simulations", str(counts.simulations), rate),
+        Tile(
+            "simulations",
+            str(counts.simulations),
+            rate_words(tests / duration) if tests and duration > 0.0 else "",
+        ),
         Tile("failures", str(failures), share, "fail" if failures else None),
         Tile(
             "distinct failures",
             str(len(clusters)),
-            ", ".join(text for text in (before, most) if text),
+            ", ".join(notes),
             "fail" if len(clusters) else None,
         ),
         Tile("lowest MOOBD", "–" if least is None else f"{signed(least)} m"),
         Tile(
-            "invalid roads",
-            str(counts.invalid),
-            f"{percent(counts.invalid / tests)} of tests" if tests else "",
+            "invalid roads", str(invalid), f"{percent(invalid / tests)} of tests" if tests else ""
         ),
         Tile("errors", str(counts.errors), "", "error" if counts.errors else None),
     ]
@@ -111,28 +80,33 @@ def headline(
     tiles.append(
         Tile("wall time", format_duration(duration), "min:s" if duration < 3600.0 else "h:min:s")
     )
+    budget = _budget(config, facts)
+    is_spent = budget is not None and budget.spent(counts.simulations, elapsed, failures) >= 1.0
+    notice = str(facts.get("notice", ""))
+    warnings = _unfinished(facts, is_spent), f"{capitalised(notice)}." if notice else "", trouble
+    version, versions = short_version(innermost(config.get("driver"))), config.get("versions")
+    own = versions.items() if isinstance(versions, Mapping) else ()
+    told = {
+        "campaign": folder,
+        "budget": _limits(budget),
+        "objective": in_words(config, objectives),
+        "starts from": "; ".join(map(str, start_from)),
+        "results": counts.in_words(),
+        "known before": known,
+        "search": facts_in_words(facts.get(FACTS)),
+        "driver": f"{driver}, {version}" if version else "",
+        "begun": _when(facts.get("created_at")),
+        "finished": _when(facts.get("finished_at")),
+        "versions": ", ".join(f"{name} {number}" for name, number in own) or "–",
+    }
     return Headline(
         title=_title(clusters, counts),
-        lead=lead,
-        warning=" ".join(text for text in (_unfinished(facts, is_spent), notice, trouble) if text),
+        lead=f"{strategy} searched for roads on which {driver} leaves its lane in {simulator},"
+        f" seed {'unknown' if seed is None else seed}.",
+        warning=" ".join(filter(None, warnings)),
         tiles=tuple(tiles),
-        facts=(
-            Fact("campaign", folder),
-            Fact("budget", _budget(config, facts) or "–"),
-            Fact("objective", in_words(config, objectives)),
-            *(Fact("starts from", str(one)) for one in start_from),
-            Fact("results", counts.in_words()),
-            *([Fact("known before", known)] if known else []),
-            *([Fact("search", told)] if (told := facts_in_words(facts.get(FACTS))) else []),
-            *(Fact("driver", f"{driver}, {version}") for version in _version(config)),
-            Fact("begun", _when(facts.get("created_at"))),
-            Fact("finished", _when(facts.get("finished_at"))),
-            Fact("versions", _versions(config)),
-        ),
+        facts=tuple(Fact(name, value) for name, value in told.items() if value),
     )
-
-
-_PARTS = ("strategy", "driver", "simulator")
 
 
 def _title(clusters: Clusters, counts: Counts) -> str:
@@ -145,52 +119,31 @@ def _title(clusters: Clusters, counts: Counts) -> str:
     return f"{found} in {counted(counts.simulations, 'simulation')}{broken}"
 
 
-def _named(config: Mapping[str, JSONValue], part: str) -> str:
-    """Name of a part on the command line, or its class, with its layers."""
-    command = config.get("command")
-    if isinstance(command, Mapping) and isinstance(command.get(part), str):
-        text = str(command[part])
-        if part == "driver":
-            amounts, rows = command.get("layers"), quantities()
-            layers = [
-                rows[name].text(amount) if name in rows else f"{name} {amount}"
-                for name, amount in (amounts.items() if isinstance(amounts, Mapping) else ())
-                if isinstance(amount, int | float)
-            ]
-            text += f" with {', '.join(layers)}" if layers else ""
-        return text
-    described = config.get(part)
-    if not isinstance(described, Mapping):
-        return f"an unknown {part}"
-    name = part_name(described)
-    return f"{name} over {_named(described, 'driver')}" if "driver" in described else name
+def _budget(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValue]) -> Budget | None:
+    """The campaign's last budget; None without a usable one."""
+    try:
+        return decode_budget(facts.get("budget", config.get("budget")))
+    except ValueError:
+        return None
 
 
-def _version(config: Mapping[str, JSONValue]) -> Iterator[str]:
-    """The version of the driver under its layers, if it is recorded."""
-    if version := short_version(innermost(config.get("driver"))):
-        yield version
-
-
-def _budget(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValue]) -> str:
-    budget = facts.get("budget", config.get("budget"))
-    limits = budget if isinstance(budget, Mapping) else {}
-    texts = [
-        f"{format_duration(value)} of time" if name == "time" else f"{value} {name}"
-        for name, value in limits.items()
-        if isinstance(value, int | float)
-    ]
-    return ", ".join(texts)
+def _limits(budget: Budget | None) -> str:
+    if budget is None:
+        return "–"
+    time = None if budget.time is None else f"{format_duration(budget.time)} of time"
+    counts = [(budget.simulations, "simulations"), (budget.failures, "failures")]
+    texts = [f"{number} {name}" for number, name in counts if number is not None]
+    return ", ".join([*texts, *([time] if time else [])])
 
 
 def _unfinished(facts: Mapping[str, JSONValue], is_spent: bool) -> str:
     if facts.get("interrupted"):
         return "Interrupted before its budget was spent; 'frenetic resume' goes on."
-    if "finished_at" not in facts and is_spent:
+    if "finished_at" in facts:
+        return ""
+    if is_spent:
         return "Killed after its last result, so that all results are here."
-    if "finished_at" not in facts:
-        return "Not finished: the campaign was still running, or was killed."
-    return ""
+    return "Not finished: the campaign was still running, or was killed."
 
 
 def _when(value: object) -> str:
@@ -198,10 +151,3 @@ def _when(value: object) -> str:
         return f"{datetime.fromisoformat(str(value)):%Y-%m-%d %H:%M} UTC"
     except ValueError:
         return "–"
-
-
-def _versions(config: Mapping[str, JSONValue]) -> str:
-    versions = config.get("versions")
-    if not isinstance(versions, Mapping):
-        return "–"
-    return ", ".join(f"{name} {version}" for name, version in versions.items())

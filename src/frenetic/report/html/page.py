@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import json
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
@@ -16,11 +15,11 @@ from typing import Any, Final
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
+from msgspec.json import encode
 
 from frenetic._support.files import write_file
 from frenetic._support.words import signed
-from frenetic.report.html.blocks import Block, Section, to_json
-from frenetic.report.html.tests import DriveData, TestTable
+from frenetic.report.html.blocks import Block, Part, Section
 
 REPLAY_SCRIPTS: Final = ("base.js", "road.js", "elsewhere.js", "player.js", "replay.js")
 """Files in ``static`` that a page with one replay needs, in this order."""
@@ -29,12 +28,18 @@ SCRIPTS: Final = (
     *("gallery.js", "map.js", "tests.js", "charts.js", "main.js"),
 )
 """Files in ``static`` that draw a page of sections, in this order."""
-CHARTS: Final = ("uPlot.iife.min.js", "uPlot.min.css")
-"""The library that draws charts, as npm has it (MIT)."""
 SCRIPTED: Final = frozenset({"chart", "switch", "gallery", "elsewhere", "featureMap", "tests"})
 """Kinds of blocks that the script draws; the template draws the others."""
 
 _SECTION_ID: Final = re.compile(r"[a-z][a-z0-9-]*")
+
+
+def made_by() -> str:
+    """The program and its version, for the foot of a page."""
+    try:
+        return f"frenetic {version('frenetic-roads')}"
+    except PackageNotFoundError:
+        return "frenetic, version unknown"
 
 
 @dataclass(frozen=True)
@@ -43,20 +48,10 @@ class Report:
 
     title: str
     sections: tuple[Section, ...]
-    campaign: str = ""
-    """The campaign's folder, quoted for a shell."""
-    drive_options: str | None = None
-    """Options that drive its roads as they were driven; None if a command line cannot."""
-    made_by: str = ""
+    made_by: str = field(default_factory=made_by)
     """The program and its version."""
-    lane_width: float = 4.0
-    """m."""
-    tests: TestTable | None = None
-    """All tests."""
-    drives: tuple[DriveData, ...] = ()
-    """Those of them with a drive in the page."""
-    replay: int | None = None
-    """Id of the test whose replay is all of the page; None for a page of sections."""
+    data: Mapping[str, Any] = field(default_factory=dict)
+    """What the script needs beside the blocks, see `campaign_report` and `animate`."""
 
 
 def render(report: Report) -> str:
@@ -72,29 +67,19 @@ def render(report: Report) -> str:
                 f"a section's id is {name!r}: letters, digits and hyphens are needed, and each id"
                 " once"
             )
-    scripted = [b for s in report.sections for b in s.blocks if b.kind in SCRIPTED]
-    is_replay = report.replay is not None
-    script, style = _assets(REPLAY_SCRIPTS if is_replay else SCRIPTS, has_charts=not is_replay)
-    data = {
-        name: getattr(report, name)
-        for name in (
-            "title",
-            "campaign",
-            "drive_options",
-            "lane_width",
-            "tests",
-            "drives",
-            "replay",
+    blocks = [b for s in report.sections for b in s.blocks if b.kind in SCRIPTED]
+    script, style = _assets(is_replay="replay" in report.data)
+    text = (
+        _templates()
+        .get_template("page.html")
+        .render(
+            report=report,
+            scripted=SCRIPTED,
+            policy=_policy(script, style),
+            style=Markup(style),  # noqa: S704  # our own
+            script=Markup(script),  # noqa: S704  # likewise
+            data=_island({**report.data, "title": report.title, "blocks": [*map(_plain, blocks)]}),
         )
-    }
-    page = _templates().get_template("page.html")
-    text = page.render(
-        report=report,
-        is_scripted=_is_scripted,
-        policy=_policy(script, style),
-        style=Markup(style),  # noqa: S704  # our own
-        script=Markup(script),  # noqa: S704  # likewise
-        data=_island({**data, "blocks": scripted}),
     )
     # A name of a file may hold what no encoding has.
     return text.encode("utf-8", "replace").decode()
@@ -111,22 +96,14 @@ def write_page(report: Report, path: Path | str) -> Path:
     return path
 
 
-def made_by() -> str:
-    """The program and its version, for the foot of a page."""
-    try:
-        return f"frenetic {version('frenetic-roads')}"
-    except PackageNotFoundError:
-        return "frenetic, version unknown"
-
-
-def _is_scripted(block: Block) -> bool:
-    return block.kind in SCRIPTED
+def _plain(block: Block) -> dict[str, Any]:
+    return {"kind": block.kind, **(block.data if isinstance(block, Part) else vars(block))}
 
 
 def _island(data: Mapping[str, Any]) -> Markup:
     """JSON whose texts cannot end a script element."""
-    text = json.dumps(to_json(data), allow_nan=False, separators=(",", ":"))  # ASCII, so no U+2028
-    for sign in "&<>":
+    text = encode(data).decode()  # what is not finite is null
+    for sign in "&<>\u2028\u2029":
         text = text.replace(sign, f"\\u{ord(sign):04x}")
     return Markup(text)  # noqa: S704  # nothing in it is markup any more
 
@@ -152,30 +129,22 @@ def _templates() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    templates.filters["tick"] = lambda value: f"{value:.6g}".replace("-", "−")
     templates.filters["fixed"] = signed
     return templates
 
 
 @cache
-def _assets(scripts: tuple[str, ...], *, has_charts: bool) -> tuple[str, str]:
-    """The page's script and its style."""
-    library, its_style = CHARTS if has_charts else (None, None)
-    own = "\n".join(_text(name) for name in scripts)
-    script = f'"use strict";\n(() => {{\n{own}\n}})();\n'
-    if library is not None:
-        script = f"{_text(library)}\n{script}"
-    style = _text("report.css")
-    if its_style is not None:
-        style = f"{_text(its_style)}\n{style}"
-    return _unbreakable(script), style
+def _assets(*, is_replay: bool) -> tuple[str, str]:
+    """The page's script and its style, with the library that draws charts (uPlot, MIT)."""
+    own = "\n".join(map(_text, REPLAY_SCRIPTS if is_replay else SCRIPTS))
+    script, style = f'"use strict";\n(() => {{\n{own}\n}})();\n', _text("report.css")
+    if not is_replay:
+        script = f"{_text('uPlot.iife.min.js')}\n{script}"
+        style = f"{_text('uPlot.min.css')}\n{style}"
+    # A script has one line end, and nothing that ends its element.
+    script = script.replace("\r\n", "\n").replace("\r", "\n").replace("\0", "\\0")
+    return re.sub(r"<(?=/script|script|!--)", r"\\x3c", script, flags=re.IGNORECASE), style
 
 
 def _text(name: str) -> str:
     return files(__package__).joinpath("static", name).read_text(encoding="utf-8")
-
-
-def _unbreakable(script: str) -> str:
-    """A script for a page: one line end, and nothing that ends its element."""
-    script = script.replace("\r\n", "\n").replace("\r", "\n").replace("\0", "\\0")
-    return re.sub(r"<(?=/script|script|!--)", r"\\x3c", script, flags=re.IGNORECASE)

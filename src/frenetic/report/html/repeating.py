@@ -5,33 +5,35 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, Final
 
 from frenetic._support.json_value import JSONValue, plain
-from frenetic._support.words import part_word
+from frenetic._support.words import capitalised, part_word
 from frenetic.errors import CampaignError
-from frenetic.report.html.blocks import Block, Command, Fact, Facts, Paragraph, Section
+from frenetic.report.html.blocks import Block, Fact, Facts, Paragraph, Section, command
 from frenetic.run_file import NAME
 from frenetic.spec import Spec
+
+_ORDERED: Final = (
+    "Results were used in the order of the proposals, so the same seed gives the same campaign with"
+    " any number of workers."
+)
+_SEVERAL: Final = (
+    "Several workers drove, and results were used as they came, so it is not exactly repeatable:"
+    " another run proposes other roads. An ordered one would be."
+)
+_ONE: Final = "One worker drove, so the same seed gives the same campaign."
 
 
 def repeat_section(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValue]) -> Section:
     """The configuration, and how to repeat the campaign."""
     blocks: list[Block] = []
-    command = repeat_command(config, facts)
-    if command is not None:
-        blocks.append(Command(command, "Repeats the campaign, in a new folder, from its own:"))
+    if (line := repeat_command(config, facts)) is not None:
+        blocks.append(command(line, "Repeats the campaign, in a new folder, from its own:"))
     blocks.append(Paragraph(repeatability(config, facts)))
     blocks += [
-        Facts(tuple(_flat(config.get(name))), title, folded=True)
-        for name, title in (
-            ("strategy", "Strategy"),
-            ("driver", "Driver"),
-            ("simulator", "Simulator"),
-            ("rules", "Rules"),
-            ("car", "Car"),
-            ("versions", "Versions"),
-        )
+        Facts(tuple(_flat(config.get(name))), capitalised(name), folded=True)
+        for name in ("strategy", "driver", "simulator", "rules", "car", "versions")
         if isinstance(config.get(name), Mapping)
     ]
     rest = {
@@ -93,44 +95,26 @@ def _bench_words(entrant: Mapping[str, Any], spec: Spec) -> list[str]:
 
 def repeatability(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValue]) -> str:
     """Whether the campaign repeats exactly, and if not, why."""
-    sentences = []
-    if not isinstance(config.get("command"), Mapping):
-        sentences.append(
-            "The campaign was started from Python, so there is no command that repeats it; its"
-            " parts and their options are listed below."
-        )
-    elif repeat_command(config, facts) is None:
-        sentences.append("What is recorded of its command is damaged, so it cannot be shown.")
-    many = config.get("cluster") is not None or config.get("workers", 1) != 1
-    if config.get("lookahead") is not None:
-        sentences.append(
-            "Results were used in the order of the proposals, so the same seed gives the same"
-            " campaign with any number of workers."
-        )
-    elif many:
-        sentences.append(
-            "Several workers drove, and results were used as they came, so it is not exactly"
-            " repeatable: another run proposes other roads. An ordered one would be."
-        )
-    else:
-        sentences.append("One worker drove, so the same seed gives the same campaign.")
-    if _generator(config) is not None:
-        sentences.append(
-            "The seed reaches the generator through Python's random and numpy's global generator:"
-            " one that draws from elsewhere proposes other roads."
-        )
-    if config.get("seed") is None:
-        sentences.append("No seed is recorded, so its random numbers cannot be drawn again.")
     budget = facts.get("budget", config.get("budget"))
-    if isinstance(budget, Mapping) and budget.get("time") is not None:
-        sentences.append(
-            "Its budget is of wall time, so how far it comes depends on the machine's speed."
-        )
-    sentences.append(
+    is_recorded = isinstance(config.get("command"), Mapping)
+    many = config.get("cluster") is not None or config.get("workers", 1) != 1
+    told = {
+        "The campaign was started from Python, so there is no command that repeats it; its parts"
+        " and their options are listed below.": not is_recorded,
+        "What is recorded of its command is damaged, so it cannot be shown.": is_recorded
+        and repeat_command(config, facts) is None,
+        _ORDERED if config.get("lookahead") is not None else _SEVERAL if many else _ONE: True,
+        "The seed reaches the generator through Python's random and numpy's global generator: one"
+        " that draws from elsewhere proposes other roads.": _generator(config) is not None,
+        "No seed is recorded, so its random numbers cannot be drawn again.": config.get("seed")
+        is None,
+        "Its budget is of wall time, so how far it comes depends on the machine's speed.": (
+            isinstance(budget, Mapping) and budget.get("time") is not None
+        ),
         "To the last bit this holds on the same machine with the same versions, and for drivers and"
-        " simulators that are repeatable themselves."
-    )
-    return " ".join(sentences)
+        " simulators that are repeatable themselves.": True,
+    }
+    return " ".join(sentence for sentence, is_so in told.items() if is_so)
 
 
 def _flat(value: object, name: str = "") -> Iterator[Fact]:

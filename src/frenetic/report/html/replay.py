@@ -11,8 +11,8 @@ from frenetic._support.files import write_file
 from frenetic.analysis.segments import segment_of
 from frenetic.campaign.record import Test
 from frenetic.drive import Drive
-from frenetic.report.html.page import Report, made_by, render
-from frenetic.report.html.tests import drive_data_of
+from frenetic.report.html.page import Report, render
+from frenetic.report.html.tests import COLUMNS, drive_data
 from frenetic.report.scene import look, road_of
 from frenetic.road import Road
 
@@ -76,13 +76,11 @@ def animate(thing: Drive | Test, *, road: Road | None = None) -> Replay:
     result = seen.result if test is None else test.result
     segment = segment_of(road, seen.drive, result.departure)
     title = "Drive" if test is None else f"Test {test.id}"
-    data = drive_data_of(0 if test is None else test.id, result, segment)
-    report = Report(
-        title=title,
-        sections=(),
-        made_by=made_by(),
-        lane_width=road.lane_width,
-        drives=(data,),
-        replay=data.id,
-    )
-    return Replay(title, render(report))
+    number = 0 if test is None else test.id
+    data = {
+        "replay": number,
+        "lane_width": road.lane_width,
+        "resolutions": COLUMNS,
+        "drives": [drive_data(number, result, segment)],
+    }
+    return Replay(title, render(Report(title, (), data=data)))

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 
@@ -14,18 +14,34 @@ from frenetic.analysis.segments import Segment
 from frenetic.campaign.record import Test
 from frenetic.drive import Trajectory
 from frenetic.errors import FreneticError
-from frenetic.oracle import Assessment, Finding, Result, Side
+from frenetic.oracle import Assessment, Result, Side
 from frenetic.outcome import Outcome
 from frenetic.report.failures import FAILURES, file_stem
 from frenetic.report.minimised import MINIMISED
 from frenetic.report.orientation import turn_of
 from frenetic.road import Road
 from frenetic.road.files import read_road
-from frenetic.search.operators import DOES
 from frenetic.search.records import Origin
 
-LETTERS: Final[Mapping[Outcome, str]] = {outcome: str(outcome)[0] for outcome in Outcome}
-"""An outcome in one letter."""
+RATE: Final = 10.0
+"""Kept records of a drive per second, in Hz."""
+MOST_RECORDS: Final = 1500
+"""Most kept records of a drive."""
+
+COLUMNS: Final[Mapping[str, float]] = {
+    "time": 0.01,  # [s]
+    "x": 0.01,  # [m]
+    "y": 0.01,  # [m]
+    "heading": 0.001,  # [rad]
+    "distance": 0.01,  # [m]
+    "oob_distance": 0.01,  # [m]
+    "speed": 0.01,  # [m/s]
+    "steering": 0.001,  # [rad]
+    "lateral_acceleration": 0.01,  # [m/s^2]
+    "throttle": 0.01,  # [0..1]
+    "brake": 0.01,  # [0..1]
+}
+"""Columns of a drive, in their order -> resolution."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,103 +80,23 @@ class TestSummary:
         )
 
 
-@dataclass(frozen=True)
-class TestTable:
-    """Columns of equal length, a row per test."""
-
-    __test__: ClassVar[bool] = False  # likewise
-
-    ids: tuple[int, ...]
-    outcomes: str
-    """A letter per test, see `LETTERS`."""
-    moobds: tuple[int | None, ...]
-    """cm."""
-    operators: tuple[str, ...]
-    """All operators."""
-    operators_do: tuple[str, ...]
-    """Description of each of them; empty if unknown."""
-    operator: tuple[int, ...]
-    """Operator of each test, as an index."""
-    parents: tuple[tuple[int, ...], ...]
-    sides: str
-    """A letter per test: l or r where the car left its lane, - where it did not."""
-    lengths: tuple[int, ...]
-    """Of the roads, in m."""
-    durations: tuple[int | None, ...]
-    """Of the drives, in 0.1 s."""
-
-    @classmethod
-    def of(cls, tests: Iterable[TestSummary]) -> TestTable:
-        """The table of some tests."""
-        rows = list(tests)
-        operators = sorted({test.origin.operator for test in rows})
-        place = {name: i for i, name in enumerate(operators)}
-        return cls(
-            ids=tuple(test.id for test in rows),
-            outcomes="".join(LETTERS[test.outcome] for test in rows),
-            moobds=tuple(
-                None if test.moobd is None else round(100.0 * test.moobd) for test in rows
-            ),
-            operators=tuple(operators),
-            operators_do=tuple(DOES.get(name, "") for name in operators),
-            operator=tuple(place[test.origin.operator] for test in rows),
-            parents=tuple(tuple(test.origin.parents) for test in rows),
-            sides="".join("-" if test.side is None else test.side[0] for test in rows),
-            lengths=tuple(round(test.length) for test in rows),
-            durations=tuple(
-                None if test.duration is None else round(10.0 * test.duration) for test in rows
-            ),
-        )
-
-
-# The drives, a few kilobytes of JSON each
-
-RATE: Final = 10.0
-"""Kept records per second, in Hz."""
-MOST_RECORDS: Final = 1500
-"""Most kept records of a drive."""
-DRIVES_SIZE: Final = 3_500_000
-"""Approximate bytes of JSON for all drives of a page."""
-
-_COLUMNS: Final[Mapping[str, float]] = {
-    "time": 0.01,  # [s]
-    "x": 0.01,  # [m]
-    "y": 0.01,  # [m]
-    "heading": 0.001,  # [rad]
-    "distance": 0.01,  # [m]
-    "oob_distance": 0.01,  # [m]
-    "speed": 0.01,  # [m/s]
-    "steering": 0.001,  # [rad]
-    "lateral_acceleration": 0.01,  # [m/s^2]
-    "throttle": 0.01,  # [0..1]
-    "brake": 0.01,  # [0..1]
+_TABLE: Final[Mapping[str, Callable[[TestSummary], Any]]] = {
+    "id": lambda test: test.id,
+    "outcome": lambda test: test.outcome,
+    "moobd": lambda test: _rounded(test.moobd, 2),
+    "side": lambda test: test.side,
+    "operator": lambda test: test.origin.operator,
+    "parents": lambda test: test.origin.parents,
+    "length": lambda test: round(test.length),
+    "duration": lambda test: _rounded(test.duration, 1),
 }
-"""Column -> its resolution; the page divides by the same numbers, see ``road.js``."""
+"""Columns of the table of all tests -> their values."""
 
 
-@dataclass(frozen=True)
-class RoadData:
-    """A road as its curvatures, which give its exact shape."""
-
-    step: float
-    """m."""
-    curvatures: tuple[float, ...]
-    """1/m."""
-    pose: tuple[float, float, float]
-    """Pose of the first sample, in m, m and rad."""
-    turn: float
-    """Angle in rad by which pictures turn it counter-clockwise, see `turn_of`."""
-
-    @classmethod
-    def of(cls, road: Road) -> RoadData:
-        """The data of a road, rounded so that its end moves by less than 5 cm."""
-        x, y, heading = road.pose
-        return cls(
-            road.step,
-            tuple(road.curvatures.round(6).tolist()),
-            (round(x, 3), round(y, 3), round(heading, 5)),
-            round(turn_of(road), 3),
-        )
+def table_of(tests: Iterable[TestSummary]) -> dict[str, list[Any]]:
+    """Columns of equal length, a row per test."""
+    rows = list(tests)
+    return {name: [value(test) for test in rows] for name, value in _TABLE.items()}
 
 
 @dataclass(frozen=True)
@@ -177,134 +113,80 @@ class Film:
     """Time of each since the drive's start, in s."""
     caption: str
 
-    @property
-    def size(self) -> int:
-        """Approximate bytes of its JSON."""
-        return len(self.pictures) + 8 * len(self.times)
+
+def road_data(road: Road) -> dict[str, Any]:
+    """A road as its curvatures, which give its shape: its end moves by less than 5 cm.
+
+    ``turn`` is the angle in rad by which pictures turn it counter-clockwise, see `turn_of`.
+    """
+    x, y, heading = road.pose
+    return {
+        "step": road.step,
+        "curvatures": road.curvatures.round(6).tolist(),
+        "pose": (round(x, 3), round(y, 3), round(heading, 5)),
+        "turn": round(turn_of(road), 3),
+    }
 
 
-@dataclass(frozen=True)
-class MinimisedData:
-    """A minimised road."""
-
-    road: RoadData
-    file: str
-    """Path in the campaign's folder."""
-
-
-@dataclass(frozen=True)
-class DriveData:
-    """A test with its road and its drive."""
-
-    id: int
-    outcome: str
-    reason: str
-    moobd: float | None
-    """m."""
-    moobd_distance: float | None
-    """Distance along the road, in m."""
-    max_oob_share: float | None
-    """0..1."""
-    duration: float | None
-    """s."""
-    side: Side | None
-    generation: int
-    road: RoadData
-    car: tuple[float, float, float]
-    """m: length, width, centre_ahead."""
-    speed_limit: float
-    """km/h."""
-    departure: Finding | None
-    columns: tuple[tuple[int, ...], ...]
-    """See `drive_columns`."""
-    film: Film | None
-    """What is shown beside its replay, if anything and there is room."""
-    road_file: str | None
-    """The road's file in the campaign's folder, if any."""
-    minimised: MinimisedData | None
-    """The shortest known road that fails alike, if any."""
-
-    @property
-    def size(self) -> int:
-        """Approximate bytes of its JSON."""
-        own = 400 + 10 * len(self.road.curvatures) + len(self.reason)
-        return own + columns_size(self.columns)
-
-    def with_files(self, folder: Path) -> DriveData:
-        """The same with the files that the campaign's folder holds now."""
-        name = f"{file_stem(self.id)}.json"
-        return replace(
-            self,
-            road_file=f"{FAILURES}/{name}" if (folder / FAILURES / name).is_file() else None,
-            minimised=_minimised(folder, f"{MINIMISED}/{name}"),
-        )
-
-
-def drive_data(record: Test, segment: Segment) -> DriveData:
-    """The data of a test for a page, without files.
+def drive_data(id: int, result: Result, segment: Segment, generation: int = 0) -> dict[str, Any]:  # noqa: A002
+    """A test with its road and its drive, in SI units, a few kilobytes of JSON.
 
     Args:
-        record: of the test.
-        segment: of its drive, any.
+        id: of the test.
+        result: of the drive.
+        segment: of the drive, any.
+        generation: of the candidate.
     """
-    return drive_data_of(
-        record.id, record.result, segment, generation=record.candidate.origin.generation
-    )
-
-
-def drive_data_of(
-    id: int,  # noqa: A002
-    result: Result,
-    segment: Segment,
-    *,
-    generation: int = 0,
-) -> DriveData:
-    """The data of a drive with its verdict; see `DriveData` for the arguments."""
     drive, road, departure = segment.drive, segment.road, result.departure
-    return DriveData(
-        id=id,
-        outcome=str(result.outcome),
-        reason=result.reason,
-        moobd=_rounded(result.moobd, 3),
-        moobd_distance=_rounded(result.moobd_distance, 2),
-        max_oob_share=_rounded(result.max_oob_share, 3),
-        duration=_rounded(result.duration, 2),
-        side=None if departure is None else departure.side,
-        generation=generation,
-        road=RoadData.of(road),
-        car=(
-            round(drive.car.length, 3),
-            round(drive.car.width, 3),
-            round(drive.car.centre_ahead, 3),
-        ),
-        speed_limit=drive.rules.speed_limit,
-        departure=None if departure is None else _rounded_departure(departure),
-        columns=drive_columns(drive.trajectory, segment.assessment),
-        film=None,
-        road_file=None,
-        minimised=None,
-    )
+    car = drive.car
+    return {
+        "id": id,
+        "outcome": result.outcome,
+        "reason": result.reason,
+        "moobd": _rounded(result.moobd, 3),
+        "moobd_distance": _rounded(result.moobd_distance, 2),
+        "max_oob_share": _rounded(result.max_oob_share, 3),
+        "duration": _rounded(result.duration, 2),
+        "generation": generation,
+        "road": road_data(road),
+        "car": [round(size, 3) for size in (car.length, car.width, car.centre_ahead)],
+        "speed_limit": drive.rules.speed_limit,
+        "departure": departure
+        and {
+            "side": departure.side,
+            **{name: round(getattr(departure, name), 3) for name in ("time", "distance", "x", "y")},
+        },
+        "columns": drive_columns(drive.trajectory, segment.assessment),
+        "film": None,
+        "road_file": None,
+        "minimised": None,
+    }
 
 
-def drive_columns(path: Trajectory, seen: Assessment) -> tuple[tuple[int, ...], ...]:
-    """Columns of `_COLUMNS` in multiples of their resolution, as second differences."""
+def files_of(test_id: int, folder: Path) -> dict[str, Any]:
+    """What a campaign's folder holds of a test now: its road's file, and its minimised road."""
+    name = f"{file_stem(test_id)}.json"
+    minimised = f"{MINIMISED}/{name}"
+    try:
+        road = road_data(read_road(folder / minimised).road())
+    except (FreneticError, OSError):  # none, or none of ours
+        road = None
+    return {
+        "road_file": f"{FAILURES}/{name}" if (folder / FAILURES / name).is_file() else None,
+        "minimised": road and {"road": road, "file": minimised},
+    }
+
+
+def drive_columns(path: Trajectory, seen: Assessment) -> list[list[int]]:
+    """The columns of `COLUMNS` in multiples of their resolution, as second differences."""
     n = len(seen.distance)
     taken = _taken(path.time[:n], int(np.argmin(seen.oob_distance)))
-    values: dict[str, FloatArray] = {
-        "distance": seen.distance,
-        "oob_distance": seen.oob_distance,
-        **{name: getattr(path, name) for name in _COLUMNS if hasattr(path, name)},
-    }
     columns = []
-    for name, resolution in _COLUMNS.items():
-        whole = np.rint(values[name][:n][taken] / resolution).astype(np.int64)
-        columns.append(tuple(np.diff(whole, n=2, prepend=[0, 0]).tolist()))
-    return tuple(columns)
-
-
-def columns_size(columns: tuple[tuple[int, ...], ...]) -> int:
-    """Approximate bytes of the JSON of such columns."""
-    return int(2.6 * sum(map(len, columns)))
+    for name, resolution in COLUMNS.items():
+        values: FloatArray = getattr(path if hasattr(path, name) else seen, name)
+        whole = np.rint(values[:n][taken] / resolution).astype(np.int64)
+        columns.append(np.diff(whole, n=2, prepend=[0, 0]).tolist())
+    return columns
 
 
 def _taken(time: FloatArray, worst: int) -> np.ndarray:
@@ -313,20 +195,6 @@ def _taken(time: FloatArray, worst: int) -> np.ndarray:
     ticks = np.floor((time - time[0]) / interval + 1e-6)
     first = np.flatnonzero(np.diff(ticks, prepend=-1.0))
     return np.union1d(first, [worst, len(time) - 1])
-
-
-def _minimised(folder: Path, file: str) -> MinimisedData | None:
-    """A minimised road from its file; None for any other file."""
-    path = folder / file
-    try:
-        return MinimisedData(RoadData.of(read_road(path).road()), file) if path.is_file() else None
-    except (FreneticError, OSError):
-        return None
-
-
-def _rounded_departure(place: Finding) -> Finding:
-    names = ("time", "distance", "x", "y")
-    return replace(place, **{name: round(getattr(place, name), 3) for name in names})
 
 
 def _rounded(value: float | None, digits: int) -> float | None:

@@ -1,32 +1,14 @@
 // Data, elements, numbers, colours: what all parts of the page share.
 
 const report = JSON.parse(document.getElementById("data").textContent);
-const isEmbedded = report.replay !== null; // the page is one replay
+const isEmbedded = report.replay !== undefined; // the page is one replay
 
-const OUTCOMES = { P: "PASS", F: "FAIL", I: "INVALID", E: "ERROR", D: "DROPPED" };
-
-/** Tests by id, each with its row in the page's table. */
+/** Tests by id, from the columns of the page's table. */
 const tests = new Map();
-
-function readTests(table) {
-  table.ids.forEach((id, row) => {
-    tests.set(id, {
-      id,
-      row,
-      outcome: OUTCOMES[table.outcomes[row]],
-      moobd: table.moobds[row] === null ? null : table.moobds[row] / 100,
-      operator: table.operators[table.operator[row]],
-      does: table.operators_do[table.operator[row]],
-      parents: table.parents[row],
-      side: { l: "left", r: "right" }[table.sides[row]] ?? null,
-      length: table.lengths[row],
-      duration: table.durations[row] === null ? null : table.durations[row] / 10,
-    });
-  });
+for (const [row, id] of (report.tests?.id ?? []).entries()) {
+  tests.set(id, Object.fromEntries(Object.entries(report.tests).map(([name, values]) => [name, values[row]])));
 }
-
-if (report.tests !== null) readTests(report.tests);
-const drives = new Map(report.drives.map((drive) => [drive.id, drive]));
+const drives = new Map((report.drives ?? []).map((drive) => [drive.id, drive]));
 
 // Elements. Texts become text nodes, never HTML.
 
@@ -50,6 +32,17 @@ function el(name, attributes = {}, ...children) {
 
 function svg(name, attributes = {}, ...children) {
   return fill(document.createElementNS(SVG_SPACE, name), attributes, children);
+}
+
+/** A field with its label. */
+function labelled(text, field) {
+  return el("span", {}, el("label", { for: field.id }, text), field);
+}
+
+/** Colours an element, and what it holds, by a colour of the style sheet. */
+function tinted(name, element) {
+  element.style.setProperty("--tint", `var(--${name})`);
+  return element;
 }
 
 // Numbers as people read them, with a proper minus sign.

@@ -145,9 +145,7 @@ function chart(block) {
 
 /** A line of the legend. */
 function stroke(line) {
-  const mark = el("i", { class: line.dashed ? "stroke dashed" : "stroke", "aria-hidden": "true" });
-  mark.style.setProperty("--series", `var(--${line.role})`);
-  return mark;
+  return tinted(line.role, el("i", { class: line.dashed ? "stroke dashed" : "stroke", "aria-hidden": "true" }));
 }
 
 /** Draws all charts, for paper if it is wanted. */
@@ -158,26 +156,25 @@ function drawCharts(width) {
   }
 }
 
-function captioned(element, text) {
-  if (text) element.append(el("p", { class: "caption" }, text));
+function caption(text) {
+  return text ? el("p", { class: "caption" }, text) : "";
 }
 
 function drawChart(element, block) {
-  element.append(chart(block));
-  captioned(element, block.caption);
+  element.append(chart(block), caption(block.caption));
 }
 
 /** Charts of which one is shown, by a switch. */
 function drawSwitch(element, block) {
   const place = el("div", {});
-  const buttons = block.charts.map((one) => el("button", { type: "button" }, one.name));
+  const all = Object.entries(block.charts);
+  const buttons = all.map(([name]) => el("button", { type: "button" }, name));
   const show = (i) => {
     buttons.forEach((button, k) => button.setAttribute("aria-pressed", String(k === i)));
     charts.splice(0, charts.length, ...charts.filter(({ plot }) => !place.contains(plot.root)));
-    place.replaceChildren(chart(block.charts[i]));
+    place.replaceChildren(chart(all[i][1]));
   };
   buttons.forEach((button, i) => button.addEventListener("click", () => show(i)));
-  element.append(el("div", { class: "choices" }, `${block.label} `, el("div", { class: "switch", role: "group", "aria-label": block.label }, buttons)), place);
-  captioned(element, block.caption);
+  element.append(el("div", { class: "choices" }, `${block.label} `, el("div", { class: "switch", role: "group", "aria-label": block.label }, buttons)), place, caption(block.caption));
   show(0);
 }

@@ -9,15 +9,13 @@ function othersOf(id) {
 
 /** Colours an element and what it holds as the drive in one of the other simulators. */
 function asOther(i, element) {
-  element.style.setProperty("--other", `var(--${OTHER_COLOURS[i % OTHER_COLOURS.length]})`);
-  return element;
+  return tinted(OTHER_COLOURS[i % OTHER_COLOURS.length], element);
 }
 
 function drawElsewhere(element, block) {
-  const there = block.drives.filter(({ test }) => drives.has(test)).map((other) => ({ ...other, name: block.there, element }));
+  const there = block.drives.filter(({ test }) => drives.has(test)).map((other) => ({ ...other, name: block.there }));
   if (!there.length) return;
-  // Drawn anew, the block's drives take the place of its former ones.
-  for (const other of there) othersById.set(other.test, [...othersOf(other.test).filter((one) => one.element !== element), other]);
+  for (const other of there) othersById.set(other.test, [...othersOf(other.test), other]);
   const order = there.map(({ test }) => test);
   const item = (other) => {
     const { test: id, agreement, moobd } = other;

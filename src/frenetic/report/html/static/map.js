@@ -22,7 +22,6 @@ function drawFeatureMap(element, block) {
     place.replaceChildren(mapGrid(block, axisOf(across), axisOf(up), shade.value, panel));
   };
   for (const select of [across, up, scope, shade]) select.addEventListener("change", show);
-  const labelled = (text, select) => el("span", {}, el("label", { for: select.id }, text), select);
   element.append(
     el("div", { class: "choices" }, labelled("Across ", across), labelled("Up ", up), labelled("Of ", scope), labelled("Colour ", shade)),
     el("div", { class: "map" }, place, panel),
@@ -70,13 +69,15 @@ function mapGrid(block, xAxis, yAxis, shade, panel) {
     line.style.gridTemplateColumns = `repeat(${wide}, 1fr)`;
     for (const cell of cells.slice(row * wide, (row + 1) * wide)) {
       const driven = cell.failed.length + cell.passed.length;
-      const kind = cell.failed.length ? `${shade}-${shadeOf(cell)}` : driven ? "covered" : "empty";
+      const depth = cell.failed.length ? shadeOf(cell) : null;
+      const kind = depth !== null ? `${shade} depth-${depth}` : driven ? "covered" : "empty";
       const words = `${rangeText(xAxis, cell.column)}, ${rangeText(yAxis, cell.row)}: ${foundText(block, cell)}`;
       const button = el(
         "button",
         { type: "button", role: "gridcell", class: `cell ${kind}`, title: words, "aria-label": words, tabindex: -1 },
         cell.failed.length ? String(cell.failed.length) : "",
       );
+      if (depth !== null) tinted(`${shade}-${depth}`, button);
       if (cell.failed.length >= 1000) button.classList.add("long");
       const choose = () => {
         buttons.forEach((other) => other.setAttribute("aria-selected", String(other === button)));
@@ -119,7 +120,7 @@ function foundText(block, { failed, passed }) {
 }
 
 function shadeKey(shade, [first, last]) {
-  const steps = Array.from({ length: SHADES }, (_, i) => el("i", { class: `${shade}-${i}` }));
+  const steps = Array.from({ length: SHADES }, (_, i) => tinted(`${shade}-${i}`, el("i", {})));
   return el("span", { class: "key" }, `${first} `, el("span", { class: "ramp" }, steps), ` ${last}`);
 }
 

@@ -6,9 +6,9 @@ const CLOSE_UP_PHONE = 16;
 
 /** What is shown along the road: each a plot with one line or more, of records or of the road. */
 const PROFILES = [
-  { title: "oob distance", unit: "m", digits: 2, lines: ["oob"] },
+  { title: "oob distance", unit: "m", digits: 2, lines: ["oob_distance"] },
   { title: "speed", unit: "km/h", digits: 0, scale: 3.6, lines: ["speed"] },
-  { title: "lateral acceleration", side: true, unit: "m/s²", digits: 1, lines: ["lateral"] },
+  { title: "lateral acceleration", side: true, unit: "m/s²", digits: 1, lines: ["lateral_acceleration"] },
   { title: "steering", side: true, unit: "°", digits: 1, scale: 180 / Math.PI, lines: ["steering"] },
   { title: "throttle, brake", unit: "%", digits: 0, scale: 100, most: 100, lines: ["throttle", "brake"] },
   { title: "curvature", side: true, unit: "1/\u2060m", digits: 3, lines: ["curvature"] },
@@ -165,7 +165,7 @@ const player = (() => {
     const angle = (-(at.heading + shown.view.turn) * 180) / Math.PI;
     for (const car of cars) {
       car.setAttribute("transform", `translate(${u.toFixed(3)} ${v.toFixed(3)}) rotate(${angle.toFixed(2)})`);
-      car.classList.toggle("is-out", at.oob < 0);
+      car.classList.toggle("is-out", at.oob_distance < 0);
     }
   }
 
@@ -340,7 +340,7 @@ const player = (() => {
     const values = [...profile.points, ...profile.others.map((other) => other.points)].flat().map(([, value]) => value);
     let low = Math.min(...values, 0);
     let high = Math.max(...values, 0, profile.limit ?? -Infinity, profile.most ?? -Infinity);
-    if (profile.lines[0] === "oob") high = Math.max(high, report.lane_width / 2);
+    if (profile.lines[0] === "oob_distance") high = Math.max(high, report.lane_width / 2);
     profile.range = [low, high];
     const room = 0.08 * (high - low) || 1;
     [low, high] = [low - room, high + room];
@@ -348,7 +348,7 @@ const player = (() => {
     const across = (distance) => (wide * distance) / length;
     const up = (value) => tall * (1 - (value - low) / (high - low));
     const shapes = [];
-    if (profile.lines[0] === "oob") shapes.push(svg("rect", { class: "outside", x: 0, y: up(0), width: wide, height: Math.max(0, tall - up(0)) }));
+    if (profile.lines[0] === "oob_distance") shapes.push(svg("rect", { class: "outside", x: 0, y: up(0), width: wide, height: Math.max(0, tall - up(0)) }));
     shapes.push(svg("path", { class: "zero", d: `M0 ${up(0)}H${wide}` }));
     if (profile.limit !== null && profile.limit !== undefined) shapes.push(svg("path", { class: "limit", d: `M0 ${up(profile.limit)}H${wide}` }));
     const line = (name, points) => svg("path", { class: `line ${name}`, d: pathText(points.map(([d, v]) => [across(d), up(v)])) });
@@ -381,12 +381,12 @@ function momentAt(records, time) {
   const span = times[high] - times[low];
   const share = span > 0 ? clamp((time - times[low]) / span, 0, 1) : 0;
   const between = (name) => records[name][low] + share * (records[name][high] - records[name][low]);
-  return Object.fromEntries(Object.keys(RESOLUTIONS).map((name) => [name, between(name)]));
+  return Object.fromEntries(Object.keys(report.resolutions).map((name) => [name, between(name)]));
 }
 
 /** Key to the colours of a path: from the lane's centre over its edge to half a lane outside. */
 function oobKey() {
-  const ramp = (from) => el("span", { class: "ramp" }, Array.from({ length: COLOURS / 2 }, (_, i) => el("i", { class: `oob-${from - i}` })));
+  const ramp = (from) => el("span", { class: "ramp" }, Array.from({ length: COLOURS / 2 }, (_, i) => tinted(`oob-${from - i}`, el("i", {}))));
   const half = fixed(report.lane_width / 2, Number.isInteger(report.lane_width / 2) ? 0 : 2);
   return ["Path by oob distance: ", el("span", { class: "oob-key" }, `lane centre ${half}\u00a0m`, ramp(COLOURS - 1), el("b", {}, "lane edge 0"), ramp(COLOURS / 2 - 1), `outside −${half}\u00a0m`)];
 }
@@ -404,10 +404,10 @@ function factsOf(drive) {
     ["Left its lane", drive.departure === null ? "no" : `to the ${drive.departure.side}, at ${fixed(drive.departure.distance, 0, "m")} after ${fixed(drive.departure.time, 1, "s")}`],
     ["Duration", fixed(drive.duration, 1, "s")],
     ["Road", `${fixed(roadLength(drive.road), 0, "m")}, sharpest radius ${sharpest(drive.road)}`],
-    ["Origin", `${test.operator}${parents}${test.does ? `: ${test.does}` : ""}; generation ${drive.generation}`],
+    ["Origin", `${test.operator}${parents}${report.operators[test.operator] ? `: ${report.operators[test.operator]}` : ""}; generation ${drive.generation}`],
   ];
-  const repeats = repeatsOf(drive.id);
-  if (repeats !== null) facts.push([`Driven again: ${repeats.stability}`, repeats.text]);
+  const again = repeats.get(drive.id);
+  if (again !== undefined) facts.push([`Driven again: ${again.stability}`, again.text]);
   return el("dl", { class: "facts" }, facts.map(([name, value]) => el("div", {}, el("dt", {}, name), el("dd", {}, value))));
 }
 

@@ -1,9 +1,5 @@
 // Roads and drives: from the page's numbers to shapes.
 
-const RESOLUTIONS = {
-  time: 0.01, x: 0.01, y: 0.01, heading: 0.001, distance: 0.01, oob: 0.01, speed: 0.01, steering: 0.001,
-  lateral: 0.01, throttle: 0.01, brake: 0.01,
-};
 const COLOURS = 10; // of the path: half from half a lane outside to the lane's edge, half on to its centre
 const POINT_SPACING = 2; // m, of a road's lines
 
@@ -13,7 +9,7 @@ const decoded = new WeakMap();
 function recordsOf(drive) {
   if (!decoded.has(drive)) {
     const records = {};
-    Object.entries(RESOLUTIONS).forEach(([name, resolution], place) => {
+    Object.entries(report.resolutions).forEach(([name, resolution], place) => {
       let value = 0;
       let slope = 0;
       records[name] = drive.columns[place].map((second) => {
@@ -119,15 +115,15 @@ function pathShapes(records, view) {
   let last = null;
   records.x.forEach((x, i) => {
     const point = view.place(x, records.y[i]);
-    const tint = oobColour(records.oob[i]);
+    const tint = oobColour(records.oob_distance[i]);
     points.push(point);
     if (last !== null && tint !== last) {
-      shapes.push(svg("path", { class: `path oob-${last}`, d: pathText(points) }));
+      shapes.push(tinted(`oob-${last}`, svg("path", { class: "path", d: pathText(points) })));
       points = [point];
     }
     last = tint;
   });
-  if (points.length > 1) shapes.push(svg("path", { class: `path oob-${last}`, d: pathText(points) }));
+  if (points.length > 1) shapes.push(tinted(`oob-${last}`, svg("path", { class: "path", d: pathText(points) })));
   return shapes;
 }
 

@@ -52,7 +52,6 @@ function drawTests(element) {
     }));
   };
   for (const field of [outcome, operator, search]) field.addEventListener("input", () => { shown = ROWS; show(); });
-  const labelled = (text, field) => el("span", {}, el("label", { for: field.id }, text), field);
   element.append(
     el("div", { class: "choices" }, labelled("Outcome ", outcome), labelled("Operator ", operator), labelled("Find ", search), found),
     scrollsSideways(el("div", { class: "table", tabindex: 0, role: "region", "aria-label": "All tests" }, el("table", {}, el("thead", {}, head), body))),

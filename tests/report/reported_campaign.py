@@ -1,0 +1,18 @@
+"""The campaign of the tests of the HTML report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from html_campaigns import make_searched
+
+from frenetic.report.html import write_report
+
+
+@pytest.fixture(scope="session")
+def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A campaign with its report; nothing in it may be changed."""
+    folder = make_searched(tmp_path_factory.mktemp("html") / "searched")
+    write_report(folder)
+    return folder
