@@ -19,7 +19,7 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic._support.words import text_cell
 from frenetic.analysis.competition import failure_segment
-from frenetic.analysis.sparseness import MOST_COMPARED
+from frenetic.analysis.sparseness import MOST_COMPARED, largest_distances
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.drive import Drive
