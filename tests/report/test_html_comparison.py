@@ -13,8 +13,7 @@ from html_browser import background, low_contrast
 from html_campaigns import HOSTILE
 from playwright.sync_api import Page, expect
 
-from frenetic.analysis.comparison import Comparison, compare_measured
-from frenetic.analysis.comparison import findings
+from frenetic.analysis.comparison import Comparison, compare_measured, findings
 from frenetic.analysis.metrics import CampaignMeasures
 from frenetic.campaign.counts import Counts
 from frenetic.errors import FreneticError
