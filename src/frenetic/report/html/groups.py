@@ -246,15 +246,8 @@ def _spread_panel(by: MeasureComparison, groups: tuple[Group, ...]) -> dict[str,
                 "box": [at(value) for value in box] if quartiles.n >= LEAST_REPEATS else None,
             }
         )
-    note = f"{by.measure.better} is better{_overall(by)}"
+    note = f"{by.measure.better} is better"
     return {"title": by.measure.heading, "note": note, "spreads": spreads, "ticks": ticks}
-
-
-def _overall(by: MeasureComparison) -> str:
-    fewest = min(len(values) for values in by.values.values())
-    if by.p_overall is None or fewest < LEAST_REPEATS:
-        return ""
-    return f"; Kruskal-Wallis p {p_text(by.p_overall)}"
 
 
 def group_pairs(comparison: Comparison, groups: tuple[Group, ...]) -> Part:
@@ -266,7 +259,7 @@ def group_pairs(comparison: Comparison, groups: tuple[Group, ...]) -> Part:
             "measures": [
                 {
                     "title": by.measure.heading,
-                    "note": f"{by.measure.better} is better{_overall(by)}",
+                    "note": f"{by.measure.better} is better",
                     "pairs": [_pair(by, pair, known) for pair in _in_order(by, groups)],
                 }
                 for by in comparison.measures
