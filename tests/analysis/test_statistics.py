@@ -16,7 +16,6 @@ from frenetic.analysis.statistics import (
     MOST_EXACT,
     a12,
     holm,
-    kruskal_wallis,
     magnitude,
     mann_whitney,
     median_estimate,
@@ -53,7 +52,6 @@ def test_quartiles_agree_with_numpy(values: list[float]) -> None:
         (lambda: paired_share_difference([0.5, 1.0], [0.5]), "pairs of shares"),
         (lambda: paired_share_difference([0.5, 1.0], [0.5, 1.5]), "pairs of shares"),
         (lambda: paired_share_difference([0.5, 1.0], [0.5, -0.1]), "pairs of shares"),
-        (lambda: kruskal_wallis([[1.0, 2.0]]), "at least two"),
         (lambda: spearman([1.0, 1.0, 1.0], [1.0, 2.0, 3.0]), "that vary"),
     ],
 )
@@ -180,17 +178,6 @@ def test_mann_whitney_of_many_values_joins_the_exact_one_smoothly() -> None:
 @pytest.mark.parametrize("n", [4, 50])
 def test_mann_whitney_of_equal_values_is_one(n: int) -> None:
     assert mann_whitney([3.0] * n, [3.0] * n) == 1.0
-
-
-# kruskal_wallis
-
-
-@given(st.lists(few, min_size=2, max_size=4))
-def test_kruskal_wallis_agrees_with_scipy(groups: list[list[float]]) -> None:
-    if len({value for group in groups for value in group}) == 1:
-        assert kruskal_wallis(groups) == 1.0
-    else:
-        assert kruskal_wallis(groups) == pytest.approx(stats.kruskal(*groups).pvalue)
 
 
 @given(st.integers(3, 5), st.integers(0, 999))

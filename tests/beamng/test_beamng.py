@@ -83,7 +83,7 @@ def test_road_is_built_with_markings_that_are_no_roads(stand_in: StandIn) -> Non
     assert np.all(nodes[:, 2] == 0.0)
     assert np.all(nodes[:, 3] == 8.0)
     for marking, side in zip(markings, (1.0, -1.0), strict=True):
-        offsets = ROAD.project(np.array(marking["nodes"])[:, :2])[:, 1]
+        offsets = ROAD.track(np.array(marking["nodes"])[:, :2])[:, 1]
         assert np.allclose(offsets, side * 3.85, atol=1e-3)
     assert scenario.spawned == "false", "BeamNG.tech may move and turn a car that it puts safely"
 
@@ -96,7 +96,7 @@ def test_car_is_measured_and_judged_by_its_true_box(stand_in: StandIn) -> None:
         assert simulator.measured.steering < -0.9
         assert (simulator.measured.ahead, simulator.measured.left) == (-0.35, 0.12)
         drive = simulator.drive(ROAD, Stanley())
-    start = ROAD.project([[drive.trajectory.x[0], drive.trajectory.y[0]]])[0]
+    start = ROAD.track([[drive.trajectory.x[0], drive.trajectory.y[0]]])[0]
     assert np.allclose(start, [0.0, -2.0], atol=2e-3)
 
 

@@ -133,7 +133,6 @@ def test_json_holds_everything_and_no_infinity(frenetic: Frenetic) -> None:
     assert first["groups"]["calm"]["median"] is None
     assert len(first["pairs"]) == 3
     assert {pair["verdict"] for pair in first["pairs"]} == {"too few repeats to tell"}
-    assert 0.0 <= first["kruskal_wallis_p"] <= 1.0
     assert first["mean_ranks"]["calm"] == 5.0
     assert answer.json["order"][-1] == "calm"
     notes = " ".join(answer.json["notes"])

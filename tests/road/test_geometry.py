@@ -30,6 +30,11 @@ def beside(road: Road, s: float, d: float) -> tuple[float, float]:
     return x - d * math.sin(heading), y + d * math.cos(heading)
 
 
+def nearest(road: Road, positions: npt.ArrayLike) -> FloatArray:
+    """The nearest place of the whole road to each of (n, 2) positions."""
+    return np.concatenate([road.track([position]) for position in np.asarray(positions)])
+
+
 def reference_points(curvatures: FloatArray, step: float) -> FloatArray:
     """The samples' positions by an adaptive Runge-Kutta method of order 8, piece by piece."""
     points = [(0.0, 0.0)]
@@ -141,7 +146,7 @@ def test_beyond_its_ends_a_road_goes_straight_on() -> None:
         x, y = end.x + beyond * math.cos(end.heading), end.y + beyond * math.sin(end.heading)
         assert road.pose_at(s + beyond) == pytest.approx((x, y, end.heading), abs=1e-9)
         for d in (-3.0, 0.0, 3.0):
-            found = road.project([beside(road, s + beyond, d)])[0]
+            found = nearest(road, [beside(road, s + beyond, d)])[0]
             assert found == pytest.approx([s + beyond, d], abs=1e-9)
     curvatures = road.curvature_at([[-0.1, 0.0], [road.length, road.length + 0.1]])
     assert curvatures.tolist() == [[0.0, road.curvatures[0]], [road.curvatures[-1], 0.0]]
@@ -177,7 +182,7 @@ def test_projecting_a_point_gives_the_place_that_it_was_made_from(
     road = gentle_road(np.random.default_rng(seed))
     s = place * road.length
     d = min(share / float(np.abs(road.curvatures).max()), 200.0)
-    ((found_s, found_d),) = road.project([beside(road, s, d)])
+    ((found_s, found_d),) = nearest(road, [beside(road, s, d)])
     assert found_s == pytest.approx(s, abs=1e-5)
     assert found_d == pytest.approx(d, abs=1e-6)
 
@@ -190,10 +195,10 @@ def test_projection_finds_the_nearest_point_of_the_whole_road(seed: int) -> None
     dense = road.sample(0.02)
     positions = rng.uniform(dense.min(axis=0) - 10.0, dense.max(axis=0) + 10.0, (300, 2))
     between = np.hypot(*(positions[:, None] - dense[None]).transpose(2, 0, 1))
-    nearest = between.argmin(axis=1)
+    closest = between.argmin(axis=1)
     # Beside the ends' straight extensions the foot is no point of the road.
-    inside = (nearest > 0) & (nearest < len(dense) - 1)
-    found = road.project(positions[inside])
+    inside = (closest > 0) & (closest < len(dense) - 1)
+    found = nearest(road, positions[inside])
     expected = between.min(axis=1)[inside]
     # Rows 1 m apart decide between two pieces that are almost equally far away.
     slack = np.hypot(expected, 0.5) - expected
@@ -201,7 +206,7 @@ def test_projection_finds_the_nearest_point_of_the_whole_road(seed: int) -> None
     assert np.all(np.abs(found[:, 1]) <= expected + slack + 1e-3)
     feet = [beside(road, s, d) for s, d in found]
     np.testing.assert_allclose(feet, positions[inside], rtol=0, atol=1e-5)
-    assert road.project(np.empty((0, 2))).shape == road.track(np.empty((0, 2))).shape == (0, 2)
+    assert road.track(np.empty((0, 2))).shape == (0, 2)
 
 
 def test_a_path_stays_on_its_leg_of_a_hairpin() -> None:
@@ -211,11 +216,11 @@ def test_a_path_stays_on_its_leg_of_a_hairpin() -> None:
     x = -np.minimum(6.0, 0.2 * y)
     path = np.column_stack([x, y])
     np.testing.assert_allclose(road.track(path), np.column_stack([y, -x]), rtol=0, atol=1e-6)
-    nearest = road.project(path)
+    places = nearest(road, path)
     beyond = x < -4.6
     # To the left of the leg that comes back lies the one that the path is on.
     expected = np.column_stack([road.length - y, 9.0 + x])
-    np.testing.assert_allclose(nearest[beyond], expected[beyond], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(places[beyond], expected[beyond], rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("offset", [-6.0, 0.0, 4.0])

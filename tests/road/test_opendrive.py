@@ -224,7 +224,7 @@ def test_a_file_whose_small_gaps_add_up_is_followed_as_it_is_drawn() -> None:
     starts = np.array([(20.0 * i, 0.006 * i) for i in range(6)])
     geometry = '<geometry x="{}" y="{}" hdg="0" length="20"><line/></geometry>'
     road = from_opendrive(foreign("".join(geometry.format(x, y) for x, y in starts)))
-    assert np.abs(road.project(starts)[:, 1]).max() < 0.01
+    assert np.abs(road.track(starts)[:, 1]).max() < 0.01
 
 
 lengths = st.floats(0.5, 60.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import weakref
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -17,17 +18,63 @@ from frenetic._support.arrays import FloatArray
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.search import Candidate, Evaluation, Frenetic2021
-from frenetic.search.operators import (
-    FAIL_OPERATORS,
-    PASS_OPERATORS,
-    MutationOptions,
-    mix,
-    random_curvatures,
-    splice,
-)
+from frenetic.search.operators import MutationOptions
 
 PASS, FAIL, INVALID, ERROR, DROPPED = Outcome
 PAPER = MutationOptions(0.07, 0.05, 1, 5, 1.1, 1.2)
+
+
+# The operators of Listing 1 once more, on one value after the other.
+
+
+def continued(
+    rng: np.random.Generator, values: list[float], n: int, options: MutationOptions
+) -> FloatArray:
+    """Values and n more, each uniform within the bound and the largest change from the last one."""
+    for u in rng.random(n).tolist():
+        values = [*values, following(values[-1] if values else 0.0, u, options)]
+    return np.array(values)
+
+
+def following(previous: float, u: float, options: MutationOptions) -> float:
+    low = max(previous - options.max_change, -options.bound)
+    high = min(previous + options.max_change, options.bound)
+    if low > high:  # it was scaled: the nearest end of the bound
+        return math.copysign(options.bound, previous)
+    return low + u * (high - low)
+
+
+def mutant(
+    rng: np.random.Generator, name: str, road: FloatArray, options: MutationOptions
+) -> FloatArray | None:
+    """P1 .. P6 of a road that passed; None where none can be removed."""
+    if name == "P6":
+        return road * rng.uniform(options.min_scale, options.max_scale)
+    n, count = len(road), int(rng.integers(options.min_changed, options.max_changed + 1))
+    if name == "P1":
+        return continued(rng, road.tolist(), count, options)
+    if name == "P5":
+        values = road.tolist()
+        for i in sorted(rng.choice(n, size=min(count, n), replace=False).tolist()):
+            values[i] = following(values[i - 1] if i else 0.0, rng.random(), options)
+        return np.array(values)
+    count = min(count, n - 2)
+    if count == 0:
+        return None
+    if name == "P2":
+        return np.delete(road, rng.choice(n, size=count, replace=False))
+    return road[count:] if name == "P3" else road[: n - count]
+
+
+def varied(road: FloatArray) -> dict[str, FloatArray]:
+    """F1 .. F4 of a road that failed."""
+    half = len(road) // 2
+    return {
+        "F1": -road[::-1],
+        "F2": road[::-1],
+        "F3": np.array([*road[half:], *road[:half]]),
+        "F4": -road,
+    }
 
 
 @dataclass
@@ -83,21 +130,21 @@ class Twin:
     def random_road(self) -> Row:
         def draw() -> FloatArray:
             n = self.usual_length + int(self.rng.integers(-5, 6))
-            bounds = {"bound": self.mutation.bound, "max_change": self.mutation.max_change}
-            return random_curvatures(self.rng, max(n, 2), **bounds)
+            return continued(self.rng, [], max(n, 2), self.mutation)
 
         return self.add("random", self.drawn(draw))
 
     def mutants(self, parent: Row) -> Iterator[Row]:
         road = parent.curvatures
         siblings: list[Row] = []
-        for name in ["F1", "F2", "F3", "F4"] if parent.outcome is FAIL else list(PASS_OPERATORS):
+        names = varied(road) if parent.outcome is FAIL else [f"P{number}" for number in range(1, 7)]
+        for name in names:
             if parent.outcome is FAIL:
-                mutant = FAIL_OPERATORS[name](road)
+                made = varied(road)[name]
             else:
-                mutant = self.drawn(partial(PASS_OPERATORS[name], self.rng, road, self.mutation))
-            if mutant is not None:
-                row = self.add(name, mutant, parent)
+                made = self.drawn(partial(mutant, self.rng, name, road, self.mutation))
+            if made is not None:
+                row = self.add(name, made, parent)
                 row.visited = parent.outcome is FAIL
                 row.siblings = siblings
                 siblings.append(row)
@@ -123,8 +170,12 @@ class Twin:
         parents = [pool[i] for i in self.rng.choice(len(pool), size=2, replace=False)]
         first, second = (parent.curvatures for parent in parents)
         if self.rng.random() < 0.5:
-            return "C1", parents, [mix(self.rng, first, second)]
-        return "C2", parents, list(splice(first, second))
+            n = min(len(first), len(second))
+            takes = zip(self.rng.random(n), first, second, strict=False)
+            return "C1", parents, [np.array([a if u < 0.5 else b for u, a, b in takes])]
+        i, j = len(first) // 2, len(second) // 2
+        joined = [*first[:i], *second[j:]], [*second[:j], *first[i:]]
+        return "C2", parents, [np.array(values) for values in joined]
 
     def below(self) -> list[Row]:
         """Driven roads below the threshold, the worst first."""

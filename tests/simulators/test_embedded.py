@@ -434,7 +434,7 @@ def test_starts_beside_the_lane_centre_and_turned(offset: float, heading: float)
     simulator = EmbeddedSimulator(start_offset=offset, start_heading=heading)
     for road in ROADS:
         start = simulator.drive(road, Planner()).trajectory
-        ((s, d),) = road.project([[start.x[0], start.y[0]]])
+        ((s, d),) = road.track([[start.x[0], start.y[0]]])
         assert s == pytest.approx(0.0, abs=1e-9)
         assert d == pytest.approx(offset - 0.5 * road.lane_width, abs=1e-9)
         assert start.heading[0] == pytest.approx(road.pose.heading + heading, abs=1e-12)

@@ -36,7 +36,6 @@ from frenetic.analysis.statistics import (
     Quartiles,
     a12,
     holm,
-    kruskal_wallis,
     magnitude,
     mann_whitney,
     quartiles,
@@ -104,8 +103,6 @@ class MeasureComparison:
     """Name of a group -> value of each of its campaigns."""
     pairs: tuple[PairComparison, ...]
     """Each two groups."""
-    p_overall: float | None
-    """The p of the Kruskal-Wallis test over all groups; None for two."""
 
     def quartiles(self, group: str) -> Quartiles:
         """Quartiles of a group's values."""
@@ -127,7 +124,7 @@ class MeasureComparison:
     def mean_ranks(self) -> Mapping[str, float]:
         """Name of a group -> mean rank of its campaigns among all campaigns; 1 is the best.
 
-        Equal campaigns share the mean of their ranks, as in the Kruskal-Wallis test.
+        Equal campaigns share the mean of their ranks.
         """
         every = ranks(-self.measure.sign * np.concatenate([*self.values.values()]))
         ends = np.cumsum([len(values) for values in self.values.values()])
@@ -283,8 +280,7 @@ def _compare_by(
         )
         for (one, other), p, corrected in zip(names, p_values, holm(p_values), strict=True)
     )
-    overall = kruskal_wallis(list(values.values())) if len(groups) > 2 else None
-    return MeasureComparison(measure, values, pairs, overall)
+    return MeasureComparison(measure, values, pairs)
 
 
 def _weakness(groups: Mapping[str, Sequence[object]]) -> Iterator[str]:

@@ -244,24 +244,6 @@ def _rank_sums(ranks: npt.NDArray[np.int64], n: int) -> FloatArray:
     return shares
 
 
-def kruskal_wallis(groups: Sequence[npt.ArrayLike]) -> float:
-    """The p of the Kruskal-Wallis test that all groups come from one distribution.
-
-    The chi-squared approximation, with correction for ties.
-
-    Raises:
-        ValueError: fewer than two groups, an empty one, or a value that is not a number.
-    """
-    from scipy.stats import kruskal  # takes its time
-
-    samples = [_values(group) for group in groups]
-    if len(samples) < 2:
-        raise ValueError(f"{len(samples)} groups: at least two are needed")
-    if len(np.unique(np.concatenate(samples))) == 1:
-        return 1.0
-    return float(kruskal(*samples).pvalue)
-
-
 def rank_correlation(first: npt.ArrayLike, second: npt.ArrayLike) -> float | None:
     """Spearman's rank correlation -1..1 of two columns of equal length, without its p.
 

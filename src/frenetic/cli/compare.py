@@ -212,7 +212,6 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
                 }
                 for name, values in measured.values.items()
             },
-            "kruskal_wallis_p": measured.p_overall,
             "pairs": [pair_document(pair) for pair in measured.pairs],
         }
 
@@ -265,20 +264,10 @@ def print_comparison(comparison: Comparison) -> None:
 
 def _print_by_measure(comparison: Comparison) -> None:
     """A row per measure."""
-    from frenetic.analysis.statistics import LEAST_REPEATS
-
     groups = comparison.groups
-    has_p = len(groups) > 2 and min(map(len, groups.values())) >= LEAST_REPEATS
     print_table(
-        ("", *(f">{escape(name)}" for name in groups), *([">K.-Wallis p"] if has_p else [])),
-        [
-            (
-                by.measure.heading,
-                *(by.text(name) for name in groups),
-                *([f"{by.p_overall:.2g}"] if has_p else []),
-            )
-            for by in comparison.measures
-        ],
+        ("", *(f">{escape(name)}" for name in groups)),
+        [(by.measure.heading, *map(by.text, groups)) for by in comparison.measures],
         title="Median (quartiles)",
     )
 

@@ -250,15 +250,6 @@ def reach_of(moved: float) -> float:
 
 
 @njit()
-def project_all(table: FloatArray, ds: float, xy: FloatArray) -> FloatArray:
-    """(n, 2) distances along and lateral offsets of (n, 2) unrelated positions."""
-    out = np.empty((len(xy), 2))
-    for i in range(len(xy)):
-        out[i, 0], out[i, 1] = project_global(table, ds, xy[i, 0], xy[i, 1])
-    return out
-
-
-@njit()
 def sample_line(table: FloatArray, ds: float, distances: FloatArray, offset: float) -> FloatArray:
     """(n, 2) points at ``distances`` (n,) along the road, ``offset`` m left of its centre line."""
     out = np.empty((len(distances), 2))

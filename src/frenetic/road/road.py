@@ -220,20 +220,11 @@ class Road:
         )
         return values
 
-    def project(self, positions: npt.ArrayLike) -> FloatArray:
-        """(n, 2) distance along and lateral offset (left positive) in m of (n, 2) positions.
-
-        Each is the nearest point of the whole road. For the path of a car use `track`.
-        """
-        xy = np.ascontiguousarray(positions, dtype=np.float64).reshape(-1, 2)
-        result: FloatArray = geometry.project_all(self.table, self.sub_step, xy)
-        return result
-
     def track(self, path: npt.ArrayLike) -> FloatArray:
         """(n, 2) distance along and lateral offset in m of a path of (n, 2) consecutive positions.
 
-        Every position is looked for near its predecessor's place, so a path stays on its piece of
-        road where another one passes close by.
+        The first is looked for on the whole road, every other one near its predecessor's place, so
+        a path stays on its piece of road where another one passes close by.
         """
         xy = np.ascontiguousarray(path, dtype=np.float64).reshape(-1, 2)
         result: FloatArray = geometry.track(self.table, self.sub_step, xy)

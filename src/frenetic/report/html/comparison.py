@@ -40,8 +40,7 @@ _STATISTICS: Final = (
     Fact(
         "mean rank",
         "All campaigns of all groups are put in one order: the best has rank 1, equal ones share"
-        " the mean of their ranks. Then the mean over a group's campaigns: these are the ranks of"
-        " which the Kruskal-Wallis test is made.",
+        " the mean of their ranks. Then the mean over a group's campaigns.",
     ),
     Fact(
         "A12",

@@ -200,7 +200,8 @@ def _note(by: MeasureComparison) -> str:
     if len(by.pairs) == 1:
         (pair,) = by.pairs
         return f"{better}; A12 {pair.a12:.2f} ({pair.magnitude}), p {p_text(pair.p)}"
-    return better if by.p_overall is None else f"{better}; Kruskal-Wallis p {p_text(by.p_overall)}"
+    shown = sum(pair.better is not None for pair in by.pairs)
+    return f"{better}; {shown} of {len(by.pairs)} pairs differ" if by.pairs else better
 
 
 def group_pairs(comparison: Comparison) -> Part:
