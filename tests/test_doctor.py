@@ -103,17 +103,13 @@ def test_embedded_simulator_is_well() -> None:
     assert capabilities(EmbeddedSimulator()).checks is not None
 
 
-def test_curve_without_friction_is_found(registry: None) -> None:
+def test_what_a_drive_does_wrong_is_found() -> None:
     with EmbeddedSimulator(friction=0.2) as simulator:
         straight, curve = drive_checks(simulator)
     assert straight.is_ok
     assert not curve.is_ok
     assert "drove out of the lane" in curve.found
     assert "draw it" in curve.remedy
-
-
-@pytest.mark.usefixtures("registry")
-def test_driver_that_stands_is_found() -> None:
     with EmbeddedSimulator() as simulator:
         checks = list(drive_checks(simulator, DummyDriver(), who="nobody"))
     assert [check.name for check in checks] == ["straight road, nobody", "curve, nobody"]
@@ -144,9 +140,6 @@ def test_all_simulators_in_turn() -> None:
 
 
 def test_unknown_simulator() -> None:
+    assert Examination("x", Health.NOT_INSTALLED, (), "pip install x").failed == ()
     with pytest.raises(UnknownNameError, match="did you mean 'embedded'"):
         examine("embeded")
-
-
-def test_examination_without_checks_has_no_failures() -> None:
-    assert Examination("x", Health.NOT_INSTALLED, (), "pip install x").failed == ()

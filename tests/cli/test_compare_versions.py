@@ -48,7 +48,6 @@ class Stopping(Planner):
     def act(self, observation):
         return super().act(observation)
 """
-NEWER = ("--driver", "v2/v2.py:Mine")
 AS = {
     "driver": "stanley",
     "driver_options": {"aggression": 1.5},
@@ -98,23 +97,11 @@ def test_the_first_line_says_which_is_better(frenetic: Frenetic, versions: tuple
         assert line.startswith(text)
     for text in ("old's failing roads", "Time where both pass", "distinct failures", "Note: "):
         assert text in answer.out
+    found = frenetic("compare", old, "--driver", "v2/v2.py:Mine", *FEW, "--json").json
+    assert (found["verdict"], found["sets"][0]["judged"]) == ("new is better", 20)
     turned = frenetic("compare", new, "--driver", "v1/v1.py:Mine", *FEW)
     assert turned.code == 1
     assert turned.out.startswith("new is worse: of 20 fresh roads, it fails on ")
-
-
-def test_json_holds_the_answer_and_all_behind_it(
-    frenetic: Frenetic, versions: tuple[str, str]
-) -> None:
-    answer = frenetic("compare", versions[0], *NEWER, *FEW, "--seed", "9", "--json")
-    document = answer.json
-    assert answer.code == {"new is better": 0, "cannot tell": 3}[document["verdict"]]
-    assert (document["seed"], document["repeats"]) == (9, 1)
-    fresh, *_ = document["sets"]
-    assert (fresh["roads"], fresh["judged"]) == ("fresh roads", 20)
-    assert sum(fresh["changes"].values()) == len(fresh["tests"]) == 20
-    assert fresh["difference"]["cannot_tell"] == (document["verdict"] == "cannot tell")
-    assert {one["fate"] for one in document["distinct_failures"]} >= {"fixed"}
 
 
 def test_another_driver_takes_the_place_of_a_campaigns(frenetic: Frenetic, campaign: str) -> None:
@@ -122,10 +109,8 @@ def test_another_driver_takes_the_place_of_a_campaigns(frenetic: Frenetic, campa
     assert answer.code in (1, 3)
     assert "new: planner,aggression=1.3" in answer.out
     Path("new.json").write_text(json.dumps({"driven": AS}))
-    answer = frenetic("compare", campaign, "--as", "new.json", *FEW)
-    assert "old: planner (" in answer.out
-    assert "new: stanley,aggression=1.5 (" in answer.out
     answer = frenetic("compare", campaign, "--as", "new.json", "--driver", "aggression=1.4", *FEW)
+    assert "old: planner (" in answer.out
     assert "new: stanley,aggression=1.4 (" in answer.out
 
 

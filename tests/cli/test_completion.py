@@ -44,34 +44,21 @@ def test_names_of_parts_are_completed() -> None:
     assert completed("run", "--driver", "my_driver.p") == [("file", "my_driver.p")]
 
 
-@pytest.mark.parametrize(
-    "command",
-    ["show", "resume", "report", "check", "rerun", "compare"],
-)
-def test_folders_of_campaigns_are_completed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
-) -> None:
+def test_campaigns_and_files_are_completed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    for folder in ("night", "campaigns/one", "campaigns/two", "notes"):
+    folders = ("show", "resume", "report", "check", "rerun", "compare")
+    kinds = dict.fromkeys(folders, "dir") | dict.fromkeys(("drive", "minimise", "export"), "file")
+    places = ("night", "campaigns/one", "campaigns/two")
+    for folder in (*places, "notes"):
         Path(folder).mkdir(parents=True)
-    assert completed(command, "n") == [("dir", "n")]
-    for folder in ("night", "campaigns/one", "campaigns/two"):
+    assert [completed(command, "n") for command in kinds] == [[(k, "n")] for k in kinds.values()]
+    for folder in places:
         Path(folder, "campaign.sqlite").touch()
-    assert values(command, "") == ["campaigns/one", "campaigns/two", "night"]
-    assert values(command, "n") == ["night"]
-    assert values(command, "campaigns/t") == ["campaigns/two"]
-    assert completed(command, "nowhere/") == [("dir", "nowhere/")]
-
-
-@pytest.mark.parametrize("command", ["drive", "minimise", "export"])
-def test_campaigns_and_road_files_are_completed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert completed(command, "n") == [("file", "n")]
-    Path("night").mkdir()
-    Path("night", "campaign.sqlite").touch()
-    assert values(command, "n") == ["night"]
+    for command in kinds:
+        assert values(command, "n") == ["night"]
+    assert values("show", "") == ["campaigns/one", "campaigns/two", "night"]
+    assert values("show", "campaigns/t") == ["campaigns/two"]
+    assert completed("show", "nowhere/") == [("dir", "nowhere/")]
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])

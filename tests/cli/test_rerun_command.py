@@ -9,7 +9,7 @@ import sys
 import xml.etree.ElementTree as ET
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 from permissions import bound_by_permissions
@@ -75,8 +75,8 @@ def test_several_quantities_are_varied_at_once(frenetic: Frenetic, campaign: str
     drawn = {one["quantity"]: (one["low"], one["high"]) for one in document["variations"]}
     assert drawn == {"friction": (0.8, 1.3), "noise": (0.2, 0.2), "speed": (63.0, 77.0)}
     worlds = [drive["conditions"] for drive in document["tests"][0]["drives"]]
-    assert len({world["noise_seed"] for world in worlds}) == 20
     assert all(0.8 <= world["friction"] <= 1.3 for world in worlds)
+    assert len(worlds) == 20
     said = frenetic(*again).out
     assert "friction matters in 1 of 1" in said
     assert "20 drives of each, noise 0.2 m, speed 63 to 77 km/h, friction 0.8 to 1.3: " in said
@@ -95,15 +95,8 @@ def test_a_summary_comes_first_and_the_tests_that_were_named(
     with_rows = frenetic("rerun", campaign, *ids, "--times", "2").out.splitlines()
     assert with_rows[0] == summary[0]
     assert any("interval" in line for line in with_rows)
-    turned = frenetic("rerun", campaign, ids[1], ids[0], "--times", "1", "--json").json
+    turned = frenetic("rerun", campaign, ids[1], ids[0], "--json").json
     assert [str(one["test"]) for one in turned["tests"]] == [ids[1], ids[0]]
-    assert "1 test, 1 drive of each" in frenetic("rerun", campaign, ids[0], "--times", "1").out
-    with CampaignStore.open(campaign) as store:
-        passed = str(next(iter(store.tests(Outcome.PASS))).id)
-    no_failure = frenetic("rerun", campaign, passed, "--times", "10").out
-    assert "0 of 10" in no_failure
-    assert "passes again" in no_failure
-    assert "robust" not in no_failure
 
 
 def test_other_campaigns(frenetic: Frenetic) -> None:
@@ -122,25 +115,12 @@ def test_other_campaigns(frenetic: Frenetic) -> None:
     parts = ("--driver", "planner", "--simulator", "embedded")
     (one,) = frenetic("rerun", "python", *parts, "--times", "5", "--json").json["tests"]
     assert (one["failed"], one["judged"]) == (5, 5)
-
-
-@pytest.mark.parametrize(
-    ("change", "word"),
-    [
-        ({"command": 3}, "command"),
-        ({"command": {"driver": "planner"}}, "`strategy`"),
-        ({"rules": {"speed_limit": -1.0}}, "rules"),
-        ({"map_size": "large"}, "map_size"),
-    ],
-)
-def test_a_damaged_record_is_one_line(
-    frenetic: Frenetic, campaign: str, change: dict[str, Any], word: str
-) -> None:
-    with CampaignStore.open(campaign) as store:
-        config = {**store.config, **change}
-    with CampaignStore.create("damaged", config):
+    with (
+        CampaignStore.open("calm") as store,
+        CampaignStore.create("damaged", {**store.config, "map_size": "large"}),
+    ):
         pass
-    assert frenetic("rerun", "damaged").refuses("damaged", word)
+    assert frenetic("rerun", "damaged").refuses("damaged", "map_size")
 
 
 @pytest.mark.parametrize("stop", [3, 4, 6])
@@ -165,16 +145,12 @@ def test_ctrl_c_exits_130_and_the_same_command_goes_on(
     assert len(list(Path(campaign).glob("again/*"))) == 1
 
 
-@pytest.mark.usefixtures("drawn")
 def test_in_another_simulator_both_paths_are_drawn(frenetic: Frenetic, campaign: str) -> None:
     answer = frenetic("rerun", campaign, "--simulator", "friction=0.8", "--top", "3")
     assert answer.code == 0
     assert re.search(r": 3 fail again \(\d .*elsewhere\)", answer.out)
     assert "rank correlation of MOOBD with the campaign's" in answer.out
-    (kept,) = Path(campaign).glob("again/*")
-    assert f"Kept in {kept}; to see it: frenetic report c\n" in answer.out
     (gallery,) = (Path(campaign) / "elsewhere").glob("*/gallery.png")
-    assert gallery.stat().st_size > 10_000
     assert f"At a glance: {gallery}" in answer.out
 
 
@@ -250,22 +226,20 @@ def test_the_exit_code_and_the_junit_file_say_what_became_of_them(
 
     answer, numbers, messages = driven("--driver", "mine.py:Crashing")
     assert (answer.code, numbers) == (1, [count, 0, count])
+    assert "not judged" in answer.out
+    assert all("ValueError: <not> finished & \\x07 done" in message for message in messages)
+    assert not list(Path().glob("*.part"))
     broke = frenetic("rerun", campaign, "--times", "2", "--driver", "mine.py:Crashing")
     assert broke.code == 1, "also without --fail-on-failure"
     assert f"{2 * count} drives could not be judged" in broke.out
     assert "ValueError" in broke.out
     assert "unclear" not in broke.out
-    assert "not judged" in answer.out
-    assert all("ValueError: <not> finished & \\x07 done" in message for message in messages)
-    assert not list(Path().glob("*.part"))
 
-
-def test_all_looks_for_new_failures(frenetic: Frenetic, campaign: str) -> None:
-    document = frenetic("rerun", campaign, "--all", "--driver", "aggression=2.0", "--json").json
-    assert len(document["tests"]) == sum(document["changes"].values()) == 60
-    assert document["changes"]["fails now"] > 0
-    assert document["driver"]["driver"]["options"]["aggression"] == 2.0
-    assert document["driver"]["options"] == {"seconds": 0.05}, "the recorded delay stays"
+    worse = frenetic("rerun", campaign, "--all", "--driver", "aggression=2.0", "--json").json
+    assert len(worse["tests"]) == sum(worse["changes"].values()) == 60
+    assert worse["changes"]["fails now"] > 0
+    assert worse["driver"]["driver"]["options"]["aggression"] == 2.0
+    assert worse["driver"]["options"] == {"seconds": 0.05}, "the recorded delay stays"
 
 
 def test_what_is_given_takes_the_place_of_what_is_recorded(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -15,6 +16,7 @@ import pytest
 from pids import LIMIT, until
 
 from frenetic.campaign import CampaignStore
+from frenetic.errors import CampaignError
 
 if TYPE_CHECKING:
     from command_line import Answer, Frenetic
@@ -37,20 +39,16 @@ def refused(answer: Answer, *words: str) -> None:
     assert all(word in lines[0] for word in words)
 
 
-@pytest.mark.usefixtures("drawn")
 def test_run_prints_a_summary_and_leaves_roads_and_pictures(frenetic: Frenetic) -> None:
-    answer = frenetic("run", "--simulations", "40", "--seed", "3", "--out", "mine")
+    answer = frenetic("run", "--simulations", "30", "--seed", "3", "--out", "mine")
     assert answer.code == 0
-    assert "40 simulations" in answer.out
-    assert "distinct failure" in answer.out
-    assert "frenetic show mine " in answer.out
+    for words in ("30 simulations", "distinct failure", "frenetic show mine "):
+        assert words in answer.out
     assert Path("mine/campaign.sqlite").is_file()
+    assert Path("mine/failures/gallery.png").is_file()
     pictures = list(Path("mine/failures").glob("test-*.png"))
-    assert Path("mine/failures/gallery.png").stat().st_size > 10_000
-    roads = list(Path("mine/failures").glob("*.json"))
     assert 1 <= len(pictures) <= 10
-    assert all(picture.stat().st_size > 10_000 for picture in pictures)
-    assert len(roads) >= len(pictures)
+    assert len(list(Path("mine/failures").glob("*.json"))) >= len(pictures)
     assert not list(Path("mine/failures").glob("*.part"))
 
 
@@ -170,7 +168,6 @@ def test_own_driver_from_a_file_and_from_a_module(frenetic: Frenetic) -> None:
 @pytest.mark.parametrize(
     ("name", "wall_limit", "why"),
     [
-        ("Raises", "60", "the driver raised ValueError: lost"),
         ("Nan", "60", "steering = nan, not a finite number"),
         ("ForEver", "0.2", "did not finish its drive within 0.2 s"),
     ],
@@ -267,6 +264,7 @@ SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 RUNS = """
 import signal, sys
 from pathlib import Path
+from command_line import empty_pictures
 from frenetic.cli import main
 
 for name in sys.argv[1:]:
@@ -274,7 +272,8 @@ for name in sys.argv[1:]:
     signal.signal(signal.SIGINT, signal.default_int_handler if hears else signal.SIG_IGN)
     how = ["--time", "10m", "--workers", "1", "--simulator", "counting.py:Counting"]
     try:
-        main(["run", *how, "--out", name])
+        with empty_pictures():
+            main(["run", *how, "--out", name])
     except SystemExit as stop:
         Path(f"{name}.part").write_text(str(stop.code))
         Path(f"{name}.part").rename(f"{name}.code")
@@ -294,6 +293,7 @@ def test_a_signal_ends_a_run_with_its_summary_and_its_simulator(tmp_path: Path) 
         stderr=subprocess.PIPE,
         text=True,
         cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1] / "shared")},
     ) as process:
         try:
             for name in SIGNALS:
@@ -319,8 +319,6 @@ def stored_in_a_moment(folder: Path) -> int:
 
 
 def stored_tests(folder: Path) -> int:
-    from frenetic.errors import CampaignError
-
     try:
         with CampaignStore.open(folder) as store:
             return store.counts().told
@@ -329,14 +327,13 @@ def stored_tests(folder: Path) -> int:
 
 
 def test_campaign_goes_on_with_more_simulations(frenetic: Frenetic) -> None:
-    options = ["--seed", "3", "--driver", "stanley", "--with", "noise=0.1"]
-    search = ("run", "--simulations", "20", "--strategy", "random_roads=5")
-    frenetic(*search, *options, "--out", "c")
-    answer = frenetic("resume", "c", "--simulations", "10")
+    options = ("--seed", "3", "--driver", "stanley", "--with", "noise=0.1", "--out", "c")
+    frenetic("run", "--simulations", "10", *options)
+    answer = frenetic("resume", "c", "--simulations", "5")
     assert answer.code == 0
-    assert "30 simulations" in answer.out
+    assert "15 simulations" in answer.out
     assert "Going on after " in answer.err
+    again = frenetic("resume", "c", "--simulations", "3", "--json").json
+    assert (again["simulations"], again["seed"]) == (18, 3)
     document = frenetic("show", "c", "--json").json
-    assert document["passed"] + document["failed"] == 30
-    again = frenetic("resume", "c", "--simulations", "5", "--json").json
-    assert (again["simulations"], again["seed"]) == (35, 3)
+    assert document["passed"] + document["failed"] == 18
