@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import importlib
-import inspect
-import re
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -36,45 +32,7 @@ from frenetic.testing import DummyDriver, DummySimulator
 from frenetic.twin.calibration import read_recordings
 from frenetic.twin.profile import Profile
 
-API = Path(__file__).parents[1] / "docs" / "api"
 ROAD = Road([0.0, 0.01, 0.02, 0.0])
-
-
-def public_functions() -> Iterator[tuple[str, Any]]:
-    """Functions and methods of the modules in the reference; a dataclass has fields instead."""
-    pages = "\n".join(page.read_text(encoding="utf-8") for page in sorted(API.glob("*.md")))
-    for name in re.findall(r"^::: ([\w.]+)", pages, re.MULTILINE):
-        try:
-            module = importlib.import_module(name)
-        except ModuleNotFoundError:  # a function of its own, or an extra
-            continue
-        own = [
-            n
-            for n, value in vars(module).items()
-            if n[0] != "_" and getattr(value, "__module__", "") == name
-        ]
-        for public in getattr(module, "__all__", own):
-            part = getattr(module, public)
-            if not inspect.isclass(part):
-                yield f"{name}.{public}", part
-                continue
-            for method, function in inspect.getmembers(part, callable):
-                is_made = method == "__init__" and not is_dataclass(part)
-                if is_made or method[0] != "_":
-                    yield f"{name}.{public}.{method}", function
-
-
-def test_signatures_say_so() -> None:
-    paths = [
-        (f"{name}({argument})", kind)
-        for name, function in public_functions()
-        for argument, kind in getattr(function, "__annotations__", {}).items()
-        if argument != "return" and "Path" in str(kind)
-    ]
-    assert len(paths) > 20
-    made_by_open = "frenetic.campaign.CampaignStore.__init__(folder)"
-    lacking = [name for name, kind in paths if "Path | str" not in kind and name != made_by_open]
-    assert not lacking
 
 
 def test_texts_are_paths(tmp_path: Path) -> None:

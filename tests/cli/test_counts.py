@@ -132,7 +132,9 @@ def test_a_bench_gives_the_same(frenetic: Frenetic) -> None:
 def test_a_resumed_campaign_goes_on_counting(frenetic: Frenetic, campaign: str) -> None:
     with CampaignStore.open(campaign) as store:
         before = store.counts()
-    more = frenetic("resume", campaign, "--simulations", "5", "--workers", "1", "--json").json
+    answer = frenetic("resume", campaign, "--simulations", "5", "--workers", "1", "--json")
+    assert "Going on after " in answer.err
+    more = answer.json
     with CampaignStore.open(campaign) as store:
         after = store.counts()
     assert after.simulations == before.simulations + 5

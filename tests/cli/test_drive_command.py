@@ -116,18 +116,6 @@ def test_a_failing_road_is_driven_as_the_campaign_drove_it(frenetic: Frenetic, r
     assert frenetic("drive", "least.json", "--json").json["moobd"] == least["moobd"]
 
 
-def test_an_edited_driver_is_run_only_if_it_is_named_and_said_to_be_another_version(
-    frenetic: Frenetic, road: Path
-) -> None:
-    Path("mine.py").write_text(f"{MINE}\n# edited for {road}", encoding="utf-8")
-    assert frenetic("drive", str(road)).refuses("have not run", "--driver mine.py:Bold")
-    driven = frenetic("drive", str(road), "--driver", "mine.py:Bold").out
-    assert "another version than the campaign's" in driven
-    other = frenetic("drive", str(road), "--driver", "extra=0.2").out
-    assert "driver     Bold, aggression 1.4, extra 0.2, delayed" in other
-    assert "; recorded with Bold, aggression 1.3, extra 0.1, delayed" in other
-
-
 def test_a_file_without_its_record_says_who_drove(frenetic: Frenetic, road: Path) -> None:
     said = "driver     planner in embedded; recorded with Bold, delayed"
     other = ("--driver", "planner", "--with", "delay=0")
@@ -138,24 +126,19 @@ def test_a_file_without_its_record_says_who_drove(frenetic: Frenetic, road: Path
     assert said in frenetic("drive", str(road)).out
 
 
-@pytest.mark.parametrize(
-    "entries",
-    [
+def test_code_that_a_file_names_is_not_run_unasked(frenetic: Frenetic, road: Path) -> None:
+    Path("evil.py").write_text("open('here', 'w').close()\nEvil = type('Evil', (), {})\n")
+    for entries in (
         {"driver": "os:system", "driver_options": {"command": "touch here"}},
         {"driver": "evil.py:Evil", "driver_options": {}},
         {"driver": "elsewhere/../evil.py:Evil", "driver_options": {}},
         {"driver": "nowhere.py:Evil", "driver_options": {}},
         {"simulator": "evil:Evil", "simulator_options": {"extra": [1]}},
-    ],
-)
-def test_code_that_a_file_names_is_not_run_unasked(
-    frenetic: Frenetic, road: Path, entries: dict[str, Any]
-) -> None:
-    Path("evil.py").write_text("open('here', 'w').close()\nEvil = type('Evil', (), {})\n")
-    (kind, name), _ = entries.items()
-    answer = frenetic("drive", changed(road, **entries))
-    assert answer.refuses("have not run", f"--{kind} {name}")
-    assert not Path("here").exists()
+    ):
+        (kind, name), _ = entries.items()
+        answer = frenetic("drive", changed(road, **entries))
+        assert answer.refuses("have not run", f"--{kind} {name}")
+        assert not Path("here").exists()
 
 
 def test_a_damaged_record_is_one_line(frenetic: Frenetic, road: Path) -> None:

@@ -101,8 +101,7 @@ def test_compare_never_takes_them_for_repeats(frenetic: Frenetic) -> None:
     assert frenetic("compare", "old", "--json").code == 2
 
 
-@pytest.mark.parametrize("folder", ["old", "module"])
-@pytest.mark.parametrize("heading", ["0.9", "1.1"])
+@pytest.mark.parametrize(("folder", "heading"), [("old", "0.9"), ("module", "1.1")])
 def test_resume_refuses_an_edited_driver_and_names_what_to_do(
     frenetic: Frenetic, folder: str, heading: str
 ) -> None:
@@ -155,13 +154,7 @@ def test_an_edited_driver_is_compared_with_its_old_self(frenetic: Frenetic, fold
     assert same.refuses("both versions are the same")
 
 
-@pytest.mark.parametrize(
-    "again",
-    [
-        ("rerun",),
-        ("minimise", "--max-drives", "5"),
-    ],
-)
+@pytest.mark.parametrize("again", [("rerun",), ("minimise", "--max-drives", "5")])
 def test_driving_again_says_that_it_is_another(
     frenetic: Frenetic, again: tuple[str, ...], caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -84,18 +84,6 @@ def test_other_commands_drive_as_it_says(frenetic: Frenetic) -> None:
     assert slow > frenetic("drive", "road.json", "--driver", "stanley", "--json").json["duration"]
 
 
-def test_a_strangers_file_loads_no_code_unasked(frenetic: Frenetic) -> None:
-    Path("theirs.py").write_text("raise SystemExit('it ran')\n")
-    for line, words in (
-        ("driver = 'theirs.py:A'", "code that you have not run"),
-        ("strategy = 'theirs.py:A'", "code that you have not run"),
-        ("objective = 'theirs.py:a'", "code that you have not run"),
-        ("simulator = 'beamng,home=/opt/theirs'", "--simulator beamng,home=/opt/theirs"),
-    ):
-        Path("theirs.toml").write_text(f"{line}\n")
-        assert frenetic("run", "theirs.toml").refuses(words)
-
-
 WRONG = {
     "simulation = 5": "unknown field `simulation`",
     "simulations = 0": "`int` >= 1 - at `$.simulations`",

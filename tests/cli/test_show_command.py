@@ -120,14 +120,12 @@ def test_show_lists_tests_by_outcome_severity_and_feature(
     frenetic: Frenetic, campaign: str
 ) -> None:
     failed = frenetic("show", campaign, "--json").json["failed"]
-    document = frenetic("show", campaign, "--outcome", "fail", "--json").json
-    assert document["matching"] == failed == len(document["listed"])
-    assert {row["outcome"] for row in document["listed"]} == {"FAIL"}
-    moobds = [row["moobd"] for row in document["listed"]]
-    assert moobds == sorted(moobds)
+    listed = frenetic("show", campaign, "--outcome", "fail", "--json").json["listed"]
+    assert len(listed) == failed
+    assert [row["moobd"] for row in listed] == sorted(row["moobd"] for row in listed)
     bent = frenetic("show", campaign, "--feature", "max_curvature=0.06:0.07", "--json").json
-    assert bent["listed"]
-    assert all(0.06 <= row["features"]["max_curvature"] <= 0.07 for row in bent["listed"])
+    values = [row["features"]["max_curvature"] for row in bent["listed"]]
+    assert values == [value for value in values if 0.06 <= value <= 0.07] != []
     table = frenetic("show", campaign, "--sort", "bends", "--limit", "3").out.splitlines()
     assert table[0].split()[-2:] == ["bends", "why"]
     assert table[-1].endswith("results match; the first 3 are listed")
