@@ -195,36 +195,6 @@ def coarse(picture: Path) -> FloatArray:
         return np.asarray(image.convert("L").resize((64, 64), Image.Resampling.BOX), float)
 
 
-PRINTED = "9 tests in 0:01, 41 tests/s\nfirst road 12.5 m\nsecond road 3 m\nall done\n"
-STALE = {
-    "9 tests in 1:10:02, 4.3 tests/h\n...\nall done\n": None,
-    "9 tests in 0:02, 3 tests/s\nfirst road ...\n...\n": None,
-    "...\nsecond road 4 m\nall done\n": "...\nsecond road 3 m\nall done\n",
-    "8 tests in 0:02, 3 tests/s\n...\n": "9 tests in 0:01, 41 tests/s\n...\n",
-    "9 tests in 0:01, 41 tests/s\n": PRINTED,
-}
-"""What a page shows -> what it has to show instead."""
-
-
-def test_an_output_is_stale_if_a_reader_gets_another(
-    interpreter: Interpreter, tmp_path: Path
-) -> None:
-    page = tmp_path / "page.md"
-    blocks = "".join(f"```python\nprint({PRINTED!r})\n```\n\n```text\n{one}```\n" for one in STALE)
-    page.write_text(blocks, encoding="utf-8")
-    wanted = blocks
-    for shown, now in STALE.items():
-        wanted = wanted.replace(f"```text\n{shown}```", f"```text\n{now or shown}```")
-    assert run_page(page, interpreter, tmp_path) == wanted
-
-
-def test_the_search_from_python_runs_again(interpreter: Interpreter, tmp_path: Path) -> None:
-    kinds = BLOCK.findall((ROOT / "docs" / "index.md").read_text(encoding="utf-8"))
-    search = shortened(next(text for kind, text in kinds if kind == "python"))
-    for _ in range(2):
-        run_python(search, interpreter, tmp_path)
-
-
 def test_links_lead_somewhere_and_pages_have_a_place_in_the_site() -> None:
     for page in (*PAGES, *RESEARCH):
         for target in LINK.findall(page.read_text(encoding="utf-8")):
@@ -232,12 +202,6 @@ def test_links_lead_somewhere_and_pages_have_a_place_in_the_site() -> None:
     site = (ROOT / "zensical.toml").read_text(encoding="utf-8")
     for page in (ROOT / "docs").rglob("*.md"):
         assert f'= "{page.relative_to(ROOT / "docs").as_posix()}" }}' in site
-
-
-def test_pages_find_a_block_to_run() -> None:
-    kinds = [kind for page in PAGES for kind, _ in BLOCK.findall(page.read_text(encoding="utf-8"))]
-    assert kinds.count("python") >= 8
-    assert kinds.count("sh") >= 6
 
 
 # The notebook: its cells run here, by what writes their outputs into it

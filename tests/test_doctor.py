@@ -69,15 +69,8 @@ class Checking(DummySimulator):
 
 @pytest.fixture
 def registry(monkeypatch: pytest.MonkeyPatch) -> None:
-    built_in = {
-        "fine": ("test_doctor:DummySimulator", ""),
-        "crooked": ("test_doctor:Crooked", ""),
-        "dead": ("test_doctor:Dead", ""),
-        "failing": ("test_doctor:Failing", ""),
-        "absent": ("test_doctor:Absent", ""),
-        "told": ("test_doctor:Checking", ""),
-        "tuned": ("test_doctor:Tuned", ""),
-    }
+    parts = (DummySimulator, Crooked, Dead, Failing, Absent, Checking, Tuned)
+    built_in = {part.__name__.lower(): (f"test_doctor:{part.__name__}", "") for part in parts}
     monkeypatch.setattr(
         doctor, "SIMULATORS", Registry("simulator", "frenetic.none", built_in, SIMULATORS.methods)
     )
@@ -120,12 +113,12 @@ def test_what_a_drive_does_wrong_is_found() -> None:
 def test_all_simulators_in_turn() -> None:
     found = {examination.simulator: examination for examination in examine_all()}
     assert {name: one.health for name, one in found.items()} == {
-        "fine": Health.OK,
+        "dummysimulator": Health.OK,
         "crooked": Health.BROKEN,
         "dead": Health.BROKEN,
         "failing": Health.BROKEN,
         "absent": Health.NOT_INSTALLED,
-        "told": Health.BROKEN,
+        "checking": Health.BROKEN,
         "tuned": Health.NOT_SET_UP,
     }
     assert found["absent"].note == 'pip install ".[absent]" in the clone of Frenetic'
@@ -134,7 +127,7 @@ def test_all_simulators_in_turn() -> None:
     assert len(found["failing"].failed) == 2
     for check in found["failing"].failed:
         assert check.found.startswith("RuntimeError: out of memory (test_doctor.py:")
-    assert found["told"].failed == (Check("key", False, "there is no key", "buy one"),)
+    assert found["checking"].failed == (Check("key", False, "there is no key", "buy one"),)
     for examination in found.values():
         assert all(check.remedy for check in examination.failed)
 

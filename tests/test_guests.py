@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -101,7 +102,9 @@ for line in {lines!r}:
 def test_a_strangers_parts_work_like_the_built_in_ones(installed: Path, tmp_path: Path) -> None:
     parts = "--driver hasty,speed=60 --strategy zigzag --simulator rails --with wind=0.2"
     search = f"run {parts} --simulations 6 --seed 1 --workers 2 --out night"
-    lines = ("list", search, "--help", "count night")
+    again = "rerun night --all --workers 1 --json"
+    varied, calm = f"{again} --vary wind=0.1:0.3 --times 2", f"{again} --with wind=0"
+    lines = ("list", search, "--help", "count night", varied, calm)
     done = subprocess.run(
         [sys.executable, "-c", BESIDE.format(lines=lines)],
         cwd=tmp_path,
@@ -111,9 +114,14 @@ def test_a_strangers_parts_work_like_the_built_in_ones(installed: Path, tmp_path
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    listed, _, helped, counted, _ = done.stdout.split(f"{'-' * 20}\n")
+    listed, _, helped, counted, *reruns, _ = done.stdout.split(f"{'-' * 20}\n")
     for words in (["hasty", "lane-lab"], ["zigzag", "lane-lab"], ["rails", "lane-lab"], ["wind"]):
         assert any(line.split()[: len(words)] == words for line in listed.splitlines()), words
     assert "hasty with wind 0.2" in (tmp_path / "night" / "report.html").read_text("utf-8")
     assert "lane-lab counts" in helped
     assert counted == "6 tests\n"
+    varied, calm = map(json.loads, reruns)
+    assert "Windy" in varied["driver"]["class"]
+    assert "Hasty" in calm["driver"]["class"]
+    drives = [drive for test in varied["tests"] for drive in test["drives"]]
+    assert [0.1 <= drive["conditions"]["wind"] <= 0.3 for drive in drives] == [True] * 12

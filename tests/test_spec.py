@@ -2,32 +2,23 @@ from __future__ import annotations
 
 import json
 import math
-import shlex
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
-import click
 import pytest
-from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 from specs import plain, positive, specs, texts
 
-from frenetic.again.conditions import Variation, draw_conditions
 from frenetic.campaign import Campaign
-from frenetic.cli import cli
-from frenetic.cli.parts import driver_options, part_options
 from frenetic.drivers import LimitedView, Noisy, Planner
-from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
 from frenetic.drivers.loading import load_driver
 from frenetic.errors import CampaignError, FreneticError, UnknownNameError
-from frenetic.quantities import GROUP, Quantity
 from frenetic.road import MAP_SIZE, MARGIN
 from frenetic.search import RandomSearch
 from frenetic.simulators import CarBody, EmbeddedSimulator, Rules
-from frenetic.simulators.worlds import in_conditions
 from frenetic.spec import NUMBERS, Budget, Part, Spec, describe, fault_of
 
 SOURCE = "c/campaign.sqlite"
@@ -116,10 +107,12 @@ def test_it_makes_what_it_says(tmp_path: Path) -> None:
     assert campaign.configuration() == made.to_json()
 
 
-def test_an_option_that_follows_from_others_is_refused() -> None:
+def test_what_cannot_be_made_is_refused() -> None:
     spec = Spec(strategy=Part("random", {"seed": 5}))
     with pytest.raises(FreneticError, match="the option seed of the strategy is not allowed"):
         spec.make_strategy()
+    with pytest.raises(UnknownNameError, match="unknown quantity 'smoke'"):
+        load_driver("planner", smoke=1.0)
 
 
 # Something replaced
@@ -227,88 +220,3 @@ def test_a_wrong_value_in_a_record_is_one_line_with_its_place(
 def test_decoding_never_raises_anything_else(damage: dict[str, Any]) -> None:
     with suppress(CampaignError):
         Spec.from_json(recorded() | damage, source=SOURCE)
-
-
-# A layer that nobody knew
-
-
-class Sleepy:
-    """A driver that sees nothing at all now and then."""
-
-    def __init__(self, driver: Driver, *, share: float) -> None:
-        if not 0.0 <= share <= 1.0:
-            raise ValueError(f"share is {share}: 0 to 1 is needed")
-        self.driver = driver
-        self.options = {"share": share}
-
-    @classmethod
-    def over(cls, driver: Driver, amount: float) -> Sleepy:
-        return cls(driver, share=amount)
-
-    def reset(self, setup: DriveSetup) -> None:
-        self.driver.reset(setup)
-
-    def act(self, observation: Observation) -> Controls:
-        return self.driver.act(observation)
-
-
-SLEEP: Final = Quantity(
-    name="sleep",
-    about="share of the time for which the driver sleeps",
-    low=0.0,
-    high=1.0,
-    usual=(0.0, 0.5),
-    nothing=0.0,
-    layer=f"{__name__}:Sleepy",
-)
-QUANTITIES: Final = (SLEEP,)
-
-
-@pytest.fixture
-def sleep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A package with a quantity is installed."""
-    information = tmp_path / "sleep-1.0.dist-info"
-    information.mkdir()
-    (information / "METADATA").write_text("Metadata-Version: 2.1\nName: sleep\nVersion: 1.0\n")
-    (information / "entry_points.txt").write_text(f"[{GROUP}]\nit = {__name__}:QUANTITIES\n")
-    monkeypatch.syspath_prepend(str(tmp_path))
-
-
-@pytest.mark.usefixtures("sleep")
-def test_a_quantity_of_a_package_is_known_everywhere() -> None:
-    spec = Spec.from_json(recorded(), source=SOURCE)  # made before it was installed
-    assert "sleep" not in spec.layers
-    spec = spec.replaced({"layers": {"sleep": 0.2}})
-    assert spec.layers["sleep"] == 0.2
-    assert "--with sleep=0.2" in shlex.join(spec.drive_words())
-    command: Any = spec.command()
-    assert command["layers"]["sleep"] == 0.2
-    config = spec.to_json() | {"driver": {"class": "a:D"}}
-    assert Spec.from_json(config, source=SOURCE).layers == spec.layers
-    made = replace(spec, layers={"view": 30.0, "sleep": 0.2}).make_driver()
-    assert isinstance(made, LimitedView)
-    assert isinstance(made.driver, Sleepy)
-    assert describe(load_driver("planner", sleep=0.3))["options"] == {"share": 0.3}
-    with pytest.raises(FreneticError, match="sleep is 7: 0 to 1 is needed"):
-        load_driver("planner", sleep=7.0)
-    with pytest.raises(UnknownNameError, match="unknown quantity 'smoke'"):
-        load_driver("planner", smoke=1.0)
-
-    @click.command()
-    @driver_options
-    def fresh(**how: Any) -> None:
-        assert Spec.from_options(how).layers == {"sleep": 0.4}
-
-    @click.command()
-    @part_options
-    def again(**how: Any) -> None:
-        assert spec.replaced(how).layers == {"delay": 0.1, "view": 30.0}
-
-    fresh.main(["--with", "sleep=0.4"], standalone_mode=False)
-    again.main(["--with", "sleep=0"], standalone_mode=False)
-    varied = draw_conditions([Variation("sleep", 0.1, 0.1)], 2, 0)
-    assert varied == ({"sleep": 0.1},) * 2
-    for conditions in varied:  # each in place of the driver's own
-        with in_conditions(conditions, EmbeddedSimulator(), made) as there:
-            assert describe(there)["driver"]["options"] == {"share": 0.1}  # type: ignore[call-overload, index]
-    assert "share of the time for which" in CliRunner().invoke(cli, ["list", "quantities"]).output

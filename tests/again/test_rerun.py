@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import signal
 import sqlite3
 import subprocess
@@ -19,8 +18,7 @@ import pytest
 from events import on_result
 from repeats import Counting, driven_in, failures_in, recorded
 
-from frenetic._support.json_value import JSONValue
-from frenetic.again.campaigns import FOLDER, TERMS
+from frenetic.again.campaigns import FOLDER
 from frenetic.again.conditions import Variation
 from frenetic.again.rerun import (
     Rerun,
@@ -42,7 +40,6 @@ from frenetic.drivers import Driver, Planner
 from frenetic.errors import CampaignError
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
-from frenetic.report.elsewhere import pictures_of, write_elsewhere
 from frenetic.road import Road
 from frenetic.search import RandomSearch
 from frenetic.simulators import Drive, EmbeddedSimulator, Rules, Vehicle
@@ -289,24 +286,6 @@ def test_of_several_drives_of_a_test_the_last_judged_ones_count(campaign: Path) 
     assert [one.change for one in kept.tests] == [Change.PASSES_NOW] * 2
 
 
-def raising(road: Road) -> float:
-    raise OSError(f"no connection on {road}")
-
-
-def test_pictures_are_of_what_was_driven(campaign: Path) -> None:
-    ids = [test.id for test in failures_in(campaign)][:2]
-    nothing = rerun(campaign, DummySimulator(raising), DummyDriver(), tests=ids)
-    found = rerun(campaign, EmbeddedSimulator(friction=0.9), Planner(), tests=ids)
-    with CampaignStore.open(campaign) as store:
-        assert write_elsewhere(store, nothing) is None
-        gallery = write_elsewhere(store, found)
-    folder = campaign / pictures_of(found)
-    assert gallery == folder / "gallery.png"
-    names = {path.name for path in folder.iterdir()}
-    assert names == {"gallery.png", *(f"test-{number:05d}.png" for number in ids)}
-    assert all(path.read_bytes()[:4] == b"\x89PNG" for path in folder.iterdir())
-
-
 # Once
 
 
@@ -507,17 +486,3 @@ def test_a_damaged_run_is_one_line(campaign: Path, change: str, is_own: bool, wo
             read()
         assert str(place) in str(caught.value)
         assert "\n" not in str(caught.value)
-
-
-def test_a_run_that_does_not_say_what_it_is_is_damaged(campaign: Path) -> None:
-    run = again(campaign)
-    assert run.folder is not None
-    with CampaignStore.open(run.folder) as store:
-        config = dict(store.config)
-    damages: list[JSONValue] = [{"digest": "1", "planned": "6"}, {"planned": 6}]
-    for number, terms in enumerate(damages):
-        with CampaignStore.create(campaign / FOLDER / str(number), {**config, TERMS: terms}):
-            pass
-        with pytest.raises(CampaignError, match=rf"{number} is no rerun of a campaign: "):
-            read_reruns(campaign)
-        shutil.rmtree(campaign / FOLDER / str(number))
