@@ -188,6 +188,7 @@ MISTAKES: Final = [
     ("drive c 1 --lane -2", "--lane is for an OpenDRIVE file"),
     ("drive c 1 --map-size 300", "a campaign has its own map"),
     ("drive c 1 2 --plot p.png", "--plot is for one road"),
+    ("drive straight.json --as driver.toml", "code that you have not run"),
     ("drive straight.json 1", "straight.json is no folder"),
 ]
 NAMES: Final = cli.list_commands(click.Context(cli))
@@ -221,9 +222,9 @@ def place(
         Path("straight.json").write_text(json.dumps({"curvatures": [0.0] * 12}))
         Path("mine.py").write_text("class Slow:\n    pass\n")
         Path("test_theirs.py").write_text("mine")
-        Path("theirs.py").write_text("raise SystemExit('it ran')\n")
+        Path("strange.py").write_text("raise SystemExit('it ran')\n")
         for kind in ("driver", "strategy", "objective"):
-            Path(f"{kind}.toml").write_text(f"{kind} = 'theirs.py:A'\n")
+            Path(f"{kind}.toml").write_text(f"{kind} = 'strange.py:A'\n")
         Path("simulator.toml").write_text("simulator = 'beamng,home=/opt/theirs'\n")
     return folder
 

@@ -238,7 +238,7 @@ def test_a_signal_ends_a_run_with_its_summary_and_its_simulator(tmp_path: Path) 
         stderr=subprocess.PIPE,
         text=True,
         cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1] / "shared")},
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
     ) as process:
         try:
             for name in SIGNALS:
