@@ -41,8 +41,11 @@ def test_a_package_that_is_installed_meanwhile_is_found(site: Path) -> None:
 
 def test_a_name_that_is_taken_is_refused_with_who_claims_it(site: Path) -> None:
     install(site, "other-drivers", "[frenetic.drivers]\nplanner = other:Driver\n")
-    with pytest.raises(FreneticError, match=r"'planner': one is built in.* from other-drivers;"):
-        DRIVERS.load("stanley")
+    for look in (lambda: DRIVERS.load("stanley"), DRIVERS.entries):
+        with pytest.raises(
+            FreneticError, match=r"'planner': one is built in.* from other-drivers;"
+        ):
+            look()
 
 
 def test_what_is_installed_is_read_once(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:

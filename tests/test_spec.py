@@ -2,85 +2,41 @@ from __future__ import annotations
 
 import json
 import math
-import shlex
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
-import click
 import pytest
-from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
+from specs import plain, positive, specs, texts
 
-from frenetic.again.conditions import Variation, draw_conditions
 from frenetic.campaign import Campaign
-from frenetic.cli import cli
-from frenetic.cli.parts import driver_options, part_options
 from frenetic.drivers import LimitedView, Noisy, Planner
-from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
 from frenetic.drivers.loading import load_driver
 from frenetic.errors import CampaignError, FreneticError, UnknownNameError
-from frenetic.quantities import GROUP, Quantity, quantities
 from frenetic.road import MAP_SIZE, MARGIN
 from frenetic.search import RandomSearch
 from frenetic.simulators import CarBody, EmbeddedSimulator, Rules
-from frenetic.simulators.worlds import in_conditions
 from frenetic.spec import NUMBERS, Budget, Part, Spec, describe, fault_of
 
 SOURCE = "c/campaign.sqlite"
 
-texts = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\x00"), max_size=12)
-names = st.from_regex(r"[a-z][a-z_]{0,8}", fullmatch=True)
-positive = st.floats(1e-3, 1e6)
 values = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | texts,
+    plain,
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(texts, inner, max_size=3),
     max_leaves=6,
 )
-options = st.dictionaries(names, values, max_size=3)
-described = st.fixed_dictionaries(
-    {"class": texts}, optional={"options": st.dictionaries(texts, values, max_size=2)}
-)
-parts = st.builds(
-    Part, st.sampled_from(["planner", "a b.py:It's", "package.module:Class"]), options, described
-)
-rules = st.builds(
-    Rules, speed_limit=positive, oob_tolerance=st.floats(0.01, 1.0), stuck_time=positive
-)
-budgets = st.builds(
-    Budget,
-    simulations=st.integers(1, 10**9),
-    time=st.none() | positive,
-    failures=st.none() | st.integers(1, 10**9),
-)
-
-
-def amounts(row: Quantity) -> st.SearchStrategy[float]:
-    """Amounts that have an effect."""
-    return st.floats(row.low, row.high).filter(lambda amount: amount != row.nothing)
-
-
-layers = st.fixed_dictionaries(
-    {},
-    optional={name: amounts(row) for name, row in quantities().items() if row.layer},
-)
-specs = st.builds(
-    Spec,
-    strategy=parts,
-    driver=parts,
-    layers=layers,
-    simulator=parts,
-    rules=rules,
+recorded_specs = specs(
+    values,
+    made=st.fixed_dictionaries(
+        {"class": texts}, optional={"options": st.dictionaries(texts, values, max_size=2)}
+    ),
+    rules=st.builds(
+        Rules, speed_limit=positive, oob_tolerance=st.floats(0.01, 1.0), stuck_time=positive
+    ),
     wall_limit=positive,
-    map_size=positive,
-    margin=st.floats(0.0, 50.0),
-    lane_width=positive,
-    seed=st.none() | st.integers(0, 2**40),
-    lookahead=st.none() | st.integers(1, 100),
-    budget=budgets,
-    workers=st.integers(1, 100),
     cluster=st.none() | texts.filter(bool),
     car=st.builds(CarBody, length=positive, width=positive),
     versions=st.dictionaries(texts, texts, max_size=3),
@@ -99,7 +55,7 @@ def unnamed(spec: Spec) -> Spec:
     )
 
 
-@given(specs, st.booleans())
+@given(recorded_specs, st.booleans())
 def test_a_record_gives_the_spec_that_was_recorded(spec: Spec, is_named: bool) -> None:
     spec = spec if is_named else unnamed(spec)
     config = json.loads(json.dumps(spec.to_json()))
@@ -151,10 +107,12 @@ def test_it_makes_what_it_says(tmp_path: Path) -> None:
     assert campaign.configuration() == made.to_json()
 
 
-def test_an_option_that_follows_from_others_is_refused() -> None:
+def test_what_cannot_be_made_is_refused() -> None:
     spec = Spec(strategy=Part("random", {"seed": 5}))
     with pytest.raises(FreneticError, match="the option seed of the strategy is not allowed"):
         spec.make_strategy()
+    with pytest.raises(UnknownNameError, match="unknown quantity 'smoke'"):
+        load_driver("planner", smoke=1.0)
 
 
 # Something replaced
@@ -170,37 +128,38 @@ RECORDED = Spec(
 )
 
 
-def test_without_anything_given_nothing_is_replaced() -> None:
-    given = {"driver": None, "driver_options": (), "layers": (), "wall_limit": None}
-    assert RECORDED.replaced(given) == RECORDED
+BARE = Part("planner", {"aggression": 1.2})  # of which nothing is made
 
 
-def test_another_part_comes_with_its_own_options() -> None:
-    other = RECORDED.replaced({"driver": "stanley", "driver_options": (("gain", 2),)})
-    assert other.driver == Part("stanley", {"gain": 2})
-    assert (other.layers, other.simulator) == (RECORDED.layers, RECORDED.simulator)
-    added = RECORDED.replaced({"driver_options": {"speed": 1}}).driver
-    assert added == Part("planner", {"aggression": 1.2, "speed": 1})
-
-
-def test_layers_are_added_replaced_and_taken_away() -> None:
-    other = RECORDED.replaced({"layers": {"delay": 0.0, "noise": 0.2, "view": math.inf}})
-    assert other.layers == {"noise": 0.2}
-    assert not other.driver.made
-    assert RECORDED.replaced({"layers": {"view": 10.0}}).layers == {"delay": 0.1, "view": 10.0}
-
-
-def test_rules_that_are_not_given_stay() -> None:
-    other = RECORDED.replaced({"speed_limit": 60.0})
-    assert other.rules == Rules(speed_limit=60.0, stuck_time=5.0)
-    with pytest.raises(FreneticError, match="oob_tolerance is 2"):
-        RECORDED.replaced({"oob_tolerance": 2.0})
+@pytest.mark.parametrize(
+    ("options", "changes"),
+    [
+        ({"driver": None, "driver_options": (), "layers": (), "wall_limit": None}, {}),
+        (
+            {"driver": "stanley", "driver_options": (("gain", 2),)},
+            {"driver": Part("stanley", {"gain": 2})},
+        ),
+        ({"driver_options": {"b": 1}}, {"driver": Part("planner", {"aggression": 1.2, "b": 1})}),
+        (
+            {"layers": {"delay": 0.0, "noise": 0.2, "view": math.inf}},
+            {"layers": {"noise": 0.2}, "driver": BARE},
+        ),
+        ({"layers": {"view": 10.0}}, {"layers": {"delay": 0.1, "view": 10.0}, "driver": BARE}),
+        ({"speed_limit": 60.0}, {"rules": Rules(speed_limit=60.0, stuck_time=5.0)}),
+    ],
+)
+def test_what_is_given_takes_the_place_of_what_was_recorded(
+    options: dict[str, Any], changes: dict[str, Any]
+) -> None:
+    assert RECORDED.replaced(options) == replace(RECORDED, **changes)
 
 
 def test_the_limit_of_another_simulator_says_nothing_about_this_one() -> None:
     assert RECORDED.replaced({"simulator_options": {"friction": 0.6}}).wall_limit == 90.0
     assert RECORDED.replaced({"simulator": "beamng"}).with_limit().wall_limit == 600.0
     assert RECORDED.replaced({"simulator": "beamng", "wall_limit": 5.0}).wall_limit == 5.0
+    with pytest.raises(FreneticError, match="oob_tolerance is 2"):
+        RECORDED.replaced({"oob_tolerance": 2.0})
 
 
 # Damage
@@ -218,16 +177,13 @@ MISSING = object()
 @pytest.mark.parametrize(
     ("place", "value", "fault"),
     [
-        ("map_size", "large", "Expected `float`, got `str` - at `$.map_size`"),
         ("map_size", 1e999, "Expected `float` <= "),
         ("margin", -2.0, "Expected `float` >= 0.0 - at `$.margin`"),
         ("lookahead", 0, "Expected `int` >= 1 - at `$.lookahead`"),
         ("workers", 1.5, "Expected `int`, got `float` - at `$.workers`"),
         ("car", MISSING, "missing required field `car`"),
         ("car.length", -1.0, "length is -1.0: a positive number is needed - at `$.car`"),
-        ("rules.speed_limit", -1.0, "speed_limit is -1.0: a positive number is needed"),
         ("rules.oob_tolerance", 2.0, "a share above 0 and up to 1 is needed - at `$.rules`"),
-        ("command.driver", 3, "Expected `str`, got `int` - at `$.command.driver`"),
         ("command.simulator", MISSING, "missing required field `simulator` - at `$.command`"),
         ("command.layers.delay", "long", "got `str` - at `$.command.layers[...]`"),
         ("command.wall_limit", -1.0, "Expected `float` > 0.0 - at `$.command.wall_limit`"),
@@ -264,91 +220,3 @@ def test_a_wrong_value_in_a_record_is_one_line_with_its_place(
 def test_decoding_never_raises_anything_else(damage: dict[str, Any]) -> None:
     with suppress(CampaignError):
         Spec.from_json(recorded() | damage, source=SOURCE)
-
-
-# A layer that nobody knew
-
-
-class Sleepy:
-    """A driver that sees nothing at all now and then."""
-
-    def __init__(self, driver: Driver, *, share: float) -> None:
-        if not 0.0 <= share <= 1.0:
-            raise ValueError(f"share is {share}: 0 to 1 is needed")
-        self.driver = driver
-        self.options = {"share": share}
-
-    @classmethod
-    def over(cls, driver: Driver, amount: float) -> Sleepy:
-        return cls(driver, share=amount)
-
-    def reset(self, setup: DriveSetup) -> None:
-        self.driver.reset(setup)
-
-    def act(self, observation: Observation) -> Controls:
-        return self.driver.act(observation)
-
-
-SLEEP: Final = Quantity(
-    name="sleep",
-    about="share of the time for which the driver sleeps",
-    low=0.0,
-    high=1.0,
-    usual=(0.0, 0.5),
-    nothing=0.0,
-    layer=f"{__name__}:Sleepy",
-)
-QUANTITIES: Final = (SLEEP,)
-
-
-@pytest.fixture
-def sleep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A package with a quantity is installed."""
-    information = tmp_path / "sleep-1.0.dist-info"
-    information.mkdir()
-    (information / "METADATA").write_text("Metadata-Version: 2.1\nName: sleep\nVersion: 1.0\n")
-    (information / "entry_points.txt").write_text(f"[{GROUP}]\nit = {__name__}:QUANTITIES\n")
-    monkeypatch.syspath_prepend(str(tmp_path))
-
-
-@pytest.mark.usefixtures("sleep")
-def test_a_quantity_of_a_package_is_known_everywhere() -> None:
-    spec = Spec.from_json(recorded(), source=SOURCE)  # made before it was installed
-    assert "sleep" not in spec.layers
-    spec = spec.replaced({"layers": {"sleep": 0.2}})
-    assert spec.layers["sleep"] == 0.2
-    assert "--with sleep=0.2" in shlex.join(spec.drive_words())
-    command: Any = spec.command()
-    assert command["layers"]["sleep"] == 0.2
-    config = spec.to_json() | {"driver": {"class": "a:D"}}
-    assert Spec.from_json(config, source=SOURCE).layers == spec.layers
-    made = replace(spec, layers={"view": 30.0, "sleep": 0.2}).make_driver()
-    assert isinstance(made, LimitedView)
-    assert isinstance(made.driver, Sleepy)
-    assert describe(load_driver("planner", sleep=0.3))["options"] == {"share": 0.3}
-    with pytest.raises(FreneticError, match="sleep is 7: 0 to 1 is needed"):
-        load_driver("planner", sleep=7.0)
-
-    @click.command()
-    @driver_options
-    def fresh(**how: Any) -> None:
-        assert Spec.from_options(how).layers == {"sleep": 0.4}
-
-    @click.command()
-    @part_options
-    def again(**how: Any) -> None:
-        assert spec.replaced(how).layers == {"delay": 0.1, "view": 30.0}
-
-    fresh.main(["--with", "sleep=0.4"], standalone_mode=False)
-    again.main(["--with", "sleep=0"], standalone_mode=False)
-    varied = draw_conditions([Variation("sleep", 0.1, 0.1)], 2, 0)
-    assert varied == ({"sleep": 0.1},) * 2
-    for conditions in varied:  # each in place of the driver's own
-        with in_conditions(conditions, EmbeddedSimulator(), made) as there:
-            assert describe(there)["driver"]["options"] == {"share": 0.1}  # type: ignore[call-overload, index]
-    assert "share of the time for which" in CliRunner().invoke(cli, ["list", "quantities"]).output
-
-
-def test_there_is_no_unknown_layer() -> None:
-    with pytest.raises(UnknownNameError, match="unknown quantity 'smoke'"):
-        load_driver("planner", smoke=1.0)

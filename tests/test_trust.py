@@ -151,17 +151,25 @@ def is_trusted(kind: str, name: str, **options: object) -> bool:
     return True
 
 
-@pytest.mark.parametrize(
-    ("kind", "name", "options"),
-    [
-        ("driver", "planner", {"aggression": 1.2}),
-        ("strategy", "frenetic", {}),
-        ("simulator", "embedded", {"friction": 0.5}),
-        ("simulator", "beamng", {"port": 25252}),
-    ],
-)
-def test_built_in_parts_are_made_unasked(kind: str, name: str, options: dict[str, object]) -> None:
-    assert is_trusted(kind, name, **options)
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Of a user who has run nothing yet."""
+    monkeypatch.setenv(trust.VARIABLE, str(tmp_path / "home"))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path / "home"
+
+
+@pytest.mark.usefixtures("home")
+def test_built_in_parts_are_made_unasked_but_no_other_program() -> None:
+    assert is_trusted("driver", "planner", aggression=1.2)
+    assert is_trusted("strategy", "frenetic")
+    assert is_trusted("simulator", "embedded", friction=0.5)
+    assert is_trusted("simulator", "beamng", port=25252)
+    for name in ("beamng", "frenetic.beamng:BeamngSimulator"):
+        assert not is_trusted("simulator", name, home="/opt/b")
+        trust.remember("simulator", name, {"home": "/opt/b"})
+        assert is_trusted("simulator", name, home="/opt/b", headless=True)
+        assert not is_trusted("simulator", name, home="/opt/c")
 
 
 @pytest.mark.parametrize(
@@ -179,53 +187,32 @@ def test_built_in_parts_are_made_unasked(kind: str, name: str, options: dict[str
     ],
 )
 def test_any_other_part_is_asked_for_until_it_was_run(
-    kind: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    kind: str, name: str, home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv(trust.VARIABLE, str(tmp_path / "home"))
-    monkeypatch.chdir(tmp_path)
     for folder in ("sub", "folder"):
-        (tmp_path / folder).mkdir()
+        Path(folder).mkdir()
     for file in ("own.py", "sub/own.py", "net.onnx", "sub/__init__.py", "folder/own.py"):
-        (tmp_path / file).write_text("import near\nimport folder.own\n")
+        Path(file).write_text("import near\nimport folder.own\n")
     for file in ("near.py", "sub/near.py"):
-        (tmp_path / file).touch()
+        Path(file).touch()
     assert not is_trusted(kind, name)
     trust.remember(kind, name, {})
     assert is_trusted(kind, name)
-    monkeypatch.setenv(trust.VARIABLE, str(tmp_path / "another home"))
+    monkeypatch.setenv(trust.VARIABLE, f"{home} of another")
     assert not is_trusted(kind, name)
 
 
-def test_trust_follows_the_source_and_not_its_place(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv(trust.VARIABLE, str(tmp_path / "home"))
+def test_trust_follows_the_source_and_not_its_place(tmp_path: Path, home: Path) -> None:
     for place in ("here", "there"):
-        (tmp_path / place).mkdir()
-        (tmp_path / place / "own.py").write_text("import near\n")
-        (tmp_path / place / "near.py").touch()
+        Path(place).mkdir()
+        Path(place, "own.py").write_text("import near\n")
+        Path(place, "near.py").touch()
     names = [str(tmp_path / place / "own.py:Own") for place in ("here", "there")]
     trust.remember("driver", names[0], {})
     assert [is_trusted("driver", name) for name in names] == [True, True]
-    (tmp_path / "there" / "near.py").write_text("GAIN = 2\n")
+    Path("there", "near.py").write_text("GAIN = 2\n")
     assert [is_trusted("driver", name) for name in names] == [True, False]
-
-
-def test_another_program_of_a_simulator_is_asked_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv(trust.VARIABLE, str(tmp_path / "home"))
-    for name in ("beamng", "frenetic.beamng:BeamngSimulator"):
-        trust.remember("simulator", name, {"home": "/opt/b"})
-        assert is_trusted("simulator", name, home="/opt/b", headless=True)
-        assert not is_trusted("simulator", name, home="/opt/c")
-
-
-def test_a_home_that_cannot_be_written_only_asks_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "home").touch()
-    monkeypatch.setenv(trust.VARIABLE, str(tmp_path / "home"))
-    (tmp_path / "own.py").touch()
-    trust.remember("driver", f"{tmp_path}/own.py:Own", {})
-    assert not is_trusted("driver", f"{tmp_path}/own.py:Own")
+    shutil.rmtree(home)
+    home.touch()  # which cannot be written
+    trust.remember("driver", names[0], {})
+    assert not is_trusted("driver", names[0]), "it only asks again"

@@ -98,6 +98,15 @@ def test_the_order_is_total(one: Shape, other: Shape) -> None:
     assert (signed, hash(signed), repr(signed)) == (one, hash(one), repr(one))
 
 
+def test_curves_are_counted_by_the_way_they_turn() -> None:
+    for curves, *curvatures in (
+        (0, 0.0, 0.0),
+        (2, 0.1, 0.2, -0.1, -0.2),
+        (2, 0.0, 0.1, 0.0, 0.2, 0.0),
+    ):
+        assert Shape(tuple(curvatures), 10.0).curves == curves
+
+
 @given(values, st.integers(2, 4))
 def test_rounding_away_never_gets_closer_to_0(value: float, digits: int) -> None:
     assert [decimals(v) for v in (0.0, 1.0, -0.05, 0.055, 1.0 / 30.0)] == [0, 0, 2, 3, 16]

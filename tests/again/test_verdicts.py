@@ -101,9 +101,6 @@ def test_what_matters_is_named_in_words_and_what_does_not_is_not() -> None:
         "fails 13 of 20 (65 %, 95 % interval 43 to 82 %): 13 same place; less friction is"
     )
     assert "delay" not in str(one)
-
-
-def test_more_of_what_harms_is_worse() -> None:
     ranges = [Variation("noise", 0.0, 0.4)]
     worlds = draw_conditions(ranges, 30, 1)
     (influence,) = of_worlds(worlds, ranges, verdict=lambda w: 0.2 - w["noise"]).influences
@@ -159,10 +156,7 @@ def test_kinds_of_failing_are_told_apart(
     assert drive.is_alike is (match in (Match.SAME, Match.SAME_PLACE))
     assert replace(drive, test=recorded(Outcome.PASS, 1.0, place, side)).match is None
     assert replace(drive, recorded=recorded(Outcome.PASS, 1.0)).match is None
-
-
-def test_two_that_fail_within_their_lane_fail_alike() -> None:
-    stuck = recorded(Outcome.FAIL, 1.0)
+    stuck = recorded(Outcome.FAIL, 1.0)  # within its lane
     assert redriven({}, Outcome.FAIL, 1.0, test=stuck, difference=1.9).match is Match.SAME
 
 
@@ -183,12 +177,6 @@ def test_it_is_said_how_many_have_the_same_failure() -> None:
         "other mechanism": 1,
         "elsewhere": 2,
     }
-    assert [drive["match"] for drive in document["drives"]] == [
-        "same failure",
-        "elsewhere",
-        "elsewhere",
-        "other mechanism",
-    ]
 
 
 # Worlds
@@ -223,40 +211,26 @@ def test_each_drive_has_its_own_noise_and_nothing_else_without_variation() -> No
 
 
 @pytest.mark.parametrize(
-    ("names", "times", "seed", "said"),
+    ("ranges", "times", "seed", "said"),
     [
-        *(((), times, 0, "^times is") for times in (0, -1, 2.5, True)),
-        *(
-            ((), 2, seed, "^seed must be a whole number of at least 0")
-            for seed in (-1, 1.5, "a", None, 2**63)
-        ),
-        (("speed", "speed"), 3, 0, "speed is varied twice"),
+        *(([], times, 0, "times is") for times in (0, -1, 2.5, True)),
+        *(([], 2, seed, "seed must be a whole number") for seed in (-1, 1.5, "a", None, 2**63)),
+        ([("speed", 50.0, 60.0)] * 2, 3, 0, "speed is varied twice"),
+        ([("mass", 1.0, 2.0)], 3, 0, "unknown quantity 'mass'. Known: friction, speed"),
+        ([("friction", 1.0, 0.8)], 3, 0, "from 1 to 0.8: a range LOW:HIGH within 0.01 to 1.5"),
+        ([("speed", 0.0, 50.0)], 3, 0, "within 1 to 500 km/h is needed"),
+        ([("noise", math.nan, 1.0)], 3, 0, "cannot vary noise from nan to 1"),
     ],
 )
 def test_worlds_that_are_none_are_refused(
-    names: tuple[str, ...], times: Any, seed: Any, said: str
+    ranges: list[tuple[str, float, float]], times: Any, seed: Any, said: str
 ) -> None:
-    with pytest.raises(ValueError, match=said):
-        draw_conditions([Variation(name, 50.0, 60.0) for name in names], times, seed)
-
-
-@pytest.mark.parametrize(
-    ("name", "low", "high", "said"),
-    [
-        ("mass", 1.0, 2.0, "unknown quantity 'mass'. Known: friction, speed"),
-        ("friction", 1.0, 0.8, "friction from 1 to 0.8: a range LOW:HIGH within 0.01 to 1.5"),
-        ("speed", 0.0, 50.0, "within 1 to 500 km/h is needed"),
-        ("noise", math.nan, 1.0, "cannot vary noise from nan to 1"),
-        ("start", -3.0, 0.0, "within -2 to 2 m is needed"),
-    ],
-)
-def test_a_range_that_is_none_is_one_line(name: str, low: float, high: float, said: str) -> None:
-    with pytest.raises(FreneticError) as caught:
-        Variation(name, low, high)
+    with pytest.raises((FreneticError, ValueError)) as caught:
+        draw_conditions([Variation(*one) for one in ranges], times, seed)
     assert said in str(caught.value)
 
 
-def test_usual_ranges_follow_the_simulator() -> None:
+def test_usual_ranges_follow_the_simulator(campaign: Path) -> None:
     simulator = EmbeddedSimulator(friction=0.5)
     assert Variation.usual("friction", simulator) == Variation("friction", 0.4, 0.5)
     assert Variation.usual("speed", simulator) == Variation("speed", 63.0, 77.0)
@@ -266,9 +240,6 @@ def test_usual_ranges_follow_the_simulator() -> None:
         Variation.usual("friction", DummySimulator())
     with pytest.raises(FreneticError, match="unknown quantity 'grip'"):
         Variation.usual("grip", simulator)
-
-
-def test_a_simulator_that_cannot_is_refused_before_anything_is_driven(campaign: Path) -> None:
     with pytest.raises(FreneticError, match="DummySimulator cannot vary start"):
         rerun(campaign, DummySimulator(), DummyDriver(), vary=[Variation("start", 0.0, 0.1)])
-    assert read_reruns(campaign) == []
+    assert read_reruns(campaign) == [], "nothing is driven before"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import signal
 from collections.abc import Callable
@@ -17,38 +16,16 @@ if TYPE_CHECKING:
 
 pytest_plugins = ["command_line"]
 
-DRIVER = """
+OLD, NEW, WORSE = (f"planner,aggression={aggression}" for aggression in (1.25, 0.8, 2))
+"""So different that few roads tell which is better."""
+FEW = ("--fresh", "20")
+CRASHING = """
 from frenetic import Planner
-from gains import AGGRESSION
-
-
-class Mine(Planner):
-    def __init__(self, aggression=AGGRESSION):
-        super().__init__(aggression=aggression)
-
-    def act(self, observation):
-        import gains  # only now
-
-        assert gains.AGGRESSION == AGGRESSION, "the neighbour of another version"
-        return super().act(observation)
-
 
 class Crashing(Planner):
     def act(self, observation):
         raise ValueError("no " + "way")
-
-
-class Stopping(Planner):
-    def reset(self, setup):
-        import os, signal
-
-        os.kill(PID, signal.SIGINT)  # its own process does not hear Ctrl-C
-        super().reset(setup)
-
-    def act(self, observation):
-        return super().act(observation)
 """
-NEWER = ("--driver", "v2/v2.py:Mine")
 AS = {
     "driver": "stanley",
     "driver_options": {"aggression": 1.5},
@@ -58,80 +35,49 @@ AS = {
     "oob_tolerance": 0.95,
     "wall_limit": 60.0,
 }
-OLD, NEW = 1.25, 0.8
-"""Aggressions of the two versions, so different that few roads tell which is better."""
-FEW = ("--fresh", "20")
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None]) -> Path:
-    """Two versions of a driver, each in a folder with a neighbour of the same name."""
-    folder = tmp_path_factory.mktemp("versions")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(folder)
-        for name, aggression in (("v1", OLD), ("v2", NEW)):
-            Path(name).mkdir()
-            Path(name, f"{name}.py").write_text(f"PID = {os.getpid()}\n{DRIVER}")
-            Path(name, "gains.py").write_text(f"AGGRESSION = {aggression}\n")
-            run = ("run", "--driver", f"{name}/{name}.py:Mine", "--out", f"night-{name}")
-            prepare(*run, "--simulations", "12", "--seed", "3", "--workers", "1")
+    folder = tmp_path_factory.mktemp("versions") / "night"
+    search = ("run", "--driver", OLD, "--simulations", "12", "--seed", "3", "--workers", "1")
+    prepare(*search, "--out", str(folder))
     return folder
 
 
-@pytest.fixture
-def versions(made: Path, tmp_path: Path) -> tuple[str, str]:
-    """A copy of these in the folder of the command line."""
-    shutil.copytree(made, tmp_path, dirs_exist_ok=True)
-    return "night-v1", "night-v2"
+@pytest.fixture(autouse=True)
+def _night(frenetic: Frenetic, made: Path) -> None:
+    """A copy of the old version's campaign in the folder of the command line."""
+    shutil.copytree(made, "night")
 
 
-def test_the_first_line_says_which_is_better(frenetic: Frenetic, versions: tuple[str, str]) -> None:
-    old, new = versions
-    answer = frenetic("compare", old, "--driver", "v2/v2.py:Mine", *FEW)
+def test_the_first_line_says_which_is_better(frenetic: Frenetic) -> None:
+    answer = frenetic("compare", "night", "--driver", NEW, *FEW)
     assert answer.code == 0
-    first, *rest = answer.out.splitlines()
+    first, old, new, *_ = answer.out.splitlines()
     assert first.startswith("new is better but ")
     assert "slower: of 20 fresh roads, it fails on " in first
-    for text, line in zip(
-        ("old: v1/v1.py:Mine (source ", "new: v2/v2.py:Mine ("), rest, strict=False
-    ):
-        assert line.startswith(text)
+    assert old.startswith(f"old: {OLD} (")
+    assert new.startswith(f"new: {NEW} (")
     for text in ("old's failing roads", "Time where both pass", "distinct failures", "Note: "):
         assert text in answer.out
-    turned = frenetic("compare", new, "--driver", "v1/v1.py:Mine", *FEW)
-    assert turned.code == 1
-    assert turned.out.startswith("new is worse: of 20 fresh roads, it fails on ")
+    found = frenetic("compare", "night", "--driver", NEW, *FEW, "--json").json
+    assert (found["verdict"], found["sets"][0]["judged"]) == ("new is better", 20)
+    worse = frenetic("compare", "night", "--driver", WORSE, *FEW)
+    assert worse.code == 1
+    assert worse.out.startswith("new is worse: of 20 fresh roads, it fails on ")
 
 
-def test_json_holds_the_answer_and_all_behind_it(
-    frenetic: Frenetic, versions: tuple[str, str]
-) -> None:
-    answer = frenetic("compare", versions[0], *NEWER, *FEW, "--seed", "9", "--json")
-    document = answer.json
-    assert answer.code == {"new is better": 0, "cannot tell": 3}[document["verdict"]]
-    assert (document["seed"], document["repeats"]) == (9, 1)
-    fresh, *_ = document["sets"]
-    assert (fresh["roads"], fresh["judged"]) == ("fresh roads", 20)
-    assert sum(fresh["changes"].values()) == len(fresh["tests"]) == 20
-    assert fresh["difference"]["cannot_tell"] == (document["verdict"] == "cannot tell")
-    assert {one["fate"] for one in document["distinct_failures"]} >= {"fixed"}
-
-
-def test_another_driver_takes_the_place_of_a_campaigns(frenetic: Frenetic, campaign: str) -> None:
-    answer = frenetic("compare", campaign, "--driver", "aggression=1.3", *FEW)
-    assert answer.code in (1, 3)
-    assert "new: planner,aggression=1.3" in answer.out
+def test_a_file_says_the_new_version_and_options_change_it(frenetic: Frenetic) -> None:
     Path("new.json").write_text(json.dumps({"driven": AS}))
-    answer = frenetic("compare", campaign, "--as", "new.json", *FEW)
-    assert "old: planner (" in answer.out
-    assert "new: stanley,aggression=1.5 (" in answer.out
-    answer = frenetic("compare", campaign, "--as", "new.json", "--driver", "aggression=1.4", *FEW)
+    answer = frenetic("compare", "night", "--as", "new.json", "--driver", "aggression=1.4", *FEW)
+    assert f"old: {OLD} (" in answer.out
     assert "new: stanley,aggression=1.4 (" in answer.out
 
 
-def test_a_version_that_crashes_is_no_better(frenetic: Frenetic, versions: tuple[str, str]) -> None:
-    old, _ = versions
-    answer = frenetic("compare", old, "--driver", "v2/v2.py:Crashing", *FEW)
+def test_a_version_that_crashes_is_no_better(frenetic: Frenetic) -> None:
+    Path("mine.py").write_text(CRASHING)
+    answer = frenetic("compare", "night", "--driver", "mine.py:Crashing", *FEW)
     assert answer.code == 3
     assert answer.out.startswith("cannot tell which is better: no fresh road could be judged")
     assert "new broke in " in answer.out
@@ -139,13 +85,15 @@ def test_a_version_that_crashes_is_no_better(frenetic: Frenetic, versions: tuple
 
 
 def test_the_same_command_goes_on_after_ctrl_c(
-    frenetic: Frenetic, versions: tuple[str, str]
+    frenetic: Frenetic, stopping_driver: Callable[[int], str]
 ) -> None:
-    old, _ = versions
-    answer = frenetic("compare", old, "--driver", "v2/v2.py:Stopping", *FEW)
-    assert (answer.code, answer.out) == (130, "")
-    first = int(answer.err.partition("Interrupted: ")[2].split()[0])
-    assert "drives to go; the same command goes on" in answer.err
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    again = frenetic("compare", old, "--driver", "v2/v2.py:Stopping", *FEW)
-    assert f"Interrupted: {first - 1} drives to go" in again.err
+    left = []
+    for stop in (3, 2):
+        answer = frenetic("compare", "night", "--driver", stopping_driver(stop), *FEW)
+        assert (answer.code, answer.out) == (130, "")
+        left.append(int(answer.err.partition("Interrupted: ")[2].split()[0]))
+        assert "drives to go; the same command goes on" in answer.err
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert left[1] == left[0] - 2
+    whole = frenetic("compare", "night", "--driver", stopping_driver(0), *FEW)
+    assert "of 20 fresh roads" in whole.out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 
@@ -44,23 +45,14 @@ def test_names_of_parts_are_completed() -> None:
     assert completed("run", "--driver", "my_driver.p") == [("file", "my_driver.p")]
 
 
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_each_documented_shell_gets_its_script_and_its_answers(
-    shell: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_each_documented_shell_gets_its_script(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     page = Path(__file__).parents[2] / "docs" / "command-line.md"
-    assert f"_FRENETIC_COMPLETE={shell}_source frenetic" in page.read_text(encoding="utf-8")
-
-    def answer(instruction: str, **more: str) -> str:
-        for name, value in more.items():
-            monkeypatch.setenv(name, value)
-        monkeypatch.setenv("_FRENETIC_COMPLETE", f"{shell}_{instruction}")
+    documented = re.findall(r"_FRENETIC_COMPLETE=(\w+)_source", page.read_text(encoding="utf-8"))
+    assert documented == ["bash", "zsh", "fish"]
+    for shell in documented[sys.platform == "win32" :]:  # where it looks for bash's version
+        monkeypatch.setenv("_FRENETIC_COMPLETE", f"{shell}_source")
         with pytest.raises(SystemExit):
             main([])
-        return capsys.readouterr().out
-
-    if shell != "bash" or sys.platform != "win32":  # which looks for bash to ask its version
-        assert f"_FRENETIC_COMPLETE={shell}_complete" in answer("source")
-    last = "rand" if shell == "fish" else "3"
-    words = {"COMP_WORDS": "frenetic run --strategy rand", "COMP_CWORD": last}
-    assert "random" in answer("complete", **words)
+        assert f"_FRENETIC_COMPLETE={shell}_complete" in capsys.readouterr().out

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -25,19 +24,3 @@ def test_doctor_says_what_is_well_and_exits_1_on_what_is_wrong(frenetic: Freneti
     (found,) = frenetic(*arguments, "--json").json
     assert found["health"] == "something is wrong"
     assert [one["name"] for one in found["checks"] if not one["is_ok"]] == ["curve, Stanley"]
-
-
-def test_doctor_of_a_users_own_simulator(frenetic: Frenetic) -> None:
-    Path("mine.py").write_text(
-        "from frenetic.testing import DummySimulator\n"
-        "class Mine(DummySimulator):\n"
-        "    def __init__(self):\n"
-        "        super().__init__()\n"
-    )
-    answer = frenetic("doctor", "--simulator", "mine.py:Mine", "--json")
-    assert answer.code == 0
-    assert [check["name"] for check in answer.json[0]["checks"]] == [
-        "start",
-        "straight road, Stanley",
-        "curve, Stanley",
-    ]

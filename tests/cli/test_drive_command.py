@@ -46,10 +46,10 @@ def test_drive_says_what_happened(frenetic: Frenetic, bent: str) -> None:
 
 
 @pytest.mark.usefixtures("drawn")
-@pytest.mark.parametrize("picture", ["picture.png", "picture.svg"])
-def test_drive_draws_a_picture(frenetic: Frenetic, bent: str, picture: str) -> None:
-    assert frenetic("drive", bent, "--plot", picture, "--json").json["plot"] == picture
-    assert Path(picture).stat().st_size > 10_000
+def test_drive_draws_a_picture(frenetic: Frenetic, bent: str) -> None:
+    for picture in ("picture.png", "picture.svg"):
+        assert frenetic("drive", bent, "--plot", picture, "--json").json["plot"] == picture
+        assert Path(picture).stat().st_size > 10_000
 
 
 def test_an_invalid_road_is_driven_only_if_asked_for(frenetic: Frenetic, bent: str) -> None:
@@ -109,76 +109,46 @@ def test_a_failing_road_is_driven_as_the_campaign_drove_it(frenetic: Frenetic, r
     assert again["outcome"] == "FAIL"
     assert again["driver"] == document["driver"]
     assert "driver     Bold, delayed (seconds 0.02) in emb" in frenetic("drive", str(road)).out
-
-
-def test_another_driver_is_named_beside_the_recorded_one(frenetic: Frenetic, road: Path) -> None:
-    answer = frenetic("drive", str(road), "--driver", "planner", "--with", "delay=0")
-    assert "driver     planner in embedded; recorded with Bold, delayed" in answer.out
-
-
-def test_an_edited_driver_is_run_only_if_it_is_named_and_said_to_be_another_version(
-    frenetic: Frenetic, road: Path
-) -> None:
-    Path("mine.py").write_text(f"{MINE}\n# edited for {road}", encoding="utf-8")
-    assert frenetic("drive", str(road)).refuses("have not run", "--driver mine.py:Bold")
-    driven = frenetic("drive", str(road), "--driver", "mine.py:Bold").out
-    assert "another version than the campaign's" in driven
-    other = frenetic("drive", str(road), "--driver", "extra=0.2").out
-    assert "driver     Bold, aggression 1.4, extra 0.2, delayed" in other
-    assert "; recorded with Bold, aggression 1.3, extra 0.1, delayed" in other
-
-
-def test_a_file_without_its_record_says_who_drove(frenetic: Frenetic, road: Path) -> None:
-    document = json.loads(road.read_text(encoding="utf-8"))
-    del document["driven"]
-    road.write_text(json.dumps(document), encoding="utf-8")
-    answer = frenetic("drive", str(road))
-    assert "driver     planner in embedded; recorded with Bold, delayed" in answer.out
-
-
-def test_minimising_a_failing_road_drives_as_the_campaign_did(
-    frenetic: Frenetic, road: Path
-) -> None:
     options = ("--max-drives", "3", "--out", "least.json", "--json")
-    (item,) = frenetic("minimise", str(road), *options).json
-    least = json.loads(Path(item["road"]).read_text(encoding="utf-8"))
+    frenetic("minimise", str(road), *options)
+    least = json.loads(Path("least.json").read_text(encoding="utf-8"))
     assert least["driver"]["driver"]["class"] == "mine.py:Bold"
     assert frenetic("drive", "least.json", "--json").json["moobd"] == least["moobd"]
 
 
-@pytest.mark.parametrize(
-    "entries",
-    [
+def test_a_file_without_its_record_says_who_drove(frenetic: Frenetic, road: Path) -> None:
+    said = "driver     planner in embedded; recorded with Bold, delayed"
+    other = ("--driver", "planner", "--with", "delay=0")
+    assert said in frenetic("drive", str(road), *other).out, "nor with another driver"
+    document = json.loads(road.read_text(encoding="utf-8"))
+    del document["driven"]
+    road.write_text(json.dumps(document), encoding="utf-8")
+    assert said in frenetic("drive", str(road)).out
+
+
+def test_code_that_a_file_names_is_not_run_unasked(frenetic: Frenetic, road: Path) -> None:
+    Path("evil.py").write_text("open('here', 'w').close()\nEvil = type('Evil', (), {})\n")
+    for entries in (
         {"driver": "os:system", "driver_options": {"command": "touch here"}},
         {"driver": "evil.py:Evil", "driver_options": {}},
         {"driver": "elsewhere/../evil.py:Evil", "driver_options": {}},
         {"driver": "nowhere.py:Evil", "driver_options": {}},
         {"simulator": "evil:Evil", "simulator_options": {"extra": [1]}},
-    ],
-)
-def test_code_that_a_file_names_is_not_run_unasked(
-    frenetic: Frenetic, road: Path, entries: dict[str, Any]
-) -> None:
-    Path("evil.py").write_text("open('here', 'w').close()\nEvil = type('Evil', (), {})\n")
-    (kind, name), _ = entries.items()
-    answer = frenetic("drive", changed(road, **entries))
-    assert answer.refuses("have not run", f"--{kind} {name}")
-    assert not Path("here").exists()
+    ):
+        (kind, name), _ = entries.items()
+        answer = frenetic("drive", changed(road, **entries))
+        assert answer.refuses("have not run", f"--{kind} {name}")
+        assert not Path("here").exists()
 
 
-@pytest.mark.parametrize(
-    ("entries", "words"),
-    [
+def test_a_damaged_record_is_one_line(frenetic: Frenetic, road: Path) -> None:
+    for entries, words in (
         ({"driver": 3}, "$.driver"),
         ({"layers": {"delay": "long"}}, "$.layers"),
-        ({"speed_limit": -1}, "$.speed_limit"),
         ({"map_size": None}, "$.map_size"),
-    ],
-)
-def test_a_damaged_record_is_one_line(
-    frenetic: Frenetic, road: Path, entries: dict[str, Any], words: str
-) -> None:
-    assert frenetic("drive", changed(road, **entries)).refuses("its entry 'driven'", words)
+    ):
+        answer = frenetic("drive", changed(road, **entries))
+        assert answer.refuses("its entry 'driven'", words)
 
 
 def test_a_campaigns_test_is_driven_as_its_file_is(frenetic: Frenetic, road: Path) -> None:

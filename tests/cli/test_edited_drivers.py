@@ -32,6 +32,8 @@ class Mpc:
     def reset(self, setup):
         pass
     def act(self, o):
+        from {}gains import HEADING as now  # the neighbour of this version, not of another
+        assert now == HEADING
         steering = 3.5 * o.curvature_ahead[3] - 0.1 * o.lateral_offset - HEADING * o.heading_error
         return Controls(steering, 0.3 if o.speed < 17 else 0.0, 0.0)
 """
@@ -46,8 +48,8 @@ def made(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None])
     folder = tmp_path_factory.mktemp("versions")
     (folder / "laws").mkdir()
     (folder / "laws" / "__init__.py").touch()
-    (folder / "mpc.py").write_text(DRIVER.format(""), encoding="utf-8")
-    (folder / "laws" / "mpc.py").write_text(DRIVER.format("."), encoding="utf-8")
+    (folder / "mpc.py").write_text(DRIVER.format("", ""), encoding="utf-8")
+    (folder / "laws" / "mpc.py").write_text(DRIVER.format(".", "."), encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         for name, driver in CAMPAIGNS.items():
@@ -101,8 +103,7 @@ def test_compare_never_takes_them_for_repeats(frenetic: Frenetic) -> None:
     assert frenetic("compare", "old", "--json").code == 2
 
 
-@pytest.mark.parametrize("folder", ["old", "module"])
-@pytest.mark.parametrize("heading", ["0.9", "1.1"])
+@pytest.mark.parametrize(("folder", "heading"), [("old", "0.9"), ("module", "1.1")])
 def test_resume_refuses_an_edited_driver_and_names_what_to_do(
     frenetic: Frenetic, folder: str, heading: str
 ) -> None:
@@ -155,13 +156,7 @@ def test_an_edited_driver_is_compared_with_its_old_self(frenetic: Frenetic, fold
     assert same.refuses("both versions are the same")
 
 
-@pytest.mark.parametrize(
-    "again",
-    [
-        ("rerun",),
-        ("minimise", "--max-drives", "5"),
-    ],
-)
+@pytest.mark.parametrize("again", [("rerun",), ("minimise", "--max-drives", "5")])
 def test_driving_again_says_that_it_is_another(
     frenetic: Frenetic, again: tuple[str, ...], caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -34,15 +34,6 @@ def test_the_driver_passes_its_test_and_most_roads(frenetic: Frenetic) -> None:
     assert ended.json["passed"] >= 5
 
 
-def test_a_search_finds_where_it_fails(frenetic: Frenetic) -> None:
-    frenetic("init")
-    ended = frenetic(
-        *("run", "--driver", "my_driver.py:MyDriver", "--failures", "1", "--simulations", "400"),
-        *("--seed", "5", "--workers", "1", "--json"),
-    )
-    assert ended.json["failed"] == 1
-
-
 @pytest.mark.parametrize("file", ["road.py", "controls.py", "test_contract.py"])
 def test_the_class_is_called_as_nothing_that_the_files_import(
     frenetic: Frenetic, file: str

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import json
-import os
 import shlex
 import shutil
 import signal
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 
-from frenetic.again.minimise import Minimised, minimise_test
 from frenetic.analysis.failures import representative_failures
-from frenetic.campaign import CampaignStore, Event
+from frenetic.campaign import CampaignStore
 from frenetic.outcome import Outcome
 from frenetic.road import Road, check_validity
 
@@ -51,25 +49,25 @@ def campaign(frenetic: Frenetic, made: Path) -> None:
     shutil.copytree(made, "c")
 
 
-def failing_file(name: str = "bend.json") -> str:
-    Path(name).write_text(json.dumps({"curvatures": FAILING}), encoding="utf-8")
+def road_file(name: str, curvatures: list[float] = FAILING) -> str:
+    Path(name).write_text(json.dumps({"curvatures": curvatures}), encoding="utf-8")
     return name
 
 
 # Of a campaign
 
 
-def test_the_most_severe_failure_of_a_campaign(frenetic: Frenetic, campaign: None) -> None:
+@pytest.mark.usefixtures("campaign")
+def test_the_most_severe_failure_of_a_campaign(frenetic: Frenetic) -> None:
     (item,) = frenetic("minimise", "c", "--json").json
     with CampaignStore.open(Path("c")) as store:
         (worst,) = store.tests(Outcome.FAIL, order_by="moobd", limit=1)
     assert item["test"] == worst.candidate.id
     assert worst.departure is not None
     assert item["reason"] == f"left the lane to the {worst.departure.side}"
-    assert frenetic("minimise", "c", str(item["test"]), "--json").json == [item]
     assert Path(item["road"]) == Path("c", "minimised", f"test-{item['test']:05d}.json")
     assert item["length"] < item["length_before"]
-    assert item["ending"] == "minimal"
+    assert (item["ending"], item["match"]) == ("minimal", "same failure")
     assert item["drives"] >= item["improvements"][-1]["drives"]
     assert Path(item["picture"]).is_file()
     assert Path(item["comparison"]).is_file()
@@ -91,52 +89,43 @@ def test_the_most_severe_failure_of_a_campaign(frenetic: Frenetic, campaign: Non
     assert (again["outcome"], again["reason"]) == ("FAIL", stored["description"])
     assert (again["moobd"], again["findings"]) == (stored["moobd"], [stored["departure"]])
 
+    one = ("minimise", "c", str(item["test"]))
+    for how in ((), ("--max-drives", "1")):  # it is there already
+        assert frenetic(*one, *how, "--json").json == [item]
+    assert len(list(Path("c/again").iterdir())) == 1
+    (other,) = frenetic(*one, "--guard", "0.04", "--json").json
+    assert other["curvatures"] != item["curvatures"]
+    assert len(list(Path("c/again").iterdir())) == 2
 
-def test_several_failures_in_a_table(frenetic: Frenetic, campaign: None) -> None:
-    answer = frenetic("minimise", "c", "--top", "2", "--max-drives", "30")
+
+@pytest.mark.usefixtures("campaign")
+def test_several_failures_in_a_table(frenetic: Frenetic) -> None:
+    two = ("minimise", "c", "--top", "2", "--max-drives", "30")
+    answer = frenetic(*two)
     assert answer.code == 0
     assert "2 failures come down to" in answer.out
     assert "left the lane to the" in answer.out
-    items = frenetic("minimise", "c", "--top", "2", "--max-drives", "30", "--json").json
+    items = frenetic(*two, "--json").json
     assert [item["drives"] <= 30 for item in items] == [True, True]
     roads = {item["road"] for item in items}
     assert roads == {str(path) for path in Path("c/minimised").glob("*.json")}
 
 
-def test_other_driver_than_the_campaigns(frenetic: Frenetic, campaign: None) -> None:
+@pytest.mark.usefixtures("campaign")
+def test_with_other_parts_than_the_campaigns(frenetic: Frenetic) -> None:
     other = ("--driver", "aggression=1.3", "--with", "noise=0.1", "--max-drives", "20")
     (item,) = frenetic("minimise", "c", *other, "--json").json
     assert frenetic(*shlex.split(item["repeat"])[1:], "--json").json["outcome"] == "FAIL"
     assert Path(item["road"]).name == f"test-{item['test']:05d}-other.json"
     assert not Path("c", "minimised", f"test-{item['test']:05d}.json").exists()
-
-
-def test_a_failure_that_is_not_the_recorded_one_is_said_to_be_another(
-    frenetic: Frenetic, campaign: None
-) -> None:
-    (own,) = frenetic("minimise", "c", "--max-drives", "1", "--json").json
-    assert (own["match"], own["difference"]) == ("same failure", 0.0)
-    options = ("minimise", "c", "--simulator", "friction=0.7", "--max-drives", "1")
-    answer = frenetic(*options)
+    icy = ("minimise", "c", "--simulator", "friction=0.7", "--max-drives", "1")
+    answer = frenetic(*icy)
     assert "is a different failure than recorded (" in answer.err
     assert "not the one recorded: " in answer.out
-    (item,) = frenetic(*options, "--json").json
+    (item,) = frenetic(*icy, "--json").json
     assert item["match"] in ("elsewhere", "other side", "other mechanism")
     document = json.loads(Path(item["road"]).read_text(encoding="utf-8"))
     assert document["minimised"]["match"] == item["match"]
-
-
-def test_the_same_command_shows_what_is_there_and_another_guard_drives_anew(
-    frenetic: Frenetic, campaign: None
-) -> None:
-    (best,) = frenetic("minimise", "c", "--json").json
-    number = str(best["test"])
-    for drives in ("500", "1"):  # it is there already
-        assert frenetic("minimise", "c", number, "--max-drives", drives, "--json").json == [best]
-    assert len(list(Path("c/again").iterdir())) == 1
-    (other,) = frenetic("minimise", "c", number, "--guard", "0.04", "--json").json
-    assert other["curvatures"] != best["curvatures"]
-    assert len(list(Path("c/again").iterdir())) == 2
 
 
 # Of a road file
@@ -144,7 +133,7 @@ def test_the_same_command_shows_what_is_there_and_another_guard_drives_anew(
 
 @pytest.mark.usefixtures("drawn")
 def test_road_file_is_minimised_beside_it(frenetic: Frenetic) -> None:
-    answer = frenetic("minimise", failing_file())
+    answer = frenetic("minimise", road_file("bend.json"))
     assert answer.code == 0
     first, *_ = answer.out.splitlines()
     assert first.startswith("bend.json: 130 m -> ")
@@ -155,65 +144,39 @@ def test_road_file_is_minimised_beside_it(frenetic: Frenetic) -> None:
         assert Path(name).stat().st_size > 500
     assert frenetic("drive", "bend.min.json", "--json").json["outcome"] == "FAIL"
     assert json.loads(Path("bend.json").read_text()) == {"curvatures": FAILING}  # as it was
-    few = frenetic("minimise", "bend.json", "--max-drives", "5", "--out", "least.json")
-    assert few.code == 0
-    assert "5 drives, all drives are spent" in few.out
-    assert Path("least.json").is_file()
 
 
-def test_a_road_that_fails_only_as_it_is_says_so(frenetic: Frenetic) -> None:
-    Path("edge.json").write_text(json.dumps({"curvatures": EDGE}), encoding="utf-8")
-    answer = frenetic("minimise", "edge.json")
-    (item,) = frenetic("minimise", "edge.json", "--json").json
-    assert item["guard"] == 0.0
+def test_a_road_whose_neighbours_pass_says_so(frenetic: Frenetic) -> None:
+    edge = ("minimise", road_file("edge.json", EDGE), "--max-drives", "5", "--out", "least.json")
+    answer, (item,) = frenetic(*edge), frenetic(*edge, "--json").json
+    assert "5 drives, all drives are spent" in answer.out
+    assert (item["road"], item["guard"]) == ("least.json", 0.0)
     assert "2 % smaller" in item["note"]
     assert item["note"] in answer.out.splitlines()
 
 
-def test_ctrl_c_keeps_the_smallest_road(frenetic: Frenetic) -> None:
-    # A driver that presses it, during the drives on its twelfth road.
-    Path("pressing.py").write_text(
-        "import os, signal\n"
-        "from frenetic import Planner\n"
-        "class Pressing:\n"
-        "    roads = 0\n"
-        "    def __init__(self):\n"
-        "        self.planner = Planner()\n"
-        "    def reset(self, setup):\n"
-        "        self.planner.reset(setup)\n"
-        "        self.roads += 1\n"
-        "        if self.roads == 12:\n"
-        f"            os.kill({os.getpid()}, signal.SIGINT)\n"
-        "    def act(self, observation):\n"
-        "        return self.planner.act(observation)\n",
-        encoding="utf-8",
-    )
+def test_ctrl_c_keeps_the_smallest_road(
+    frenetic: Frenetic, stopping_driver: Callable[[int], str]
+) -> None:
     before = signal.getsignal(signal.SIGINT)
-    answer = frenetic("minimise", failing_file(), "--driver", "pressing.py:Pressing", "--json")
+    driver = ("--driver", stopping_driver(12), "--json")
+    answer = frenetic("minimise", road_file("bend.json"), *driver)
     assert signal.getsignal(signal.SIGINT) is before
     assert answer.code == 130
     (item,) = answer.json
-    assert item["ending"] == "stopped"
-    assert item["drives"] == 12
+    assert (item["ending"], item["drives"]) == ("stopped", 12)
     assert item["length"] < 130.0
     assert frenetic("drive", item["road"], "--json").json["outcome"] == "FAIL"
 
 
+@pytest.mark.usefixtures("campaign")
 def test_ctrl_c_says_which_failures_are_not_begun(
-    frenetic: Frenetic, campaign: None, monkeypatch: pytest.MonkeyPatch
+    frenetic: Frenetic, stopping_driver: Callable[[int], str]
 ) -> None:
-    def pressing(*arguments: Any, on_event: Callable[[Event], None], **options: Any) -> Minimised:
-        def on_result(event: Event) -> None:
-            on_event(event)
-            if event.kind == "result":
-                os.kill(os.getpid(), signal.SIGINT)
-
-        return minimise_test(*arguments, on_event=on_result, **options)
-
-    monkeypatch.setattr("frenetic.again.minimise.minimise_test", pressing)
     with CampaignStore.open(Path("c")) as store:
         *_, last = representative_failures(store, 2)
-    answer = frenetic("minimise", "c", "--top", "2")
+    driver = ("--driver", f"{stopping_driver(3)},aggression=1.1")
+    answer = frenetic("minimise", "c", "--top", "2", *driver)
     assert answer.code == 130
     assert f"Interrupted: 1 failure not begun: {last.candidate.id}" in answer.err
     assert "1 failure comes down to 1 different road\n" in answer.out

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import re
 import shutil
-import sqlite3
 import sys
 import xml.etree.ElementTree as ET
-from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 from permissions import bound_by_permissions
@@ -45,26 +43,10 @@ def test_a_deterministic_failure_is_reported_20_of_20(frenetic: Frenetic, campai
     assert f"{len(ids)} robust" in answer.out
     (kept,) = Path(campaign).glob("again/*")
     assert f"Kept in {kept}; to see it: frenetic report {campaign}" in answer.out
+    assert frenetic("check", str(kept)).code == 0
     (found,) = read_reruns(campaign)
     assert [one.id for one in found.tests] == ids
     assert frenetic("rerun", campaign, "--times", "20", "--top", "3") == answer
-
-
-def test_what_drove_again_is_a_campaign(frenetic: Frenetic, campaign: str) -> None:
-    out = ("--times", "2", "--top", "2", "--out", "again")
-    answer = frenetic("rerun", campaign, *out)
-    assert "Kept in again; the same command shows it\n" in answer.out
-    assert not Path(campaign, "again").exists()
-    assert "4 tests of 2 different roads: 0 passed, 4 failed" in frenetic("show", "again").out
-    assert "FAIL" in frenetic("show", "again", "1").out
-    assert frenetic("check", "again").code == 0
-    assert frenetic("report", "again").code == 0
-    other = frenetic("rerun", campaign, *out, "--seed", "1")
-    assert other.refuses("again holds another campaign: choose another place with --out")
-    with closing(sqlite3.connect("again/campaign.sqlite")) as database, database:
-        database.execute("UPDATE test SET moobd = 3.0 WHERE id = 2")
-    assert frenetic("rerun", campaign, *out).refuses("again", "damaged")
-    assert frenetic("check", "again").code == 1
 
 
 def test_several_quantities_are_varied_at_once(frenetic: Frenetic, campaign: str) -> None:
@@ -74,9 +56,6 @@ def test_several_quantities_are_varied_at_once(frenetic: Frenetic, campaign: str
     document = frenetic(*again, "--json").json
     drawn = {one["quantity"]: (one["low"], one["high"]) for one in document["variations"]}
     assert drawn == {"friction": (0.8, 1.3), "noise": (0.2, 0.2), "speed": (63.0, 77.0)}
-    worlds = [drive["conditions"] for drive in document["tests"][0]["drives"]]
-    assert len({world["noise_seed"] for world in worlds}) == 20
-    assert all(0.8 <= world["friction"] <= 1.3 for world in worlds)
     said = frenetic(*again).out
     assert "friction matters in 1 of 1" in said
     assert "20 drives of each, noise 0.2 m, speed 63 to 77 km/h, friction 0.8 to 1.3: " in said
@@ -95,15 +74,8 @@ def test_a_summary_comes_first_and_the_tests_that_were_named(
     with_rows = frenetic("rerun", campaign, *ids, "--times", "2").out.splitlines()
     assert with_rows[0] == summary[0]
     assert any("interval" in line for line in with_rows)
-    turned = frenetic("rerun", campaign, ids[1], ids[0], "--times", "1", "--json").json
+    turned = frenetic("rerun", campaign, ids[1], ids[0], "--json").json
     assert [str(one["test"]) for one in turned["tests"]] == [ids[1], ids[0]]
-    assert "1 test, 1 drive of each" in frenetic("rerun", campaign, ids[0], "--times", "1").out
-    with CampaignStore.open(campaign) as store:
-        passed = str(next(iter(store.tests(Outcome.PASS))).id)
-    no_failure = frenetic("rerun", campaign, passed, "--times", "10").out
-    assert "0 of 10" in no_failure
-    assert "passes again" in no_failure
-    assert "robust" not in no_failure
 
 
 def test_other_campaigns(frenetic: Frenetic) -> None:
@@ -122,25 +94,12 @@ def test_other_campaigns(frenetic: Frenetic) -> None:
     parts = ("--driver", "planner", "--simulator", "embedded")
     (one,) = frenetic("rerun", "python", *parts, "--times", "5", "--json").json["tests"]
     assert (one["failed"], one["judged"]) == (5, 5)
-
-
-@pytest.mark.parametrize(
-    ("change", "word"),
-    [
-        ({"command": 3}, "command"),
-        ({"command": {"driver": "planner"}}, "`strategy`"),
-        ({"rules": {"speed_limit": -1.0}}, "rules"),
-        ({"map_size": "large"}, "map_size"),
-    ],
-)
-def test_a_damaged_record_is_one_line(
-    frenetic: Frenetic, campaign: str, change: dict[str, Any], word: str
-) -> None:
-    with CampaignStore.open(campaign) as store:
-        config = {**store.config, **change}
-    with CampaignStore.create("damaged", config):
+    with (
+        CampaignStore.open("calm") as store,
+        CampaignStore.create("damaged", {**store.config, "map_size": "large"}),
+    ):
         pass
-    assert frenetic("rerun", "damaged").refuses("damaged", word)
+    assert frenetic("rerun", "damaged").refuses("damaged", "map_size")
 
 
 @pytest.mark.parametrize("stop", [3, 4, 6])
@@ -234,35 +193,17 @@ def test_the_exit_code_and_the_junit_file_say_what_became_of_them(
 
     answer, numbers, messages = driven("--driver", "mine.py:Crashing")
     assert (answer.code, numbers) == (1, [count, 0, count])
+    assert "not judged" in answer.out
+    assert all("ValueError: <not> finished & \\x07 done" in message for message in messages)
+    assert not list(Path().glob("*.part"))
     broke = frenetic("rerun", campaign, "--times", "2", "--driver", "mine.py:Crashing")
     assert broke.code == 1, "also without --fail-on-failure"
     assert f"{2 * count} drives could not be judged" in broke.out
     assert "ValueError" in broke.out
     assert "unclear" not in broke.out
-    assert "not judged" in answer.out
-    assert all("ValueError: <not> finished & \\x07 done" in message for message in messages)
-    assert not list(Path().glob("*.part"))
 
-
-def test_all_looks_for_new_failures(frenetic: Frenetic, campaign: str) -> None:
-    document = frenetic("rerun", campaign, "--all", "--driver", "aggression=2.0", "--json").json
-    assert len(document["tests"]) == sum(document["changes"].values()) == 60
-    assert document["changes"]["fails now"] > 0
-    assert document["driver"]["driver"]["options"]["aggression"] == 2.0
-    assert document["driver"]["options"] == {"seconds": 0.05}, "the recorded delay stays"
-
-
-def test_what_is_given_takes_the_place_of_what_is_recorded(
-    frenetic: Frenetic, campaign: str
-) -> None:
-    document = frenetic(
-        *("rerun", campaign, "--driver", "stanley", "--with", "delay=0.1", "--with", "noise=0.01"),
-        *("--simulator", "friction=0.9", "--json"),
-    ).json
-    assert document["driver"]["class"].endswith(":Delayed")
-    assert document["driver"]["options"] == {"seconds": 0.1}
-    assert document["driver"]["driver"]["class"].endswith(":Noisy")
-    assert document["driver"]["driver"]["driver"]["class"].endswith(":Stanley")
-    assert document["simulator"]["options"]["vehicle"]["friction"] == 0.9
-    bare = frenetic("rerun", campaign, "--top", "1", "--with", "delay=0", "--json").json
-    assert bare["driver"]["class"].endswith(":Planner")
+    worse = frenetic("rerun", campaign, "--all", "--driver", "aggression=2.0", "--json").json
+    assert len(worse["tests"]) == sum(worse["changes"].values()) == 60
+    assert worse["changes"]["fails now"] > 0
+    assert worse["driver"]["driver"]["options"]["aggression"] == 2.0
+    assert worse["driver"]["options"] == {"seconds": 0.05}, "the recorded delay stays"

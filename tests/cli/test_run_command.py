@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -15,13 +16,12 @@ import pytest
 from pids import LIMIT, until
 
 from frenetic.campaign import CampaignStore
+from frenetic.errors import CampaignError
 
 if TYPE_CHECKING:
     from command_line import Answer, Frenetic
 
 pytest_plugins = ["command_line"]
-
-STRAIGHT = {"curvatures": [0.0] * 12}
 
 
 def write(name: str, content: object) -> str:
@@ -37,20 +37,16 @@ def refused(answer: Answer, *words: str) -> None:
     assert all(word in lines[0] for word in words)
 
 
-@pytest.mark.usefixtures("drawn")
 def test_run_prints_a_summary_and_leaves_roads_and_pictures(frenetic: Frenetic) -> None:
-    answer = frenetic("run", "--simulations", "40", "--seed", "3", "--out", "mine")
+    answer = frenetic("run", "--simulations", "30", "--seed", "3", "--out", "mine")
     assert answer.code == 0
-    assert "40 simulations" in answer.out
-    assert "distinct failure" in answer.out
-    assert "frenetic show mine " in answer.out
+    for words in ("30 simulations", "distinct failure", "frenetic show mine "):
+        assert words in answer.out
     assert Path("mine/campaign.sqlite").is_file()
+    assert Path("mine/failures/gallery.png").is_file()
     pictures = list(Path("mine/failures").glob("test-*.png"))
-    assert Path("mine/failures/gallery.png").stat().st_size > 10_000
-    roads = list(Path("mine/failures").glob("*.json"))
     assert 1 <= len(pictures) <= 10
-    assert all(picture.stat().st_size > 10_000 for picture in pictures)
-    assert len(roads) >= len(pictures)
+    assert len(list(Path("mine/failures").glob("*.json"))) >= len(pictures)
     assert not list(Path("mine/failures").glob("*.part"))
 
 
@@ -77,16 +73,6 @@ def test_run_makes_a_folder_of_its_own_and_tells_its_seed(frenetic: Frenetic) ->
     assert Path(second["folder"], "campaign.sqlite").is_file()
     repeated = frenetic(*run, "--seed", str(first["seed"])).json
     assert repeated["min_moobd"] == first["min_moobd"]
-
-
-def test_an_infinite_view_is_no_layer(frenetic: Frenetic) -> None:
-    view = ("--with", "view=inf", "--json")
-    write("road.json", STRAIGHT)
-    driven = frenetic("drive", "road.json", *view).json["driver"]
-    assert driven["class"].endswith(":Planner")
-    assert frenetic("run", "--simulations", "1", "--seed", "1", "--out", "c", *view).code == 0
-    with CampaignStore.open(Path("c")) as store:
-        assert store.config["driver"] == driven
 
 
 def test_run_refuses_a_simulator_whose_package_is_missing_and_leaves_nothing(
@@ -130,10 +116,6 @@ class Raises:
     def act(self, observation):
         raise ValueError("lost")
 
-class Nan(Raises):
-    def act(self, observation):
-        return frenetic.Controls(float("nan"))
-
 class Tires(Raises):
     drives = 0
 
@@ -151,63 +133,23 @@ class Crashes(Slow):
         if observation.curvature_ahead[3] > 0.03:
             os.abort()
         return super().act(observation)
-
-class ForEver(Raises):
-    def act(self, observation):
-        while True:
-            pass
 """
-
-
-def test_own_driver_from_a_file_and_from_a_module(frenetic: Frenetic) -> None:
-    write("mydriver.py", MY_DRIVER)
-    write("road.json", STRAIGHT)
-    for spec in ("mydriver.py:Slow", "mydriver:Slow"):
-        answer = frenetic("drive", "road.json", "--driver", spec, "--json")
-        assert answer.json["outcome"] == "PASS", answer
-
-
-@pytest.mark.parametrize(
-    ("name", "wall_limit", "why"),
-    [
-        ("Raises", "60", "the driver raised ValueError: lost"),
-        ("Nan", "60", "steering = nan, not a finite number"),
-        ("ForEver", "0.2", "did not finish its drive within 0.2 s"),
-    ],
-)
-def test_broken_driver_is_an_error_and_ends_a_campaign(
-    frenetic: Frenetic, name: str, wall_limit: str, why: str
-) -> None:
-    write("mydriver.py", MY_DRIVER)
-    write("road.json", STRAIGHT)
-    how = f"driver = 'mydriver.py:{name}'\nwall_limit = {wall_limit}\n"
-    driver = ("--as", write("how.toml", how), "--driver", f"mydriver.py:{name}")
-    answer = frenetic("drive", "road.json", *driver, "--json")
-    assert answer.json["outcome"] == "ERROR"
-    assert why in answer.json["reason"]
-    answer = frenetic("run", *driver, "--simulations", "50", "--out", "c")
-    refused(answer, "the last 10 drives broke", why)
-    assert frenetic("show", "c", "--json").json["errors"] == 10
 
 
 def test_a_driver_that_crashes_takes_nothing_with_it(frenetic: Frenetic) -> None:
     """A single worker drives Python code in a process of its own, and so does every command."""
     write("mydriver.py", MY_DRIVER)
     write("bent.json", {"curvatures": [0.0, 0.0, 0.01, 0.06, 0.06, 0.03, 0.0]})
-    driver = ("--driver", "mydriver.py:Crashes")
+    how = ("--driver", "mydriver.py:Crashes", "--json")
     lost = "the driver's process was lost: it was killed by SIGABRT"
-    strategy = ("--strategy", "frenetic-2021", "--simulations", "8", "--seed", "3")
-    search = ("run", *driver, *strategy, "--workers", "1", "--out", "c")
-    summary = frenetic(*search, "--json").json
-    assert summary["errors"] >= 1
-    assert summary["passed"] + summary["failed"] >= 1
-    assert summary["simulations"] == 8
+    answer = frenetic("drive", "bent.json", *how)
+    assert (answer.code, answer.json["reason"]) == (1, lost)
+    search = ("--strategy", "frenetic-2021", "--simulations", "8", "--seed", "3", "--workers", "1")
+    summary = frenetic("run", *search, *how, "--out", "c").json
+    assert summary["simulations"] == 8 > summary["errors"] >= 1
     log = Path("c/campaign.log").read_text().splitlines()
     (first, *_) = (json.loads(line) for line in log if "was killed by SIGABRT" in line)
     assert first["event"] == "worker_lost"
-    assert frenetic("check", "c").code == 0
-    answer = frenetic("drive", "bent.json", *driver, "--json")
-    assert (answer.code, answer.json["reason"]) == (1, lost)
 
 
 @pytest.mark.parametrize("workers", ["1", "2"])
@@ -267,6 +209,7 @@ SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 RUNS = """
 import signal, sys
 from pathlib import Path
+from command_line import empty_pictures
 from frenetic.cli import main
 
 for name in sys.argv[1:]:
@@ -274,7 +217,8 @@ for name in sys.argv[1:]:
     signal.signal(signal.SIGINT, signal.default_int_handler if hears else signal.SIG_IGN)
     how = ["--time", "10m", "--workers", "1", "--simulator", "counting.py:Counting"]
     try:
-        main(["run", *how, "--out", name])
+        with empty_pictures():
+            main(["run", *how, "--out", name])
     except SystemExit as stop:
         Path(f"{name}.part").write_text(str(stop.code))
         Path(f"{name}.part").rename(f"{name}.code")
@@ -294,6 +238,7 @@ def test_a_signal_ends_a_run_with_its_summary_and_its_simulator(tmp_path: Path) 
         stderr=subprocess.PIPE,
         text=True,
         cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
     ) as process:
         try:
             for name in SIGNALS:
@@ -319,24 +264,8 @@ def stored_in_a_moment(folder: Path) -> int:
 
 
 def stored_tests(folder: Path) -> int:
-    from frenetic.errors import CampaignError
-
     try:
         with CampaignStore.open(folder) as store:
             return store.counts().told
     except CampaignError:
         return 0
-
-
-def test_campaign_goes_on_with_more_simulations(frenetic: Frenetic) -> None:
-    options = ["--seed", "3", "--driver", "stanley", "--with", "noise=0.1"]
-    search = ("run", "--simulations", "20", "--strategy", "random_roads=5")
-    frenetic(*search, *options, "--out", "c")
-    answer = frenetic("resume", "c", "--simulations", "10")
-    assert answer.code == 0
-    assert "30 simulations" in answer.out
-    assert "Going on after " in answer.err
-    document = frenetic("show", "c", "--json").json
-    assert document["passed"] + document["failed"] == 30
-    again = frenetic("resume", "c", "--simulations", "5", "--json").json
-    assert (again["simulations"], again["seed"]) == (35, 3)

@@ -37,11 +37,9 @@ def test_show_a_campaign_and_a_test(frenetic: Frenetic, campaign: str) -> None:
 
 
 def test_show_an_invalid_test(frenetic: Frenetic) -> None:
-    frenetic(
-        *("run", "--strategy", "random,max_redraws=0"),
-        *("--simulations", "40", "--seed", "3", "--out", "c"),
-    )
-    with CampaignStore.open(Path("c")) as store:
+    redrawn = ("--strategy", "random,max_redraws=0", "--simulations", "40", "--seed", "3")
+    frenetic("run", *redrawn, "--out", "c")
+    with CampaignStore.open("c") as store:
         (record,) = store.tests(Outcome.INVALID, limit=1)
     answer = frenetic("show", "c", str(record.candidate.id), "--plot", "p.png")
     assert answer.code == 0
@@ -49,29 +47,22 @@ def test_show_an_invalid_test(frenetic: Frenetic) -> None:
     assert Path("p.png").is_file()
 
 
-SLOW = (
-    *("run", "--driver", "aggression=0.3", "--simulations", "40"),
-    *("--seed", "3", "--workers", "1", "--out", "slow"),
-)
-
-
 def test_nothing_failed_so_run_show_and_pictures_give_the_nearest_misses(
     frenetic: Frenetic,
 ) -> None:
-    answer = frenetic(*SLOW)
+    calm = ("--driver", "aggression=0.3", "--seed", "3", "--workers", "1", "--out", "slow")
+    answer = frenetic("run", "--simulations", "20", *calm)
     assert answer.code == 0
     assert "Nothing failed; the nearest misses" in answer.out
-    shown = frenetic("show", "slow", "--json").json
+    shown, text = frenetic("show", "slow", "--json").json, frenetic("show", "slow").out
     near = shown["near_misses"]
     assert (shown["failed"], shown["distinct_failures"], len(near)) == (0, [], 5)
     assert [one["moobd"] for one in near] == sorted(one["moobd"] for one in near)
     assert near[0]["moobd"] == shown["min_moobd"]
-    for one in near:
-        assert one["description"] in " ".join(frenetic("show", "slow").out.split())
+    assert all(one["description"] in " ".join(text.split()) for one in near)
     pictures = sorted(path.name for path in Path("slow/pictures").iterdir())
     assert pictures == sorted(f"test-{one['most_severe']:05d}.png" for one in near)
     assert Path("slow/failures/gallery.png").is_file()
-    assert not list(Path("slow/failures").glob("*.json"))
 
 
 UNRELIABLE = """
@@ -120,14 +111,12 @@ def test_show_lists_tests_by_outcome_severity_and_feature(
     frenetic: Frenetic, campaign: str
 ) -> None:
     failed = frenetic("show", campaign, "--json").json["failed"]
-    document = frenetic("show", campaign, "--outcome", "fail", "--json").json
-    assert document["matching"] == failed == len(document["listed"])
-    assert {row["outcome"] for row in document["listed"]} == {"FAIL"}
-    moobds = [row["moobd"] for row in document["listed"]]
-    assert moobds == sorted(moobds)
+    listed = frenetic("show", campaign, "--outcome", "fail", "--json").json["listed"]
+    assert len(listed) == failed
+    assert [row["moobd"] for row in listed] == sorted(row["moobd"] for row in listed)
     bent = frenetic("show", campaign, "--feature", "max_curvature=0.06:0.07", "--json").json
-    assert bent["listed"]
-    assert all(0.06 <= row["features"]["max_curvature"] <= 0.07 for row in bent["listed"])
+    values = [row["features"]["max_curvature"] for row in bent["listed"]]
+    assert values == [value for value in values if 0.06 <= value <= 0.07] != []
     table = frenetic("show", campaign, "--sort", "bends", "--limit", "3").out.splitlines()
     assert table[0].split()[-2:] == ["bends", "why"]
     assert table[-1].endswith("results match; the first 3 are listed")
