@@ -13,6 +13,7 @@ from frenetic import Budget, Campaign, CampaignStore, Candidate, Evaluation, Out
 from frenetic.campaign.objective import Objective, evaluation_of
 from frenetic.errors import FreneticError
 from frenetic.search import Origin
+from frenetic.testing import DummySimulator
 
 SIMULATIONS = 40
 DRIVER = frenetic.Planner(aggression=1.1)
@@ -67,6 +68,11 @@ def test_what_was_not_driven_or_broke_has_no_moobd_and_an_objective_its_value() 
     drive = frenetic.EmbeddedSimulator().drive(road, DRIVER)
     broken = evaluate(candidate, road, frenetic.Drive(drive.trajectory, error="it broke"))
     assert (broken.outcome, broken.moobd, broken.trace) == (Outcome.ERROR, None, None)
+    beyond = DummySimulator(lambda road: 4.0).drive(road, DRIVER)  # it goes on after it failed
+    failed, time = evaluate(candidate, road, beyond), beyond.trajectory.time
+    assert failed.trace is not None
+    assert failed.duration is not None
+    assert len(failed.trace.distance) == (time < failed.duration + 0.01).sum() < len(time)
     accelerated = evaluate(candidate, road, drive, objective="lateral-acceleration")
     expected = Objective.load("lateral-acceleration").severity(road, drive)
     assert expected is not None

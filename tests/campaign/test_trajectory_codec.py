@@ -101,6 +101,10 @@ PLACES, WIDTHS, STREAM = DATA[9:20], DATA[20:31], DATA[31:]
 BODY = zlib.decompress(STREAM)
 
 
+LOW = zlib.compress(struct.pack("<22q", *[0] * 21, -(2**51) - 1))
+"""Two records, one of whose values is too low."""
+
+
 def stored(
     count: int = 500, places: bytes = PLACES, widths: bytes = WIDTHS, stream: bytes = STREAM
 ) -> bytes:
@@ -133,6 +137,7 @@ def stored(
         (stored(stream=zlib.compress(BODY[:-1])), "do not fill"),
         (stored(stream=zlib.compress(b"\0" * 50_000_000)), "do not fill"),
         (stored(stream=zlib.compress(b"\x7f" * len(BODY))), "out of range"),
+        (stored(count=2, widths=bytes(11), stream=LOW), "out of range"),
     ],
 )
 def test_damaged_data_is_named(data: bytes, message: str) -> None:
