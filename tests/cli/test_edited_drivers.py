@@ -83,7 +83,7 @@ def test_show_report_and_export_say_which(frenetic: Frenetic) -> None:
         shown = frenetic("show", folder, "--json").json["config"]["driver"]
         assert (shown["version"], shown["options"]) == (version(folder), {"comfort": 2.0})
         page = Path(folder, "report.html").read_text(encoding="utf-8")
-        assert f"mpc.py:Mpc, {version(folder)}" in page
+        assert f"Mpc, {version(folder)}" in page
 
 
 def test_a_campaign_keeps_its_sources() -> None:

@@ -116,7 +116,7 @@ MUTANTS: dict[str, tuple[tuple[tuple[str, str], ...], Mapping[str, str]]] = {
         {"starts_at_rest_in_the_ego_lane": r"starts at 8\.0 m/s instead of 0"},
     ),
     "starts on the centre line": (
-        (("offset=-0.5 * road.lane_width", "offset=0.0"),),
+        (("-road.lane_width / 2", "0.0"),),
         {"starts_at_rest_in_the_ego_lane": r"starts 2\.00 m left of the ego lane's centre"},
     ),
     "yaw rate is recorded as 0": (
