@@ -323,7 +323,7 @@ def draw_scene(
         if near is not None and near.scale > 2.0 * view.scale:
             corner, (across, up) = mark - near.half, 2.0 * near.half
             how: Any = {"fill": False, "ec": QUIET, "lw": 0.8, "alpha": 0.7, "zorder": 6}
-            view.axes.add_patch(Rectangle(corner, across, up, **how))
+            view.axes.add_artist(Rectangle(corner, across, up, **how))
             sides = np.linspace(-1.0, 1.0, 41)[:, None]
             for k in (-1.0, 1.0):
                 drawn.append(mark + near.half * np.hstack([sides, np.full_like(sides, k)]))
@@ -355,7 +355,7 @@ def draw_surface(view: View, road: Road) -> None:
         (left, middle, {"fc": _OTHER_LANE, "ec": _OTHER_LANE, "lw": 0.3, "zorder": 1.1}),
         (middle, right, {"fc": EGO_LANE, "lw": 0.0, "zorder": 1.2}),
     ):
-        view.axes.add_patch(Polygon(np.vstack([one, other[::-1]]), joinstyle="round", **how))
+        view.axes.add_artist(Polygon(np.vstack([one, other[::-1]]), joinstyle="round", **how))
     width = max(0.9, 0.15 * view.scale)
     dash = max(3.0 * view.scale, 3.0) / width
     view.axes.plot(*middle.T, color="white", lw=width, zorder=1.3, dashes=(dash, dash))
