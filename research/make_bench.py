@@ -22,8 +22,7 @@ import numpy as np
 
 from frenetic import Budget, Campaign, CampaignStore
 from frenetic.analysis import Comparison
-from frenetic.analysis.comparison import MeasureComparison, PairComparison, compare
-from frenetic.analysis.conclusions import p_text
+from frenetic.analysis.comparison import MeasureComparison, PairComparison, compare, p_text
 from frenetic.analysis.failures import Failure, cluster_failures, failures_of
 from frenetic.bench import Entrant
 from frenetic.campaign.database import DATABASE
