@@ -15,13 +15,13 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import tomli_w
-from msgspec import Struct, ValidationError, convert, field
+from msgspec import Struct, convert, field
 
 from frenetic._support.bounds import Count, Finite, Index, NotNegative, Positive, Share
-from frenetic._support.files import write_file
+from frenetic._support.files import read_bounded, write_file
 from frenetic._support.words import parse_duration, part_word, read_part
 from frenetic.errors import FreneticError
-from frenetic.spec import MAX_BYTES, Budget, EarlierCampaign, Part, Spec
+from frenetic.spec import Budget, EarlierCampaign, Part, Spec
 
 NAME: Final = "campaign.toml"
 """Name of the file in a campaign's folder."""
@@ -103,6 +103,7 @@ class RunFile(DriveFile, kw_only=True):
 
 
 AnyFile = TypeVar("AnyFile", bound=DriveFile)
+Entries = TypeVar("Entries", bound=Struct)
 
 
 def read_run_file(path: Path | str) -> tuple[Spec, RunFile]:
@@ -125,22 +126,22 @@ def read_file(path: Path | str, kind: type[AnyFile], what: str) -> tuple[Spec, A
     Raises:
         FreneticError: there is no such file, or it is wrong; the message names the place in it.
     """
-    path = Path(path)
+    entries = read_entries(Path(path), kind, what)
     try:
-        with path.open("rb") as stream:
-            data = stream.read(MAX_BYTES + 1)
-        if len(data) > MAX_BYTES:
-            raise FreneticError(f"{path} is too large: it has more than {MAX_BYTES} bytes")
-        entries = convert(tomllib.loads(data.decode("utf-8")), kind)
         return entries.spec(), entries
-    except FileNotFoundError:
-        raise FreneticError(f"there is no file {path}") from None
-    except OSError as error:
-        raise FreneticError(f"{path} cannot be read: {error.strerror or error}") from None
-    except (ValidationError, ValueError, RecursionError) as error:
+    except ValueError as error:
         raise FreneticError(f"{path} does not say {what}: {error}") from None
     except FreneticError as error:
         raise FreneticError(f"{path}: {error}") from None
+
+
+def read_entries(path: Path, kind: type[Entries], what: str) -> Entries:
+    """The entries of a file in TOML; arguments and errors are those of `read_file`."""
+    data = read_bounded(path)
+    try:
+        return convert(tomllib.loads(data.decode("utf-8")), kind)
+    except (ValueError, RecursionError) as error:
+        raise FreneticError(f"{path} does not say {what}: {error}") from None
 
 
 def write_run_file(spec: Spec, folder: Path) -> None:

@@ -30,6 +30,7 @@ from msgspec.json import decode as json_decode
 
 from frenetic import trust
 from frenetic._support.bounds import Count, Finite, NotNegative, Positive, Share
+from frenetic._support.files import read_bounded
 from frenetic._support.json_value import JSONValue, plain
 from frenetic._support.scalars import take_numpy_scalars
 from frenetic._support.words import counted, part_word
@@ -70,8 +71,6 @@ _DEEPEST: Final = 3  # nesting of arguments in a record
 _LONGEST: Final = 200  # characters of an argument in a record
 DRIVEN: Final = "driven"
 """Entry of a road's file with its `drive_record`."""
-MAX_BYTES: Final = 4 * 2**20
-"""Largest file that `Spec.read` reads."""
 _SHOWN_OPTIONS: Final = 3
 _PARTS: Final = ("strategy", "driver", "simulator")
 
@@ -375,17 +374,10 @@ class Spec:
             FreneticError: there is no such file, or it does not say it.
         """
         path = Path(path)
+        data = read_bounded(path)
         try:
-            with path.open("rb") as file:
-                data = file.read(MAX_BYTES + 1)
-            if len(data) > MAX_BYTES:
-                raise FreneticError(f"{path} is too large: it has more than {MAX_BYTES} bytes")
             file_type = defstruct("File", [("driven", Any), ("lane_width", Positive, 4.0)])
             record: Any = json_decode(data, type=file_type)
-        except FileNotFoundError:
-            raise FreneticError(f"there is no file {path}") from None
-        except OSError as error:
-            raise FreneticError(f"{path} cannot be read: {error.strerror or error}") from None
         except (ValueError, RecursionError) as error:
             raise FreneticError(f"{path} does not say how roads are driven: {error}") from None
         return replace(

@@ -70,6 +70,7 @@ def test_a_finished_campaign(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert (code, err) == (0, "")
     facts = dict(line.split(maxsplit=1) for line in out.splitlines())
     assert facts["status"] == "finished"
+    assert out.count("status ") == 1
     assert facts["search"] == "random, DummyDriver, DummySimulator, seed 2"
     assert facts["budget"].startswith("100.0% spent, ")
     assert facts["results"] == summary.in_words()

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from frenetic import EmbeddedSimulator, Road, Rules, Stanley, Vehicle
+from frenetic._support.files import MAX_BYTES
 from frenetic.drivers import Delayed
 from frenetic.errors import FreneticError
-from frenetic.spec import MAX_BYTES, Part, Spec
+from frenetic.spec import Part, Spec
 from frenetic.twin.profile import Profile
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""Atomic writing: files are written whole or not at all."""
+"""Files: written whole or not at all, and read up to a size."""
 
 from __future__ import annotations
 
@@ -7,11 +7,33 @@ import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TypeVar
+from typing import Final, TypeVar
 
 from frenetic.errors import FreneticError
 
 T = TypeVar("T")
+
+
+MAX_BYTES: Final = 4 * 2**20
+"""Largest file that says how roads are driven, a run, a bench or a calibration."""
+
+
+def read_bounded(path: Path) -> bytes:
+    """The content of a file of `MAX_BYTES` at most.
+
+    Raises:
+        FreneticError: there is none, it cannot be read, or it is too large.
+    """
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except FileNotFoundError:
+        raise FreneticError(f"there is no file {path}") from None
+    except OSError as error:
+        raise FreneticError(f"{path} cannot be read: {error.strerror or error}") from None
+    if len(data) > MAX_BYTES:
+        raise FreneticError(f"{path} is too large: it has more than {MAX_BYTES} bytes")
+    return data
 
 
 def write_file(

@@ -197,18 +197,17 @@ def drive(
         setting = store.setting
     # Not `campaign_tester`, which warns of another version than the campaign's.
     tester = RoadTester(simulator, driver, setting.map_size, setting.margin, setting.lane_width)
-    missing = plan.drives
+    missing, is_interrupted = plan.drives, False
     if old is None:
         key = hashlib.sha256(comparison_key(*described).encode()).hexdigest()[:SHORT]
         fresh = plan.old / FOLDER / f"seed-{plan.seed}-{key}"
         done = _drive_fresh(plan, tester, fresh, spec, how)
         missing, is_interrupted = missing - min(done, plan.fresh), done < plan.fresh
-        tests = _fresh_tests(fresh, plan.fresh)
-        first = {test.id: (Repeat(test, test),) for test in tests}
     else:
         check_differ(old.driver, described[0])
-        fresh, first, is_interrupted = old.fresh, {}, False
-        tests = _fresh_tests(fresh, plan.fresh)
+        fresh = old.fresh
+    tests = _fresh_tests(fresh, plan.fresh)
+    first = {test.id: (Repeat(test, test),) for test in tests} if old is None else {}
     drives = {}
     conditions = _conditions(driver, plan.repeats)
     for roads, folder, ids, own in (

@@ -69,21 +69,11 @@ def write_table(comparison: Comparison, path: Path | str) -> Path:
         FreneticError: another suffix, or a file that cannot be written.
     """
     path = Path(path)
-    form = table_form(path)
-    write_file(path, form(comparison), remedy="choose another place for the table")
-    return path
-
-
-def table_form(path: Path | str) -> Callable[[Comparison], str]:
-    """The writer of a table, by the suffix of its file.
-
-    Raises:
-        FreneticError: another suffix.
-    """
-    form = FORMS.get(Path(path).suffix.lower())
+    form = FORMS.get(path.suffix.lower())
     if form is None:
         raise FreneticError(f"a table is written to {path}: the name must end with .csv or .md")
-    return form
+    write_file(path, form(comparison), remedy="choose another place for the table")
+    return path
 
 
 def _number(value: float) -> str:

@@ -43,7 +43,7 @@ def write_results(bench: Bench, comparison: Comparison) -> Path:
 
 def _terms(bench: Bench) -> Iterator[Fact]:
     terms = bench.terms
-    budget = format_duration(terms.simulations * terms.seconds_per_test)
+    budget = format_duration(terms.time)
     yield Fact(
         "virtual clock",
         f"{budget}, of which each simulation costs {terms.seconds_per_test:g} s; the time that a"

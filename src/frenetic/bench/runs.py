@@ -100,6 +100,11 @@ class Terms:
             if not 0.0 < value < float("inf"):
                 raise FreneticError(f"{name} is {value}: a positive number of seconds is needed")
 
+    @property
+    def time(self) -> float:
+        """Budget of each run, in virtual s."""
+        return self.simulations * self.seconds_per_test
+
     def tester(self) -> RoadTester:
         """Tests roads on these terms."""
         return RoadTester(self.simulator, self.driver, self.map_size)
@@ -303,7 +308,7 @@ def assignment(run: Run, terms: Terms) -> Assignment:
         pipeline=None if pipeline is None else str(_copied(pipeline, entrant, work)),
         seed=run.seed % 2**32,  # more bits than those no generator of numbers takes
         map_size=int(size) if size == int(size) else size,
-        time_budget=terms.simulations * terms.seconds_per_test,
+        time_budget=terms.time,
         seconds_per_test=terms.seconds_per_test,
         oob_tolerance=rules.oob_tolerance,
         speed_limit=rules.speed_limit,
@@ -338,8 +343,7 @@ def _copy(source: Path, target: Path) -> None:
 
 
 def _campaign(run: Run, terms: Terms, strategy: Strategy) -> Campaign:
-    time = terms.simulations * terms.seconds_per_test
-    budget: JSONValue = {"time": time, "seconds_per_test": terms.seconds_per_test}
+    budget: JSONValue = {"time": terms.time, "seconds_per_test": terms.seconds_per_test}
     entrant: JSONValue = {**run.entrant.as_json(), "budget": budget}
     campaign = Campaign(
         strategy=strategy,

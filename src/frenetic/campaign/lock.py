@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import platform
 from contextlib import suppress
+from io import RawIOBase
 from pathlib import Path
 from typing import Final
 
@@ -29,6 +30,12 @@ class _Holder(Struct):
     def here(cls) -> _Holder:
         process_id = os.getpid()
         return cls(process_id, platform.node(), _start_of(process_id), present_moment())
+
+    @classmethod
+    def read(cls, file: RawIOBase) -> _Holder:
+        """The last holder of the lock on a file."""
+        file.seek(1)  # on Windows the first byte is locked
+        return decode(file.read() or b"", type=cls)
 
     def __str__(self) -> str:
         """Its process, if that is known to be the one which runs here under this number."""
@@ -74,8 +81,7 @@ def holder(path: Path) -> str | None:
             with suppress(OSError):  # files cannot be locked there by a reader
                 if lock_descriptor(file.fileno(), blocking=False):
                     return None
-            file.seek(1)  # on Windows the first byte is locked
-            return str(decode(file.read(), type=_Holder))
+            return str(_Holder.read(file))
     except DecodeError:
         return "another process"
     except OSError:
@@ -86,8 +92,7 @@ def last_host(path: Path) -> str | None:
     """The machine that locked a file last; None if that is not known."""
     try:
         with path.open("rb", buffering=0) as file:
-            file.seek(1)
-            return decode(file.read(), type=_Holder).host
+            return _Holder.read(file).host
     except (DecodeError, OSError):
         return None
 

@@ -29,6 +29,7 @@ def follow(folder: Path, *, as_json: bool) -> None:
         return
     console = Results()
     print_facts(_facts(state, folder))
+    began = state.status
     known: tuple[News, ...] = ()
     with live_line(console) as show:
         while True:
@@ -45,7 +46,8 @@ def follow(folder: Path, *, as_json: bool) -> None:
             state = look(folder)
             spent = time.perf_counter() - start
             time.sleep(max(INTERVAL, spent / SHARE))
-    print_facts(_facts(state, folder)[1:])
+    if state.status is not began:
+        print_facts(_facts(state, folder)[1:])
     if state.status is not Status.FINISHED:
         raise click.exceptions.Exit(1)
 

@@ -13,7 +13,7 @@ import click
 
 from frenetic._support.words import counted
 from frenetic.cli import complain
-from frenetic.cli.again import file_spec, interrupted, recorded_spec
+from frenetic.cli.again import chosen_tests, file_spec, interrupted, recorded_spec
 from frenetic.cli.console import (
     Log,
     announced_compilation,
@@ -187,23 +187,18 @@ def _of_campaign(
     out: Path | None,
 ) -> tuple[Spec, list[Work]]:
     """Terms of a campaign's drives, and the tests to minimise."""
-    from frenetic.analysis.failures import representative_failures
     from frenetic.campaign import CampaignStore
     from frenetic.outcome import Outcome
     from frenetic.report.failures import file_stem
     from frenetic.report.minimised import MINIMISED, MinimisedFiles
 
     given = given_options(context)
-    if test_ids and top is not None:
-        raise click.UsageError("--top and the ID of a test exclude each other")
     if out is not None and (len(test_ids) > 1 or (top or 1) > 1):
         raise click.UsageError("--out is for one road: leave it out where there are several")
     with CampaignStore.open(folder) as store:
         spec = recorded_spec(store, given)
-        if test_ids:
-            records = [store.test(test_id) for test_id in dict.fromkeys(test_ids)]
-        else:
-            records = representative_failures(store, top or 1)
+        chosen = chosen_tests(store, test_ids, top if test_ids else top or 1)
+        records = [store.test(test_id) for test_id in chosen or ()]
         suffix = "-other.json" if given else ".json"
         works = []
         for record in records:

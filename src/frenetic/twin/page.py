@@ -22,7 +22,7 @@ from frenetic.report.html.blocks import (
     Table,
     Tile,
 )
-from frenetic.report.html.page import Report, made_by, write_page
+from frenetic.report.html.page import Report, write_page
 from frenetic.twin.calibration import Calibration
 from frenetic.twin.calibration.driving import OFFSET_MEDIAN
 from frenetic.twin.calibration.recordings import GRID
@@ -70,7 +70,7 @@ def write_calibration(calibration: Calibration, profile: Path | str) -> Path:
         *([drives] if drives.blocks else []),
         parameters,
     )
-    report = Report(title=title, sections=sections, made_by=made_by())
+    report = Report(title=title, sections=sections)
     return write_page(report, Path(profile).with_suffix(".html"))
 
 

@@ -52,7 +52,6 @@ class Calibration:
 
     recordings: Recordings
     model: Model
-    settings: Settings
     profile: Profile
     validation: Validation
     fold: IntArray
@@ -213,7 +212,6 @@ def calibrate(
     return Calibration(
         recordings=recordings,
         model=model,
-        settings=settings,
         profile=profile,
         validation=validation,
         fold=fold,

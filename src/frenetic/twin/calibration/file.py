@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
-from pathlib import Path
-
-from msgspec import convert
-
 from frenetic._support.bounds import Count
 from frenetic._support.words import read_part
 from frenetic.errors import FreneticError
@@ -30,22 +25,6 @@ class CalibrationFile(Settings, frozen=True, kw_only=True):
     """Name of the car that the fit begins with, or its parameters, see `Model`."""
     out: str = "profile.json"
     workers: Count | None = None
-
-    @classmethod
-    def read(cls, path: Path) -> CalibrationFile:
-        """The entries of a file.
-
-        Raises:
-            FreneticError: there is no such file, or it is wrong; the message names the place in it.
-        """
-        try:
-            return convert(tomllib.loads(path.read_text(encoding="utf-8")), cls)
-        except FileNotFoundError:
-            raise FreneticError(f"there is no file {path}") from None
-        except OSError as error:
-            raise FreneticError(f"{path} cannot be read: {error.strerror or error}") from None
-        except (ValueError, RecursionError) as error:
-            raise FreneticError(f"{path} does not say a calibration: {error}") from None
 
     def model(self) -> Model:
         """What is fitted.

@@ -76,13 +76,16 @@ def calibrate(
 
     from frenetic.campaign.workers import available_cores
     from frenetic.report.html.page import made_by
+    from frenetic.run_file import read_entries
     from frenetic.twin.calibration import Settings, read_recordings
     from frenetic.twin.calibration import calibrate as calibrate_twin
     from frenetic.twin.calibration.file import CalibrationFile
     from frenetic.twin.page import parameter_table, ranking_table, write_calibration
 
     is_file = len(recordings) == 1 and recordings[0].endswith(".toml")
-    asked = CalibrationFile.read(Path(recordings[0])) if is_file else CalibrationFile()
+    asked = CalibrationFile()
+    if is_file:
+        asked = read_entries(Path(recordings[0]), CalibrationFile, "a calibration")
     given = {name: value for name, value in options.items() if was_given(context, name)}
     if "fit" in given:
         given["fit"] = [text for several in given["fit"] for text in several.split(",")]
