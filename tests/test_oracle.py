@@ -11,7 +11,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from frenetic.drive import CarBody, Drive, Rules, Trajectory
-from frenetic.oracle import LEFT_LANE, REACHED, RUNNING, STUCK, TIMED_OUT, Result, assess, judge
+from frenetic.errors import Fault
+from frenetic.oracle import (
+    DRIVER,
+    LEFT_LANE,
+    REACHED,
+    RUNNING,
+    STUCK,
+    TIMED_OUT,
+    Result,
+    assess,
+    judge,
+)
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
 
@@ -296,6 +307,26 @@ def test_a_drive_with_an_error_is_an_error_whatever_it_recorded() -> None:
     assert (result.moobd, result.moobd_distance, result.max_oob_share) == (None, None, None)
     assert result.departure is None
     assert result.duration == path.time[-1]
+
+
+def test_a_fault_of_the_driver_fails_its_drive() -> None:
+    fault = Fault("driver", "ValueError", "mine.py", 41)
+    path = trajectory(STRAIGHT, steady(STRAIGHT))
+    until = Trajectory.from_rows(path.to_rows()[:60])
+    passed = judge(STRAIGHT, Drive(path))
+    result = judge(STRAIGHT, Drive(until, error="it raised", fault=fault))
+    assert (result.outcome, result.reason, result.fault) == (Outcome.FAIL, "it raised", fault)
+    assert result.moobd == pytest.approx(2.0)
+    (finding,) = result.findings
+    assert (finding.criterion, finding.side, finding.value, finding.limit) == (DRIVER, None, 1, 0)
+    assert (finding.time, finding.x, finding.y) == (until.time[-1], until.x[-1], until.y[-1])
+    assert result.departure is None
+    unrecorded = judge(STRAIGHT, Drive(Trajectory.empty(), error="it left", fault=fault))
+    assert (unrecorded.outcome, unrecorded.moobd) == (Outcome.FAIL, None)
+    # What the rules had ended before counts as they say; the simulator's fault is no failure.
+    assert judge(STRAIGHT, Drive(path, error="too late", fault=fault)) == passed
+    theirs = replace(fault, part="simulator")
+    assert judge(STRAIGHT, Drive(until, error="x", fault=theirs)).outcome is Outcome.ERROR
 
 
 @pytest.mark.parametrize("error", [None, "the simulator did not start"])

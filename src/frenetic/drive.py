@@ -161,14 +161,9 @@ class Breakdown(NamedTuple):
     fault: Fault
 
     @classmethod
-    def of(
-        cls,
-        error: BaseException,
-        reason: str = "",
-        part: Literal["driver", "simulator"] = "driver",
-    ) -> Breakdown:
-        """The breakdown that an error of a part tells of, with a reason other than its text."""
-        return cls(reason or str(error), traceback_of(error), Fault.of(part, error))
+    def of(cls, error: BaseException, part: Literal["driver", "simulator"] = "driver") -> Breakdown:
+        """The breakdown that an error of a part tells of."""
+        return cls(str(error), traceback_of(error), Fault.of(part, error))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -6,9 +6,9 @@ import linecache
 import os
 import sys
 import traceback
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal
 
 _MOST = 450  # characters of a line about an error
 _MOST_SOURCE = 80  # characters of a line of source
@@ -70,13 +70,21 @@ def _call_of(error: BaseException) -> tuple[str, int] | None:
     return (own or [call for call in calls if _package_of(call[0]) == first])[-1]
 
 
+HANGS: Final = "hangs"
+"""Kind of the fault of a driver that takes too long."""
+ENDS_ITS_PROCESS: Final = "ends its process"
+"""Kind of the fault of a driver whose process dies while it is asked."""
+GIVES_NO_CONTROLS: Final = "gives no usable controls"
+"""Kind of the fault of a driver that returns what is none, or no finite numbers."""
+
+
 @dataclass(frozen=True)
 class Fault:
     """A fault of the driver or the simulator that broke a drive."""
 
     part: Literal["driver", "simulator"]
     kind: str
-    """Name of the error's class."""
+    """Name of the error's class; `HANGS`, `ENDS_ITS_PROCESS` or `GIVES_NO_CONTROLS`."""
     file: str = ""
     """File in which the user's code raised, see `place_of`; empty if unknown."""
     line: int = 0
@@ -88,7 +96,17 @@ class Fault:
         if isinstance(error, FreneticError) and error.__cause__ is not None:
             error = error.__cause__
         file, line = _call_of(error) or ("", 0)
-        return cls(part, type(error).__name__, file and _short(file)[-100:], line)
+        kind = GIVES_NO_CONTROLS if isinstance(error, DriverError) else type(error).__name__
+        return cls(part, kind, file and _short(file)[-100:], line)
+
+    def __str__(self) -> str:
+        own = self.kind in (HANGS, ENDS_ITS_PROCESS, GIVES_NO_CONTROLS)
+        what = self.kind if own else f"raises {self.kind}"
+        return f"{what} at {self.file}:{self.line}" if self.file else what
+
+    def is_like(self, other: Fault | None) -> bool:
+        """Whether it is the same fault, in an edited file or not."""
+        return other is not None and replace(self, line=0) == replace(other, line=0)
 
 
 def _is_foreign(file: str) -> bool:

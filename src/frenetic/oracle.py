@@ -30,7 +30,7 @@ Side: TypeAlias = Literal["left", "right"]
 RUNNING, REACHED, LEFT_LANE, STUCK, TIMED_OUT = range(5)
 """State of a drive at a record: it goes on, or how it ended."""
 
-BEHAVIOUR: Final = 1
+BEHAVIOUR: Final = 2
 """Raised when the same drive is judged otherwise; campaigns record it."""
 
 # Columns of the assessment of a trajectory, one row per record.
@@ -61,6 +61,8 @@ class Finding:
 
 LANE: Final = "lane"
 """Criterion of leaving the lane: the share of the car's box outside it."""
+DRIVER: Final = "driver"
+"""Criterion of the driver's own faults, of which none is allowed."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,12 @@ class Result:
     findings: tuple[Finding, ...] = ()
     """Breaches of the criteria, in the order of time."""
     fault: Fault | None = None
-    """The fault of the driver or simulator that broke the drive."""
+    """The fault that broke the drive: the driver's makes it a FAIL, the simulator's an ERROR."""
+
+    @property
+    def finding(self) -> Finding | None:
+        """The first breach, which ended the drive; None if there is none."""
+        return self.findings[0] if self.findings else None
 
     @property
     def departure(self) -> Finding | None:
@@ -243,41 +250,32 @@ def _rounded_up(share: float) -> str:
 def judge(road: Road, drive: Drive) -> Result:
     """The verdict on one drive of a road.
 
-    Records count until a rule ends the drive. A drive that stops before any rule ends it, or that
-    carries an error, is an ERROR.
+    Records count until a rule ends the drive. A drive that a fault of its driver ended is a FAIL.
+    One that stops before any rule ends it, or that carries another error, is an ERROR.
     """
-    records = len(drive.trajectory)
-    if drive.error is not None or records == 0:
-        duration = float(drive.trajectory.time[-1]) if records else 0.0
-        reason = drive.error or "The simulator recorded nothing"
-        return Result(Outcome.ERROR, reason, duration=duration, fault=drive.fault)
-    path = drive.trajectory
+    path, fault = drive.trajectory, drive.fault
+    records = len(path)
+    if records == 0 or (drive.error is not None and not is_drivers(fault)):
+        duration = float(path.time[-1]) if records else 0.0
+        return broken(drive.error or "The simulator recorded nothing", fault, duration)
     if not all(np.isfinite(column).all() for column in (path.time, path.x, path.y, path.heading)):
-        reason = "The simulator recorded places that are no numbers"
-        return Result(Outcome.ERROR, reason)
+        return broken(drive.error or "The simulator recorded places that are no numbers", fault)
     seen = assess(road, drive)
     i = len(seen.distance) - 1
-    duration = float(drive.trajectory.time[i])
+    duration = float(path.time[i])
     least = int(np.argmin(seen.oob_distance))
     outcome = Outcome.FAIL
     findings: tuple[Finding, ...] = ()
     rules = drive.rules
+    if seen.end != RUNNING:
+        fault = None
+    place = duration, float(seen.distance[i]), float(path.x[i]), float(path.y[i])
     if seen.end == REACHED:
         outcome, reason = Outcome.PASS, "Car reached the end of the road"
     elif seen.end == LEFT_LANE:
         side: Side = "left" if seen.lateral_offset[i] > 0.0 else "right"
-        findings = (
-            Finding(
-                LANE,
-                float(seen.oob_share[i]),
-                rules.oob_tolerance,
-                side,
-                duration,
-                float(seen.distance[i]),
-                float(path.x[i]),
-                float(path.y[i]),
-            ),
-        )
+        share = float(seen.oob_share[i])
+        findings = (Finding(LANE, share, rules.oob_tolerance, side, *place),)
         reason = (
             f"Car drove out of the lane to the {side} after {seen.distance[i]:.0f} m:"
             f" {_rounded_up(float(seen.oob_share[i]))} of it outside,"
@@ -293,6 +291,9 @@ def judge(road: Road, drive: Drive) -> Result:
             f"Car took longer than {rules.timeout(road.length):.0f} s"
             f" and was at {seen.distance[i]:.0f} m of {road.length:.0f} m"
         )
+    elif fault is not None and drive.error is not None:
+        reason = drive.error
+        findings = (Finding(DRIVER, 1.0, 0.0, None, *place),)
     else:
         reason = f"The simulator stopped after {duration:.1f} s, before the drive had ended"
         return Result(Outcome.ERROR, reason, duration=duration)
@@ -304,4 +305,16 @@ def judge(road: Road, drive: Drive) -> Result:
         float(seen.oob_share.max()),
         duration,
         findings,
+        fault,
     )
+
+
+def is_drivers(fault: Fault | None) -> bool:
+    """Whether a fault is the driver's."""
+    return fault is not None and fault.part == "driver"
+
+
+def broken(reason: str, fault: Fault | None = None, duration: float | None = None) -> Result:
+    """The verdict on a drive without a usable record: a FAIL if the fault is the driver's."""
+    outcome = Outcome.FAIL if is_drivers(fault) else Outcome.ERROR
+    return Result(outcome, reason, duration=duration, fault=fault)

@@ -21,6 +21,7 @@ from functools import partial
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Final, NamedTuple
 
 from frenetic._support.child_processes import (
@@ -31,7 +32,15 @@ from frenetic._support.child_processes import (
     stand_alone,
     start_process,
 )
-from frenetic.errors import CampaignError, describe_error, reason_of, traceback_of
+from frenetic.errors import (
+    ENDS_ITS_PROCESS,
+    HANGS,
+    CampaignError,
+    Fault,
+    describe_error,
+    reason_of,
+    traceback_of,
+)
 from frenetic.registry import load_user_file, made_by, user_files
 
 START_LIMIT: Final = 600.0
@@ -48,6 +57,9 @@ logger = logging.getLogger(__name__)
 
 class LostWorkerError(Exception):
     """A worker died, hangs, or what it holds raised."""
+
+    fault: Fault | None = None
+    """The driver's, if it was its turn when the worker died or had taken too long."""
 
     def __init__(self, reason: str, traceback: str = "") -> None:
         super().__init__(reason)
@@ -78,6 +90,7 @@ class Worker:
         self._number = 0
         self._process: BaseProcess | None = None
         self._connection: Connection
+        self._turn: Any  # shared with the process, see `drivers_turn`
 
     def __len__(self) -> int:
         """Number of calls that were sent and are not answered."""
@@ -102,8 +115,9 @@ class Worker:
             EOFError: the server that makes them was killed.
         """
         context = process_context(self._preloads)
+        self._turn = context.RawValue("b", 0)
         self._process, self._connection = start_process(
-            context, _serve, user_files(), self._held, name=self.name
+            context, _serve, user_files(), self._held, self._turn, name=self.name
         )
         self.send("start", limit=START_LIMIT)
 
@@ -139,13 +153,22 @@ class Worker:
             raise self._lost()
         if time.monotonic() > self.deadline:
             what = "start" if self._calls[0][0] == 1 else "drive"
-            raise LostWorkerError(f"its {what} took more than {self._calls[0][1]:.3g} s")
+            raise self._blaming(
+                LostWorkerError(f"its {what} took more than {self._calls[0][1]:.3g} s"), HANGS
+            )
         return answers
 
     def _lost(self) -> LostWorkerError:
         assert self._process is not None
         end = f"it {ending_of(self._process.exitcode)}"
-        return LostWorkerError(f"{end}, {_HINT}" if self._process.exitcode == 1 else end)
+        error = LostWorkerError(f"{end}, {_HINT}" if self._process.exitcode == 1 else end)
+        return self._blaming(error, ENDS_ITS_PROCESS)
+
+    def _blaming(self, error: LostWorkerError, kind: str) -> LostWorkerError:
+        """The error, with the driver's fault if it was its turn."""
+        if self._turn.value:
+            error.fault = Fault("driver", kind)
+        return error
 
     def _hear(self, message: _Message, answers: list[Any]) -> None:
         match message:
@@ -232,6 +255,10 @@ def report(value: object) -> None:
     _send(_Report(value))
 
 
+turn: Any = SimpleNamespace(value=0)
+"""Its ``value`` is 1 while a driver is asked; in a worker, the parent sees it."""
+
+
 class _Answer(NamedTuple):
     number: int
     value: Any
@@ -256,9 +283,10 @@ _Message = _Answer | _Failed | _Logged | _Report
 _send: Callable[[_Message], None]  # to the parent
 
 
-def _serve(connection: Connection, files: Sequence[str], held: bytes) -> None:
+def _serve(connection: Connection, files: Sequence[str], held: bytes, shared: Any) -> None:
     """Answers the calls from the connection until it ends or the object was closed."""
-    global _send  # of this process
+    global _send, turn  # of this process
+    turn = shared
     stand_alone()
     lock = threading.Lock()
 

@@ -6,16 +6,28 @@ import gc
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from campaigns import campaign, refused
 from contents import contents
-from faulty import Fault, FaultyDriver, FaultySimulator, Marks, leave, refuse_connection
+from faulty import (
+    Fault,
+    FaultyDriver,
+    FaultySimulator,
+    Marks,
+    Straight,
+    hang_in_c,
+    leave,
+    refuse_connection,
+)
 from numba.core.registry import CPUDispatcher
 from pids import until_gone
 
+from frenetic.analysis.failures import distinct_failures
 from frenetic.campaign import CampaignStore
+from frenetic.campaign.check import check_campaign
 from frenetic.drivers import (
     Controls,
     Delayed,
@@ -25,7 +37,7 @@ from frenetic.drivers import (
     Observation,
     Planner,
 )
-from frenetic.errors import FreneticError
+from frenetic.errors import ENDS_ITS_PROCESS, HANGS, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.registry import DRIVERS
 from frenetic.road import Road
@@ -42,6 +54,18 @@ pytest_plugins = ["campaign_fixtures"]
 
 class PythonPlanner(Planner):
     """The planner as a driver in Python."""
+
+
+class Faulty(PythonPlanner):
+    """A fault strikes at the beginning of its drives."""
+
+    def __init__(self, fault: Fault) -> None:
+        super().__init__()
+        self.fault = fault
+
+    def reset(self, setup: DriveSetup) -> None:
+        super().reset(setup)
+        self.fault.strike()
 
 
 class Watching(PythonPlanner):
@@ -144,6 +168,43 @@ def test_a_driver_that_breaks_its_process_costs_its_drive(marks: Marks) -> None:
     simulator = IsolatedSimulator(FaultySimulator(marks.folder, start=start))
     with pytest.raises(BrokenDriveError, match="ConnectionRefusedError: nobody listens on port"):
         simulator.__enter__()
+    until_gone(marks.pids())
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="by POSIX means")
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize(
+    ("deed", "kind", "text"),
+    [
+        (leave, ENDS_ITS_PROCESS, "the driver's process was lost: it ended with exit code 7"),
+        (hang_in_c, HANGS, "the driver's process was lost: its drive took more than 2 s"),
+        (refuse_connection, "ConnectionRefusedError", "the driver raised ConnectionRefusedError"),
+    ],
+)
+def test_what_a_driver_does_to_its_process_is_its_failure(
+    marks: Marks, tmp_path: Path, deed: Any, kind: str, text: str, workers: int
+) -> None:
+    search = campaign(
+        tmp_path / "c",
+        3,
+        simulator=EmbeddedSimulator(),
+        driver=Faulty(Fault(deed, marks.folder, times=1)),
+        strategy=Straight(8, 9, 8),
+        workers=workers,
+        drive_limit=2.0,
+    )
+    search.isolate = True
+    summary = search.run()
+    assert (summary.failed, summary.errors) == (1, 0)
+    with CampaignStore.open(tmp_path / "c") as store:
+        (test,) = store.tests(Outcome.FAIL)
+        (cluster,) = distinct_failures(store)
+    assert test.reason.startswith(text)
+    assert test.attempts == 1, "what the driver did is not tried again"
+    assert test.result.fault is not None
+    assert (test.result.fault.part, test.result.fault.kind) == ("driver", kind)
+    assert cluster.ids == (test.id,)
+    assert check_campaign(tmp_path / "c").findings == ()
     until_gone(marks.pids())
 
 

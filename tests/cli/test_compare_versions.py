@@ -78,10 +78,9 @@ def test_a_file_says_the_new_version_and_options_change_it(frenetic: Frenetic) -
 def test_a_version_that_crashes_is_no_better(frenetic: Frenetic) -> None:
     Path("mine.py").write_text(CRASHING)
     answer = frenetic("compare", "night", "--driver", "mine.py:Crashing", *FEW)
-    assert answer.code == 3
-    assert answer.out.startswith("cannot tell which is better: no fresh road could be judged")
-    assert "new broke in " in answer.out
-    assert "ValueError: no way" in answer.out
+    assert answer.code == 1
+    assert answer.out.startswith("new is worse: of 20 fresh roads, it fails on 20")
+    assert "raises ValueError at mine.py:" in answer.out
 
 
 def test_the_same_command_goes_on_after_ctrl_c(

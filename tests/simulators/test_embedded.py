@@ -28,7 +28,7 @@ from frenetic.drivers import (
     Planner,
     Stanley,
 )
-from frenetic.errors import DriverError
+from frenetic.errors import GIVES_NO_CONTROLS, HANGS, DriverError, Fault
 from frenetic.oracle import assess, judge
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
@@ -348,7 +348,7 @@ BROKEN: dict[str, tuple[Any, str, int]] = {
 
 
 @pytest.mark.parametrize("kind", BROKEN)
-def test_a_driver_that_breaks_is_an_error_of_its_drive_only(kind: str) -> None:
+def test_a_driver_that_breaks_fails_its_drive_only(kind: str) -> None:
     driver, text, records = BROKEN[kind]
     simulator = EmbeddedSimulator()
     drive = simulator.drive(STRAIGHT, driver)
@@ -356,7 +356,9 @@ def test_a_driver_that_breaks_is_an_error_of_its_drive_only(kind: str) -> None:
     assert re.fullmatch(f"the driver raised {text}", drive.error), drive.error
     assert len(drive.trajectory) == records
     result = judge(STRAIGHT, drive)
-    assert (result.outcome, result.reason) == (Outcome.ERROR, drive.error)
+    assert (result.outcome, result.reason) == (Outcome.FAIL, drive.error)
+    assert result.fault is not None
+    assert (result.fault.part, result.fault.kind) == ("driver", text.split(":")[0].rstrip(".*"))
     assert_clean(simulator)
 
 
@@ -366,6 +368,7 @@ def test_what_a_driver_says_or_returns_is_its_error() -> None:
     assert drive.error == "no model was found"
     drive = simulator.drive(STRAIGHT, Doing(lambda: None))
     assert drive.error == "the driver returned NoneType instead of frenetic.Controls"
+    assert judge(STRAIGHT, drive).fault == Fault("driver", GIVES_NO_CONTROLS)
 
 
 @pytest.mark.parametrize("where", ["main thread", "another thread"])
@@ -391,7 +394,8 @@ def test_a_driver_that_loops_for_ever_is_ended(then: Callable[[], NoReturn], whe
     assert broken.error.startswith(
         "the driver did not finish its drive within 0.3 s of wall time (it had driven 0."
     )
-    assert judge(STRAIGHT, broken).outcome is Outcome.ERROR
+    result = judge(STRAIGHT, broken)
+    assert (result.outcome, result.fault) == (Outcome.FAIL, Fault("driver", HANGS))
     assert following.error is None
     assert_clean(EmbeddedSimulator())
 

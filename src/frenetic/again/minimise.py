@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Final, Unpack
+from typing import Any, ClassVar, Final, NamedTuple, Unpack
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester
 from frenetic.drive import Rules
-from frenetic.errors import CampaignError, FreneticError
+from frenetic.errors import CampaignError, Fault, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.search.archive import places_of
@@ -53,16 +53,26 @@ class FailureReason(StrEnum):
     LEFT_LANE_RIGHT = "left the lane to the right"
     STOOD_STILL = "stood still"
     RAN_OUT_OF_TIME = "ran out of time"
+    DRIVER_BROKE = "the driver broke"
 
     @classmethod
-    def of(cls, side: str | None, duration: float | None, timeout: float) -> FailureReason:
+    def of(
+        cls,
+        side: str | None,
+        duration: float | None,
+        timeout: float,
+        fault: Fault | None = None,
+    ) -> FailureReason:
         """The reason of a failed drive.
 
         Args:
             side: of the lane on which the car left it; None if it did not.
             duration: simulated time in s.
             timeout: s that the road's drive may take.
+            fault: the driver's, if it ended the drive.
         """
+        if fault is not None:
+            return cls.DRIVER_BROKE
         if side is not None:
             return cls.LEFT_LANE_LEFT if side == "left" else cls.LEFT_LANE_RIGHT
         return cls.RAN_OUT_OF_TIME if (duration or 0.0) > timeout else cls.STOOD_STILL
@@ -92,6 +102,7 @@ class Minimising(Strategy):
     """
 
     BEHAVIOUR: Final = 1
+    expects_failures: ClassVar = True
 
     def __init__(self, start: Shape, rules: Rules, guard: float = GUARD) -> None:
         self.options = {"curvatures": list(start.values), "step": start.step, "guard": guard}
@@ -105,7 +116,7 @@ class Minimising(Strategy):
         self._guard = guard
         self._next: Shape | None = start
         self._run: Trials[None] | None = None
-        self._failure: tuple[FailureReason, FloatArray] | None = None
+        self._failure: _Found | None = None
         self._ledger = Ledger()
 
     def ask(self) -> Candidate | None:
@@ -138,7 +149,7 @@ class Minimising(Strategy):
                 self.shrinker = Shrinker(
                     Shape(tuple(candidate.curvatures), candidate.step),
                     self._neighbours,
-                    place=None if evaluation.side is None else evaluation.place,
+                    place=evaluation.place if evaluation.side or evaluation.fault else None,
                 )
                 self._run = self.shrinker.run()
                 self._advance(None)
@@ -161,21 +172,30 @@ class Minimising(Strategy):
             return ()
         return shape.scaled(1.0 - self._guard), shape.scaled(1.0 + self._guard)
 
-    def _failure_of(
-        self, evaluation: Evaluation, candidate: Candidate
-    ) -> tuple[FailureReason, FloatArray] | None:
-        """Reason of a failed drive and approach to its place, (64,) in m; None if it passed."""
+    def _failure_of(self, evaluation: Evaluation, candidate: Candidate) -> _Found | None:
         if evaluation.outcome is not Outcome.FAIL:
             return None
         length = (len(candidate.curvatures) - 1) * candidate.step
         timeout = self._rules.timeout(length)
-        reason = FailureReason.of(evaluation.side, evaluation.duration, timeout)
-        return reason, places_of(evaluation, candidate, 0.0)[0].vector
+        fault = evaluation.fault
+        reason = FailureReason.of(evaluation.side, evaluation.duration, timeout, fault)
+        return _Found(reason, places_of(evaluation, candidate, 0.0)[0].vector, fault)
 
-    def _is_like(self, found: tuple[FailureReason, FloatArray] | None) -> bool:
-        if found is None or self._failure is None or found[0] is not self._failure[0]:
+    def _is_like(self, found: _Found | None) -> bool:
+        if found is None or self._failure is None or found.reason is not self._failure.reason:
             return False
-        return float(np.linalg.norm(found[1] - self._failure[1])) <= THRESHOLD
+        if found.fault is not None:
+            return found.fault.is_like(self._failure.fault)
+        return float(np.linalg.norm(found.approach - self._failure.approach)) <= THRESHOLD
+
+
+class _Found(NamedTuple):
+    """A failure of a drive."""
+
+    reason: FailureReason
+    approach: FloatArray
+    """Approach to its place, (64,) in m."""
+    fault: Fault | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +223,12 @@ class Minimised:
 
     @property
     def difference(self) -> float:
-        """Difference of the failures on both roads in m, at most that within a cluster."""
+        """Difference of the failures on both roads in m, at most that within a cluster.
+
+        Faults of the driver at the same line are the same failure, wherever they happen.
+        """
+        if self.smallest.result.fault is not None:
+            return 0.0
         before, after = Failure.of_test(self.original), Failure.of_test(self.smallest)
         assert before is not None
         assert after is not None
@@ -222,10 +247,11 @@ class Minimised:
     @property
     def reason(self) -> FailureReason:
         """Reason why the drives on both roads failed."""
-        result, drive = self.smallest.result, self.smallest.drive
-        assert drive is not None
+        result, setting = self.smallest.result, self.smallest.setting
+        assert setting is not None
         side = None if result.departure is None else result.departure.side
-        return FailureReason.of(side, result.duration, drive.rules.timeout(self.road.length))
+        timeout = setting.rules.timeout(self.road.length)
+        return FailureReason.of(side, result.duration, timeout, result.fault)
 
 
 def _shape_of(test: Test) -> Shape:

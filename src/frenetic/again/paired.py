@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from functools import cached_property
 from itertools import islice
@@ -23,7 +23,7 @@ from frenetic.again.verdicts import LEVEL, Change, Repeat, failing_share
 from frenetic.analysis.failures import COMPARED, Failure, cluster_failures
 from frenetic.analysis.statistics import Estimate, median_estimate, paired_share_difference
 from frenetic.campaign.record import Test
-from frenetic.oracle import Side, judge
+from frenetic.oracle import Side
 from frenetic.outcome import Outcome
 from frenetic.versions import over_each_other
 
@@ -139,7 +139,7 @@ class PairedRoads:
     def standing(self, version: Version) -> int:
         """Failing drives of a version in which it did not leave its lane: it stood, or was slow."""
         return sum(
-            drive.outcome is Outcome.FAIL and drive.departure is None
+            drive.outcome is Outcome.FAIL and drive.test.result.finding is None
             for pair in self.pairs
             for drive in pair.drives(version)
         )
@@ -270,7 +270,8 @@ def distinct_failures(sets: Iterable[PairedRoads]) -> tuple[DistinctFailure, ...
                 failing = (
                     one
                     for one in pair.drives(version)
-                    if one.outcome is Outcome.FAIL and one.test.trajectory is not None
+                    if one.outcome is Outcome.FAIL
+                    and (one.test.trajectory is not None or one.test.result.fault is not None)
                 )
                 found += [(version, roads, pair, one) for one in islice(failing, 1)]
     found.sort(key=lambda one: one[-1].moobd or 0.0)
@@ -297,11 +298,9 @@ def distinct_failures(sets: Iterable[PairedRoads]) -> tuple[DistinctFailure, ...
 
 
 def _failure(number: int, repeat: Repeat) -> Failure:
-    road, drive = repeat.test.road, repeat.test.drive
-    assert drive is not None
-    failure = Failure.of_drive(road, drive, judge(road, drive), id=number)
+    failure = Failure.of_test(repeat.test)
     assert failure is not None
-    return failure
+    return replace(failure, id=number)
 
 
 # The whole

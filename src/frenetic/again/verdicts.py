@@ -58,6 +58,10 @@ class Match(StrEnum):
         """
         if not again.outcome is recorded.outcome is Outcome.FAIL:
             return None
+        fault = recorded.result.fault
+        if fault is not None or again.result.fault is not None:
+            is_like = fault is not None and fault.is_like(again.result.fault)
+            return cls.SAME if is_like else cls.OTHER_MECHANISM
         here, there = again.departure, recorded.departure
         if (here is None) != (there is None):
             return cls.OTHER_MECHANISM
@@ -81,7 +85,7 @@ class Change(StrEnum):
     """It passed."""
     PASSES_AGAIN = "passes again"
     NOT_JUDGED = "not judged"
-    """The road is INVALID now, or the simulator or driver broke."""
+    """The road is INVALID now, or the simulator broke."""
 
     def counted(self, number: int) -> str:
         """So many tests with this change: ``1 fails again``, ``3 fail again``."""

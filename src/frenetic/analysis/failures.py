@@ -10,6 +10,9 @@ lane as long as the root mean square difference within a cluster is at most 2 m,
 failures count once, so the order of the failures and their repetitions do not matter; the number of
 clusters follows from the failures.
 
+Faults of the driver, such as exceptions, are the same problem if the same line raised, whatever the
+road. They come first.
+
 The nearest misses are the passing tests of lowest MOOBD, told apart in the same way, seen from the
 place where the car came nearest to its lane's edge.
 """
@@ -40,10 +43,19 @@ from frenetic.campaign.earlier import EarlierTest, read_earlier
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.drive import Drive
+from frenetic.errors import Fault
 from frenetic.oracle import Result, Side
 from frenetic.outcome import Outcome
 from frenetic.road import Road
-from frenetic.search.approach import SIZE, as_vector, is_near, road_around, states_before
+from frenetic.search.approach import (
+    ROAD_SIZE,
+    SIZE,
+    STATES,
+    as_vector,
+    is_near,
+    road_around,
+    states_before,
+)
 from frenetic.search.archive import SIDES, places_of
 from frenetic.search.records import Trace
 
@@ -60,6 +72,8 @@ LISTED: Final = 10
 NEAR_MISSES: Final = 5
 """Default number of distinct near misses that are listed and drawn."""
 
+_DOUBT_FROM: Final = 10  # random roads
+_DOUBTFUL: Final = 0.95  # failing share of them
 _PASSES_COMPARED: Final = 500, COMPARED  # as many as needed for the wanted near misses
 
 
@@ -86,6 +100,8 @@ class Failure:
     """Whether the test passed; the place is then that of its MOOBD, the side that of the edge."""
     lane_width: float = 4.0
     """m."""
+    fault: Fault | None = None
+    """Fault of the driver that ended the drive. Without a record of it, all arrays hold zeros."""
 
     @classmethod
     def of(
@@ -95,6 +111,7 @@ class Failure:
         id: int,  # noqa: A002
         moobd: float,
         is_near_miss: bool = False,
+        fault: Fault | None = None,
     ) -> Failure:
         """The failure of a test, or the near miss of a passing one, from its segment."""
         road, place, seen = segment.road, segment.place, segment.assessment
@@ -113,6 +130,7 @@ class Failure:
             *states_before(Trace(seen.distance, seen.lateral_offset, speed), place),
             is_near_miss,
             road.lane_width,
+            fault,
         )
 
     @classmethod
@@ -120,22 +138,30 @@ class Failure:
         cls,
         road: Road,
         drive: Drive,
-        result: Result | Test,
+        result: Result,
         *,
         id: int = 0,  # noqa: A002
     ) -> Failure | None:
         """The failure of a drive that was judged FAIL; None if it has no records."""
         if not len(drive.trajectory):
-            return None
-        segment = segment_of(road, drive, result.departure)
-        return cls.of(segment, id=id, moobd=result.moobd or 0.0)
+            return None if result.fault is None else cls._unrecorded(result.fault, id)
+        segment = segment_of(road, drive, result.finding)
+        return cls.of(segment, id=id, moobd=result.moobd or 0.0, fault=result.fault)
 
     @classmethod
     def of_test(cls, record: Test) -> Failure | None:
         """The failure of a stored test; None unless it failed and was read with its trajectory."""
-        if record.outcome is not Outcome.FAIL or record.drive is None:
+        if record.outcome is not Outcome.FAIL:
             return None
-        return cls.of_drive(record.road, record.drive, record, id=record.id)
+        if record.drive is not None:
+            return cls.of_drive(record.road, record.drive, record.result, id=record.id)
+        fault = record.result.fault
+        return None if fault is None else cls._unrecorded(fault, record.id)
+
+    @classmethod
+    def _unrecorded(cls, fault: Fault, id: int) -> Failure:  # noqa: A002
+        road, states = np.zeros((ROAD_SIZE // 2, 2)), np.zeros(STATES)
+        return cls(id, 0.0, None, np.zeros(31), road, states, states, fault=fault)
 
     def difference(self, other: Failure) -> float:
         """Difference of two failures in m, whatever their sides; see this module's text."""
@@ -169,6 +195,11 @@ class Cluster:
     None if it started afresh."""
     failure: Failure | None = field(default=None, repr=False, compare=False)
     """The most severe failure, for its picture."""
+
+    @property
+    def fault(self) -> Fault | None:
+        """Fault of the driver that they have in common, at one line of its code."""
+        return None if self.failure is None else self.failure.fault
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -317,6 +348,25 @@ def representative_failures(
     ]
 
 
+def doubt(store: CampaignStore) -> str:
+    """Why the failures may not be due to the roads: nearly every random one fails; else empty.
+
+    Faults of the driver do not count: they are told as such.
+    """
+    rows = store.rows(
+        "SELECT outcome, COUNT(*) FROM test WHERE operator = 'random' AND fault IS NULL AND outcome"
+        " IN ('PASS', 'FAIL') GROUP BY outcome"
+    )
+    counts = dict(rows)
+    failed, driven = counts.get("FAIL", 0), sum(counts.values())
+    if driven < _DOUBT_FROM or failed < _DOUBTFUL * driven:
+        return ""
+    return (
+        f"{failed} of {driven} random roads fail: it may be the car, the speed or the code between"
+        " driver and simulator, rather than the roads; see how a straight road is driven first"
+    )
+
+
 def cluster_failures(failures: Iterable[Failure], *, threshold: float = THRESHOLD) -> Clusters:
     """The distinct failures, by the rule in this module's text.
 
@@ -338,16 +388,16 @@ def cluster_failures(failures: Iterable[Failure], *, threshold: float = THRESHOL
         if one.id == other.id:
             raise ValueError(f"failure {one.id} is there twice: give each failure once")
     clusters: list[Cluster] = []
-    for side in ("left", "right", None):
-        members = [failure for failure in listed if failure.side == side]
-        if members:
-            vectors = np.array([failure.vector() for failure in members])
-            moobds = np.array([failure.moobd for failure in members])
-            labels = _labels(vectors, moobds, threshold)
-            for label in range(labels.max() + 1):
-                own = np.flatnonzero(labels == label)
-                clusters.append(_cluster([members[i] for i in own], vectors[own]))
-    clusters.sort(key=lambda cluster: (cluster.moobd, cluster.most_severe))
+    for kind in dict.fromkeys((failure.side, failure.fault) for failure in listed):
+        members = [one for one in listed if (one.side, one.fault) == kind]
+        vectors = np.array([failure.vector() for failure in members])
+        moobds = np.array([failure.moobd for failure in members])
+        is_fault = kind[1] is not None
+        labels = np.zeros_like(moobds) if is_fault else _labels(vectors, moobds, threshold)
+        for label in np.unique(labels):
+            own = np.flatnonzero(labels == label)
+            clusters.append(_cluster([members[i] for i in own], vectors[own]))
+    clusters.sort(key=lambda one: (one.fault is None, one.moobd, one.most_severe))
     return Clusters(tuple(clusters), threshold)
 
 
@@ -431,6 +481,8 @@ _SLOWS: Final = 3.0  # [m/s] less at the place than before, to be mentioned
 
 def describe(failure: Failure) -> str:
     """Description in one phrase: ``leaves to the left at the end of a ..., at 41 km/h``."""
+    if failure.fault is not None:
+        return str(failure.fault)
     what = "fails in its lane" if failure.side is None else f"leaves to the {failure.side}"
     if failure.is_near_miss:
         beyond = "crosses" if failure.moobd < 0.0 else "comes nearest to"

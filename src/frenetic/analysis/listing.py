@@ -73,7 +73,7 @@ def _features(store: CampaignStore, record: Test) -> Features | None:
     test = store.test(record.id)
     if test.drive is None or not len(test.drive.trajectory):
         return None
-    return features_of(segment_of(test.road, test.drive, test.departure))
+    return features_of(segment_of(test.road, test.drive, test.result.finding))
 
 
 def _value(features: Features | None, name: str) -> float:

@@ -86,16 +86,16 @@ class Segment:
         return replace(self, start=0.0, end=self.road.length, first=0, last=n)
 
 
-def segment_of(road: Road, drive: Drive, departure: Finding | None) -> Segment:
-    """The segment of a drive around the place where the car left its lane.
+def segment_of(road: Road, drive: Drive, finding: Finding | None) -> Segment:
+    """The segment of a drive around the place of a finding: where the car left its lane, say.
 
-    If it did not leave, the place is that of the minimum oob distance. The segment ends with the
+    Without one, the place is that of the minimum oob distance. The segment ends with the
     road, and holds only records between the car's entry and exit.
 
     Args:
         road: the road where it was driven.
         drive: a drive that was judged PASS or FAIL.
-        departure: from the oracle or the campaign.
+        finding: from the oracle or the campaign, see `Result.finding`.
 
     Raises:
         ValueError: the drive has no records.
@@ -104,9 +104,9 @@ def segment_of(road: Road, drive: Drive, departure: Finding | None) -> Segment:
         raise ValueError("a drive without records has no segment: drive the road first")
     seen = assess(road, drive)
     n = len(seen.distance)
-    if departure is not None:
-        centre = int(np.argmin(np.abs(drive.trajectory.time[:n] - departure.time)))
-        place = departure.distance
+    if finding is not None:
+        centre = int(np.argmin(np.abs(drive.trajectory.time[:n] - finding.time)))
+        place = finding.distance
     else:
         centre = int(np.argmin(seen.oob_distance))
         place = float(seen.distance[centre])
@@ -120,7 +120,7 @@ def segment_of(road: Road, drive: Drive, departure: Finding | None) -> Segment:
         road=road,
         drive=drive,
         place=place,
-        side=None if departure is None else departure.side,
+        side=None if finding is None else finding.side,
         start=start,
         end=end,
         assessment=seen,
@@ -149,7 +149,7 @@ def segments_of(
     """
     for record in store.tests(outcome, order_by, limit, with_trajectory=True):
         if record.outcome.is_driven and record.drive is not None:
-            yield record, segment_of(record.road, record.drive, record.departure)
+            yield record, segment_of(record.road, record.drive, record.result.finding)
 
 
 def segment_profile(road: Road, place: float) -> FloatArray:

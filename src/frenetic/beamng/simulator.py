@@ -241,7 +241,8 @@ class BeamngSimulator:
                 )
         except DriverError as error:
             empty = Trajectory.empty()
-            return Drive.of(empty, self.car, self.rules, road, Breakdown.of(error))
+            breakdown = Breakdown.of(error, part="simulator")
+            return Drive.of(empty, self.car, self.rules, road, breakdown)
         if self._is_worn:
             self._leave()
             self._connect()

@@ -80,7 +80,7 @@ class Counts:
         """How many drives broke, in words; empty if none did."""
         if not self.errors:
             return ""
-        return f"{self.errors} of {counted(self.simulations, 'drive')} broke in driver or simulator"
+        return f"{self.errors} of {counted(self.simulations, 'drive')} broke in the simulator"
 
     @classmethod
     def total(cls, campaigns: Iterable[Counts]) -> Counts:

@@ -111,7 +111,8 @@ class CampaignLog:
         """Writes a line of a test that failed or broke."""
         if test.outcome is Outcome.FAIL:
             text = f"test {test.id} failed: {test.reason}"
-            self.write(LogEvent.TEST_FAILED, text, test=test.id, moobd=test.moobd)
+            told = {"test": test.id, "moobd": test.moobd, **_traced(test.attempt)}
+            self.write(LogEvent.TEST_FAILED, text, **told)  # type: ignore[arg-type]
         elif test.outcome is Outcome.ERROR:
             self.write(
                 LogEvent.TEST_ERROR,

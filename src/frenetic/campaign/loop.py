@@ -20,6 +20,7 @@ from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Summary
 from frenetic.campaign.workers.workers import Workers
 from frenetic.errors import CampaignError, StrategyError
+from frenetic.oracle import is_drivers
 from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate
 from frenetic.search.strategy import SearchEnded, Strategy, has_own
@@ -317,19 +318,25 @@ class Dispatcher:
             return
         if test.outcome is Outcome.INVALID:
             self._refused += 1
-        elif test.outcome is Outcome.ERROR:
+        elif test.outcome is Outcome.ERROR or self._has_only_crashed(test):
             self._broken, self._refused = self._broken + 1, 0
         elif test.outcome.is_driven:
             self._broken = self._refused = 0
         if self._broken >= MAX_ERRORS_IN_A_ROW and self._summary.told_share is None:
-            raise CampaignError(
-                f"the last {self._broken} drives broke, so the campaign gives up: {test.reason}"
-            )
+            what = f"the last {self._broken} drives broke"
+            if is_drivers(test.result.fault):
+                what = f"the driver broke on each of the first {self._broken} roads"
+            raise CampaignError(f"{what}, so the campaign gives up: {test.reason}")
         if self._refused >= MAX_INVALID_IN_A_ROW:
             raise StrategyError(
                 f"the last {self._refused} roads were refused, so the campaign gives up:"
                 f" {test.reason}; is the map too small?"
             )
+
+    def _has_only_crashed(self, test: Test) -> bool:
+        """Whether no drive has come to an end without a fault of its driver so far."""
+        has_crashed = is_drivers(test.result.fault) and not self._strategy.expects_failures
+        return has_crashed and self._summary.simulations == self._broken + 1
 
     def _log_notice(self) -> None:
         """Logs what the strategy has to say about its search, once."""

@@ -228,15 +228,16 @@ def _told(
     severity: float | None,
     read_trace: Callable[[], Trace | None],
 ) -> Evaluation:
-    departure = result.departure
+    first = result.finding
     return Evaluation(
         candidate,
         result.outcome,
         result.moobd,
         budget_spent,
-        place=result.moobd_distance if departure is None else departure.distance,
-        side=None if departure is None else departure.side,
+        place=result.moobd_distance if first is None else first.distance,
+        side=None if first is None else first.side,
         duration=result.duration,
+        fault=result.fault,
         objective=severity,
         read_trace=read_trace,
     )

@@ -21,8 +21,8 @@ from frenetic._support.bounds import Count, Finite, Index, NotNegative, Positive
 from frenetic._support.notebook import Shown
 from frenetic.campaign.trajectory_codec import decode, encode, rounded
 from frenetic.drive import CarBody, Drive, Rules, Trajectory
-from frenetic.errors import CampaignError
-from frenetic.oracle import Finding, Result
+from frenetic.errors import CampaignError, Fault
+from frenetic.oracle import Finding, Result, broken
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
 from frenetic.search.records import Candidate
@@ -65,18 +65,30 @@ class Attempt:
 
     @classmethod
     def lost(
-        cls, candidate_id: int, worker: str, seconds: float, reason: str, traceback: str = ""
+        cls,
+        candidate_id: int,
+        worker: str,
+        seconds: float,
+        reason: str,
+        traceback: str = "",
+        fault: Fault | None = None,
     ) -> Self:
-        """The attempt of a worker that was lost after the given s."""
-        attempt = cls.undriven(candidate_id, Outcome.ERROR, reason)
-        return replace(
-            attempt, worker_lost=True, worker=worker, seconds=seconds, traceback=traceback
+        """The attempt of a worker that was lost after the given s, which may be a fault."""
+        return cls(
+            candidate_id,
+            broken(reason, fault),
+            worker_lost=True,
+            worker=worker,
+            seconds=seconds,
+            traceback=traceback,
         )
 
     @property
     def failure(self) -> str | None:
-        """Reason for another attempt; None if this one stands."""
-        return self.result.reason if self.simulator_broke or self.worker_lost else None
+        """Reason for another attempt; None if this one stands, as a driver's own fault does."""
+        is_error = self.result.outcome is Outcome.ERROR
+        broke = self.simulator_broke or self.worker_lost
+        return self.result.reason if broke and is_error else None
 
     def pack(self, *, keep: bool = False) -> Self:
         """The same with a packed trajectory, in place of the exact one unless that is kept."""
@@ -202,14 +214,15 @@ class Test(Shown):
         """
         if self.trajectory is None:
             return None
-        error = self.reason if self.outcome is Outcome.ERROR else None
+        fault = self.result.fault
+        broke = self.outcome is Outcome.ERROR or fault is not None
         setting = self._setting
         return Drive(
             self.trajectory,
             setting.car,
             setting.rules,
-            error,
-            fault=self.result.fault,
+            self.reason if broke else None,
+            fault=fault,
             road=self.road,
         )
 
@@ -339,7 +352,7 @@ TOLD: Final = (
         "max_oob_share", "attempt.result.max_oob_share", "REAL", "largest share of the car outside"
     ),
     Column("duration", "attempt.result.duration", "REAL", "simulated time of the drive", "s"),
-    Column("fault", "attempt.result.fault", "JSON", "what broke the drive"),
+    Column("fault", "attempt.result.fault", "JSON", "whose fault broke the drive, and where"),
     Column("objective", "objective", "REAL", "what the search minimised, if not the MOOBD"),
     Column("seconds", "attempt.seconds", "REAL", "wall time of the test", "s"),
     Column("elapsed", "elapsed", "REAL", "the campaign's time when it was told", "s"),

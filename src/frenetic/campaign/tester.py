@@ -15,14 +15,14 @@ from frenetic._support.scalars import take_numpy_scalars
 from frenetic.campaign.record import Attempt
 from frenetic.drive import Drive, Trajectory
 from frenetic.drivers.driver import Driver
-from frenetic.errors import Fault, RoadError, describe_raised, traceback_of
+from frenetic.errors import Fault, RoadError
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.road import MAP_SIZE, MARGIN, Pose, Road, Verdict, check_validity
 from frenetic.road.road import MAX_COORDINATE, checked_lane_width
 from frenetic.search.records import Candidate
 from frenetic.simulators.capabilities import check_pair
-from frenetic.simulators.isolated import BrokenDriveError
+from frenetic.simulators.isolated import BrokenDriveError, raised
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import check_conditions, in_conditions
 from frenetic.spec import is_number, shown
@@ -150,17 +150,15 @@ class RoadTester:
             with one_process():
                 drive = self.simulator.drive(road, driver)
         except BrokenDriveError as error:
-            broke, drive = True, self._broken(str(error), error.traceback)
+            broke, drive = True, self._broken(str(error), error.traceback, error.fault)
         except Exception as error:
-            reason = f"the simulator raised {describe_raised(error)}"
-            broke, drive = True, self._broken(reason, traceback_of(error), error)
+            broke, drive = True, self._broken(*raised(error, driver))
         if drive.traceback:
             logger.debug("%s\n%s", drive.error, drive.traceback)
         return drive, broke
 
-    def _broken(self, reason: str, traceback: str, error: Exception | None = None) -> Drive:
+    def _broken(self, reason: str, traceback: str, fault: Fault | None) -> Drive:
         simulator = self.simulator
-        fault = None if error is None else Fault.of("simulator", error)
         empty = Trajectory.empty()
         return Drive(empty, simulator.car, simulator.rules, reason, traceback, fault)
 

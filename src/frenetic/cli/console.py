@@ -249,6 +249,8 @@ def facts_of_drive(result: Result, duration: float | None) -> list[tuple[str, st
         ]
     if duration is not None:
         facts.append(("time", f"{duration:.2f} s"))
+    if result.fault is not None:
+        facts.append(("fault", f"the {result.fault.part} {result.fault}"))
     place = result.departure
     if place is not None:
         facts.append(

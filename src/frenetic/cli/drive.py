@@ -71,7 +71,7 @@ def drive(
     The tests of a CAMPAIGN are driven as it drove them; so is the file of a failing road. Options
     change that. A ROAD is JSON with curvatures (1/m) or road_points, a test file of the
     competition, or OpenDRIVE. A road that lies elsewhere is moved into the map; an invalid one is
-    not driven. The exit code is 1 if a road is INVALID or the simulator or driver broke (ERROR).
+    not driven. The exit code is 1 if a road is INVALID or the simulator broke (ERROR).
     """
     if plot is not None and dry:
         raise click.UsageError("--plot draws a drive: leave it out with --dry")

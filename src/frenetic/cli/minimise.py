@@ -328,6 +328,8 @@ def _failure(minimised: Minimised) -> str:
     """How the failure of the smallest road is like that of the original, in words."""
     from frenetic.analysis.failures import THRESHOLD
 
+    if (fault := minimised.smallest.result.fault) is not None:
+        return f"the original's: the driver {fault}"
     text = f"the original's, {minimised.difference:.1f} m different; {THRESHOLD:g} m are allowed"
     if is_another(minimised):
         text += f"; not the one recorded: {minimised.match}"

@@ -95,6 +95,7 @@ def search(
     """
     from frenetic.analysis.failures import (
         distinct_failures,
+        doubt,
         nearest_misses,
         representative_failures,
     )
@@ -140,6 +141,8 @@ def search(
             _print_summary(summary, first_error(store), still_failing(store))
         if not as_json:
             print_failures(found, counts, len(listed))
+            if note := doubt(store):
+                click.echo(f"Note: {note}")
         if summary is not None and not as_json:
             click.echo(f"Results:     {folder}")
         if listed:

@@ -184,7 +184,7 @@ def _list_tests(
 
 
 def _show_campaign(store: CampaignStore, as_json: bool) -> None:
-    from frenetic.analysis.failures import LISTED, distinct_failures, nearest_misses
+    from frenetic.analysis.failures import LISTED, distinct_failures, doubt, nearest_misses
     from frenetic.campaign.asking import FACTS
     from frenetic.campaign.earlier import still_failing
     from frenetic.campaign.objective import in_words, objectives
@@ -233,6 +233,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
             *([("known before", text)] if (text := still_failing(store)) else []),
             *([("search", told)] if (told := facts_in_words(facts.get(FACTS))) else []),
             *([("note", str(facts["notice"]))] if facts.get("notice") else []),
+            *([("note", text)] if (text := doubt(store)) else []),
             *([("error", f"the first: {error}")] if (error := first_error(store)) else []),
         ]
     )
@@ -266,7 +267,7 @@ def _show_test(store: CampaignStore, test_id: int, plot: Path | None, as_json: b
         file_stem,
         road_document,
     )
-    from frenetic.report.picture import draw_drive, draw_road
+    from frenetic.report.picture import draw_test
     from frenetic.search.random_search import EARLIER
 
     record = store.test(test_id)
@@ -277,10 +278,7 @@ def _show_test(store: CampaignStore, test_id: int, plot: Path | None, as_json: b
     try:
         if plot is None:
             picture.parent.mkdir(exist_ok=True)
-        if test.drive is not None:
-            draw_drive(test.road, test.drive, picture, title=title)
-        else:
-            draw_road(test.road, picture, title=title, reason=record.reason)
+        draw_test(test, picture, title)
         drawn = str(picture)
     except (OSError, FreneticError) as error:
         if plot is not None:

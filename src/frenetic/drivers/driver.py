@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import signal
+import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -251,6 +252,16 @@ def blaming_driver() -> Iterator[None]:
         if isinstance(error, KeyboardInterrupt) and not is_driver:
             raise
         raise DriverError(f"the driver raised {describe_raised(error)}") from error
+
+
+def is_of_driver(error: BaseException, driver: Driver) -> bool:
+    """Whether an error came out of a call of the driver, or of one under its layers."""
+    codes = {
+        getattr(getattr(type(one), name, None), "__code__", None)
+        for one in stack_of(driver)
+        for name in ("reset", "act")
+    }
+    return any(frame.f_code in codes for frame, _ in traceback.walk_tb(error.__traceback__))
 
 
 def checked_controls(controls: Any) -> tuple[float, float, float]:

@@ -159,8 +159,8 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
         try:
             own = metadrive_driver(driver)
         except DriverError as trouble:
-            path = Trajectory.empty()
-            return Drive.of(path, self.car, self.rules, road, Breakdown.of(trouble))
+            path, breakdown = Trajectory.empty(), Breakdown.of(trouble, part="simulator")
+            return Drive.of(path, self.car, self.rules, road, breakdown)
         world.load(
             road,
             friction=self.friction,

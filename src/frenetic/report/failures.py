@@ -97,7 +97,7 @@ def write_failures(store: CampaignStore, listed: Sequence[Test]) -> bool:
     Raises:
         CampaignError: a file cannot be written.
     """
-    from frenetic.report.picture import draw_drive, draw_gallery  # matplotlib imports slowly
+    from frenetic.report.picture import draw_gallery, draw_test  # matplotlib imports slowly
 
     folder = store.folder / FAILURES
     kept = set()
@@ -122,13 +122,11 @@ def write_failures(store: CampaignStore, listed: Sequence[Test]) -> bool:
     with catch_interrupt() as interrupt:
         for record in listed:
             test = store.test(record.candidate.id)
-            if test.drive is not None:
-                kind = FAILURES if test.outcome is Outcome.FAIL else PICTURES
-                path = store.folder / kind / f"{file_stem(test.id)}.png"
-                if test.id not in kept or not path.exists():
-                    title = f"Test {test.id}: {record.outcome}"
-                    draw_drive(test.road, test.drive, path, title=title)
-                drawn.append((f"Test {test.id}", test.road, test.drive))
+            kind = FAILURES if test.outcome is Outcome.FAIL else PICTURES
+            path = store.folder / kind / f"{file_stem(test.id)}.png"
+            if test.id not in kept or not path.exists():
+                draw_test(test, path, f"Test {test.id}: {record.outcome}")
+            drawn.append((f"Test {test.id}", test.road, test.drive))
             if interrupt.requested:
                 return False
         if drawn:

@@ -71,8 +71,8 @@ def minimised_document(
         test_id: of the campaign's test that was minimised, if it was one.
         driven: its `frenetic.spec.drive_record`, if the parts have names.
     """
-    smallest, drive = minimised.smallest, minimised.smallest.drive
-    assert drive is not None
+    smallest, setting = minimised.smallest, minimised.smallest.setting
+    assert setting is not None
     parents: list[int] = [] if test_id is None else [test_id]
     return {
         **({} if test_id is None else {"id": test_id}),
@@ -82,7 +82,7 @@ def minimised_document(
         "origin": {"operator": OPERATOR, "parents": parents},
         "driver": driver,
         "simulator": simulator,
-        "rules": asdict(drive.rules),
+        "rules": asdict(setting.rules),
         **({} if driven is None else {DRIVEN: driven}),
         "minimised": {
             "reason": str(minimised.reason),
@@ -111,13 +111,11 @@ def write_minimised(
     Raises:
         FreneticError: a file cannot be written.
     """
-    from frenetic.report.picture import draw_drive, draw_gallery  # matplotlib imports slowly
+    from frenetic.report.picture import draw_gallery, draw_test  # matplotlib imports slowly
 
     write_file(files.road, json.dumps(document) + "\n", remedy=_REMEDY)
     before, after = minimised.original, minimised.smallest
-    assert before.drive is not None
-    assert after.drive is not None
-    draw_drive(after.road, after.drive, files.picture, title=f"{name}, minimised")
+    draw_test(after, files.picture, f"{name}, minimised")
     draw_gallery(
         [("Before", before.road, before.drive), ("After", after.road, after.drive)],
         files.comparison,

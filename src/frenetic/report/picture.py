@@ -25,6 +25,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from frenetic._support.words import signed
+from frenetic.campaign.record import Test
 from frenetic.drive import Drive
 from frenetic.errors import FreneticError
 from frenetic.outcome import Outcome
@@ -115,12 +116,25 @@ def draw_drive(
         write_figure(figure, path, form)
 
 
+def draw_test(test: Test, path: Path | str, title: str) -> None:
+    """Write a picture of a test to ``path``: of its drive, or of its road if that is not recorded.
+
+    Raises:
+        FreneticError: see `draw_drive`.
+    """
+    if test.drive is not None:
+        draw_drive(test.road, test.drive, path, title=title)
+    else:
+        draw_road(test.road, path, title=title, reason=test.reason, outcome=test.outcome)
+
+
 def draw_road(
     road: Road,
     path: Path | str,
     *,
     title: str | None = None,
     reason: str | None = None,
+    outcome: Outcome = Outcome.INVALID,
     map_size: float | None = None,
 ) -> None:
     """Write a picture of a road that was not driven to ``path``: PNG, SVG or PDF by its suffix.
@@ -130,6 +144,7 @@ def draw_road(
         path: where the picture goes; an existing file is replaced.
         title: headline; "Road" if None.
         reason: a sentence below it, such as why the road was refused.
+        outcome: of which this is the reason.
         map_size: m, side of the map [0, map_size]^2, whose edge is drawn where it is in sight.
 
     Raises:
@@ -137,12 +152,12 @@ def draw_road(
     """
     form = form_of(path)
     with mpl.rc_context(STYLE):
-        colour = INK if reason is None else COLOURS[Outcome.INVALID]
+        colour = INK if reason is None else COLOURS[outcome]
         write_figure(_page(road, None, title or "Road", reason or "", colour, map_size), path, form)
 
 
 def draw_gallery(
-    items: Sequence[tuple[str, Road, Drive]], path: Path | str, *, title: str | None = None
+    items: Sequence[tuple[str, Road, Drive | None]], path: Path | str, *, title: str | None = None
 ) -> None:
     """Write a contact sheet to ``path``: many drives from above, each at its own scale.
 
@@ -372,7 +387,7 @@ _PROFILES: Final[Sequence[tuple[str, str, float, _Draw]]] = (
 # --- The contact sheet -----------------------------------------------------------------------
 
 
-def _sheet(items: Sequence[tuple[str, Road, Drive]], title: str | None) -> Figure:
+def _sheet(items: Sequence[tuple[str, Road, Drive | None]], title: str | None) -> Figure:
     columns = int(np.clip(math.ceil(math.sqrt(1.2 * len(items))), 1, 8))
     columns = max(columns, min(len(items), 3))
     top = 1.1 if title else 0.65

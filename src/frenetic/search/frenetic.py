@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
+from frenetic.errors import Fault
 from frenetic.outcome import Outcome
 from frenetic.road import MAP_SIZE
 from frenetic.search.approach import SIZE, lower_squares
@@ -150,6 +151,7 @@ class Frenetic(Strategy):
         self._ledger = Ledger()
         self._archive = Archive()
         self._model = SpeedModel(self._rng) if predict_speeds else None
+        self._faults: set[Fault] = set()  # of the driver
         self._proposed: set[bytes] = set()  # fingerprints
         self._budget_spent = 0.0
         self._severities: list[float] = []  # of the drives
@@ -228,23 +230,19 @@ class Frenetic(Strategy):
         self._archive.settle(candidate.id)
         self._budget_spent = max(self._budget_spent, evaluation.budget_spent)
         severity = evaluation.severity
-        if not evaluation.outcome.is_driven or severity is None:
+        if severity is not None and evaluation.outcome.is_driven:
+            self._severities.append(severity)
+            self._lowest = min(self._lowest, severity)
+            self._is_moobd = evaluation.objective is None
+        elif evaluation.outcome is not Outcome.FAIL:
             return
-        self._severities.append(severity)
-        self._lowest = min(self._lowest, severity)
-        self._is_moobd = evaluation.objective is None
-        row = len(self._archive)
-        worst, *others = places_of(evaluation, candidate, severity)
-        difference = self._archive.add(candidate, worst)
-        if self._use_archive and self._is_moobd:
-            for place in others:
-                self._archive.add(candidate, place)
+        brought, fault = 0.0, evaluation.fault
+        if fault is None or fault not in self._faults:
+            brought = self._keep(evaluation, candidate, severity or 0.0)
+        if fault is not None:
+            self._faults.add(fault)
         if self._model is not None and evaluation.trace is not None:
             self._model.learn(candidate.curvatures, candidate.step, evaluation.trace)
-        brought = 0.0
-        if evaluation.outcome is Outcome.FAIL:
-            brought = min(max((difference - _NOTHING_NEW) / (_NEW - _NOTHING_NEW), 0.0), 1.0)
-            self._archive.places["cost"][row] = _KNOWN * (1.0 - brought)
         if candidate.origin.operator == EARLIER:
             self._driven_again += 1
             self._brought_again += brought
@@ -254,6 +252,20 @@ class Frenetic(Strategy):
             self._used[had_failed, operator] += 1.0
             self._brought[had_failed, operator] += brought
             self._archive.places["cost"][row] -= _SUCCESS * brought
+
+    def _keep(self, evaluation: Evaluation, candidate: Candidate, severity: float) -> float:
+        """Keep the places of a drive; return how new the failure is there, 0 to 1."""
+        row = len(self._archive)
+        worst, *others = places_of(evaluation, candidate, severity)
+        difference = self._archive.add(candidate, worst)
+        if self._use_archive and self._is_moobd:
+            for place in others:
+                self._archive.add(candidate, place)
+        if evaluation.outcome is not Outcome.FAIL:
+            return 0.0
+        brought = min(max((difference - _NOTHING_NEW) / (_NEW - _NOTHING_NEW), 0.0), 1.0)
+        self._archive.places["cost"][row] = _KNOWN * (1.0 - brought)
+        return brought
 
     @property
     def notice(self) -> str | None:

@@ -13,6 +13,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic.outcome import Outcome
 
 if TYPE_CHECKING:
+    from frenetic.errors import Fault
     from frenetic.road import Road
 
 
@@ -127,6 +128,8 @@ class Evaluation:
     """Side of the lane on which the car left it; None if it did not."""
     duration: float | None = None
     """Simulated time, in s."""
+    fault: Fault | None = None
+    """Fault of the driver that ended the drive."""
     objective: float | None = None
     """Value to be minimised, if the campaign has another objective than the MOOBD."""
     read_trace: Callable[[], Trace | None] = field(default=_no_trace, compare=False, repr=False)

@@ -49,6 +49,8 @@ class Strategy(ABC):
 
     usual_lookahead: ClassVar[int | None] = None
     """Candidates outstanding in an ordered campaign; None for the campaign's default."""
+    expects_failures: ClassVar[bool] = False
+    """Whether a driver that breaks on every road is no reason to give up: that was known."""
 
     @abstractmethod
     def ask(self) -> Candidate | None:

@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
+from frenetic import worker
 from frenetic.drive import Breakdown, CarBody, Drive, Rules, Trajectory
 from frenetic.drivers.camera import Image
-from frenetic.drivers.driver import Driver, DriveSetup, blaming_driver, checked_controls
-from frenetic.errors import DriverError, FreneticError
+from frenetic.drivers.driver import (
+    Driver,
+    DriveSetup,
+    Observation,
+    blaming_driver,
+    checked_controls,
+)
+from frenetic.errors import HANGS, DriverError, Fault, FreneticError, traceback_of
 from frenetic.road import Road
 from frenetic.simulators.observing import Observer
 from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
@@ -66,13 +73,17 @@ def follow(
     waits = False  # for the driver
     breakdown: Breakdown | None = None
 
-    def loop() -> None:
+    def ask(method: str, given: DriveSetup | Observation) -> Any:
         nonlocal waits
+        waits = worker.turn.value = True
+        answer = getattr(driver, method)(given)
+        waits = worker.turn.value = False
+        return answer
+
+    def loop() -> None:
         controls = (0.0, 0.0, 0.0)
         if driver is not None:
-            waits = True
-            driver.reset(setup)
-            waits = False
+            ask("reset", setup)
         for i in range(most):
             time = i * setup.period
             motion = [time, *car.motion()]
@@ -82,9 +93,7 @@ def follow(
                 return
             if driver is not None:
                 seen = observer.observation(speed, yaw_rate, steering, car.picture())
-                waits = True
-                controls = checked_controls(driver.act(seen))
-                waits = False
+                controls = checked_controls(ask("act", seen))
                 rows[-1] = [*motion, *controls]
             car.advance(*controls)
 
@@ -108,8 +117,10 @@ def follow(
             f"the driver did not finish its drive within {limit:g} s of wall time"
             f" (it had driven {at:.1f} s{error.place})"
         )
-        breakdown = Breakdown.of(error, text)
+        breakdown = Breakdown(text, traceback_of(error), Fault("driver", HANGS))
     except DriverError as error:
         breakdown = Breakdown.of(error)
+    finally:
+        worker.turn.value = False
     path = Trajectory.from_rows(np.array(rows).reshape(-1, len(Trajectory.names())))
     return Drive.of(path, body, rules, road, breakdown)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import logging
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Literal, Self
 
-from frenetic.drive import CarBody, Drive
-from frenetic.drivers.driver import Driver, under_layers
-from frenetic.errors import CampaignError, FreneticError, describe_raised, traceback_of
+from frenetic.drive import Breakdown, CarBody, Drive
+from frenetic.drivers.driver import Driver, is_of_driver, under_layers
+from frenetic.errors import CampaignError, Fault, FreneticError, describe_raised, traceback_of
 from frenetic.recipe import Named
 from frenetic.road import Road
 from frenetic.simulators.capabilities import VARIABLE, capabilities
@@ -22,9 +22,30 @@ logger = logging.getLogger(__name__)
 class BrokenDriveError(FreneticError):
     """A drive that broke the simulator or its process; the message says who did what."""
 
-    def __init__(self, reason: str, traceback: str = "") -> None:
+    def __init__(self, reason: str, traceback: str = "", fault: Fault | None = None) -> None:
         super().__init__(reason)
         self.traceback = traceback
+        self.fault = fault
+
+    @classmethod
+    def of(cls, error: LostWorkerError) -> Self:
+        """The drive that a lost process broke."""
+        reason = error.reason if error.traceback else lost_process(error)
+        return cls(reason, error.traceback, error.fault)
+
+
+def raised(error: BaseException, driver: Driver) -> Breakdown:
+    """The breakdown that an error in a simulator's ``drive`` tells of, possibly the driver's."""
+    part: Literal["driver", "simulator"] = "simulator"
+    if is_of_driver(error, driver):
+        part = "driver"
+    text = f"the {part} raised {describe_raised(error)}"
+    return Breakdown(text, traceback_of(error), Fault.of(part, error))
+
+
+def lost_process(error: LostWorkerError) -> str:
+    """Reason of a drive whose process was lost."""
+    return f"the driver's process was lost: {error.reason}"
 
 
 def isolated(simulator: Simulator, driver: Driver, drive_limit: float | None = None) -> Simulator:
@@ -101,7 +122,7 @@ class IsolatedSimulator:
             car: CarBody = self._worker.answer()
         except LostWorkerError as error:
             self._kill()
-            raise BrokenDriveError(_told(error), error.traceback) from None
+            raise BrokenDriveError.of(error) from None
         except BaseException:
             self._kill()
             raise
@@ -121,7 +142,7 @@ class IsolatedSimulator:
             try:
                 worker.close()
             except LostWorkerError as lost:
-                raise BrokenDriveError(_told(lost), lost.traceback) from None
+                raise BrokenDriveError.of(lost) from None
 
     def drive(self, road: Road, driver: Driver) -> Drive:
         """One drive of the driver along the road.
@@ -143,12 +164,12 @@ class IsolatedSimulator:
         try:
             if packed:
                 self._worker.call("take", packed, limit=START_LIMIT)
-            drive: Drive | tuple[str, str] = self._worker.call(
+            drive: Drive | Breakdown = self._worker.call(
                 "drive", road, values, limit=self._drive_limit
             )
         except LostWorkerError as error:
             self._kill()
-            raise BrokenDriveError(_told(error), error.traceback) from None
+            raise BrokenDriveError.of(error) from None
         if isinstance(drive, Drive):
             return drive
         raise BrokenDriveError(*drive)
@@ -157,10 +178,6 @@ class IsolatedSimulator:
         worker, self._worker = self._worker, None
         if worker is not None:
             worker.kill()
-
-
-def _told(error: LostWorkerError) -> str:
-    return error.reason if error.traceback else f"the driver's process was lost: {error.reason}"
 
 
 class _Held:
@@ -179,8 +196,8 @@ class _Held:
         """Makes the driver of the next drives."""
         self._driver, self._own = unpack(driver, known=self._own)
 
-    def drive(self, road: Road, values: dict[str, Any]) -> Drive | tuple[str, str]:
-        """The drive, or who broke it, with a traceback."""
+    def drive(self, road: Road, values: dict[str, Any]) -> Drive | Breakdown:
+        """The drive, or what broke it."""
         assert self._driver is not None
         for name, value in values.items():
             if getattr(self._simulator, name) != value:
@@ -188,7 +205,7 @@ class _Held:
         try:
             return self._simulator.drive(road, self._driver)
         except BaseException as error:  # a SystemExit, say
-            return f"the simulator raised {describe_raised(error)}", traceback_of(error)
+            return raised(error, self._driver)
 
     def close(self) -> None:
         self._simulator.__exit__(None, None, None)

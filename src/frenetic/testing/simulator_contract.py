@@ -189,14 +189,16 @@ class SimulatorContract:
         self._assert_alike(self.drive(road, rules), drive)
 
     def test_broken_driver_leaves_the_next_drive_clean(self, road: Road) -> None:
-        """A driver that raises is an error of its drive, and of no other."""
+        """A driver that raises fails its drive, and no other."""
         clean = self.drive(road)
         with self.make(Rules()) as simulator:
             broken = self.drive_in(simulator, road, Broken())
             if self.asks_driver:
                 assert broken.error is not None, "a driver raised, but the drive has no error"
                 assert Broken.message in broken.error, f"the error does not say why: {broken.error}"
-                assert judge(road, broken).outcome is Outcome.ERROR
+                fault = judge(road, broken).fault
+                assert fault is not None, "the drive does not say whose fault its error is"
+                assert fault.part == "driver", f"the error is blamed on the {fault.part}"
             else:
                 assert broken.error is None, broken.error
             after = self.drive_in(simulator, road, self.driver())

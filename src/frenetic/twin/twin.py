@@ -123,10 +123,10 @@ class Twin:
             road = fitted
         drive = self.tester.drive(road)
         result = judge(road, replace(drive, rules=self.rules))
-        if not result.outcome.is_driven:
+        if not result.outcome.is_driven or not len(drive.trajectory):
             return Prospect(name, road.length, result.outcome, result.reason)
         seen = assess(road, drive)
-        segment = segment_of(road, drive, result.departure)
+        segment = segment_of(road, drive, result.finding)
         failure = Failure.of(segment, id=0, moobd=0.0, is_near_miss=result.departure is None)
         return Prospect(
             name,

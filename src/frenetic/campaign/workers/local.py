@@ -16,6 +16,7 @@ from frenetic.campaign.tester import RoadTester
 from frenetic.errors import CampaignError, describe_error
 from frenetic.search.records import Candidate
 from frenetic.simulators.capabilities import capabilities
+from frenetic.simulators.isolated import lost_process
 from frenetic.worker import MOST_WORKERS, LostWorkerError, Worker, pack, ready
 
 STARTS: Final = 3
@@ -219,9 +220,11 @@ class LocalWorkers:
         if seat.is_ready and seat.candidates:
             lost = seat.candidates.popleft().id
             loss = self._note_loss(seat, error.reason, test=lost)
+            if error.fault is not None:
+                loss = lost_process(error)
             seconds = time.monotonic() - seat.worker.since
             name = seat.worker.name
-            attempts.append(Attempt.lost(lost, name, seconds, loss, error.traceback))
+            attempts.append(Attempt.lost(lost, name, seconds, loss, error.traceback, error.fault))
         else:
             self._note_loss(seat, error.reason)
             seat.failed_starts += 1

@@ -114,7 +114,7 @@ class InProcessWorker(Workers):
             seconds = time.perf_counter() - start
             reason, trace = reason_of(error), traceback_of(error)
             attempt = Attempt.lost(candidate.id, NAME, seconds, reason, trace)
-        if attempt.failure is not None:
+        if attempt.simulator_broke or attempt.worker_lost:
             self._end(None, None, None)
         self._task = None
         return (attempt,)

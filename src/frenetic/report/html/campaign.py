@@ -11,8 +11,9 @@ from typing import Any, Final
 from msgspec.json import encode
 
 from frenetic._support.entry_points import imported, installed
+from frenetic._support.words import capitalised
 from frenetic.again.rerun import Rerun, elsewhere, own_repeats, read_reruns
-from frenetic.analysis.failures import Clusters, distinct_failures, nearest_misses
+from frenetic.analysis.failures import Clusters, distinct_failures, doubt, nearest_misses
 from frenetic.analysis.features import Features
 from frenetic.analysis.segments import segment_of
 from frenetic.campaign.counts import Counts
@@ -107,6 +108,7 @@ def campaign_report(
     shown = _to_show(tests, found, [test.id for one in there for test in one.tests])
     drives, measured = _look(store, shown, [test.id for test in choose_mapped(tests)])
     moobds = {test.id: test.moobd for test in tests if test.moobd is not None}
+    text = doubt(store)
     top = headline(
         config,
         facts,
@@ -116,7 +118,7 @@ def campaign_report(
         elapsed=store.elapsed(),
         objectives=objectives(store),
         known=still_failing(store),
-        trouble=trouble,
+        trouble=" ".join(filter(None, [trouble, f"{capitalised(text)}." if text else ""])),
     )
     own = own_repeats(reruns, config, store.setting.rules)
     return Report(
@@ -177,7 +179,7 @@ def _look(
         drive = record.drive
         if drive is None or not len(drive.trajectory):
             continue
-        segment = segment_of(record.road, drive, record.departure)
+        segment = segment_of(record.road, drive, record.result.finding)
         if test_id in is_mapped:
             measured[test_id] = measure(segment)
         if is_wanted:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 from frenetic._support.words import counted
@@ -42,7 +42,6 @@ def gallery_section(
             "description": f"{one.description}{', known before' if one.was_known else ''}",
         }
         for one in clusters
-        if one.ids
     ]
     repeats = [
         {
@@ -57,7 +56,7 @@ def gallery_section(
         if one.stability is not None
     ]
     if failures:
-        title, lead = "Failures", _lead(clusters, failures, sum(len(one["shown"]) for one in data))
+        title, lead = "Failures", _lead(clusters, failures, data)
     else:
         title, lead = "Nearest misses", f"{broken or 'No failure was found'}."
         if not data:
@@ -71,15 +70,22 @@ def gallery_section(
     )
 
 
-def _lead(clusters: Clusters, failures: int, there: int) -> str:
+def _lead(clusters: Clusters, failures: int, data: Sequence[Mapping[str, Any]]) -> str:
     lead = (
         f"{counted(len(clusters), 'distinct failure')} among {clusters.failures}: failures that are"
         " the same problem are together, by their most severe."
     )
+    for cluster, one in zip(clusters, data, strict=True):
+        if cluster.fault is not None and not one["shown"]:
+            lead += (
+                f" The driver {cluster.fault} in {counted(len(cluster), 'drive')} that left no"
+                f" record, such as test {cluster.most_severe}."
+            )
     if clusters.known:
         lead += f" {clusters.known} of them were known from the earlier campaign."
     if clusters.failures < failures:
         lead += f" Compared were the {clusters.failures} most severe of {failures}."
+    there = sum(len(one["shown"]) for one in data)
     if there < failures:
         lead += (
             f" {there} of {failures} failures can be opened here; 'frenetic show' shows any other."

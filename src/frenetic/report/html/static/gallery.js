@@ -54,7 +54,7 @@ function drawGallery(element, block) {
       .filter((cluster) => side.value === "" || (cluster.side ?? "none") === side.value)
       .map((cluster) => ({ cluster, head: cluster.shown.find((id) => matches(cluster, id)) }))
       .filter(({ head }) => head !== undefined)
-      .sort(({ cluster: a }, { cluster: b }) => (sort.value === "size" ? b.size - a.size : sort.value === "first" ? a.first - b.first : 0) || a.moobd - b.moobd);
+      .sort(({ cluster: a }, { cluster: b }) => sort.value === "size" ? b.size - a.size : sort.value === "first" ? a.first - b.first : 0);
     order = chosen.map(({ head }) => head);
     fillGrid(grid, more, chosen, shown, ({ cluster, head }) => clusterItem(cluster, head, () => order));
     if (!chosen.length) grid.append(el("p", { class: "quiet" }, "None of these."));

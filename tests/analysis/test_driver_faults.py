@@ -1,0 +1,86 @@
+"""A driver that breaks is a failing driver: in the search, among distinct failures, minimised."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from made_campaigns import search
+
+from frenetic.again.minimise import FailureReason, minimise
+from frenetic.analysis.failures import distinct_failures, doubt
+from frenetic.campaign import CampaignStore, RoadTester
+from frenetic.drivers import Controls, Observation, Planner
+from frenetic.errors import Fault
+from frenetic.outcome import Outcome
+from frenetic.road import Road
+from frenetic.search import Evaluation, Frenetic
+from frenetic.simulators import EmbeddedSimulator
+
+
+class Brittle(Planner):
+    """Raises before sharp bends to the left."""
+
+    def act(self, observation: Observation) -> Controls:
+        if observation.curvature_ahead[:5].max() > 0.055:
+            raise ValueError("too sharp")
+        return super().act(observation)
+
+
+class SteersWrong(Planner):
+    """Steers to the other side."""
+
+    def act(self, observation: Observation) -> Controls:
+        controls = super().act(observation)
+        return replace(controls, steering=-controls.steering)
+
+
+def searched(folder: Path, driver: Planner) -> CampaignStore:
+    return CampaignStore.open(search(folder, Frenetic(seed=3), 60, driver=driver))
+
+
+def test_a_line_that_raises_is_one_distinct_failure_and_comes_first(tmp_path: Path) -> None:
+    with searched(tmp_path / "c", Brittle()) as store:
+        clusters, counts = distinct_failures(store), store.counts()
+        raised = [test.id for test in store.tests(Outcome.FAIL) if test.result.fault]
+        assert doubt(store) == ""
+    first, *others = clusters
+    assert (counts.errors, list(first.ids)) == (0, raised)
+    assert first.fault is not None
+    assert first.description == f"raises ValueError at {first.fault.file}:{first.fault.line}"
+    assert others, "it leaves its lane, too"
+    assert all(one.fault is None for one in others)
+
+
+def test_its_road_is_minimised_as_long_as_the_same_line_raises() -> None:
+    road = Road([0.0, 0.02, 0.0, -0.03, -0.02, 0.0, 0.03, 0.065, 0.04, 0.0, -0.03, 0.0, 0.0])
+    found = minimise(road, RoadTester(EmbeddedSimulator(), Brittle()))
+    assert found.reason is FailureReason.DRIVER_BROKE
+    assert found.road.length <= 40.0 < road.length
+    before, after = found.original.result.fault, found.smallest.result.fault
+    assert before == after != None  # noqa: E711
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_the_search_goes_on_from_the_first_fault_of_a_line_only(kept: bool) -> None:
+    """Also where the process is lost, with all that was driven."""
+    fault = Fault("driver", "ValueError", "mine.py", 41)
+    strategy = Frenetic(seed=1, random_roads=5)
+    parents: list[int] = []
+    for number in range(1, 200):
+        candidate = strategy.ask()
+        parents += candidate.origin.parents
+        broke = number in (4, 5)
+        moobd = 1.5 if kept or not broke else None
+        outcome = Outcome.FAIL if broke else Outcome.PASS
+        told = Evaluation(candidate, outcome, moobd, number / 200, fault=fault if broke else None)
+        strategy.tell(told)
+    assert parents.count(4) > 5 * parents.count(5)
+
+
+def test_where_nearly_every_random_road_fails_something_else_is_wrong(tmp_path: Path) -> None:
+    with searched(tmp_path / "c", SteersWrong()) as store:
+        assert " random roads fail: it may be the car, the speed" in doubt(store)
+    with searched(tmp_path / "good", Planner()) as store:
+        assert doubt(store) == ""
