@@ -114,8 +114,8 @@ PICTURES = {
 """Name of a page -> the pictures in docs/images that its commands draw."""
 IN_FULL = {"rerun.md"}
 """Pages without outputs whose campaigns are not shortened."""
-DRAWN = {"README.md", "calibrating.md", "files.md"}
-"""Pages whose commands draw pictures, of each kind: they take most of a short search's time."""
+DRAWN = {"README.md", "calibrating.md"}
+"""Pages whose commands draw pictures, which take most of a short search's time."""
 
 
 def run_python(text: str, interpreter: Interpreter, folder: Path) -> str:
