@@ -18,6 +18,8 @@ from agreements import FOLDER, Agreements
 
 # As the command line does, before numpy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Likewise; what is imported lives as long as the process.
+gc.set_threshold(50_000)
 
 HERE = Path(__file__).parent
 DURATIONS = HERE / "durations.txt"

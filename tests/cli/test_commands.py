@@ -264,9 +264,9 @@ def test_every_command_has_its_calls_and_mistakes_here() -> None:
 
 
 @pytest.mark.parametrize("call", CALLS)
-def test_every_command_prints_one_document(frenetic: Frenetic, campaign: str, call: str) -> None:
+def test_every_command_prints_one_document(frenetic: Frenetic, copied: str, call: str) -> None:
     Path("bend.json").write_text(json.dumps({"curvatures": BEND}))
-    shutil.copytree(campaign, "d")
+    shutil.copytree(copied, "d")
     answer = frenetic(*shlex.split(call), "--json")
     assert answer.code in (0, 1, 3)
     document = answer.json  # raises if there is anything beside it

@@ -46,7 +46,7 @@ def test_compiling_is_announced_only_where_it_happens(
 def test_a_kernel_is_noticed_while_it_is_compiled_and_not_when_it_is_run_again() -> None:
     seen = []
 
-    class Noticing(event.Listener):
+    class Noticing(event.Listener):  # type: ignore[misc]
         def on_start(self, _: object) -> None:
             seen.append(compiled.is_compiling())
 

@@ -129,13 +129,13 @@ def test_a_bench_gives_the_same(frenetic: Frenetic) -> None:
     assert WORDS in frenetic("bench", "--resume", "--out", "b").out
 
 
-def test_a_resumed_campaign_goes_on_counting(frenetic: Frenetic, campaign: str) -> None:
-    with CampaignStore.open(campaign) as store:
+def test_a_resumed_campaign_goes_on_counting(frenetic: Frenetic, copied: str) -> None:
+    with CampaignStore.open(copied) as store:
         before = store.counts()
-    answer = frenetic("resume", campaign, "--simulations", "5", "--workers", "1", "--json")
+    answer = frenetic("resume", copied, "--simulations", "5", "--workers", "1", "--json")
     assert "Going on after " in answer.err
     more = answer.json
-    with CampaignStore.open(campaign) as store:
+    with CampaignStore.open(copied) as store:
         after = store.counts()
     assert after.simulations == before.simulations + 5
     assert numbers(more) == {name: after.counts_json()[name] for name in NUMBERS}

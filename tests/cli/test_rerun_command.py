@@ -33,26 +33,26 @@ def failures_of(folder: str) -> list[int]:
         return [test.id for test in store.tests(Outcome.FAIL, order_by="moobd")]
 
 
-def test_a_deterministic_failure_is_reported_20_of_20(frenetic: Frenetic, campaign: str) -> None:
-    answer = frenetic("rerun", campaign, "--times", "20", "--top", "3")
+def test_a_deterministic_failure_is_reported_20_of_20(frenetic: Frenetic, copied: str) -> None:
+    answer = frenetic("rerun", copied, "--times", "20", "--top", "3")
     assert answer.code == 0
-    ids = failures_of(campaign)[:3]
+    ids = failures_of(copied)[:3]
     rows = [line for line in answer.out.splitlines() if line.count("20 of 20") == 2]
     assert len(rows) == len(ids), "each fails every time, and in the same way"
     assert "20 drives of each, in the same conditions: " in answer.out
     assert f"{len(ids)} robust" in answer.out
-    (kept,) = Path(campaign).glob("again/*")
-    assert f"Kept in {kept}; to see it: frenetic report {campaign}" in answer.out
+    (kept,) = Path(copied).glob("again/*")
+    assert f"Kept in {kept}; to see it: frenetic report {copied}" in answer.out
     assert frenetic("check", str(kept)).code == 0
-    (found,) = read_reruns(campaign)
+    (found,) = read_reruns(copied)
     assert [one.id for one in found.tests] == ids
-    assert frenetic("rerun", campaign, "--times", "20", "--top", "3") == answer
+    assert frenetic("rerun", copied, "--times", "20", "--top", "3") == answer
 
 
-def test_several_quantities_are_varied_at_once(frenetic: Frenetic, campaign: str) -> None:
+def test_several_quantities_are_varied_at_once(frenetic: Frenetic, copied: str) -> None:
     ranges = ("--vary", "noise=0.2", "--vary", "speed", "--vary", "friction=0.8:1.3")
-    place = shutil.copytree(campaign, "speed")  # a folder, although a quantity is called so
-    again = ("rerun", *ranges, place, str(failures_of(campaign)[0]), "--seed", "5")
+    place = shutil.copytree(copied, "speed")  # a folder, although a quantity is called so
+    again = ("rerun", *ranges, place, str(failures_of(copied)[0]), "--seed", "5")
     document = frenetic(*again, "--json").json
     drawn = {one["quantity"]: (one["low"], one["high"]) for one in document["variations"]}
     assert drawn == {"friction": (0.8, 1.3), "noise": (0.2, 0.2), "speed": (63.0, 77.0)}
@@ -63,18 +63,18 @@ def test_several_quantities_are_varied_at_once(frenetic: Frenetic, campaign: str
 
 
 def test_a_summary_comes_first_and_the_tests_that_were_named(
-    frenetic: Frenetic, campaign: str
+    frenetic: Frenetic, copied: str
 ) -> None:
-    ids = [str(number) for number in failures_of(campaign)]
+    ids = [str(number) for number in failures_of(copied)]
     total = 2 * len(ids)
-    summary = frenetic("rerun", campaign, "--times", "2").out.splitlines()
+    summary = frenetic("rerun", copied, "--times", "2").out.splitlines()
     assert f"{total} of {total} drives fail ({total} same failure)" in summary[0]
     assert not any("interval" in line for line in summary)
     assert "Test by test: name the IDs, or --top 10" in summary
-    with_rows = frenetic("rerun", campaign, *ids, "--times", "2").out.splitlines()
+    with_rows = frenetic("rerun", copied, *ids, "--times", "2").out.splitlines()
     assert with_rows[0] == summary[0]
     assert any("interval" in line for line in with_rows)
-    turned = frenetic("rerun", campaign, ids[1], ids[0], "--json").json
+    turned = frenetic("rerun", copied, ids[1], ids[0], "--json").json
     assert [str(one["test"]) for one in turned["tests"]] == [ids[1], ids[0]]
 
 
@@ -104,11 +104,11 @@ def test_other_campaigns(frenetic: Frenetic) -> None:
 
 @pytest.mark.parametrize("stop", [3, 4, 6])
 def test_ctrl_c_exits_130_and_the_same_command_goes_on(
-    frenetic: Frenetic, campaign: str, stopping_driver: Callable[[int], str], stop: int
+    frenetic: Frenetic, copied: str, stopping_driver: Callable[[int], str], stop: int
 ) -> None:
-    ids = [str(number) for number in failures_of(campaign)[:3]]
+    ids = [str(number) for number in failures_of(copied)[:3]]
     how = ("--times", "2", "--junit", "rerun.xml", "--driver", stopping_driver(stop))
-    again = ("rerun", campaign, *ids, *how)
+    again = ("rerun", copied, *ids, *how)
     answer = frenetic(*again)
     assert answer.code == (130 if stop < 6 else 0)
     assert "Finishing what runs" in answer.err
@@ -121,31 +121,31 @@ def test_ctrl_c_exits_130_and_the_same_command_goes_on(
     assert (whole.code, Path("rerun.xml").exists()) == (0, True)
     assert frenetic(*again) == whole
     assert [len(one["drives"]) for one in frenetic(*again, "--json").json["tests"]] == [2, 2, 2]
-    assert len(list(Path(campaign).glob("again/*"))) == 1
+    assert len(list(Path(copied).glob("again/*"))) == 1
 
 
 def test_in_another_simulator_the_page_is_named_that_shows_both_paths(
-    frenetic: Frenetic, campaign: str
+    frenetic: Frenetic, copied: str
 ) -> None:
-    answer = frenetic("rerun", campaign, "--simulator", "friction=0.8", "--top", "3")
+    answer = frenetic("rerun", copied, "--simulator", "friction=0.8", "--top", "3")
     assert answer.code == 0
     assert re.search(r": 3 fail again \(\d .*elsewhere\)", answer.out)
     assert "rank correlation of MOOBD with the campaign's" in answer.out
-    (kept,) = Path(campaign).glob("again/*")
+    (kept,) = Path(copied).glob("again/*")
     assert f"Kept in {kept}; to see both paths: frenetic report c\n" in answer.out
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="folders have no such permissions there")
 def test_a_campaign_that_cannot_be_written_is_driven_elsewhere(
-    frenetic: Frenetic, campaign: str, tmp_path: Path
+    frenetic: Frenetic, copied: str, tmp_path: Path
 ) -> None:
-    again = ("rerun", campaign, "--simulator", "friction=0.8", "--top", "1")
+    again = ("rerun", copied, "--simulator", "friction=0.8", "--top", "1")
     tmp_path.chmod(0o777)
-    Path(campaign).chmod(0o555)
-    with bound_by_permissions(Path(campaign).resolve()):
+    Path(copied).chmod(0o555)
+    with bound_by_permissions(Path(copied).resolve()):
         assert frenetic(*again).refuses("Permission denied", "--out")
         answer = frenetic(*again, "--out", "out")
-    Path(campaign).chmod(0o755)
+    Path(copied).chmod(0o755)
     assert answer.code == 0
     assert "Kept in out; the same command shows it\n" in answer.out
 
@@ -169,20 +169,20 @@ class Crashing(Planner):
 
 
 def test_the_exit_code_and_the_junit_file_say_what_became_of_them(
-    frenetic: Frenetic, campaign: str
+    frenetic: Frenetic, copied: str
 ) -> None:
     def driven(*driver: str) -> tuple[Answer, list[int], set[str]]:
         """The answer, the numbers of tests, failures and errors, and their messages."""
-        answer = frenetic("rerun", campaign, "--junit", "a.xml", "--fail-on-failure", *driver)
+        answer = frenetic("rerun", copied, "--junit", "a.xml", "--fail-on-failure", *driver)
         suite = ET.parse("a.xml").getroot()
         numbers = [int(suite.get(key, "-1")) for key in ("tests", "failures", "errors")]
         return answer, numbers, {one.get("message", "") for one in suite.iter("failure")}
 
     Path("mine.py").write_text(DRIVER)
-    count = len(failures_of(campaign))
+    count = len(failures_of(copied))
     answer, numbers, _ = driven()
     assert (answer.code, numbers) == (1, [count, count, 0])
-    assert frenetic("rerun", campaign).code == 0, "without --fail-on-failure"
+    assert frenetic("rerun", copied).code == 0, "without --fail-on-failure"
     assert " fail again (" in answer.out
     assert f"{count} of {count} drives ended exactly as before" in answer.out
 
@@ -197,7 +197,7 @@ def test_the_exit_code_and_the_junit_file_say_what_became_of_them(
     assert all("ValueError: <not> finished & \\x07 done" in message for message in messages)
     assert not list(Path().glob("*.part"))
 
-    worse = frenetic("rerun", campaign, "--all", "--driver", "aggression=2.0", "--json").json
+    worse = frenetic("rerun", copied, "--all", "--driver", "aggression=2.0", "--json").json
     assert len(worse["tests"]) == sum(worse["changes"].values()) == 60
     assert worse["changes"]["fails now"] > 0
     assert worse["driver"]["driver"]["options"]["aggression"] == 2.0

@@ -13,10 +13,10 @@ pytest_plugins = ["command_line"]
 HOW = ("--simulations", "30", "--workers", "1", "--seed", "9")
 
 
-def test_run_from_a_campaign_says_so_everywhere(frenetic: Frenetic, campaign: str) -> None:
-    answer = frenetic("run", *HOW, "--from", campaign, "--out", "next")
+def test_run_from_a_campaign_says_so_everywhere(frenetic: Frenetic, copied: str) -> None:
+    answer = frenetic("run", *HOW, "--from", copied, "--out", "next")
     assert answer.code == 0
-    taken = f"starts from {campaign} ("
+    taken = f"starts from {copied} ("
     assert f"Note: {taken}" in answer.err
     assert " driven again still failed" in answer.out
     assert " known before" in answer.out
@@ -25,11 +25,11 @@ def test_run_from_a_campaign_says_so_everywhere(frenetic: Frenetic, campaign: st
     assert "known before" in shown
     document = frenetic("show", "next", "--json").json
     (earlier,) = document["config"]["start_from"]
-    assert earlier["folder"] == campaign
+    assert earlier["folder"] == copied
     assert any(one["was_known"] for one in document["distinct_failures"])
     report = Path("next/report.html").read_text(encoding="utf-8")
     assert taken.removeprefix("starts from ") in report
     assert "known before" in report
     first = " ".join(frenetic("show", "next", "1").out.split())
     assert "origin earlier, the road of test " in first
-    assert f" of {campaign}, generation 0" in first
+    assert f" of {copied}, generation 0" in first

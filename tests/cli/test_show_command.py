@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 pytest_plugins = ["command_line"]
 
 
-def test_show_a_campaign_and_a_test(frenetic: Frenetic, campaign: str) -> None:
+def test_show_a_campaign_and_a_test(frenetic: Frenetic, copied: str) -> None:
     whole = frenetic("show", "c")
     assert "frenetic(seed=3, " in whole.out
     assert "planner(aggression=1.0, " in whole.out
@@ -107,16 +107,14 @@ def test_headings_say_how_many_drives_broke(
         assert "No failure" not in text
 
 
-def test_show_lists_tests_by_outcome_severity_and_feature(
-    frenetic: Frenetic, campaign: str
-) -> None:
-    failed = frenetic("show", campaign, "--json").json["failed"]
-    listed = frenetic("show", campaign, "--outcome", "fail", "--json").json["listed"]
+def test_show_lists_tests_by_outcome_severity_and_feature(frenetic: Frenetic, copied: str) -> None:
+    failed = frenetic("show", copied, "--json").json["failed"]
+    listed = frenetic("show", copied, "--outcome", "fail", "--json").json["listed"]
     assert len(listed) == failed
     assert [row["moobd"] for row in listed] == sorted(row["moobd"] for row in listed)
-    bent = frenetic("show", campaign, "--feature", "max_curvature=0.06:0.07", "--json").json
+    bent = frenetic("show", copied, "--feature", "max_curvature=0.06:0.07", "--json").json
     values = [row["features"]["max_curvature"] for row in bent["listed"]]
     assert values == [value for value in values if 0.06 <= value <= 0.07] != []
-    table = frenetic("show", campaign, "--sort", "bends", "--limit", "3").out.splitlines()
+    table = frenetic("show", copied, "--sort", "bends", "--limit", "3").out.splitlines()
     assert table[0].split()[-2:] == ["bends", "why"]
     assert table[-1].endswith("results match; the first 3 are listed")

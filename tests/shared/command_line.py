@@ -146,7 +146,7 @@ def searched(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., No
 
 
 @pytest.fixture
-def campaign(searched: Path, tmp_path: Path) -> str:
+def copied(searched: Path, tmp_path: Path) -> str:
     """A copy of it in the folder of the command line."""
     shutil.copytree(searched, tmp_path / "c", ignore=shutil.ignore_patterns("failures"))
     return "c"

@@ -140,6 +140,7 @@ def load_kernels() -> None:
 
 def _serve() -> None:
     """Forks for each line of stdin, which holds a job, and answers with its exit code."""
+    gc.set_threshold(50_000)  # as the command line does
     ours = [module.name for module in pkgutil.walk_packages(frenetic.__path__, "frenetic.")]
     for name in (*LOADED, *(name for name in ours if not set(name.split(".")) & LEFT_OUT)):
         importlib.import_module(name)

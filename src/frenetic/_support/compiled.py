@@ -68,7 +68,7 @@ if IS_COMPILED:
     def _placed() -> None:
         """Never called: gives numba's folder for this module, where the lock lies."""
 
-    class Turns(event.Listener):
+    class Turns(event.Listener):  # type: ignore[misc]
         """Holds the lock while this process compiles."""
 
         def __init__(self) -> None:
@@ -113,7 +113,7 @@ if IS_COMPILED:
                 return None
             return lock
 
-    class Compilation(event.Listener):
+    class Compilation(event.Listener):  # type: ignore[misc]
         """Notices kernels that are compiled: a kernel that is found on disk is not."""
 
         def __init__(self) -> None:
@@ -128,8 +128,8 @@ if IS_COMPILED:
             self.under_way -= 1
 
     _TURNS, _COMPILATION = Turns(), Compilation()
-    event.register("numba:compiler_lock", _TURNS)  # type: ignore[no-untyped-call]
-    event.register("numba:compile", _COMPILATION)  # type: ignore[no-untyped-call]
+    event.register("numba:compiler_lock", _TURNS)
+    event.register("numba:compile", _COMPILATION)
 
 
 def is_compiling() -> bool:

@@ -5,6 +5,7 @@ A command is imported when it runs, so ``frenetic --help`` starts at once.
 
 from __future__ import annotations
 
+import gc
 import os
 import re
 import sys
@@ -122,6 +123,8 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     # Numpy reads it when it is imported. Matrices are small here, where threads that wait for each
     # other take many times the processor's time, and workers have the other cores.
     os.environ.setdefault(BLAS_THREADS, "1")
+    # What is imported stays: looking through it again and again takes a tenth of a start-up.
+    gc.set_threshold(50_000)
     try:
         with ending_in_order():
             code = cli.main(args=arguments, prog_name="frenetic", standalone_mode=False)
