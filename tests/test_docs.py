@@ -66,12 +66,13 @@ def run_page(page: Path, interpreter: Interpreter, folder: Path, made: Made | No
             assert printed is not None, f"{page.name}: nothing printed this:\n{code}"
             now, printed = as_shown(printed, code), None
             return f"```{OUTPUT}\n{code if masked(now) == masked(code) else now}```"
-        if kind == "python":
-            printed = run_python(shortened(code), interpreter, folder)
-        elif kind == "sh":
+        if kind in {"python", "sh"}:
             code = code if in_full else shortened(code)
-            pictures = page.name in DRAWN
-            printed = run_commands(code, interpreter, folder, made, pictures=pictures)
+            if kind == "python":
+                printed = run_python(code, interpreter, folder)
+            else:
+                pictures = page.name in DRAWN
+                printed = run_commands(code, interpreter, folder, made, pictures=pictures)
         else:
             assert kind in SHOWN, f"{page.name}: nobody runs a block of kind {kind!r}"
         return block[0]
@@ -112,7 +113,7 @@ PICTURES = {
 }
 """Name of a page -> the pictures in docs/images that its commands draw."""
 IN_FULL = {"rerun.md"}
-"""Pages without outputs whose commands are not shortened."""
+"""Pages without outputs whose campaigns are not shortened."""
 DRAWN = {"README.md", "calibrating.md"}
 """Pages whose commands draw pictures, which take most of a short search's time."""
 

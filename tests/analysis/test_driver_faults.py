@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import pytest
 from made_campaigns import search
 
 from frenetic.again.minimise import FailureReason, minimise
-from frenetic.analysis.failures import distinct_failures, doubt
+from frenetic.analysis.failures import caution, distinct_failures
 from frenetic.campaign import CampaignStore, RoadTester
 from frenetic.drivers import Controls, Observation, Planner
 from frenetic.errors import Fault
@@ -44,7 +45,7 @@ def test_a_line_that_raises_is_one_distinct_failure_and_comes_first(tmp_path: Pa
     with searched(tmp_path / "c", Brittle()) as store:
         clusters, counts = distinct_failures(store), store.counts()
         raised = [test.id for test in store.tests(Outcome.FAIL) if test.result.fault]
-        assert doubt(store) == ""
+        assert caution(store) == ""
     first, *others = clusters
     assert (counts.errors, list(first.ids)) == (0, raised)
     assert first.fault is not None
@@ -81,6 +82,20 @@ def test_the_search_goes_on_from_the_first_fault_of_a_line_only(kept: bool) -> N
 
 def test_where_nearly_every_random_road_fails_something_else_is_wrong(tmp_path: Path) -> None:
     with searched(tmp_path / "c", SteersWrong()) as store:
-        assert " random roads fail: it may be the car, the speed" in doubt(store)
+        assert " random roads fail: it may be the car, the speed" in caution(store)
     with searched(tmp_path / "good", Planner()) as store:
-        assert doubt(store) == ""
+        assert caution(store) == ""
+
+
+def test_where_nothing_fails_is_said_how_little_that_proves(tmp_path: Path) -> None:
+    with searched(tmp_path / "c", Planner(aggression=0.5)) as store:
+        assert not store.by_outcome()[Outcome.FAIL]
+        said = re.fullmatch(
+            r"(\d+) random roads passed, so fewer than ([\d.]+) % of such roads fail, with 95 %"
+            " confidence; rarer failures take more roads",
+            caution(store),
+        )
+    assert said is not None
+    driven, most = int(said[1]), float(said[2]) / 100.0
+    # So many roads would all pass once in twenty times if so large a share failed.
+    assert (1.0 - most) ** driven == pytest.approx(0.05, abs=0.005)

@@ -66,7 +66,7 @@ SEARCH = (
     *("--simulations", "50", "--seed", "1", "--workers", "1"),
 )
 WORDS = (
-    "7 tests of 4 different roads: 2 passed, 2 failed, 2 invalid, 1 error; 1 dropped"  # of 8 asked
+    "7 tests of 4 different roads: 2 passed, 2 failed, 2 invalid, 1 error, 1 dropped"  # of 8 asked
 )
 NUMBERS = {
     "tests": 7,

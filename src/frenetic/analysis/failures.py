@@ -74,6 +74,7 @@ NEAR_MISSES: Final = 5
 
 _DOUBT_FROM: Final = 10  # random roads
 _DOUBTFUL: Final = 0.95  # failing share of them
+_UNSURE: Final = 0.05
 _PASSES_COMPARED: Final = 500, COMPARED  # as many as needed for the wanted near misses
 
 
@@ -348,10 +349,11 @@ def representative_failures(
     ]
 
 
-def doubt(store: CampaignStore) -> str:
-    """Why the failures may not be due to the roads: nearly every random one fails; else empty.
+def caution(store: CampaignStore) -> str:
+    """What the counts alone may lead to believe wrongly, in a sentence; mostly empty.
 
-    Faults of the driver do not count: they are told as such.
+    Nearly all random roads fail: then it may not be the roads. None fails: then little is known of
+    what seldom fails. Faults of the driver do not count: they are told as such.
     """
     rows = store.rows(
         "SELECT outcome, COUNT(*) FROM test WHERE operator = 'random' AND fault IS NULL AND outcome"
@@ -359,6 +361,12 @@ def doubt(store: CampaignStore) -> str:
     )
     counts = dict(rows)
     failed, driven = counts.get("FAIL", 0), sum(counts.values())
+    if driven and not store.by_outcome()[Outcome.FAIL]:
+        most = 1.0 - _UNSURE ** (1.0 / driven)
+        return (
+            f"{counted(driven, 'random road')} passed, so fewer than {100.0 * most:.2g} % of such"
+            " roads fail, with 95 % confidence; rarer failures take more roads"
+        )
     if driven < _DOUBT_FROM or failed < _DOUBTFUL * driven:
         return ""
     return (

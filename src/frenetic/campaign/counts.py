@@ -104,11 +104,19 @@ class Counts:
         }
 
     def in_words(self) -> str:
-        """The counts in a line: ``90 tests of 88 different roads: 70 passed, 12 failed, ...``."""
-        return (
-            f"{counted(self.tests, 'test')} of {counted(self.roads, 'different road')}:"
-            f" {self.passed} passed, {self.failed} failed, {self.invalid} invalid,"
-            f" {counted(self.errors, 'error')}; {self.dropped} dropped"
+        """The counts in a line: ``90 tests of 88 different roads: 70 passed, 20 failed``."""
+        rest = {
+            f"{self.invalid} invalid": self.invalid,
+            counted(self.errors, "error"): self.errors,
+            f"{self.dropped} dropped": self.dropped,
+        }
+        return ", ".join(
+            [
+                f"{counted(self.tests, 'test')} of {counted(self.roads, 'different road')}:"
+                f" {self.passed} passed",
+                f"{self.failed} failed",
+                *(text for text, number in rest.items() if number),
+            ]
         )
 
 

@@ -139,10 +139,9 @@ class CampaignLog:
 
     def progress(self, summary: Summary) -> None:
         """Writes how the campaign stands."""
-        best = "" if summary.min_moobd is None else f", best MOOBD {summary.min_moobd:.2f} m"
         self.write(
             LogEvent.PROGRESS,
-            f"{summary.in_words()}{best}{summary.best_in_words},"
+            f"{summary.in_words()}{summary.best_in_words},"
             f" {summary.budget_spent:.1%} of the budget spent",
             **summary.counts_json(),
             **summary.objective_json,

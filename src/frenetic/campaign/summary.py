@@ -72,8 +72,14 @@ class Summary(Counts):
 
     @property
     def best_in_words(self) -> str:
-        """The best value of the objective, to follow the lowest MOOBD: ``, best oob-share 0.9``."""
-        return "" if self.best is None else f", best {self.objective} {self.best:.3g}"
+        """How far the car came out of its lane, and the best value of another objective."""
+        least = self.min_moobd
+        texts = [] if least is None else [f"at most {-least:.2f} m outside its lane"]
+        if least is not None and least >= 0.0:
+            texts = [f"at least {least:.2f} m inside its lane"]
+        if self.best is not None:
+            texts.append(f"best {self.objective} {self.best:.3g}")
+        return "".join(f", {text}" for text in texts)
 
     @property
     def objective_json(self) -> dict[str, Any]:

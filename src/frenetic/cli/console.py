@@ -85,10 +85,9 @@ def announced_compilation(log: Console) -> Iterator[Callable[[], None]]:
 
 def progress_text(progress: Summary) -> str:
     """Progress of a search in one line."""
-    least = "-" if progress.min_moobd is None else f"{progress.min_moobd:.2f} m"
     left = progress.seconds_left
     return (
-        f"{progress.in_words()}, best MOOBD {least}{progress.best_in_words},"
+        f"{progress.in_words()}{progress.best_in_words},"
         f" {rate_words(progress.tests_per_second)},"
         f" {'?' if left is None else format_duration(left)} left"
     )
@@ -205,11 +204,11 @@ def print_failures(clusters: Clusters, counts: Counts, listed: int) -> None:
             title += f", the {listed} most severe"
     Results().print(title, style="bold", markup=False)
     print_table(
-        (">test", ">MOOBD (m)", ">alike", heading),
+        (">test", ">outside (m)" if failures else ">inside (m)", ">tests", heading),
         [
             (
                 one.most_severe,
-                two_digits(one.moobd),
+                None if one.fault is not None else f"{-one.moobd if failures else one.moobd:.2f}",
                 len(one),
                 f"known before: {one.description}" if one.was_known else one.description,
             )
@@ -244,7 +243,11 @@ def facts_of_drive(result: Result, duration: float | None) -> list[tuple[str, st
     facts = []
     if result.moobd is not None and result.moobd_distance is not None:
         facts += [
-            ("MOOBD", f"{result.moobd:.3f} m, at {result.moobd_distance:.1f} m"),
+            (
+                "MOOBD",
+                f"{result.moobd:.3f} m, at {result.moobd_distance:.1f} m: so far was the middle of"
+                f" the car {'out of' if result.moobd < 0.0 else 'from the edge of'} its lane",
+            ),
             ("oob share", f"{result.max_oob_share:.0%} at most"),
         ]
     if duration is not None:

@@ -94,8 +94,8 @@ def search(
         fail_on_failure: whether a failure or broken drive ends the command with exit code 1.
     """
     from frenetic.analysis.failures import (
+        caution,
         distinct_failures,
-        doubt,
         nearest_misses,
         representative_failures,
     )
@@ -141,8 +141,11 @@ def search(
             _print_summary(summary, first_error(store), still_failing(store))
         if not as_json:
             print_failures(found, counts, len(listed))
-            if note := doubt(store):
+            if note := caution(store):
                 click.echo(f"Note: {note}")
+            if misses is not None and counts.tests:
+                further = 9 * counts.simulations
+                click.echo(f"Go on:       frenetic resume {shell(folder)} --simulations {further}")
         if summary is not None and not as_json:
             click.echo(f"Results:     {folder}")
         if listed:
@@ -193,11 +196,10 @@ def _write_report(
 def _print_summary(summary: Summary, error: str, known: str) -> None:
     from frenetic.campaign.summary import facts_in_words
 
-    least = "" if summary.min_moobd is None else f", best MOOBD {summary.min_moobd:.2f} m"
     stopped = "Interrupted: " if summary.interrupted else ""
     click.echo(
         f"{stopped}{counted(summary.simulations, 'simulation')} in"
-        f" {format_duration(summary.seconds)}, {rate_words(summary.tests_per_second)}{least}"
+        f" {format_duration(summary.seconds)}, {rate_words(summary.tests_per_second)}"
         f"{summary.best_in_words}"
     )
     click.echo(summary.in_words())

@@ -184,7 +184,7 @@ def _list_tests(
 
 
 def _show_campaign(store: CampaignStore, as_json: bool) -> None:
-    from frenetic.analysis.failures import LISTED, distinct_failures, doubt, nearest_misses
+    from frenetic.analysis.failures import LISTED, caution, distinct_failures, nearest_misses
     from frenetic.campaign.asking import FACTS
     from frenetic.campaign.earlier import still_failing
     from frenetic.campaign.objective import in_words, objectives
@@ -233,7 +233,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
             *([("known before", text)] if (text := still_failing(store)) else []),
             *([("search", told)] if (told := facts_in_words(facts.get(FACTS))) else []),
             *([("note", str(facts["notice"]))] if facts.get("notice") else []),
-            *([("note", text)] if (text := doubt(store)) else []),
+            *([("note", text)] if (text := caution(store)) else []),
             *([("error", f"the first: {error}")] if (error := first_error(store)) else []),
         ]
     )

@@ -13,7 +13,7 @@ from msgspec.json import encode
 from frenetic._support.entry_points import imported, installed
 from frenetic._support.words import capitalised
 from frenetic.again.rerun import Rerun, elsewhere, own_repeats, read_reruns
-from frenetic.analysis.failures import Clusters, distinct_failures, doubt, nearest_misses
+from frenetic.analysis.failures import Clusters, caution, distinct_failures, nearest_misses
 from frenetic.analysis.features import Features
 from frenetic.analysis.segments import segment_of
 from frenetic.campaign.counts import Counts
@@ -108,7 +108,7 @@ def campaign_report(
     shown = _to_show(tests, found, [test.id for one in there for test in one.tests])
     drives, measured = _look(store, shown, [test.id for test in choose_mapped(tests)])
     moobds = {test.id: test.moobd for test in tests if test.moobd is not None}
-    text = doubt(store)
+    text = caution(store)
     top = headline(
         config,
         facts,
