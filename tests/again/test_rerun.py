@@ -249,11 +249,8 @@ def test_the_most_telling_repeats_of_each_test_with_the_own_parts_count(
     kept = read_reruns(campaign)
     drives = sorted(len(test.drives) for one in kept for test in one.tests)
     assert drives == [2, 2, 3, 4, 5, 6, 7, 8]
-    with CampaignStore.open(campaign) as store:
-        config, rules = store.config, store.setting.rules
-    own = own_repeats(kept, config, rules)
+    own = own_repeats(kept)
     assert {one.id: len(one.drives) for one in own} == {first: 2, second: 5}
-    assert own_repeats(kept, {**config, "simulator": {"class": "another"}}, rules) == []
 
 
 def there(campaign: Path) -> list[Rerun]:

@@ -33,9 +33,9 @@ def test_a_deterministic_failure_repeats_every_time(campaign: Path) -> None:
     worst = failures_in(campaign)[0].id
     (one,) = rerun(campaign, EmbeddedSimulator(), Planner(), tests=[worst], times=20).tests
     assert (one.failed, one.judged, one.alike, one.share) == (20, 20, 20, 1.0)
-    assert one.stability is Stability.ROBUST
+    assert one.stability is Stability.REPEATS
     assert all(drive.moobd == one.recorded.moobd for drive in one.drives)
-    assert str(one) == "fails 20 of 20 (100 %, 95 % interval 84 to 100 %): 20 same failure"
+    assert str(one) == "the same failure in 20 of 20 drives (100 %, 95 % interval 84 to 100 %)"
 
 
 def test_drives_that_broke_count_neither_way() -> None:
@@ -73,7 +73,31 @@ def test_stability_needs_the_whole_interval_on_one_side(
 
 def outcomes(*found: Outcome, before: Outcome = Outcome.FAIL) -> Repeats:
     """A test whose drives ended so."""
-    return Repeats(recorded(before), tuple(redriven({}, one, None) for one in found))
+    drives = tuple(redriven({}, one, None) for one in found)
+    return Repeats(recorded(before), drives, (Variation("friction", 0.8, 1.0),))
+
+
+def test_robust_is_the_same_failure_and_not_any_on_its_road() -> None:
+    test = recorded(Outcome.FAIL, -1.0, 50.0, "left")
+    same, elsewhere = (
+        redriven({}, Outcome.FAIL, -1.0, place, "left", test=test, difference=0.5)
+        for place in (50.0, 90.0)
+    )
+    vary = (Variation("friction", 0.8, 1.0),)
+    assert Repeats(test, (same,) * 18 + (elsewhere,) * 42, vary).stability is Stability.FRAGILE
+    assert Repeats(test, (same,) * 3 + (elsewhere,) * 97, vary).stability is Stability.FRAGILE
+    assert Repeats(test, (same,) * 60, vary).stability is Stability.ROBUST
+
+
+def test_what_is_not_the_same_twice_is_not_repeatable() -> None:
+    test = recorded(Outcome.FAIL, -1.0, 50.0, "left")
+    fails = redriven({}, Outcome.FAIL, -1.0, 50.0, "left", test=test, difference=0.5)
+    passes = redriven({}, Outcome.PASS, 1.0, test=test)
+    assert Repeats(test, (fails,) * 20).stability is Stability.REPEATS
+    for often in (9, 19):
+        drives = (fails,) * often + (passes,) * (20 - often)
+        assert Repeats(test, drives).stability is Stability.NOT_REPEATABLE
+        assert Repeats(test, drives, is_own=False).stability is not Stability.NOT_REPEATABLE
 
 
 # What matters
@@ -98,7 +122,7 @@ def test_what_matters_is_named_in_words_and_what_does_not_is_not() -> None:
     assert first.spearman > 0.8
     assert (second.quantity, second.matters) == ("delay", False)
     assert str(one).startswith(
-        "fails 13 of 20 (65 %, 95 % interval 43 to 82 %): 13 same place; less friction is"
+        "the same failure in 13 of 20 drives (65 %, 95 % interval 43 to 82 %); less friction is"
     )
     assert "delay" not in str(one)
     ranges = [Variation("noise", 0.0, 0.4)]
@@ -168,8 +192,8 @@ def test_it_is_said_how_many_have_the_same_failure() -> None:
     )
     one = Repeats(test, (here, there, there, otherwise))
     assert str(one) == (
-        "fails 4 of 4 (100 %, 95 % interval 51 to 100 %): 1 same failure, 1 other mechanism,"
-        " 2 elsewhere"
+        "the same failure in 1 of 4 drives (25 %, 95 % interval 5 to 70 %), another in 3 (1 other"
+        " mechanism, 2 elsewhere)"
     )
     document: Any = one.as_json()
     assert {kind: number for kind, number in document["matches"].items() if number} == {

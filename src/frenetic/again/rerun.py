@@ -5,8 +5,9 @@ simulator is not repeatable. Conditions vary within given ranges: the friction o
 speed limit, the driver's noise and so on. Another driver shows what is fixed, another simulator
 what says something of the driver.
 
-A failure is *robust* if its road fails in at least half of its drives and *fragile* if in less;
-the whole 95 % interval must be on one side.
+In the same conditions a failure *repeats* or is *not repeatable*. Where conditions vary it is
+*robust* if the same failure is there in at least half of the drives and *fragile* if in less; the
+whole 95 % interval must be on one side.
 """
 
 from __future__ import annotations
@@ -293,6 +294,10 @@ def read_rerun(folder: Path | str, source: Path | str) -> Rerun:
             difference = None if failure is None or again is None else failure.difference(again)
             drives.setdefault(number, []).append(Repeat(before, test, difference))
         parts: Any = store.config
+        is_own = store.setting.rules == original.setting.rules and not any(
+            differences(kind, parts[kind], original.config.get(kind))
+            for kind in ("driver", "simulator")
+        )
         return Rerun(
             Path(source).resolve().name,
             parts["driver"],
@@ -301,7 +306,7 @@ def read_rerun(folder: Path | str, source: Path | str) -> Rerun:
             store.setting.car,
             terms.planned,
             tuple(
-                Repeats(recorded[number][0], tuple(own), terms.variations)
+                Repeats(recorded[number][0], tuple(own), terms.variations, is_own)
                 for number, own in drives.items()
             ),
             terms.seed,
@@ -341,7 +346,7 @@ def names_of(rerun: Rerun, config: Mapping[str, Any]) -> tuple[str, str]:
     return f"{here} (campaign)" if here == there else here, there
 
 
-def own_repeats(reruns: Iterable[Rerun], config: Mapping[str, Any], rules: Rules) -> list[Repeats]:
+def own_repeats(reruns: Iterable[Rerun]) -> list[Repeats]:
     """The most informative repeats of each test with a campaign's own parts.
 
     Those with variations are preferred to those without, those with more judged drives to others,
@@ -349,19 +354,12 @@ def own_repeats(reruns: Iterable[Rerun], config: Mapping[str, Any], rules: Rules
 
     Args:
         reruns: as `read_reruns` gives them.
-        config: of the campaign.
-        rules: of the campaign.
     """
     own = [
         test
         for one in reruns
-        if one.rules == rules
-        and not any(
-            differences(kind, getattr(one, kind), config.get(kind))
-            for kind in ("driver", "simulator")
-        )
         for test in one.tests
-        if test.judged and test.stability is not None
+        if test.is_own and test.judged and test.stability is not None
     ]
     own.sort(key=lambda test: (bool(test.variations), test.judged))  # stable: the last one counts
     return sorted({test.id: test for test in own}.values(), key=lambda test: test.id)

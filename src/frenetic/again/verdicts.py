@@ -15,7 +15,7 @@ from functools import cached_property
 from typing import Final
 
 from frenetic._support.json_value import JSONValue
-from frenetic._support.words import simulated_time
+from frenetic._support.words import counted, simulated_time
 from frenetic.again.conditions import Variation
 from frenetic.analysis.failures import THRESHOLD
 from frenetic.analysis.segments import REACH
@@ -27,7 +27,7 @@ from frenetic.quantities import quantity
 from frenetic.simulators.worlds import Conditions
 
 LEVEL: Final = 0.5
-"""Failing share that separates robust failures (at least) from fragile ones (less)."""
+"""Share of drives with the same failure that separates robust ones (at least) from fragile ones."""
 LEAST_DRIVES: Final = 8
 """Fewest drives for a verdict on which quantities matter."""
 
@@ -106,14 +106,18 @@ class Change(StrEnum):
 
 
 class Stability(StrEnum):
-    """Whether a road fails in drives whose conditions differ."""
+    """Whether a failure is there in other drives: the same one, not any on its road."""
 
+    REPEATS = "repeats"
+    """Each drive with the same parts in the same conditions has it."""
+    NOT_REPEATABLE = "not repeatable"
+    """Some of these drives do not: driver or simulator is not the same twice."""
     ROBUST = "robust"
-    """It fails in at least half of the worlds: the interval lies above."""
+    """It is there in at least half of the worlds: the interval lies above."""
     UNCLEAR = "unclear"
     """The interval lies on both sides; more drives would decide."""
     FRAGILE = "fragile"
-    """It fails in less than half of the worlds: the interval lies below."""
+    """It is there in less than half of the worlds: the interval lies below."""
 
 
 @dataclass(frozen=True)
@@ -230,6 +234,8 @@ class Repeats:
     drives: tuple[Repeat, ...]
     variations: tuple[Variation, ...] = ()
     """Ranges of the conditions of the drives."""
+    is_own: bool = True
+    """Whether driver, simulator and rules are the campaign's."""
 
     @property
     def id(self) -> int:
@@ -257,13 +263,13 @@ class Repeats:
 
     @property
     def share(self) -> float | None:
-        """Share 0..1 of the judged drives that failed, None if there are none."""
-        return failing_share(self.drives) if self.judged else None
+        """Share 0..1 of the judged drives with the same failure, None if there are none."""
+        return self.alike / self.judged if self.judged else None
 
     @cached_property
     def interval(self) -> tuple[float, float]:
         """Wilson's 95 % interval of the share; 0..1 if no drive was judged."""
-        return proportion_interval(self.failed, self.judged) if self.judged else (0.0, 1.0)
+        return proportion_interval(self.alike, self.judged) if self.judged else (0.0, 1.0)
 
     @property
     def change(self) -> Change:
@@ -280,9 +286,12 @@ class Repeats:
 
     @property
     def stability(self) -> Stability | None:
-        """Whether its failure repeats; None if it did not fail, or fewer than two were judged."""
+        """Whether its failure is there again; None without one, or with fewer than two judged."""
         if self.recorded.outcome is not Outcome.FAIL or self.judged < 2:
             return None
+        if self.is_own and not self.variations:
+            is_there = self.alike == self.judged
+            return Stability.REPEATS if is_there else Stability.NOT_REPEATABLE
         low, high = self.interval
         if low >= LEVEL:
             return Stability.ROBUST
@@ -318,11 +327,12 @@ class Repeats:
             return f"none of {len(self.drives)} drives could be judged"
         low, high = self.interval
         text = (
-            f"fails {self.failed} of {self.judged} ({100.0 * self.share:.0f} %, 95 % interval"
-            f" {100.0 * low:.0f} to {100.0 * high:.0f} %)"
+            f"the same failure in {self.alike} of {counted(self.judged, 'drive')}"
+            f" ({100.0 * self.share:.0f} %, 95 % interval {100.0 * low:.0f} to"
+            f" {100.0 * high:.0f} %)"
         )
-        if matches := matches_text(self.drives):
-            text += f": {matches}"
+        if others := matches_text(one for one in self.drives if not one.is_alike):
+            text += f", another in {self.failed - self.alike} ({others})"
         return "; ".join([text, *(str(one) for one in self.influences if one.matters)])
 
     def as_json(self) -> dict[str, JSONValue]:

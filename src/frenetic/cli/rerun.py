@@ -94,7 +94,7 @@ def rerun(
 
     Each road is driven where it lay on the map, as the campaign drove it unless options change
     that: without any, the command says whether failures repeat. With --vary each drive is in its
-    own conditions, drawn from the ranges: a failure is fragile if it surely repeats in less than
+    own conditions, drawn from the ranges: a failure is fragile if it is surely there in less than
     half of them, robust if in half or more. Another --driver shows what is fixed, another
     --simulator what says something of the driver. A failure is the same if it is on the same side
     within 30 m along the road, and road, offsets and speeds before it differ by at most 2 m, as
@@ -226,7 +226,7 @@ def _print_shares(tests: Sequence[Repeats]) -> None:
                 test.id,
                 two_digits(test.recorded.moobd),
                 f"{test.failed} of {test.judged}",
-                f"{test.alike} of {test.failed}",
+                f"{test.alike} of {test.judged}",
                 None if test.share is None else f"{100.0 * test.share:.0f} %",
                 f"{100.0 * low:.0f} to {100.0 * high:.0f} %",
                 test.stability or test.change,

@@ -120,7 +120,7 @@ def campaign_report(
         known=still_failing(store),
         trouble=" ".join(filter(None, [trouble, f"{capitalised(text)}." if text else ""])),
     )
-    own = own_repeats(reruns, config, store.setting.rules)
+    own = own_repeats(reruns)
     return Report(
         title=top.title,
         sections=(

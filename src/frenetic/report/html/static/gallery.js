@@ -14,7 +14,7 @@ function card(id, order, { caption = "", small = false } = {}) {
     { type: "button", class: small ? "card small" : "card", "data-test": id, "aria-label": words, on: { click: () => player.open(id, order()) } },
     roadPicture(drive, ""),
     el("span", { class: "card-line" }, el("b", {}, `Test ${id}`), el("span", { class: `number outcome-${test.outcome.toLowerCase()}` }, fixed(test.moobd, 2, "m"))),
-    again && el("span", { class: `repeats ${again.stability}` }, `${again.stability}: ${percent(again.share)} fail (${fixed(100 * again.low, 0)}–${fixed(100 * again.high, 0)})`),
+    again && el("span", { class: `repeats ${again.stability}` }, `${again.stability}: the same in ${percent(again.share)} (${fixed(100 * again.low, 0)}–${fixed(100 * again.high, 0)})`),
     caption ? el("span", { class: "card-text" }, caption) : null,
   );
 }
@@ -37,7 +37,7 @@ function drawGallery(element, block) {
   const sort = select("gallery-sort", [["moobd", "most severe"], ["size", "most alike"], ["first", "found first"]]);
   const side = select("gallery-side", [["", "either side"], ["left", "left"], ["right", "right"], ["none", "did not leave"]]);
   const search = el("input", { type: "search", id: "gallery-search", placeholder: "words or a test number", spellcheck: "false" });
-  const robust = select("gallery-robust", [["", "any"], ["robust", "robust"], ["unclear", "unclear"], ["fragile", "fragile"], ["none", "not driven again"]]);
+  const robust = select("gallery-robust", [["", "any"], ["repeats", "repeats"], ["not repeatable", "not repeatable"], ["robust", "robust"], ["unclear", "unclear"], ["fragile", "fragile"], ["none", "not driven again"]]);
   const found = el("span", { role: "status", class: "found" });
   const clear = el("button", { type: "button" }, "Clear");
   const fields = [side, search, robust];
