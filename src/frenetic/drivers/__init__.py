@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from frenetic.drivers.builtin import BeamngAi, Planner, Stanley
     from frenetic.drivers.camera import Camera
     from frenetic.drivers.driver import CameraDriver, Controls, Driver, DriveSetup, Observation
+    from frenetic.drivers.lane import Lane
     from frenetic.drivers.layers import Delayed, LimitedView, Noisy
 
 __all__ = [
@@ -24,6 +25,7 @@ __all__ = [
     "Delayed",
     "DriveSetup",
     "Driver",
+    "Lane",
     "LimitedView",
     "Noisy",
     "Observation",
@@ -43,6 +45,7 @@ __getattr__ = lazy_names(
             "DriveSetup",
             "Observation",
         ),
+        "frenetic.drivers.lane": ("Lane",),
         "frenetic.drivers.layers": ("Delayed", "LimitedView", "Noisy"),
     },
 )

@@ -6,20 +6,26 @@ import math
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Protocol, runtime_checkable
+
+import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.drivers.camera import Camera, Scene
-from frenetic.errors import DriverError, describe_raised
+from frenetic.errors import DriverError, FreneticError, describe_raised
 
 if TYPE_CHECKING:
     from frenetic.drivers.camera import Image
+    from frenetic.drivers.lane import Lane
+    from frenetic.road import Road
 
 AHEAD_SPACING = 2.0
 """Distance along the road between two points of the view ahead, in m."""
 AHEAD_POINTS = 40
 """Points of a full view: 78 m."""
+MOST_LANE_POINTS: Final = 100_000
+"""Points of the longest `Observation.lane`."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +79,8 @@ class Observation:
     """The ego lane's centre line in the car's frame, (n, 2) in m: x ahead, y to the left.
 
     The origin is the centre of mass. The first point is abreast of it, then one follows every 2 m
-    of road. n is at most 40; a limited view has fewer."""
+    of road; beyond the road's end it goes on straight. n is at most 40; a limited view has
+    fewer."""
     curvature_ahead: FloatArray
     """Curvature of the ego lane's centre line at the points of `ahead`, (n,) in 1/m."""
     distance: float = 0.0
@@ -82,6 +89,50 @@ class Observation:
     """The camera's picture, (height, width, 3) RGB from 0 to 255, for a `CameraDriver`.
 
     The first row is on top. None for every other driver."""
+    view: float = math.inf
+    """Length of road ahead at which `lane` ends, in m: that of a limited view."""
+    _road: Road | None = field(default=None, repr=False)
+
+    def lane(self, spacing: float = 1.0, ahead: float = 100.0, behind: float = 0.0) -> Lane:
+        """The ego lane's centre line, at any spacing and length, also behind the car.
+
+        It follows from this observation's `distance`, `lateral_offset` and `heading_error`, so a
+        layer that changes these changes the lane, and one that limits the view ends it sooner.
+        Beyond both ends of the road the lane goes on straight, as `ahead` does.
+
+        Args:
+            spacing: m of road between two points, one of which is abreast of the car.
+            ahead: m of road ahead of the car.
+            behind: m of road behind it.
+
+        Raises:
+            ValueError: a length is out of range.
+            FreneticError: the simulator does not say on which road this is.
+        """
+        from frenetic.drivers.lane import lane_of  # numba takes long, also where nobody drives
+
+        if self._road is None:
+            raise FreneticError("no lane is known: the simulator makes observations of its own")
+        if not (spacing > 0.0 and ahead >= 0.0 and behind >= 0.0):
+            raise ValueError(
+                f"a lane {ahead:g} m ahead and {behind:g} m behind, every {spacing:g} m: numbers"
+                " of at least 0 and a spacing above 0 are needed"
+            )
+        lengths = (behind / spacing, min(ahead, self.view) / spacing)
+        if not sum(lengths) < MOST_LANE_POINTS:
+            raise ValueError(
+                f"a lane {ahead:g} m ahead and {behind:g} m behind, every {spacing:g} m: at most"
+                f" {MOST_LANE_POINTS} points are allowed"
+            )
+        # As many whole steps as there are but for rounding: 0.3 m are 3 steps of 0.1 m.
+        first, last = (math.floor(length + 1e-9) for length in lengths)
+        return lane_of(
+            self._road,
+            self.distance,
+            self.lateral_offset,
+            self.heading_error,
+            spacing * np.arange(-first, last + 1, dtype=np.float64),
+        )
 
 
 @dataclass(frozen=True)

@@ -212,6 +212,7 @@ class LimitedView(OwnLayer):
     Args:
         driver: the driver underneath.
         distance: m of road; the view is cut to whole points 2 m apart, at least two.
+            `Observation.lane` ends there, too, also if it is longer than the view.
     """
 
     place = 2
@@ -243,6 +244,7 @@ class LimitedView(OwnLayer):
                 observation,
                 ahead=observation.ahead[: self.rows],
                 curvature_ahead=observation.curvature_ahead[: self.rows],
+                view=min(observation.view, max(self.distance, AHEAD_SPACING)),
             )
         )
 

@@ -179,4 +179,5 @@ class Observer:
             curvature_ahead=curvature_ahead,
             distance=float(self._s),
             image=image,
+            _road=road,
         )

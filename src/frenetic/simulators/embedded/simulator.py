@@ -21,8 +21,10 @@ from frenetic.drive import Breakdown, Drive, Rules, Trajectory
 from frenetic.drivers import Planner
 from frenetic.drivers.camera import RENDERERS, Camera, Image, Renderer, Scene
 from frenetic.drivers.driver import (
+    Controls,
     Driver,
     DriveSetup,
+    Observation,
     camera_of,
     scene_of,
     under_layers,
@@ -268,7 +270,12 @@ def compile_kernels() -> None:
 
 
 class _Rehearsing(Planner):
-    """The planner as a driver in Python."""
+    """The planner as a driver in Python, which looks at the lane, too."""
+
+    def act(self, observation: Observation) -> Controls:
+        """The planner's controls."""
+        observation.lane()
+        return super().act(observation)
 
 
 @cache
