@@ -111,6 +111,10 @@ def test_noise_moves_it_as_the_view_ahead() -> None:
         # The view is moved across the car, the lane across the road.
         np.testing.assert_allclose(lane.points, seen.ahead, rtol=0.0, atol=0.25)
         np.testing.assert_allclose(lane.points[:, 1], seen.ahead[:, 1], rtol=0.0, atol=0.05)
+        expected = centre_of_lane(WINDING, seen.distance + lane.distances)
+        c, s = math.cos(seen.heading), math.sin(seen.heading)
+        believed = lane.points @ np.array([[c, s], [-s, c]]) + (seen.x, seen.y)
+        np.testing.assert_allclose(believed, expected, rtol=0.0, atol=1e-6)
         right = replace(seen, lateral_offset=seen.lateral_offset - 1.0).lane(2.0, 78.0)
         np.testing.assert_allclose(
             np.hypot(*(right.points - lane.points).T), 1.0, rtol=0.0, atol=1e-9

@@ -173,8 +173,9 @@ def test_observations_are_what_the_road_and_the_trajectory_say(road: Road) -> No
     for i, seen in enumerate(watching.seen):
         s, d = (float(v) for v in tracked[i])
         assert seen.time == t.time[i]
-        motion = (t.speed[i], t.yaw_rate[i], t.steering[i])
-        assert (seen.speed, seen.yaw_rate, seen.steering) == motion
+        motion = (t.speed[i], t.lateral_speed[i], t.yaw_rate[i], t.steering[i])
+        assert (seen.speed, seen.lateral_speed, seen.yaw_rate, seen.steering) == motion
+        assert (seen.x, seen.y, seen.heading) == (t.x[i], t.y[i], t.heading[i])
         assert seen.lateral_offset == pytest.approx(d + half, abs=1e-7)
         error = (t.heading[i] - road.pose_at(s).heading + math.pi) % (2.0 * math.pi) - math.pi
         assert seen.heading_error == pytest.approx(error, abs=1e-7)

@@ -182,6 +182,10 @@ MUTANTS: dict[str, tuple[tuple[tuple[str, str], ...], Mapping[str, str]]] = {
         seen(lateral_offset="o.lateral_offset + 0.3"),
         {"driver_sees_its_car_on_the_road": "the driver sees lateral_offset = "},
     ),
+    "driver is told another place on the map": (
+        seen(x="o.x + 0.3"),
+        {"driver_sees_its_car_on_the_road": "the driver sees x = "},
+    ),
     "drivers that raise leave no error": (
         (("trouble, trace = str(error), traceback_of(error)", "pass"),),
         {"broken_driver_leaves_the_next_drive_clean": "raised, but the drive has no error"},

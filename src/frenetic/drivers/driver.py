@@ -89,6 +89,14 @@ class Observation:
     """The camera's picture, (height, width, 3) RGB from 0 to 255, for a `CameraDriver`.
 
     The first row is on top. None for every other driver."""
+    x: float = 0.0
+    """Coordinate of the centre of mass on the map, in m."""
+    y: float = 0.0
+    """m."""
+    heading: float = 0.0
+    """The car's heading on the map in rad, counter-clockwise from +x, unwrapped."""
+    lateral_speed: float = 0.0
+    """Speed across the car, in m/s, positive to the left."""
     view: float = math.inf
     """Length of road ahead at which `lane` ends, in m: that of a limited view."""
     _road: Road | None = field(default=None, repr=False)

@@ -77,11 +77,13 @@ def follow(
             time = i * setup.period
             motion = [time, *car.motion()]
             rows.append(motion if driver is None else [*motion, *controls])
-            x, y, heading, speed, _, yaw_rate, steering = motion[1:8]
+            x, y, heading, speed, lateral_speed, yaw_rate, steering = motion[1:8]
             if not observer.see(time, x, y, heading):
                 return
             if driver is not None:
-                seen = observer.observation(speed, yaw_rate, steering, car.picture())
+                seen = observer.observation(
+                    speed, yaw_rate, steering, car.picture(), lateral_speed=lateral_speed
+                )
                 waits = True
                 controls = checked_controls(driver.act(seen))
                 waits = False

@@ -143,7 +143,13 @@ class Observer:
         return bool(end == RUNNING)
 
     def observation(
-        self, speed: float, yaw_rate: float, steering: float, image: Image | None = None
+        self,
+        speed: float,
+        yaw_rate: float,
+        steering: float,
+        image: Image | None = None,
+        *,
+        lateral_speed: float = 0.0,
     ) -> Observation:
         """The driver's view at the last record (m/s, rad/s, rad), with its camera's picture.
 
@@ -179,5 +185,9 @@ class Observer:
             curvature_ahead=curvature_ahead,
             distance=float(self._s),
             image=image,
+            x=x,
+            y=y,
+            heading=float(self._heading),
+            lateral_speed=float(lateral_speed),
             _road=road,
         )

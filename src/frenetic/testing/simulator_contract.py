@@ -34,6 +34,10 @@ _ENDS = {
 
 # Tolerances between a driver's observations and the record, beside latency.
 _SLACKS: dict[str, float | FloatArray] = {
+    "x": 0.05,  # m
+    "y": 0.05,  # m
+    "heading": 0.02,  # rad
+    "lateral_speed": 0.1,  # m/s
     "speed": 0.1,  # m/s
     "yaw_rate": 0.05,  # rad/s
     "steering": 0.02,  # rad
@@ -402,7 +406,8 @@ def _observations(road: Road, drive: Drive) -> list[Observation]:
     seen = []
     for i in range(len(t)):
         observer.see(t.time[i], t.x[i], t.y[i], t.heading[i])
-        seen.append(observer.observation(t.speed[i], t.yaw_rate[i], t.steering[i]))
+        motion = t.speed[i], t.yaw_rate[i], t.steering[i]
+        seen.append(observer.observation(*motion, lateral_speed=t.lateral_speed[i]))
     return seen
 
 
