@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from frenetic._support.public_names import lazy_names
 
 if TYPE_CHECKING:
-    from frenetic.drivers.builtin import BeamngAi, Planner, Stanley
+    from frenetic.drivers.builtin import BeamngAi, Planner, SpeedPlan, Stanley
     from frenetic.drivers.camera import Camera
     from frenetic.drivers.driver import CameraDriver, Controls, Driver, DriveSetup, Observation
     from frenetic.drivers.lane import Lane
@@ -30,13 +30,14 @@ __all__ = [
     "Noisy",
     "Observation",
     "Planner",
+    "SpeedPlan",
     "Stanley",
 ]
 
 __getattr__ = lazy_names(
     __name__,
     {
-        "frenetic.drivers.builtin": ("BeamngAi", "Planner", "Stanley"),
+        "frenetic.drivers.builtin": ("BeamngAi", "Planner", "SpeedPlan", "Stanley"),
         "frenetic.drivers.camera": ("Camera",),
         "frenetic.drivers.driver": (
             "CameraDriver",
