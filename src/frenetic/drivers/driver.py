@@ -24,6 +24,8 @@ AHEAD_SPACING = 2.0
 """Distance along the road between two points of the view ahead, in m."""
 AHEAD_POINTS = 40
 """Points of a full view: 78 m."""
+DRAG_FADE_SPEED: Final = 0.5
+"""Speed below which `DriveSetup.rolling_drag` fades out, in m/s."""
 MOST_LANE_POINTS: Final = 100_000
 """Points of the longest `Observation.lane`."""
 
@@ -52,6 +54,12 @@ class DriveSetup:
     """Acceleration at full throttle and low speed, in m/s^2."""
     max_deceleration: float
     """Deceleration at full brake on a dry road, in m/s^2."""
+    switch_speed: float = math.inf
+    """Speed above which the engine's power limits the acceleration, to 1/speed, in m/s."""
+    rolling_drag: float = 0.0
+    """Deceleration of a rolling car without pedals, in m/s^2; 0 if the simulator does not know."""
+    air_drag: float = 0.0
+    """Further deceleration per square of the speed, in 1/m; 0 if the simulator does not know."""
 
     @property
     def wheelbase(self) -> float:
@@ -153,6 +161,30 @@ class Controls:
     """Pedal position 0..1; values beyond are cut."""
     brake: float = 0.0
     """Pedal position 0..1; values beyond are cut."""
+
+    @classmethod
+    def from_acceleration(
+        cls, acceleration: float, steering: float, *, speed: float, setup: DriveSetup
+    ) -> Controls:
+        """The controls that give a car an acceleration, as far as its engine and brakes do.
+
+        They hold against the drag that the setup knows. More or less than the car can do becomes a
+        full pedal.
+
+        Args:
+            acceleration: m/s^2, negative to brake.
+            steering: rad, positive to the left.
+            speed: the car's, in m/s, `Observation.speed`.
+            setup: what the driver was reset with.
+        """
+        rolling = setup.rolling_drag * min(max(speed / DRAG_FADE_SPEED, -1.0), 1.0)
+        wanted = acceleration + rolling + setup.air_drag * speed * abs(speed)
+        engine = setup.max_acceleration
+        if speed > setup.switch_speed:
+            engine *= setup.switch_speed / speed
+        if wanted >= 0.0:
+            return cls(steering, throttle=min(wanted / engine, 1.0))
+        return cls(steering, brake=min(-wanted / setup.max_deceleration, 1.0))
 
 
 @runtime_checkable

@@ -47,14 +47,14 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import NotNegative, Positive, check
 from frenetic._support.compiled import njit
 from frenetic.drive import CarBody, Rules
-from frenetic.drivers.driver import DriveSetup
+from frenetic.drivers.driver import DRAG_FADE_SPEED, DriveSetup
 from frenetic.road import Road
 
 GRAVITY: Final = 9.81
 """m/s²."""
 AIR_DENSITY: Final = 1.2
 """kg/m³, at 20 °C."""
-BRAKE_FADE_SPEED: Final = 0.5
+BRAKE_FADE_SPEED: Final = DRAG_FADE_SPEED
 """Rolling speed below which brakes and rolling drag fade out, in m/s, for a smooth stop."""
 STEP_RATE: Final = 100.0
 """RK4 step rate for which a vehicle's parameters are checked to be stable, in Hz."""
@@ -263,6 +263,9 @@ class Vehicle:
             max_steering=self.steering_limit,
             max_acceleration=self.engine_acceleration,
             max_deceleration=self.brake_deceleration,
+            switch_speed=self.switch_speed,
+            rolling_drag=self.rolling_resistance * GRAVITY,
+            air_drag=0.5 * AIR_DENSITY * self.drag_area / self.mass,
         )
 
     def to_array(self) -> FloatArray:
