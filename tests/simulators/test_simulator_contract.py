@@ -228,6 +228,15 @@ def test_what_is_wrong_is_found_by_its_test_alone(name: str) -> None:
         assert re.search(reason, said[test]), said[test]
 
 
+def test_a_wheelbase_may_be_as_long_as_the_car() -> None:
+    """A kinematic model may know one length alone."""
+    half = "0.5 * setup.car_length"
+    said = failures(bicycle(*told(front_axle=half, rear_axle=half)))
+    assert said.keys() == {"car_turns_as_its_wheels_and_axles_say"}  # the bicycle has its own
+    longer = bicycle(*told(front_axle="2.6", rear_axle="2.0"))
+    assert "farther apart than the bumpers" in "".join(failures(longer).values())
+
+
 # Simulators that have their reasons
 
 

@@ -228,7 +228,7 @@ class SimulatorContract:
         assert 0.0 < setup.period <= 1.0 / RECORD_RATE + 1e-9, f"period is {setup.period} s"
         assert setup.front_axle > 0.0, f"front_axle is {setup.front_axle} m"
         assert setup.rear_axle > 0.0, f"rear_axle is {setup.rear_axle} m"
-        assert setup.wheelbase < setup.car_length, "the axles are farther apart than the bumpers"
+        assert setup.wheelbase <= setup.car_length, "the axles are farther apart than the bumpers"
         assert 0.1 < setup.max_steering < 1.57, f"max_steering is {setup.max_steering} rad"
         for name in ("max_acceleration", "max_deceleration"):
             value = getattr(setup, name)
