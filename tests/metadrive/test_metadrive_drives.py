@@ -50,6 +50,9 @@ def test_wheels_turn_the_car_as_geometry_has_it(simulator: MetaDriveSimulator) -
     # At 3 m/s the tyres do not slide: the yaw rate is v tan(angle) / wheelbase.
     driver = Fixed(Controls(0.2), 1.0, Controls(0.0, throttle=1.0))
     t = simulator.drive(STRAIGHT, driver).trajectory
+    assert np.array_equal(t.steering[1:], t.steering_input[:-1])  # at once, as drivers are told:
+    assert (driver.setup.steering_rate, driver.setup.steering_lag) == (math.inf, 0.0)
+    assert driver.setup.front_cornering_stiffness is None
     expected = t.speed[28] * math.tan(0.2) / driver.setup.wheelbase
     assert t.yaw_rate[28] == pytest.approx(expected, rel=0.03)
     assert t.lateral_speed[28] == pytest.approx(expected * driver.setup.rear_axle, rel=0.1)

@@ -33,6 +33,7 @@ from frenetic.oracle import assess, judge
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
 from frenetic.simulators import Drive, EmbeddedSimulator, Rules, Vehicle
+from frenetic.simulators.embedded.vehicle import axle_forces
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -219,7 +220,23 @@ def test_a_driver_is_told_the_car_the_lane_and_the_limits() -> None:
         switch_speed=15.0,
         rolling_drag=0.012 * 9.81,
         air_drag=0.5 * 1.2 * 0.65 / vehicle.mass,
+        mass=vehicle.mass,
+        yaw_inertia=vehicle.yaw_inertia,
+        front_cornering_stiffness=watching.setup.front_cornering_stiffness,  # see below
+        rear_cornering_stiffness=watching.setup.rear_cornering_stiffness,
+        steering_rate=vehicle.steering_rate,
+        steering_lag=vehicle.steering_lag,
     )
+
+
+@pytest.mark.parametrize("name", ["default", "etk800", "metadrive"])
+def test_the_told_cornering_stiffness_is_that_of_the_tyres_at_small_slip(name: str) -> None:
+    simulator = EmbeddedSimulator(vehicle=name)
+    setup, p = simulator.setup(STRAIGHT), simulator.vehicle.to_array()
+    slip = 1e-4
+    _, front, _, _, rear, _ = axle_forces(20.0, -20.0 * slip, 0.0, 1.0, 0.0, 0.0, 0.0, p)
+    assert setup.front_cornering_stiffness == pytest.approx(front / slip, rel=1e-4)
+    assert setup.rear_cornering_stiffness == pytest.approx(rear / slip, rel=1e-4)
 
 
 class Accelerating:

@@ -60,6 +60,21 @@ class DriveSetup:
     """Deceleration of a rolling car without pedals, in m/s^2; 0 if the simulator does not know."""
     air_drag: float = 0.0
     """Further deceleration per square of the speed, in 1/m; 0 if the simulator does not know."""
+    mass: float | None = None
+    """kg; None if the simulator does not know, as below."""
+    yaw_inertia: float | None = None
+    """Yaw inertia about the vertical axis, in kg m^2."""
+    front_cornering_stiffness: float | None = None
+    """Lateral force of the front axle per slip angle at small ones, under its load at rest, in
+    N/rad: of a Pacejka tyre B C D times the load of both wheels, without its minus sign."""
+    rear_cornering_stiffness: float | None = None
+    """The same of the rear axle."""
+    steering_rate: float | None = None
+    """Fastest change of the front wheels' angle, in rad/s."""
+    steering_lag: float | None = None
+    """Time constant with which the front wheels follow what is asked, in s."""
+    steering_delay: float = 0.0
+    """Time until they begin to, in s; the layer `Delayed` is not told."""
 
     @property
     def wheelbase(self) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import closing
+from dataclasses import replace
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
 
@@ -148,6 +149,17 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
         if camera_of(driver) is not None:
             check_drawing()
 
+    def setup(self, road: Road) -> DriveSetup:
+        """The setup of a drive along the road for its driver."""
+        # Its wheels turn at once, and do not slide before the friction limit.
+        return replace(
+            VEHICLE.setup(self.rules, road, PERIOD),
+            front_cornering_stiffness=None,
+            rear_cornering_stiffness=None,
+            steering_rate=math.inf,
+            steering_lag=0.0,
+        )
+
     def drive(self, road: Road, driver: Driver) -> Drive:
         """One drive of the driver along the road.
 
@@ -168,7 +180,7 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
             turned=self.start_heading,
         )
         car = _Car(world, road.pose.heading)
-        setup = VEHICLE.setup(self.rules, road, PERIOD)
+        setup = self.setup(road)
         if own is None:
             return follow(car, road, self.rules, self.car, setup, driver, self.wall_limit)
         from frenetic.metadrive.policies import make_policy  # imports the extra

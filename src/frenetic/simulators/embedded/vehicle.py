@@ -252,6 +252,7 @@ class Vehicle:
 
     def setup(self, rules: Rules, road: Road, period: float) -> DriveSetup:
         """Return the setup of a drive with one decision every ``period`` s, for its driver."""
+        stiffness = self.tyre_stiffness * self.mass * GRAVITY / self.wheelbase
         return DriveSetup(
             speed_limit=rules.speed_limit / 3.6,
             lane_width=road.lane_width,
@@ -266,6 +267,12 @@ class Vehicle:
             switch_speed=self.switch_speed,
             rolling_drag=self.rolling_resistance * GRAVITY,
             air_drag=0.5 * AIR_DENSITY * self.drag_area / self.mass,
+            mass=self.mass,
+            yaw_inertia=self.yaw_inertia,
+            front_cornering_stiffness=self.front_stiffness * stiffness * self.rear_axle,
+            rear_cornering_stiffness=stiffness * self.front_axle,
+            steering_rate=self.steering_rate,
+            steering_lag=self.steering_lag,
         )
 
     def to_array(self) -> FloatArray:
