@@ -21,7 +21,7 @@ from frenetic.drivers.driver import (
     check_other_world,
 )
 from frenetic.errors import DriverError, FreneticError, describe_error
-from frenetic.metadrive.car import PERIOD, STEPS_PER_PERIOD, VEHICLE, Decision
+from frenetic.metadrive.car import PERIOD, PHYSICS_STEP, VEHICLE, Decision
 from frenetic.metadrive.drawing import check_drawing, drawn_region
 from frenetic.metadrive.drivers import PolicySimulator, metadrive_driver
 from frenetic.road import Road
@@ -232,14 +232,14 @@ class _Car:
         self._wheels = decision.wheel_angle
         self._world.steer(*decision.action)
 
-    def advance(self, steering: float, throttle: float, brake: float) -> None:
+    def advance(self, steering: float, throttle: float, brake: float, seconds: float) -> None:
         """Moves it on."""
         self.steer(Decision(steering, throttle, brake))
-        self.move()
+        self.move(seconds)
 
-    def move(self) -> None:
+    def move(self, seconds: float) -> None:
         """Moves it on with the controls that were set."""
-        self._world.advance(STEPS_PER_PERIOD)
+        self._world.advance(round(seconds / PHYSICS_STEP))
 
 
 class _Holding:
@@ -265,6 +265,12 @@ class _Holding:
         self._periods += 1
         return Controls(*self._decision)
 
-    def advance(self, steering: float, throttle: float, brake: float) -> None:  # noqa: ARG002
+    def advance(
+        self,
+        steering: float,  # noqa: ARG002
+        throttle: float,  # noqa: ARG002
+        brake: float,  # noqa: ARG002
+        seconds: float,
+    ) -> None:
         """Moves the car on."""
-        self._car.move()
+        self._car.move(seconds)

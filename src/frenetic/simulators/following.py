@@ -29,8 +29,8 @@ class MovedCar(Protocol):
     def picture(self) -> Image | None:
         """What the driver's camera sees now; None without one."""
 
-    def advance(self, steering: float, throttle: float, brake: float) -> None:
-        """Moves it on by a period."""
+    def advance(self, steering: float, throttle: float, brake: float, seconds: float) -> None:
+        """Moves it on."""
 
 
 def follow(
@@ -88,7 +88,7 @@ def follow(
                 controls = checked_controls(driver.act(seen))
                 waits = False
                 rows[-1] = [*motion, *controls]
-            car.advance(*controls)
+            car.advance(*controls, setup.period)
 
     try:
         with wall_limit(limit):

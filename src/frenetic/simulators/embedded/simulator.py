@@ -234,9 +234,10 @@ class _Car:
             return None
         return self._renderer.draw(state[X], state[Y], state[HEADING])
 
-    def advance(self, steering: float, throttle: float, brake: float) -> None:
+    def advance(self, steering: float, throttle: float, brake: float, seconds: float) -> None:
         """Moves it on."""
-        kernels.advance_period(self._state, steering, throttle, brake, self._parameters)
+        steps = round(seconds / kernels.STEP)
+        kernels.advance_period(self._state, steering, throttle, brake, self._parameters, steps)
 
 
 def _renderer(road: Road, camera: Camera, scene: Scene) -> Renderer:
