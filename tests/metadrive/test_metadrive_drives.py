@@ -59,6 +59,19 @@ def test_wheels_turn_the_car_as_geometry_has_it(simulator: MetaDriveSimulator) -
     assert np.diff(t.heading[22:30]) / 0.05 == pytest.approx(t.yaw_rate[22:29], abs=0.05)
 
 
+def test_a_driver_with_a_longer_period_is_asked_more_seldom(
+    simulator: MetaDriveSimulator,
+) -> None:
+    driver = Fixed(Controls(0.1, throttle=0.5), 1.0, Controls(0.0, throttle=1.0))
+    driver.period = 0.1  # type: ignore[attr-defined]
+    t = simulator.drive(STRAIGHT, driver).trajectory
+    assert driver.setup.period == 0.1
+    assert np.array_equal(t.throttle[20:24], [0.5] * 4)
+    assert np.allclose(np.diff(t.time), 0.05)
+    driver.period = 0.02  # type: ignore[attr-defined]
+    assert "multiples of 0.05 s" in str(simulator.drive(STRAIGHT, driver).error)
+
+
 def test_start_can_be_moved_and_turned(simulator: MetaDriveSimulator) -> None:
     simulator.start_offset, simulator.start_heading = 0.5, -0.2
     try:

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from frenetic import DriveSetup, Pose, Road, Stanley
+from frenetic.errors import DriverError
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.simulators import Motion, SteppedSimulator
-from frenetic.simulators.capabilities import capabilities
+from frenetic.simulators.capabilities import capabilities, check_pair
 
 HALF_TURN = Road([0.0, 0.0, 0.03, 0.03, 0.03, 0.03, 0.03, 0.03, 0.03, 0.03, 0.03, 0.0, 0.0])
 
@@ -24,11 +25,13 @@ class Bicycle(SteppedSimulator):
     def start(self, road: Road, pose: Pose, setup: DriveSetup) -> Motion:
         self.motion, self.time = Motion(*pose), 0.0
         self.asked: list[float] = []
+        self.lengths: set[float] = set()
         self.wheelbase = setup.wheelbase
         return self.motion
 
     def step(self, steering: float, throttle: float, brake: float, seconds: float) -> Motion:
         self.time += seconds
+        self.lengths.add(round(seconds, 9))
         self.asked.append(steering)
         x, y, heading, speed, *_ = self.motion
         speed = max(speed + seconds * (4.0 * throttle - 9.0 * brake), 0.0)
@@ -68,3 +71,21 @@ def test_broken_physics_are_the_simulators_fault() -> None:
     simulator.breaks_at = 1.0
     with pytest.raises(ArithmeticError, match="the physics broke: the car's motion is"):
         simulator.drive(HALF_TURN, Stanley())
+
+
+class Own(Stanley):
+    """Has a period of its own."""
+
+    period = 0.1
+
+
+def test_a_driver_with_a_period_of_its_own_is_asked_so_often_as_it_allows() -> None:
+    simulator, driver = Bicycle(), Own()
+    assert judge(HALF_TURN, simulator.drive(HALF_TURN, driver)).outcome is Outcome.PASS
+    assert simulator.lengths == {0.05}
+    driver.period = 0.02
+    with pytest.raises(DriverError, match=r"multiples of 0\.05 s"):
+        check_pair(simulator, driver)
+    simulator.period_step = 0.01  # type: ignore[misc]
+    assert judge(HALF_TURN, simulator.drive(HALF_TURN, driver)).outcome is Outcome.PASS
+    assert simulator.lengths == {0.01}

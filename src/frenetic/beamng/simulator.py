@@ -87,6 +87,7 @@ class BeamngSimulator:
 
     place_options: Final = ("home", "user", "headless", "no_gpu", "host", "port", "restart_every")
     draws: Final = True
+    period_step: Final = PERIOD
     BEHAVIOUR: ClassVar[int] = 2
     """Raised when its drives change; campaigns record it."""
 

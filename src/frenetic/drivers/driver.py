@@ -26,6 +26,8 @@ AHEAD_POINTS = 40
 """Points of a full view: 78 m."""
 DRAG_FADE_SPEED: Final = 0.5
 """Speed below which `DriveSetup.rolling_drag` fades out, in m/s."""
+PERIODS: Final = (0.01, 0.2)
+"""Shortest and longest `Driver` period of its own, in s."""
 MOST_LANE_POINTS: Final = 100_000
 """Points of the longest `Observation.lane`."""
 
@@ -209,6 +211,8 @@ class Driver(Protocol):
     A simulator calls `reset` before every drive and `act` every control period (20 Hz). A driver
     may be of any class that has these two methods. It must behave the same after every `reset`, or
     a failing road cannot be reproduced; draw random numbers from a seeded generator made there.
+
+    A driver with an attribute ``period`` in s, 0.01 to 0.2, is asked that often instead.
     """
 
     def reset(self, setup: DriveSetup) -> None:
@@ -306,6 +310,37 @@ def camera_of(driver: Driver) -> Camera | None:
                 f"the driver's camera is {repr(camera)[:60]}: a frenetic.Camera is needed"
             )
     return None
+
+
+def period_of(driver: Driver, step: float | None) -> float | None:
+    """The period that a driver or the one under its layers asks for, in s; None if it does not.
+
+    Args:
+        driver: any.
+        step: s of which a simulator allows multiples; None if it has a period of its own.
+
+    Raises:
+        DriverError: its ``period`` is none, or the simulator cannot keep it.
+    """
+    asked = (getattr(one, "period", None) for one in stack_of(driver))
+    period = next((one for one in asked if one is not None), None)
+    if period is None:
+        return None
+    low, high = PERIODS
+    if not isinstance(period, (int, float)) or not low <= period <= high:
+        raise DriverError(
+            f"the driver's period is {repr(period)[:40]}: {low:g} to {high:g} s are needed"
+        )
+    if step is None:
+        raise DriverError(
+            f"the driver's period is {period:g} s, and this simulator cannot change its own: use"
+            " another, such as the embedded one"
+        )
+    if abs(period / step - round(period / step)) > 1e-6:
+        raise DriverError(
+            f"the driver's period is {period:g} s: this simulator allows multiples of {step:g} s"
+        )
+    return float(period)
 
 
 def scene_of(driver: Driver) -> Scene:

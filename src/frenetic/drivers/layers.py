@@ -287,4 +287,6 @@ def compiled_form(driver: Driver, period: float) -> Compiled | None:
         driver = driver.driver
     if not (isinstance(driver, BuiltIn) and type(driver).__module__ == BuiltIn.__module__):
         return None
+    if hasattr(driver, "period"):  # its own
+        return None
     return Compiled(driver.law, driver.parameters(), rows, delay, errors)

@@ -64,6 +64,7 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
     preloads: Final = ("frenetic.metadrive.preloading",)
 
     draws: Final = True
+    period_step: Final = PERIOD
     BEHAVIOUR: ClassVar[int] = 1
     """Raised when its drives change; campaigns record it."""
     BEHAVIOUR_PACKAGES: ClassVar[tuple[str, ...]] = ("metadrive-simulator",)

@@ -4,17 +4,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Protocol
+from dataclasses import replace
+from typing import Final, Protocol
 
 import numpy as np
 
 from frenetic.drive import Breakdown, CarBody, Drive, Rules, Trajectory
 from frenetic.drivers.camera import Image
-from frenetic.drivers.driver import Driver, DriveSetup, blaming_driver, checked_controls
+from frenetic.drivers.driver import (
+    Driver,
+    DriveSetup,
+    blaming_driver,
+    checked_controls,
+    period_of,
+)
 from frenetic.errors import DriverError, FreneticError
 from frenetic.road import Road
 from frenetic.simulators.observing import Observer
 from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
+
+RECORD_PERIOD: Final = 0.05
+"""Time between two records, in s: 20 Hz; that between two decisions unless the driver asks for
+another."""
 
 
 class MovedCar(Protocol):
@@ -42,6 +53,7 @@ def follow(
     driver: Driver | None,
     limit: float,
     *,
+    period_step: float = RECORD_PERIOD,
     may_stall: bool = False,
 ) -> Drive:
     """Drives until the rules end it; a driver that breaks ends it, too.
@@ -51,16 +63,17 @@ def follow(
         road: under it.
         rules: say when the drive ends.
         body: of the car.
-        setup: the driver's.
+        setup: the driver's, unless it has a period of its own.
         driver: asked every period; None if the car drives itself.
         limit: s of wall time.
+        period_step: s of which a driver's own period is a multiple.
         may_stall: whether the simulator itself may need that long.
 
     Raises:
         FreneticError: it did, while nobody waited for the driver.
     """
     # The record after the timeout ends every drive.
-    most = math.ceil(rules.timeout(road.length) / setup.period) + 2
+    most = math.ceil(rules.timeout(road.length) / RECORD_PERIOD) + 2
     observer = Observer(road, rules, body, most)
     rows: list[list[float]] = []
     waits = False  # for the driver
@@ -69,26 +82,36 @@ def follow(
     def loop() -> None:
         nonlocal waits
         controls = (0.0, 0.0, 0.0)
+        period = setup.period
         if driver is not None:
             waits = True
-            driver.reset(setup)
+            period = period_of(driver, period_step) or period
+            driver.reset(replace(setup, period=period))
             waits = False
-        for i in range(most):
-            time = i * setup.period
+        # In equal steps of whole milliseconds, in which records and decisions have their places.
+        per_record, per_decision = round(1e3 * RECORD_PERIOD), round(1e3 * period)
+        step = math.gcd(per_record, per_decision)
+        for now in range(0, most * per_record, step):
+            time = now / per_record * RECORD_PERIOD
+            is_record, is_decision = now % per_record == 0, now % per_decision == 0
             motion = [time, *car.motion()]
-            rows.append(motion if driver is None else [*motion, *controls])
             x, y, heading, speed, lateral_speed, yaw_rate, steering = motion[1:8]
-            if not observer.see(time, x, y, heading):
-                return
-            if driver is not None:
+            if is_record:
+                rows.append(motion if driver is None else [*motion, *controls])
+                if not observer.see(time, x, y, heading):
+                    return
+            elif is_decision:
+                observer.glance(time, x, y, heading)
+            if driver is not None and is_decision:
                 seen = observer.observation(
                     speed, yaw_rate, steering, car.picture(), lateral_speed=lateral_speed
                 )
                 waits = True
                 controls = checked_controls(driver.act(seen))
                 waits = False
-                rows[-1] = [*motion, *controls]
-            car.advance(*controls, setup.period)
+                if is_record:
+                    rows[-1] = [*motion, *controls]
+            car.advance(*controls, step / 1e3)
 
     try:
         with wall_limit(limit):
@@ -105,7 +128,7 @@ def follow(
                 f"the simulator did not finish a drive within {limit:g} s of wall time"
                 f" ({len(rows)} records)"
             ) from None
-        at = max(len(rows) - 1, 0) * setup.period
+        at = max(len(rows) - 1, 0) * RECORD_PERIOD
         text = (
             f"the driver did not finish its drive within {limit:g} s of wall time"
             f" (it had driven {at:.1f} s{error.place})"

@@ -10,12 +10,9 @@ from frenetic._support.bounds import Positive, check
 from frenetic.drive import CarBody, Drive, Rules
 from frenetic.drivers.driver import Driver, DriveSetup
 from frenetic.road import Pose, Road
-from frenetic.simulators.following import follow
+from frenetic.simulators.following import RECORD_PERIOD, follow
 from frenetic.simulators.observing import wrap
 from frenetic.simulators.simulator import StartingPlace
-
-PERIOD = 0.05
-"""Time between two records and decisions, in s: 20 Hz."""
 
 
 class Motion(NamedTuple):
@@ -63,6 +60,8 @@ class SteppedSimulator(StartingPlace):
     """Acceleration at full throttle and low speed, in m/s^2."""
     max_deceleration: ClassVar[float] = 9.0
     """Deceleration at full brake, in m/s^2."""
+    period_step: ClassVar[float] = RECORD_PERIOD
+    """Least time that `step` can be asked for, in s: whole milliseconds."""
 
     def __init__(self, *, rules: Rules | None = None, wall_limit: Positive = 60.0) -> None:
         check({"wall_limit": wall_limit}, SteppedSimulator.__init__)
@@ -101,7 +100,7 @@ class SteppedSimulator(StartingPlace):
         return DriveSetup(
             speed_limit=self.rules.speed_limit / 3.6,
             lane_width=road.lane_width,
-            period=PERIOD,
+            period=RECORD_PERIOD,
             front_axle=self.front_axle,
             rear_axle=self.rear_axle,
             car_length=self.car.length,
@@ -138,7 +137,16 @@ class SteppedSimulator(StartingPlace):
             heading + self.start_heading,
         )
         car = _Car(self, self.start(road, pose, setup), heading, setup.max_steering)
-        return follow(car, road, self.rules, self.car, setup, driver, self.wall_limit)
+        return follow(
+            car,
+            road,
+            self.rules,
+            self.car,
+            setup,
+            driver,
+            self.wall_limit,
+            period_step=self.period_step,
+        )
 
 
 class _Car:

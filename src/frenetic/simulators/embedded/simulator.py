@@ -68,6 +68,7 @@ class EmbeddedSimulator(StartingPlace):
     """
 
     draws: Final = True
+    period_step: Final = kernels.STEP
     BEHAVIOUR: ClassVar[int] = 1
     """Raised when its drives change; campaigns record it."""
 
@@ -204,7 +205,16 @@ class EmbeddedSimulator(StartingPlace):
         if renderer is not None:
             renderer.draw(*road.pose)  # likewise
         car = _Car(self._start(road), self._parameters, renderer)
-        return follow(car, road, self.rules, self.car, setup, driver, self.wall_limit)
+        return follow(
+            car,
+            road,
+            self.rules,
+            self.car,
+            setup,
+            driver,
+            self.wall_limit,
+            period_step=self.period_step,
+        )
 
     def _start(self, road: Road) -> FloatArray:
         return kernels.start_state(
