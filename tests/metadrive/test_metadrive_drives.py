@@ -15,7 +15,15 @@ from metadrive.engine.engine_utils import get_engine
 from metadrive.examples.ppo_expert import numpy_expert
 from metadrive_drives import STRAIGHT, WINDING, Fixed, digest, random_roads, run
 
-from frenetic.drivers import Controls, Driver, Noisy, Planner, Stanley
+from frenetic.drivers import (
+    Controls,
+    Driver,
+    DriveSetup,
+    Noisy,
+    Observation,
+    Planner,
+    Stanley,
+)
 from frenetic.metadrive import MetaDriveExpert, MetaDriveIdm, MetaDriveSimulator
 from frenetic.metadrive.policies import make_policy
 from frenetic.metadrive.world import EGO_LANE, pieces_of
@@ -36,6 +44,29 @@ def test_full_throttle_accelerates_as_drivers_are_told(simulator: MetaDriveSimul
     t = simulator.drive(STRAIGHT, driver).trajectory
     acceleration = (t.speed[60] - t.speed[20]) / 2.0
     assert acceleration == pytest.approx(driver.setup.max_acceleration, rel=0.01)
+
+
+class Accelerating:
+    """Asks for one acceleration after the other."""
+
+    ASKED = (2.0, 2.8, -2.0, 1.0, -5.0, 2.5, -0.5)
+
+    def reset(self, setup: DriveSetup) -> None:
+        self.setup, self.asked = setup, list[float]()
+
+    def act(self, observation: Observation) -> Controls:
+        self.asked.append(self.ASKED[int(observation.time / 1.5) % len(self.ASKED)])
+        speed, wanted = observation.speed, self.asked[-1]
+        return Controls.from_acceleration(wanted, 0.0, speed=speed, setup=self.setup)
+
+
+def test_an_asked_acceleration_is_reached(simulator: MetaDriveSimulator) -> None:
+    driver = Accelerating()
+    t = simulator.drive(STRAIGHT, driver).trajectory
+    rolling = t.speed[:-1] > 0.5
+    reached, asked = np.diff(t.speed) / 0.05, np.array(driver.asked[: len(t) - 1])
+    np.testing.assert_allclose(reached[rolling], asked[rolling], rtol=0.02, atol=0.01)
+    assert len(set(asked[rolling])) == len(driver.ASKED)
 
 
 @pytest.mark.parametrize("pedal", [0.25, 0.5, 1.0])
