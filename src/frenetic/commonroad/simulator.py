@@ -23,8 +23,8 @@ class CommonRoadSimulator(SteppedSimulator):
     """CommonRoad's multi-body model of a BMW 320i, 29 states; needs the extra ``commonroad``.
 
     Engine, brakes and steering are those of the embedded simulator's default car: a driver finds
-    the same car with other physics. Nothing keeps its wheels from locking or spinning, and neither
-    air nor rolling slow it.
+    the same car with other physics. Brake and throttle let go of all wheels while one slips, and
+    neither air nor rolling slow it.
 
     Args:
         rules: speed limit, oob tolerance and when a drive ends.
