@@ -44,7 +44,16 @@ if TYPE_CHECKING:
         RandomSearch,
         Strategy,
     )
-    from frenetic.simulators import Drive, EmbeddedSimulator, Rules, Simulator, Trajectory, Vehicle
+    from frenetic.simulators import (
+        Drive,
+        EmbeddedSimulator,
+        Motion,
+        Rules,
+        Simulator,
+        SteppedSimulator,
+        Trajectory,
+        Vehicle,
+    )
 
 __getattr__ = lazy_names(
     __name__,
@@ -89,8 +98,10 @@ __getattr__ = lazy_names(
         "frenetic.simulators": (
             "Drive",
             "EmbeddedSimulator",
+            "Motion",
             "Rules",
             "Simulator",
+            "SteppedSimulator",
             "Trajectory",
             "Vehicle",
         ),
@@ -117,6 +128,7 @@ __all__ = [
     "Frenetic2021",
     "FreneticError",
     "LimitedView",
+    "Motion",
     "Noisy",
     "Observation",
     "Origin",
@@ -129,6 +141,7 @@ __all__ = [
     "Rules",
     "Simulator",
     "Stanley",
+    "SteppedSimulator",
     "Strategy",
     "Summary",
     "Test",

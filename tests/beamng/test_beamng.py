@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import pickle
+import re
 import socket
 import subprocess
 import sys
@@ -489,6 +490,30 @@ def test_it_is_started_anew_after_so_many_drives(tmp_path: Path) -> None:
     a, b, c = processes
     assert a == b != c
     assert not any(is_alive(one) for one in processes)
+
+
+@pytest.mark.parametrize(("period", "message"), [(0.1, None), (0.02, r"multiples of 0\.05 s")])
+def test_a_driver_may_have_a_multiple_of_the_period(
+    stand_in: StandIn, period: float, message: str | None
+) -> None:
+    class Own(Stanley):
+        def __init__(self) -> None:
+            super().__init__()
+            self.period, self.times = period, list[float]()
+
+        def act(self, observation: Observation) -> Controls:
+            self.times.append(observation.time)
+            return super().act(observation)
+
+    driver = Own()
+    with connected(stand_in) as simulator:
+        drive = simulator.drive(ROAD, driver)
+    if message is not None:
+        assert re.search(message, str(drive.error))
+        return
+    assert judge(ROAD, drive).outcome is Outcome.PASS
+    assert np.allclose(np.diff(driver.times), 0.1)
+    assert np.allclose(np.diff(drive.trajectory.time), 0.05)
 
 
 @linux

@@ -23,6 +23,7 @@ from frenetic.drivers import (
     Noisy,
     Observation,
     Planner,
+    SpeedPlan,
     Stanley,
     laws,
 )
@@ -254,6 +255,20 @@ def test_bad_parameters_are_refused_by_name(make: Callable[..., Planner]) -> Non
         else:
             with pytest.raises(ValueError, match=rf"{item.name} is 0.0: a number > 0 is"):
                 make(**{item.name: 0.0})
+
+
+@given(seed=st.integers(0, 2**32 - 1), make=st.sampled_from(BUILT_IN))
+@settings(max_examples=40)
+def test_a_driver_that_only_steers_gets_the_built_in_speed_and_pedals(
+    seed: int, make: Callable[..., Planner]
+) -> None:
+    driver, seen = make(aggression=0.7), random_observation(seed)
+    plan, own = SpeedPlan(SETUP, driver), controls_of(driver, seen)
+    assert plan.controls(seen, steering=0.123) == replace(own, steering=0.123)
+    assert plan.speed(seen) == speed_wanted(seen.curvature_ahead, driver)
+    assert SpeedPlan(SETUP).controls(seen, own.steering) == replace(
+        controls_of(Planner(), seen), steering=own.steering
+    )
 
 
 # --- Noise ---------------------------------------------------------------------------------------

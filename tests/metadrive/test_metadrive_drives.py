@@ -15,7 +15,15 @@ from metadrive.engine.engine_utils import get_engine
 from metadrive.examples.ppo_expert import numpy_expert
 from metadrive_drives import STRAIGHT, WINDING, Fixed, digest, random_roads, run
 
-from frenetic.drivers import Controls, Driver, Noisy, Planner, Stanley
+from frenetic.drivers import (
+    Controls,
+    Driver,
+    DriveSetup,
+    Noisy,
+    Observation,
+    Planner,
+    Stanley,
+)
 from frenetic.metadrive import MetaDriveExpert, MetaDriveIdm, MetaDriveSimulator
 from frenetic.metadrive.policies import make_policy
 from frenetic.metadrive.world import EGO_LANE, pieces_of
@@ -38,6 +46,29 @@ def test_full_throttle_accelerates_as_drivers_are_told(simulator: MetaDriveSimul
     assert acceleration == pytest.approx(driver.setup.max_acceleration, rel=0.01)
 
 
+class Accelerating:
+    """Asks for one acceleration after the other."""
+
+    ASKED = (2.0, 2.8, -2.0, 1.0, -5.0, 2.5, -0.5)
+
+    def reset(self, setup: DriveSetup) -> None:
+        self.setup, self.asked = setup, list[float]()
+
+    def act(self, observation: Observation) -> Controls:
+        self.asked.append(self.ASKED[int(observation.time / 1.5) % len(self.ASKED)])
+        speed, wanted = observation.speed, self.asked[-1]
+        return Controls.from_acceleration(wanted, 0.0, speed=speed, setup=self.setup)
+
+
+def test_an_asked_acceleration_is_reached(simulator: MetaDriveSimulator) -> None:
+    driver = Accelerating()
+    t = simulator.drive(STRAIGHT, driver).trajectory
+    rolling = t.speed[:-1] > 0.5
+    reached, asked = np.diff(t.speed) / 0.05, np.array(driver.asked[: len(t) - 1])
+    np.testing.assert_allclose(reached[rolling], asked[rolling], rtol=0.02, atol=0.01)
+    assert len(set(asked[rolling])) == len(driver.ASKED)
+
+
 @pytest.mark.parametrize("pedal", [0.25, 0.5, 1.0])
 def test_brake_slows_as_drivers_are_told(simulator: MetaDriveSimulator, pedal: float) -> None:
     driver = Fixed(Controls(0.0, brake=pedal), 4.0, Controls(0.0, throttle=1.0))
@@ -50,10 +81,26 @@ def test_wheels_turn_the_car_as_geometry_has_it(simulator: MetaDriveSimulator) -
     # At 3 m/s the tyres do not slide: the yaw rate is v tan(angle) / wheelbase.
     driver = Fixed(Controls(0.2), 1.0, Controls(0.0, throttle=1.0))
     t = simulator.drive(STRAIGHT, driver).trajectory
+    assert np.array_equal(t.steering[1:], t.steering_input[:-1])  # at once, as drivers are told:
+    assert (driver.setup.steering_rate, driver.setup.steering_lag) == (math.inf, 0.0)
+    assert driver.setup.front_cornering_stiffness is None
     expected = t.speed[28] * math.tan(0.2) / driver.setup.wheelbase
     assert t.yaw_rate[28] == pytest.approx(expected, rel=0.03)
     assert t.lateral_speed[28] == pytest.approx(expected * driver.setup.rear_axle, rel=0.1)
     assert np.diff(t.heading[22:30]) / 0.05 == pytest.approx(t.yaw_rate[22:29], abs=0.05)
+
+
+def test_a_driver_with_a_longer_period_is_asked_more_seldom(
+    simulator: MetaDriveSimulator,
+) -> None:
+    driver = Fixed(Controls(0.1, throttle=0.5), 1.0, Controls(0.0, throttle=1.0))
+    driver.period = 0.1  # type: ignore[attr-defined]
+    t = simulator.drive(STRAIGHT, driver).trajectory
+    assert driver.setup.period == 0.1
+    assert np.array_equal(t.throttle[20:24], [0.5] * 4)
+    assert np.allclose(np.diff(t.time), 0.05)
+    driver.period = 0.02  # type: ignore[attr-defined]
+    assert "multiples of 0.05 s" in str(simulator.drive(STRAIGHT, driver).error)
 
 
 def test_start_can_be_moved_and_turned(simulator: MetaDriveSimulator) -> None:

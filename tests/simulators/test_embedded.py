@@ -33,6 +33,7 @@ from frenetic.oracle import assess, judge
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
 from frenetic.simulators import Drive, EmbeddedSimulator, Rules, Vehicle
+from frenetic.simulators.embedded.vehicle import axle_forces
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -173,8 +174,9 @@ def test_observations_are_what_the_road_and_the_trajectory_say(road: Road) -> No
     for i, seen in enumerate(watching.seen):
         s, d = (float(v) for v in tracked[i])
         assert seen.time == t.time[i]
-        motion = (t.speed[i], t.yaw_rate[i], t.steering[i])
-        assert (seen.speed, seen.yaw_rate, seen.steering) == motion
+        motion = (t.speed[i], t.lateral_speed[i], t.yaw_rate[i], t.steering[i])
+        assert (seen.speed, seen.lateral_speed, seen.yaw_rate, seen.steering) == motion
+        assert (seen.x, seen.y, seen.heading) == (t.x[i], t.y[i], t.heading[i])
         assert seen.lateral_offset == pytest.approx(d + half, abs=1e-7)
         error = (t.heading[i] - road.pose_at(s).heading + math.pi) % (2.0 * math.pi) - math.pi
         assert seen.heading_error == pytest.approx(error, abs=1e-7)
@@ -215,7 +217,64 @@ def test_a_driver_is_told_the_car_the_lane_and_the_limits() -> None:
         max_steering=vehicle.steering_limit,
         max_acceleration=vehicle.engine_acceleration,
         max_deceleration=vehicle.brake_deceleration,
+        switch_speed=15.0,
+        rolling_drag=0.012 * 9.81,
+        air_drag=0.5 * 1.2 * 0.65 / vehicle.mass,
+        mass=vehicle.mass,
+        yaw_inertia=vehicle.yaw_inertia,
+        front_cornering_stiffness=watching.setup.front_cornering_stiffness,  # see below
+        rear_cornering_stiffness=watching.setup.rear_cornering_stiffness,
+        steering_rate=vehicle.steering_rate,
+        steering_lag=vehicle.steering_lag,
     )
+
+
+@pytest.mark.parametrize("name", ["default", "etk800", "metadrive"])
+def test_the_told_cornering_stiffness_is_that_of_the_tyres_at_small_slip(name: str) -> None:
+    simulator = EmbeddedSimulator(vehicle=name)
+    setup, p = simulator.setup(STRAIGHT), simulator.vehicle.to_array()
+    slip = 1e-4
+    _, front, _, _, rear, _ = axle_forces(20.0, -20.0 * slip, 0.0, 1.0, 0.0, 0.0, 0.0, p)
+    assert setup.front_cornering_stiffness == pytest.approx(front / slip, rel=1e-4)
+    assert setup.rear_cornering_stiffness == pytest.approx(rear / slip, rel=1e-4)
+
+
+class Accelerating:
+    """Asks for one acceleration after the other on a straight road."""
+
+    ASKED = (1.0, 3.0, 5.0, 0.5, -2.0, 4.5, -0.05, 2.0, -5.0, 5.0, 0.0, 1.5, -7.0, 3.0, 1.0)
+
+    def reset(self, setup: DriveSetup) -> None:
+        self.setup, self.asked = setup, list[float]()
+
+    def act(self, observation: Observation) -> Controls:
+        wanted = self.ASKED[int(observation.time / 1.5) % len(self.ASKED)]
+        self.asked.append(wanted)
+        return Controls.from_acceleration(wanted, 0.0, speed=observation.speed, setup=self.setup)
+
+
+@pytest.mark.parametrize("vehicle", ["default", "etk800", "metadrive"])
+def test_an_asked_acceleration_is_reached_as_far_as_the_car_can(vehicle: str) -> None:
+    driver, road = Accelerating(), Road([0.0] * 121)
+    t = EmbeddedSimulator(vehicle=vehicle).drive(road, driver).trajectory
+    reached, asked, speed = np.diff(t.speed) / 0.05, np.array(driver.asked), t.speed[:-1]
+    pedal = np.maximum(t.throttle, t.brake)[:-1]
+    # The tyres of MetaDrive's car leave half of their grip to cornering, see `CARS`.
+    held = (asked < 2.1) & (asked > -4.4) if vehicle == "metadrive" else pedal < 1.0
+    fair = held & (pedal < 1.0) & (speed > 0.5)
+    np.testing.assert_allclose(reached[fair], asked[fair], rtol=0.02, atol=0.02)
+    assert np.ptp(speed[fair]) > 20.0
+    assert fair.mean() > 0.5
+    assert np.all(reached[(pedal == 1.0) & (speed > 0.5)] < 5.0)
+
+
+def test_a_car_at_rest_that_is_asked_for_nothing_stays() -> None:
+    setup = EmbeddedSimulator().setup(STRAIGHT)
+    assert Controls.from_acceleration(0.0, 0.1, speed=0.0, setup=setup) == Controls(0.1)
+    most = Controls.from_acceleration(99.0, 0.0, speed=30.0, setup=setup)
+    assert (most.throttle, most.brake) == (1.0, 0.0)
+    least = Controls.from_acceleration(-99.0, 0.0, speed=30.0, setup=setup)
+    assert (least.throttle, least.brake) == (0.0, 1.0)
 
 
 # Driving

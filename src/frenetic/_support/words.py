@@ -61,8 +61,16 @@ _PATTERN: Final = re.compile(
 )
 
 
+_AS_IN_PYTHON: Final = {"True": True, "False": False, "None": None}
+
+
 def read_setting(text: str) -> Any:
-    """The value of NAME=VALUE on a command line: JSON or a number if possible, else a text."""
+    """The value of NAME=VALUE on a command line: JSON or a number if possible, else a text.
+
+    ``True``, ``False`` and ``None`` are taken as Python has them, too.
+    """
+    if text in _AS_IN_PYTHON:
+        return _AS_IN_PYTHON[text]
     for read in (json.loads, float):
         try:
             return read(text)

@@ -87,6 +87,7 @@ class BeamngSimulator:
 
     place_options: Final = ("home", "user", "headless", "no_gpu", "host", "port", "restart_every")
     draws: Final = True
+    period_step: Final = PERIOD
     BEHAVIOUR: ClassVar[int] = 2
     """Raised when its drives change; campaigns record it."""
 
@@ -424,9 +425,9 @@ class BeamngSimulator:
             )
         return round(steering, 3)
 
-    def step(self) -> None:
-        """Advances time by one period."""
-        self.link.step(self.steps_per_second // RECORD_RATE)
+    def step(self, seconds: float = PERIOD) -> None:
+        """Advances time by one period, or another multiple of it."""
+        self.link.step(round(seconds * self.steps_per_second))
 
 
 class _Car:
@@ -481,7 +482,7 @@ class _Car:
         """What the camera sees."""
         return self._link.picture() if self._has_camera else None
 
-    def advance(self, steering: float, throttle: float, brake: float) -> None:
+    def advance(self, steering: float, throttle: float, brake: float, seconds: float) -> None:
         """Steers, unless BeamNG.AI does, and lets time pass."""
         if not self._by_ai:
             # The gearbox takes the brake of a car at rest for the wish to drive backwards.
@@ -493,7 +494,7 @@ class _Car:
                 1.0 if holds else 0.0,
                 directly=self._car.steers_directly,
             )
-        self._simulator.step()
+        self._simulator.step(seconds)
 
 
 OPEN_FIELD: Final = Road([0.0] * 13, pose=Pose(40.0, 100.0, 0.0))

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 from frenetic._support.public_names import lazy_names
 
 if TYPE_CHECKING:
-    from frenetic.drivers.builtin import BeamngAi, Planner, Stanley
+    from frenetic.drivers.builtin import BeamngAi, Planner, SpeedPlan, Stanley
     from frenetic.drivers.camera import Camera
     from frenetic.drivers.driver import CameraDriver, Controls, Driver, DriveSetup, Observation
+    from frenetic.drivers.lane import Lane
     from frenetic.drivers.layers import Delayed, LimitedView, Noisy
 
 __all__ = [
@@ -24,17 +25,19 @@ __all__ = [
     "Delayed",
     "DriveSetup",
     "Driver",
+    "Lane",
     "LimitedView",
     "Noisy",
     "Observation",
     "Planner",
+    "SpeedPlan",
     "Stanley",
 ]
 
 __getattr__ = lazy_names(
     __name__,
     {
-        "frenetic.drivers.builtin": ("BeamngAi", "Planner", "Stanley"),
+        "frenetic.drivers.builtin": ("BeamngAi", "Planner", "SpeedPlan", "Stanley"),
         "frenetic.drivers.camera": ("Camera",),
         "frenetic.drivers.driver": (
             "CameraDriver",
@@ -43,6 +46,7 @@ __getattr__ = lazy_names(
             "DriveSetup",
             "Observation",
         ),
+        "frenetic.drivers.lane": ("Lane",),
         "frenetic.drivers.layers": ("Delayed", "LimitedView", "Noisy"),
     },
 )

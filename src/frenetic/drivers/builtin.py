@@ -129,6 +129,55 @@ class Stanley(SpeedPlanner):
         return np.array([*self.plan(), self.offset_gain, self.softening, self.yaw_damping])
 
 
+class SpeedPlan:
+    """The built-in drivers' speed and pedals, for a driver that only steers.
+
+    ::
+
+        def reset(self, setup):
+            self.plan = SpeedPlan(setup)
+
+        def act(self, observation):
+            return self.plan.controls(observation, steering=...)
+
+    It keeps lateral acceleration in the curves of `Observation.ahead` within one budget, braking
+    before them within another, and the speed limit.
+
+    Args:
+        setup: what the driver was reset with.
+        driver: whose budgets count, such as ``Planner(aggression=0.8)``; by default `Planner`'s.
+    """
+
+    def __init__(self, setup: DriveSetup, driver: SpeedPlanner | None = None) -> None:
+        self._setup = laws.setup_array(setup)
+        self._parameters = np.array((driver or Planner()).plan())
+
+    def speed(self, observation: Observation) -> float:
+        """The speed planned for now, in m/s."""
+        curvature_ahead = np.array(observation.curvature_ahead)
+        wanted: float = laws.planned_speed(
+            curvature_ahead,
+            len(curvature_ahead),
+            self._setup[laws.SPEED_LIMIT],
+            self._parameters[laws.LATERAL],
+            self._parameters[laws.BRAKING],
+            int(self._parameters[laws.SMOOTHING]),
+        )
+        return wanted
+
+    def controls(self, observation: Observation, steering: float) -> Controls:
+        """This steering in rad, with the pedals that bring the car to the planned speed."""
+        curvature_ahead = np.array(observation.curvature_ahead)
+        throttle, brake = laws.planned_pedals(
+            float(observation.speed),
+            curvature_ahead,
+            len(curvature_ahead),
+            self._parameters,
+            self._setup,
+        )
+        return Controls(steering, throttle, brake)
+
+
 @dataclass
 class BeamngAi(BuiltIn):
     """A model of BeamNG.AI as it drives in its lane: an elastic band, a speed plan, look-ahead.

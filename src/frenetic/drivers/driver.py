@@ -7,20 +7,30 @@ import signal
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Protocol, runtime_checkable
+
+import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.drivers.camera import Camera, Scene
-from frenetic.errors import DriverError, describe_raised
+from frenetic.errors import DriverError, FreneticError, describe_raised
 
 if TYPE_CHECKING:
     from frenetic.drivers.camera import Image
+    from frenetic.drivers.lane import Lane
+    from frenetic.road import Road
 
 AHEAD_SPACING = 2.0
 """Distance along the road between two points of the view ahead, in m."""
 AHEAD_POINTS = 40
 """Points of a full view: 78 m."""
+DRAG_FADE_SPEED: Final = 0.5
+"""Speed below which `DriveSetup.rolling_drag` fades out, in m/s."""
+PERIODS: Final = (0.01, 0.2)
+"""Shortest and longest `Driver` period of its own, in s."""
+MOST_LANE_POINTS: Final = 100_000
+"""Points of the longest `Observation.lane`."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +57,27 @@ class DriveSetup:
     """Acceleration at full throttle and low speed, in m/s^2."""
     max_deceleration: float
     """Deceleration at full brake on a dry road, in m/s^2."""
+    switch_speed: float = math.inf
+    """Speed above which the engine's power limits the acceleration, to 1/speed, in m/s."""
+    rolling_drag: float = 0.0
+    """Deceleration of a rolling car without pedals, in m/s^2; 0 if the simulator does not know."""
+    air_drag: float = 0.0
+    """Further deceleration per square of the speed, in 1/m; 0 if the simulator does not know."""
+    mass: float | None = None
+    """kg; None if the simulator does not know, as below."""
+    yaw_inertia: float | None = None
+    """Yaw inertia about the vertical axis, in kg m^2."""
+    front_cornering_stiffness: float | None = None
+    """Lateral force of the front axle per slip angle at small ones, under its load at rest, in
+    N/rad: of a Pacejka tyre B C D times the load of both wheels, without its minus sign."""
+    rear_cornering_stiffness: float | None = None
+    """The same of the rear axle."""
+    steering_rate: float | None = None
+    """Fastest change of the front wheels' angle, in rad/s."""
+    steering_lag: float | None = None
+    """Time constant with which the front wheels follow what is asked, in s."""
+    steering_delay: float = 0.0
+    """Time until they begin to, in s; the layer `Delayed` is not told."""
 
     @property
     def wheelbase(self) -> float:
@@ -74,7 +105,8 @@ class Observation:
     """The ego lane's centre line in the car's frame, (n, 2) in m: x ahead, y to the left.
 
     The origin is the centre of mass. The first point is abreast of it, then one follows every 2 m
-    of road. n is at most 40; a limited view has fewer."""
+    of road; beyond the road's end it goes on straight. n is at most 40; a limited view has
+    fewer."""
     curvature_ahead: FloatArray
     """Curvature of the ego lane's centre line at the points of `ahead`, (n,) in 1/m."""
     distance: float = 0.0
@@ -83,6 +115,58 @@ class Observation:
     """The camera's picture, (height, width, 3) RGB from 0 to 255, for a `CameraDriver`.
 
     The first row is on top. None for every other driver."""
+    x: float = 0.0
+    """Coordinate of the centre of mass on the map, in m."""
+    y: float = 0.0
+    """m."""
+    heading: float = 0.0
+    """The car's heading on the map in rad, counter-clockwise from +x, unwrapped."""
+    lateral_speed: float = 0.0
+    """Speed across the car, in m/s, positive to the left."""
+    view: float = math.inf
+    """Length of road ahead at which `lane` ends, in m: that of a limited view."""
+    _road: Road | None = field(default=None, repr=False)
+
+    def lane(self, spacing: float = 1.0, ahead: float = 100.0, behind: float = 0.0) -> Lane:
+        """The ego lane's centre line, at any spacing and length, also behind the car.
+
+        It follows from this observation's `distance`, `lateral_offset` and `heading_error`, so a
+        layer that changes these changes the lane, and one that limits the view ends it sooner.
+        Beyond both ends of the road the lane goes on straight, as `ahead` does.
+
+        Args:
+            spacing: m of road between two points, one of which is abreast of the car.
+            ahead: m of road ahead of the car.
+            behind: m of road behind it.
+
+        Raises:
+            ValueError: a length is out of range.
+            FreneticError: the simulator does not say on which road this is.
+        """
+        from frenetic.drivers.lane import lane_of  # numba takes long, also where nobody drives
+
+        if self._road is None:
+            raise FreneticError("no lane is known: the simulator makes observations of its own")
+        if not (spacing > 0.0 and ahead >= 0.0 and behind >= 0.0):
+            raise ValueError(
+                f"a lane {ahead:g} m ahead and {behind:g} m behind, every {spacing:g} m: numbers"
+                " of at least 0 and a spacing above 0 are needed"
+            )
+        lengths = (behind / spacing, min(ahead, self.view) / spacing)
+        if not sum(lengths) < MOST_LANE_POINTS:
+            raise ValueError(
+                f"a lane {ahead:g} m ahead and {behind:g} m behind, every {spacing:g} m: at most"
+                f" {MOST_LANE_POINTS} points are allowed"
+            )
+        # As many whole steps as there are but for rounding: 0.3 m are 3 steps of 0.1 m.
+        first, last = (math.floor(length + 1e-9) for length in lengths)
+        return lane_of(
+            self._road,
+            self.distance,
+            self.lateral_offset,
+            self.heading_error,
+            spacing * np.arange(-first, last + 1, dtype=np.float64),
+        )
 
 
 @dataclass(frozen=True)
@@ -96,6 +180,30 @@ class Controls:
     brake: float = 0.0
     """Pedal position 0..1; values beyond are cut."""
 
+    @classmethod
+    def from_acceleration(
+        cls, acceleration: float, steering: float, *, speed: float, setup: DriveSetup
+    ) -> Controls:
+        """The controls that give a car an acceleration, as far as its engine and brakes do.
+
+        They hold against the drag that the setup knows. More or less than the car can do becomes a
+        full pedal.
+
+        Args:
+            acceleration: m/s^2, negative to brake.
+            steering: rad, positive to the left.
+            speed: the car's, in m/s, `Observation.speed`.
+            setup: what the driver was reset with.
+        """
+        rolling = setup.rolling_drag * min(max(speed / DRAG_FADE_SPEED, -1.0), 1.0)
+        wanted = acceleration + rolling + setup.air_drag * speed * abs(speed)
+        engine = setup.max_acceleration
+        if speed > setup.switch_speed:
+            engine *= setup.switch_speed / speed
+        if wanted >= 0.0:
+            return cls(steering, throttle=min(wanted / engine, 1.0))
+        return cls(steering, brake=min(-wanted / setup.max_deceleration, 1.0))
+
 
 @runtime_checkable
 class Driver(Protocol):
@@ -104,6 +212,8 @@ class Driver(Protocol):
     A simulator calls `reset` before every drive and `act` every control period (20 Hz). A driver
     may be of any class that has these two methods. It must behave the same after every `reset`, or
     a failing road cannot be reproduced; draw random numbers from a seeded generator made there.
+
+    A driver with an attribute ``period`` in s, 0.01 to 0.2, is asked that often instead.
     """
 
     def reset(self, setup: DriveSetup) -> None:
@@ -201,6 +311,37 @@ def camera_of(driver: Driver) -> Camera | None:
                 f"the driver's camera is {repr(camera)[:60]}: a frenetic.Camera is needed"
             )
     return None
+
+
+def period_of(driver: Driver, step: float | None) -> float | None:
+    """The period that a driver or the one under its layers asks for, in s; None if it does not.
+
+    Args:
+        driver: any.
+        step: s of which a simulator allows multiples; None if it has a period of its own.
+
+    Raises:
+        DriverError: its ``period`` is none, or the simulator cannot keep it.
+    """
+    asked = (getattr(one, "period", None) for one in stack_of(driver))
+    period = next((one for one in asked if one is not None), None)
+    if period is None:
+        return None
+    low, high = PERIODS
+    if not isinstance(period, (int, float)) or not low <= period <= high:
+        raise DriverError(
+            f"the driver's period is {repr(period)[:40]}: {low:g} to {high:g} s are needed"
+        )
+    if step is None:
+        raise DriverError(
+            f"the driver's period is {period:g} s, and this simulator cannot change its own: use"
+            " another, such as the embedded one"
+        )
+    if abs(period / step - round(period / step)) > 1e-6:
+        raise DriverError(
+            f"the driver's period is {period:g} s: this simulator allows multiples of {step:g} s"
+        )
+    return float(period)
 
 
 def scene_of(driver: Driver) -> Scene:

@@ -57,8 +57,8 @@ class Noisy(OwnLayer):
     """A driver that errs about its place: Gaussian errors that change slowly.
 
     Both errors are first-order autoregressive with the given standard deviations and correlation
-    time. Offset, heading error and view ahead err alike, as they would when they come from one
-    localisation. Every drive sees the same errors, drawn from ``seed``.
+    time. Offset, heading error, place on the map and view ahead err alike, as they would when they
+    come from one localisation. Every drive sees the same errors, drawn from ``seed``.
 
     Args:
         driver: the driver underneath.
@@ -117,12 +117,16 @@ class Noisy(OwnLayer):
         self._calls += 1
         ahead = observation.ahead.copy()
         disturb(ahead, len(ahead), offset, heading)
+        along = observation.heading - observation.heading_error
         return self.driver.act(
             replace(
                 observation,
                 lateral_offset=observation.lateral_offset + offset,
                 heading_error=observation.heading_error + heading,
                 ahead=ahead,
+                x=observation.x - offset * math.sin(along),
+                y=observation.y + offset * math.cos(along),
+                heading=observation.heading + heading,
             )
         )
 
@@ -212,6 +216,7 @@ class LimitedView(OwnLayer):
     Args:
         driver: the driver underneath.
         distance: m of road; the view is cut to whole points 2 m apart, at least two.
+            `Observation.lane` ends there, too, also if it is longer than the view.
     """
 
     place = 2
@@ -243,6 +248,7 @@ class LimitedView(OwnLayer):
                 observation,
                 ahead=observation.ahead[: self.rows],
                 curvature_ahead=observation.curvature_ahead[: self.rows],
+                view=min(observation.view, max(self.distance, AHEAD_SPACING)),
             )
         )
 
@@ -280,5 +286,7 @@ def compiled_form(driver: Driver, period: float) -> Compiled | None:
             rows = driver.rows
         driver = driver.driver
     if not (isinstance(driver, BuiltIn) and type(driver).__module__ == BuiltIn.__module__):
+        return None
+    if hasattr(driver, "period"):  # its own
         return None
     return Compiled(driver.law, driver.parameters(), rows, delay, errors)

@@ -22,10 +22,10 @@ class NamedDriver(Named):
 
     @staticmethod
     def attributes_of(part: Driver) -> dict[str, Any]:
-        """Its camera, and whether it refuses simulators."""
-        camera = camera_of(part)
-        seen = {} if camera is None else {"camera": camera}
-        return {"is_selective": isinstance(part, SelectiveDriver), **seen}
+        """Its camera and its period, and whether it refuses simulators."""
+        asked = {"camera": camera_of(part), "period": getattr(part, "period", None)}
+        known = {name: value for name, value in asked.items() if value is not None}
+        return {"is_selective": isinstance(part, SelectiveDriver), **known}
 
     def reset(self, setup: DriveSetup) -> None:  # noqa: ARG002
         """Raises a `DriverError`."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import closing
+from dataclasses import replace
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
 
@@ -20,7 +21,7 @@ from frenetic.drivers.driver import (
     check_other_world,
 )
 from frenetic.errors import DriverError, FreneticError, describe_error
-from frenetic.metadrive.car import PERIOD, STEPS_PER_PERIOD, VEHICLE, Decision
+from frenetic.metadrive.car import PERIOD, PHYSICS_STEP, VEHICLE, Decision
 from frenetic.metadrive.drawing import check_drawing, drawn_region
 from frenetic.metadrive.drivers import PolicySimulator, metadrive_driver
 from frenetic.road import Road
@@ -63,6 +64,7 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
     preloads: Final = ("frenetic.metadrive.preloading",)
 
     draws: Final = True
+    period_step: Final = PERIOD
     BEHAVIOUR: ClassVar[int] = 1
     """Raised when its drives change; campaigns record it."""
     BEHAVIOUR_PACKAGES: ClassVar[tuple[str, ...]] = ("metadrive-simulator",)
@@ -148,6 +150,17 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
         if camera_of(driver) is not None:
             check_drawing()
 
+    def setup(self, road: Road) -> DriveSetup:
+        """The setup of a drive along the road for its driver."""
+        # Its wheels turn at once, and do not slide before the friction limit.
+        return replace(
+            VEHICLE.setup(self.rules, road, PERIOD),
+            front_cornering_stiffness=None,
+            rear_cornering_stiffness=None,
+            steering_rate=math.inf,
+            steering_lag=0.0,
+        )
+
     def drive(self, road: Road, driver: Driver) -> Drive:
         """One drive of the driver along the road.
 
@@ -168,7 +181,7 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
             turned=self.start_heading,
         )
         car = _Car(world, road.pose.heading)
-        setup = VEHICLE.setup(self.rules, road, PERIOD)
+        setup = self.setup(road)
         if own is None:
             return follow(car, road, self.rules, self.car, setup, driver, self.wall_limit)
         from frenetic.metadrive.policies import make_policy  # imports the extra
@@ -220,14 +233,14 @@ class _Car:
         self._wheels = decision.wheel_angle
         self._world.steer(*decision.action)
 
-    def advance(self, steering: float, throttle: float, brake: float) -> None:
+    def advance(self, steering: float, throttle: float, brake: float, seconds: float) -> None:
         """Moves it on."""
         self.steer(Decision(steering, throttle, brake))
-        self.move()
+        self.move(seconds)
 
-    def move(self) -> None:
+    def move(self, seconds: float) -> None:
         """Moves it on with the controls that were set."""
-        self._world.advance(STEPS_PER_PERIOD)
+        self._world.advance(round(seconds / PHYSICS_STEP))
 
 
 class _Holding:
@@ -253,6 +266,12 @@ class _Holding:
         self._periods += 1
         return Controls(*self._decision)
 
-    def advance(self, steering: float, throttle: float, brake: float) -> None:  # noqa: ARG002
+    def advance(
+        self,
+        steering: float,  # noqa: ARG002
+        throttle: float,  # noqa: ARG002
+        brake: float,  # noqa: ARG002
+        seconds: float,
+    ) -> None:
         """Moves the car on."""
-        self._car.move()
+        self._car.move(seconds)

@@ -4,14 +4,17 @@ from frenetic.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.simulators.embedded import EmbeddedSimulator, Vehicle
 from frenetic.simulators.observing import Observer
 from frenetic.simulators.simulator import Simulator
+from frenetic.simulators.stepped import Motion, SteppedSimulator
 
 __all__ = [
     "CarBody",
     "Drive",
     "EmbeddedSimulator",
+    "Motion",
     "Observer",
     "Rules",
     "Simulator",
+    "SteppedSimulator",
     "Trajectory",
     "Vehicle",
 ]

@@ -12,7 +12,7 @@ from importlib.util import find_spec
 from typing import Any, Final
 
 from frenetic._support.bounds import Count, Positive, check
-from frenetic.drivers.driver import Driver, SelectiveDriver, camera_of, stack_of
+from frenetic.drivers.driver import Driver, SelectiveDriver, camera_of, period_of, stack_of
 from frenetic.errors import DriverError, FreneticError
 from frenetic.recipe import Named
 from frenetic.simulators.checks import Check
@@ -67,6 +67,8 @@ class Capabilities(Usual):
     drives_compiled: Callable[[Driver], bool] = lambda _: False
     """Whether a driver's drives are compiled code of ours alone, which needs no process of its
     own."""
+    period_step: Positive | None = None
+    """A driver's own period may be any multiple of it, in s; None: it cannot have one."""
     draws: bool = False
     """Whether it gives a driver with a camera its picture."""
     variable: frozenset[str] = frozenset()
@@ -111,13 +113,14 @@ def class_name(simulator: Any) -> str:
 def check_pair(simulator: Simulator, driver: Driver) -> None:
     """Checks whether a driver can drive in a simulator, before anything is driven.
 
-    It asks the driver and those under its layers (see `SelectiveDriver`), and the simulator's
-    ``check_driver``.
+    It looks at the driver's period and camera, and asks the driver and those under its layers (see
+    `SelectiveDriver`), and the simulator's ``check_driver``.
 
     Raises:
-        DriverError: one of them refuses, or the driver has a camera and the simulator draws
-            nothing.
+        DriverError: one of them refuses, the simulator cannot keep the driver's period, or the
+            driver has a camera and the simulator draws nothing.
     """
+    period_of(driver, capabilities(simulator).period_step)
     if camera_of(driver) is not None and not capabilities(simulator).draws:
         raise DriverError(
             f"{class_name(simulator)} draws nothing, and the driver has a camera: use the"

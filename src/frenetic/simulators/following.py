@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Protocol
+from dataclasses import replace
+from typing import Any, Final, Protocol
 
 import numpy as np
 
@@ -17,11 +18,16 @@ from frenetic.drivers.driver import (
     Observation,
     blaming_driver,
     checked_controls,
+    period_of,
 )
 from frenetic.errors import HANGS, DriverError, Fault, FreneticError, traceback_of
 from frenetic.road import Road
 from frenetic.simulators.observing import Observer
 from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
+
+RECORD_PERIOD: Final = 0.05
+"""Time between two records, in s: 20 Hz; that between two decisions unless the driver asks for
+another."""
 
 
 class MovedCar(Protocol):
@@ -36,8 +42,8 @@ class MovedCar(Protocol):
     def picture(self) -> Image | None:
         """What the driver's camera sees now; None without one."""
 
-    def advance(self, steering: float, throttle: float, brake: float) -> None:
-        """Moves it on by a period."""
+    def advance(self, steering: float, throttle: float, brake: float, seconds: float) -> None:
+        """Moves it on."""
 
 
 def follow(
@@ -49,6 +55,7 @@ def follow(
     driver: Driver | None,
     limit: float,
     *,
+    period_step: float = RECORD_PERIOD,
     may_stall: bool = False,
 ) -> Drive:
     """Drives until the rules end it; a driver that breaks ends it, too.
@@ -58,16 +65,17 @@ def follow(
         road: under it.
         rules: say when the drive ends.
         body: of the car.
-        setup: the driver's.
+        setup: the driver's, unless it has a period of its own.
         driver: asked every period; None if the car drives itself.
         limit: s of wall time.
+        period_step: s of which a driver's own period is a multiple.
         may_stall: whether the simulator itself may need that long.
 
     Raises:
         FreneticError: it did, while nobody waited for the driver.
     """
     # The record after the timeout ends every drive.
-    most = math.ceil(rules.timeout(road.length) / setup.period) + 2
+    most = math.ceil(rules.timeout(road.length) / RECORD_PERIOD) + 2
     observer = Observer(road, rules, body, most)
     rows: list[list[float]] = []
     waits = False  # for the driver
@@ -82,20 +90,32 @@ def follow(
 
     def loop() -> None:
         controls = (0.0, 0.0, 0.0)
+        period = setup.period
         if driver is not None:
-            ask("reset", setup)
-        for i in range(most):
-            time = i * setup.period
+            period = period_of(driver, period_step) or period
+            ask("reset", replace(setup, period=period))
+        # In equal steps of whole milliseconds, in which records and decisions have their places.
+        per_record, per_decision = round(1e3 * RECORD_PERIOD), round(1e3 * period)
+        step = math.gcd(per_record, per_decision)
+        for now in range(0, most * per_record, step):
+            time = now / per_record * RECORD_PERIOD
+            is_record, is_decision = now % per_record == 0, now % per_decision == 0
             motion = [time, *car.motion()]
-            rows.append(motion if driver is None else [*motion, *controls])
-            x, y, heading, speed, _, yaw_rate, steering = motion[1:8]
-            if not observer.see(time, x, y, heading):
-                return
-            if driver is not None:
-                seen = observer.observation(speed, yaw_rate, steering, car.picture())
+            x, y, heading, speed, lateral_speed, yaw_rate, steering = motion[1:8]
+            if is_record:
+                rows.append(motion if driver is None else [*motion, *controls])
+                if not observer.see(time, x, y, heading):
+                    return
+            elif is_decision:
+                observer.glance(time, x, y, heading)
+            if driver is not None and is_decision:
+                seen = observer.observation(
+                    speed, yaw_rate, steering, car.picture(), lateral_speed=lateral_speed
+                )
                 controls = checked_controls(ask("act", seen))
-                rows[-1] = [*motion, *controls]
-            car.advance(*controls)
+                if is_record:
+                    rows[-1] = [*motion, *controls]
+            car.advance(*controls, step / 1e3)
 
     try:
         with wall_limit(limit):
@@ -112,7 +132,7 @@ def follow(
                 f"the simulator did not finish a drive within {limit:g} s of wall time"
                 f" ({len(rows)} records)"
             ) from None
-        at = max(len(rows) - 1, 0) * setup.period
+        at = max(len(rows) - 1, 0) * RECORD_PERIOD
         text = (
             f"the driver did not finish its drive within {limit:g} s of wall time"
             f" (it had driven {at:.1f} s{error.place})"

@@ -17,6 +17,7 @@ from frenetic.drive import CarBody, Rules
 from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING, Observation
 from frenetic.oracle import RUNNING, assess_record, rules_array
 from frenetic.road import Road
+from frenetic.road.geometry import heading_at, project_near, reach_of
 
 if TYPE_CHECKING:
     from frenetic.drivers.camera import Image
@@ -104,7 +105,7 @@ class Observer:
     """Follows one drive of a car that a simulator moves.
 
     Call `see` for every record, in order; while it says that the drive goes on, `observation` gives
-    the driver's view.
+    the driver's view, also at a place between two records after `glance`.
 
     Args:
         road: the road under the car.
@@ -119,15 +120,15 @@ class Observer:
         self._car = car.to_array()
         self._places = np.empty((3, records))
         self._seen = 0
-        self._heading = self._s = self._offset = self._heading_error = 0.0
+        self._s = 0.0  # at the last record
+        self._now = (0.0,) * 7  # time, x, y, heading, s, lateral offset, heading error
 
     def see(self, time: float, x: float, y: float, heading: float) -> bool:
         """Takes in a record (s, m, m, rad); says whether the drive goes on."""
         i = self._seen
         self._places[:, i] = time, x, y
-        self._heading = heading
         self._seen += 1
-        end, self._s, self._offset, self._heading_error, _ = assess_now(
+        end, self._s, offset, heading_error, _ = assess_now(
             self._road.table,
             self._road.sub_step,
             self._road.lane_width,
@@ -140,16 +141,32 @@ class Observer:
             i,
             self._s,
         )
+        self._now = time, x, y, heading, self._s, offset, heading_error
         return bool(end == RUNNING)
 
+    def glance(self, time: float, x: float, y: float, heading: float) -> None:
+        """Takes in a place between two records, which ends no drive."""
+        table, ds = self._road.table, self._road.sub_step
+        _, before_x, before_y = (float(value) for value in self._places[:, self._seen - 1])
+        reach = reach_of(math.hypot(x - before_x, y - before_y))
+        s, d = project_near(table, ds, float(x), float(y), self._s, reach)
+        error = wrap(heading - heading_at(table, ds, s))
+        self._now = time, x, y, heading, s, d + 0.5 * self._road.lane_width, error
+
     def observation(
-        self, speed: float, yaw_rate: float, steering: float, image: Image | None = None
+        self,
+        speed: float,
+        yaw_rate: float,
+        steering: float,
+        image: Image | None = None,
+        *,
+        lateral_speed: float = 0.0,
     ) -> Observation:
-        """The driver's view at the last record (m/s, rad/s, rad), with its camera's picture.
+        """The driver's view at the last place (m/s, rad/s, rad), with its camera's picture.
 
         Its arrays become read-only.
         """
-        time, x, y = (float(v) for v in self._places[:, self._seen - 1])
+        time, x, y, heading, s, lateral_offset, heading_error = map(float, self._now)
         ahead = np.empty((AHEAD_POINTS, 2))
         curvature_ahead = np.empty(AHEAD_POINTS)
         road = self._road
@@ -159,8 +176,8 @@ class Observer:
             road.lane_width,
             x,
             y,
-            self._heading,
-            self._s,
+            heading,
+            s,
             AHEAD_POINTS,
             ahead,
             curvature_ahead,
@@ -173,10 +190,15 @@ class Observer:
             speed=float(speed),
             yaw_rate=float(yaw_rate),
             steering=float(steering),
-            lateral_offset=self._offset,
-            heading_error=self._heading_error,
+            lateral_offset=lateral_offset,
+            heading_error=heading_error,
             ahead=ahead,
             curvature_ahead=curvature_ahead,
-            distance=float(self._s),
+            distance=s,
             image=image,
+            x=x,
+            y=y,
+            heading=heading,
+            lateral_speed=float(lateral_speed),
+            _road=road,
         )

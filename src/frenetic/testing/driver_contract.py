@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from frenetic.drivers import Controls, Driver
-from frenetic.drivers.driver import camera_of
+from frenetic.drivers import Driver
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.road import Road
@@ -32,13 +29,13 @@ class DriverContract:
 
     def test_is_a_driver(self) -> None:
         """It has the protocol's methods."""
-        assert isinstance(self.make(), Driver)
+        assert isinstance(self.make(), Driver), "it needs the methods reset and act"
 
     def test_keeps_a_straight_lane(self) -> None:
         """A straight road is no challenge."""
         road = Road(np.zeros(11))
         drive = EmbeddedSimulator().drive(road, self.make())
-        assert drive.error is None
+        assert drive.error is None, drive.error
         result = judge(road, drive)
         assert result.outcome is Outcome.PASS, result.reason
 
@@ -52,27 +49,13 @@ class DriverContract:
         simulator.drive(other, driver)
         again = simulator.drive(first, driver).trajectory.to_rows()
         fresh = simulator.drive(first, self.make()).trajectory.to_rows()
-        assert np.array_equal(once, again)
-        assert np.array_equal(once, fresh)
+        assert np.array_equal(once, again), (
+            "the same road is driven differently after another one: reset has to forget all"
+        )
+        assert np.array_equal(once, fresh), "another driver of this class drives differently"
 
     def test_controls_are_numbers(self) -> None:
-        """Every answer is `Controls` of finite numbers, the pedals within 0..1."""
-        driver = self.make()
-        answers: list[Controls] = []
-
-        class Watch:
-            camera = camera_of(driver)
-            reset = staticmethod(driver.reset)
-
-            @staticmethod
-            def act(observation):  # type: ignore[no-untyped-def]
-                answers.append(driver.act(observation))
-                return answers[-1]
-
-        EmbeddedSimulator().drive(Road(np.array([0.0, 0.03, 0.0, -0.03, 0.0])), Watch())
-        assert answers
-        for controls in answers:
-            assert isinstance(controls, Controls)
-            assert math.isfinite(controls.steering)
-            assert 0.0 <= controls.throttle <= 1.0
-            assert 0.0 <= controls.brake <= 1.0
+        """Every answer is `Controls` of finite numbers; simulators cut pedals to 0..1."""
+        road = Road(np.array([0.0, 0.03, 0.0, -0.03, 0.0]))
+        drive = EmbeddedSimulator().drive(road, self.make())
+        assert drive.error is None, drive.error

@@ -34,6 +34,10 @@ _ENDS = {
 
 # Tolerances between a driver's observations and the record, beside latency.
 _SLACKS: dict[str, float | FloatArray] = {
+    "x": 0.05,  # m
+    "y": 0.05,  # m
+    "heading": 0.02,  # rad
+    "lateral_speed": 0.1,  # m/s
     "speed": 0.1,  # m/s
     "yaw_rate": 0.05,  # rad/s
     "steering": 0.02,  # rad
@@ -226,7 +230,7 @@ class SimulatorContract:
         assert 0.0 < setup.period <= 1.0 / RECORD_RATE + 1e-9, f"period is {setup.period} s"
         assert setup.front_axle > 0.0, f"front_axle is {setup.front_axle} m"
         assert setup.rear_axle > 0.0, f"rear_axle is {setup.rear_axle} m"
-        assert setup.wheelbase < setup.car_length, "the axles are farther apart than the bumpers"
+        assert setup.wheelbase <= setup.car_length, "the axles are farther apart than the bumpers"
         assert 0.1 < setup.max_steering < 1.57, f"max_steering is {setup.max_steering} rad"
         for name in ("max_acceleration", "max_deceleration"):
             value = getattr(setup, name)
@@ -404,7 +408,8 @@ def _observations(road: Road, drive: Drive) -> list[Observation]:
     seen = []
     for i in range(len(t)):
         observer.see(t.time[i], t.x[i], t.y[i], t.heading[i])
-        seen.append(observer.observation(t.speed[i], t.yaw_rate[i], t.steering[i]))
+        motion = t.speed[i], t.yaw_rate[i], t.steering[i]
+        seen.append(observer.observation(*motion, lateral_speed=t.lateral_speed[i]))
     return seen
 
 

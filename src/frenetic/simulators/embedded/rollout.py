@@ -76,10 +76,15 @@ def write_record(
 
 @njit()
 def advance_period(
-    state: FloatArray, steering: float, throttle: float, brake: float, vehicle: FloatArray
+    state: FloatArray,
+    steering: float,
+    throttle: float,
+    brake: float,
+    vehicle: FloatArray,
+    steps: int = STEPS_PER_PERIOD,
 ) -> None:
-    """Moves the car on by one period, in place."""
-    for _ in range(STEPS_PER_PERIOD):
+    """Moves the car on by one period, or another number of steps, in place."""
+    for _ in range(steps):
         advance(state, steering, throttle, brake, vehicle, STEP)
 
 

@@ -21,8 +21,10 @@ from frenetic.drive import Breakdown, Drive, Rules, Trajectory
 from frenetic.drivers import Planner
 from frenetic.drivers.camera import RENDERERS, Camera, Image, Renderer, Scene
 from frenetic.drivers.driver import (
+    Controls,
     Driver,
     DriveSetup,
+    Observation,
     camera_of,
     scene_of,
     under_layers,
@@ -66,6 +68,7 @@ class EmbeddedSimulator(StartingPlace):
     """
 
     draws: Final = True
+    period_step: Final = kernels.STEP
     BEHAVIOUR: ClassVar[int] = 1
     """Raised when its drives change; campaigns record it."""
 
@@ -202,7 +205,16 @@ class EmbeddedSimulator(StartingPlace):
         if renderer is not None:
             renderer.draw(*road.pose)  # likewise
         car = _Car(self._start(road), self._parameters, renderer)
-        return follow(car, road, self.rules, self.car, setup, driver, self.wall_limit)
+        return follow(
+            car,
+            road,
+            self.rules,
+            self.car,
+            setup,
+            driver,
+            self.wall_limit,
+            period_step=self.period_step,
+        )
 
     def _start(self, road: Road) -> FloatArray:
         return kernels.start_state(
@@ -232,9 +244,10 @@ class _Car:
             return None
         return self._renderer.draw(state[X], state[Y], state[HEADING])
 
-    def advance(self, steering: float, throttle: float, brake: float) -> None:
+    def advance(self, steering: float, throttle: float, brake: float, seconds: float) -> None:
         """Moves it on."""
-        kernels.advance_period(self._state, steering, throttle, brake, self._parameters)
+        steps = round(seconds / kernels.STEP)
+        kernels.advance_period(self._state, steering, throttle, brake, self._parameters, steps)
 
 
 def _renderer(road: Road, camera: Camera, scene: Scene) -> Renderer:
@@ -268,7 +281,12 @@ def compile_kernels() -> None:
 
 
 class _Rehearsing(Planner):
-    """The planner as a driver in Python."""
+    """The planner as a driver in Python, which looks at the lane, too."""
+
+    def act(self, observation: Observation) -> Controls:
+        """The planner's controls."""
+        observation.lane()
+        return super().act(observation)
 
 
 @cache

@@ -47,14 +47,14 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import NotNegative, Positive, check
 from frenetic._support.compiled import njit
 from frenetic.drive import CarBody, Rules
-from frenetic.drivers.driver import DriveSetup
+from frenetic.drivers.driver import DRAG_FADE_SPEED, DriveSetup
 from frenetic.road import Road
 
 GRAVITY: Final = 9.81
 """m/s²."""
 AIR_DENSITY: Final = 1.2
 """kg/m³, at 20 °C."""
-BRAKE_FADE_SPEED: Final = 0.5
+BRAKE_FADE_SPEED: Final = DRAG_FADE_SPEED
 """Rolling speed below which brakes and rolling drag fade out, in m/s, for a smooth stop."""
 STEP_RATE: Final = 100.0
 """RK4 step rate for which a vehicle's parameters are checked to be stable, in Hz."""
@@ -252,6 +252,7 @@ class Vehicle:
 
     def setup(self, rules: Rules, road: Road, period: float) -> DriveSetup:
         """Return the setup of a drive with one decision every ``period`` s, for its driver."""
+        stiffness = self.tyre_stiffness * self.mass * GRAVITY / self.wheelbase
         return DriveSetup(
             speed_limit=rules.speed_limit / 3.6,
             lane_width=road.lane_width,
@@ -263,6 +264,15 @@ class Vehicle:
             max_steering=self.steering_limit,
             max_acceleration=self.engine_acceleration,
             max_deceleration=self.brake_deceleration,
+            switch_speed=self.switch_speed,
+            rolling_drag=self.rolling_resistance * GRAVITY,
+            air_drag=0.5 * AIR_DENSITY * self.drag_area / self.mass,
+            mass=self.mass,
+            yaw_inertia=self.yaw_inertia,
+            front_cornering_stiffness=self.front_stiffness * stiffness * self.rear_axle,
+            rear_cornering_stiffness=stiffness * self.front_axle,
+            steering_rate=self.steering_rate,
+            steering_lag=self.steering_lag,
         )
 
     def to_array(self) -> FloatArray:

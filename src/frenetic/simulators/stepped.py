@@ -1,0 +1,180 @@
+"""Base of simulators in Python that only say where their car starts and how it moves on."""
+
+from __future__ import annotations
+
+import math
+from types import TracebackType
+from typing import ClassVar, NamedTuple, Self
+
+from frenetic._support.bounds import Positive, check
+from frenetic.drive import CarBody, Drive, Rules
+from frenetic.drivers.driver import Driver, DriveSetup
+from frenetic.road import Pose, Road
+from frenetic.simulators.following import RECORD_PERIOD, follow
+from frenetic.simulators.observing import wrap
+from frenetic.simulators.simulator import StartingPlace
+
+
+class Motion(NamedTuple):
+    """Place and motion of a car."""
+
+    x: float
+    """Coordinate of the centre of mass, in m."""
+    y: float
+    """m."""
+    heading: float
+    """Heading in rad, counter-clockwise from +x; whole turns do not matter."""
+    speed: float = 0.0
+    """Speed along the car, in m/s."""
+    lateral_speed: float = 0.0
+    """Speed across the car, in m/s, positive to the left."""
+    yaw_rate: float = 0.0
+    """Yaw rate in rad/s, positive to the left."""
+    steering: float = 0.0
+    """Angle of the front wheels in rad, positive to the left."""
+
+
+class SteppedSimulator(StartingPlace):
+    """Base of simulators that say where their car starts and how it moves on: `start` and `step`.
+
+    It asks the driver, records, ends drives by the rules, and blames who broke them. Override
+    `__enter__` and `__exit__` to start and end parts, and what is said of the car if it has other
+    sizes and limits.
+
+    Args:
+        rules: speed limit, oob tolerance and when a drive ends.
+        wall_limit: s of wall time that a drive may take; then it is an ERROR.
+
+    `rules`, `start_offset` and `start_heading` may be set between two drives.
+    """
+
+    car: CarBody = CarBody()
+    """The box that the car covers."""
+    front_axle: ClassVar[float] = 1.16
+    """Distance from the centre of mass to the front axle, in m."""
+    rear_axle: ClassVar[float] = 1.42
+    """Distance from the centre of mass to the rear axle, in m."""
+    max_steering: ClassVar[float] = 0.6
+    """The front wheels' largest angle, in rad."""
+    max_acceleration: ClassVar[float] = 4.0
+    """Acceleration at full throttle and low speed, in m/s^2."""
+    max_deceleration: ClassVar[float] = 9.0
+    """Deceleration at full brake, in m/s^2."""
+    period_step: ClassVar[float] = RECORD_PERIOD
+    """Least time that `step` can be asked for, in s: whole milliseconds."""
+
+    def __init__(self, *, rules: Rules | None = None, wall_limit: Positive = 60.0) -> None:
+        check({"wall_limit": wall_limit}, SteppedSimulator.__init__)
+        self.rules = rules or Rules()
+        self.wall_limit = wall_limit
+
+    def start(self, road: Road, pose: Pose, setup: DriveSetup) -> Motion:
+        """Puts the car at rest on the road.
+
+        Args:
+            road: under it; the last drive's is over.
+            pose: of its centre of mass.
+            setup: what the driver is told.
+
+        Returns:
+            Its motion, ``Motion(*pose)`` if it stands there.
+        """
+        raise NotImplementedError
+
+    def step(self, steering: float, throttle: float, brake: float, seconds: float) -> Motion:
+        """Moves the car on.
+
+        Args:
+            steering: rad, asked of the front wheels, within `max_steering`.
+            throttle: 0..1.
+            brake: 0..1.
+            seconds: of simulated time.
+
+        Returns:
+            Its motion then.
+        """
+        raise NotImplementedError
+
+    def setup(self, road: Road) -> DriveSetup:
+        """The setup of a drive along the road for its driver."""
+        return DriveSetup(
+            speed_limit=self.rules.speed_limit / 3.6,
+            lane_width=road.lane_width,
+            period=RECORD_PERIOD,
+            front_axle=self.front_axle,
+            rear_axle=self.rear_axle,
+            car_length=self.car.length,
+            car_width=self.car.width,
+            max_steering=self.max_steering,
+            max_acceleration=self.max_acceleration,
+            max_deceleration=self.max_deceleration,
+        )
+
+    def __enter__(self) -> Self:
+        """Starts nothing."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Ends nothing."""
+
+    def drive(self, road: Road, driver: Driver) -> Drive:
+        """One drive of the driver along the road.
+
+        Raises:
+            ArithmeticError: the car's motion is no longer finite.
+        """
+        setup = self.setup(road)
+        x, y, heading = road.pose
+        left = self.start_offset - 0.5 * road.lane_width
+        pose = Pose(
+            x - left * math.sin(heading),
+            y + left * math.cos(heading),
+            heading + self.start_heading,
+        )
+        car = _Car(self, self.start(road, pose, setup), heading, setup.max_steering)
+        return follow(
+            car,
+            road,
+            self.rules,
+            self.car,
+            setup,
+            driver,
+            self.wall_limit,
+            period_step=self.period_step,
+        )
+
+
+class _Car:
+    """The car of one drive."""
+
+    def __init__(
+        self, simulator: SteppedSimulator, motion: Motion, heading: float, max_steering: float
+    ) -> None:
+        self._simulator = simulator
+        self._heading = heading
+        self._max_steering = max_steering
+        self._take(motion)
+
+    def _take(self, motion: Motion) -> None:
+        motion = Motion(*map(float, motion))
+        if not all(map(math.isfinite, motion)):
+            raise ArithmeticError(f"the physics broke: the car's motion is {tuple(motion)}")
+        self._heading += wrap(motion.heading - self._heading)
+        self._motion = motion._replace(heading=self._heading)
+
+    def motion(self) -> Motion:
+        """The car's motion, with the heading unwrapped."""
+        return self._motion
+
+    def picture(self) -> None:
+        """None: it draws nothing."""
+
+    def advance(self, steering: float, throttle: float, brake: float, seconds: float) -> None:
+        """Moves it on."""
+        steering = min(max(steering, -self._max_steering), self._max_steering)
+        self._take(self._simulator.step(steering, throttle, brake, seconds))

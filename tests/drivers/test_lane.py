@@ -1,0 +1,163 @@
+"""`Observation.lane`, from drives of the embedded simulator."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from frenetic import Controls, Driver, DriveSetup, EmbeddedSimulator, Observation, Road
+from frenetic.drivers import Lane, LimitedView, Noisy, Stanley
+from frenetic.errors import FreneticError
+
+FloatArray = npt.NDArray[np.float64]
+WINDING = Road([0.0, 0.01, 0.03, 0.0, -0.04, -0.02, 0.0, 0.03, 0.0], pose=(40.0, 60.0, 0.7))
+
+
+class Keeping:
+    """Stanley, which keeps what it saw."""
+
+    def __init__(self) -> None:
+        self.stanley = Stanley()
+        self.seen: list[Observation] = []
+
+    def reset(self, setup: DriveSetup) -> None:
+        self.stanley.reset(setup)
+        self.seen = []
+
+    def act(self, observation: Observation) -> Controls:
+        self.seen.append(observation)
+        return self.stanley.act(observation)
+
+
+def seen_on(
+    road: Road, layer: Callable[[Driver], Driver] = lambda driver: driver
+) -> list[Observation]:
+    driver = Keeping()
+    simulator = EmbeddedSimulator(start_offset=0.4, start_heading=-0.1)
+    assert simulator.drive(road, layer(driver)).error is None
+    assert len(driver.seen) > 100
+    return driver.seen[::20]
+
+
+def on_the_map(lane: Lane, road: Road, seen: Observation) -> FloatArray:
+    """Points of a lane in the map's frame, by the car's place on the road."""
+    pose = road.pose_at(seen.distance)
+    heading = pose.heading + seen.heading_error
+    left = seen.lateral_offset - 0.5 * road.lane_width
+    x, y = pose.x - left * math.sin(pose.heading), pose.y + left * math.cos(pose.heading)
+    c, s = math.cos(heading), math.sin(heading)
+    moved: FloatArray = lane.points @ np.array([[c, s], [-s, c]]) + (x, y)
+    return moved
+
+
+def centre_of_lane(road: Road, distances: FloatArray) -> FloatArray:
+    half = 0.5 * road.lane_width
+    poses = [road.pose_at(s) for s in distances]
+    return np.array(
+        [(p.x + half * math.sin(p.heading), p.y - half * math.cos(p.heading)) for p in poses]
+    )
+
+
+def test_it_is_the_view_ahead_at_the_views_spacing() -> None:
+    for seen in seen_on(WINDING):
+        lane = seen.lane(spacing=2.0, ahead=78.0)
+        np.testing.assert_allclose(lane.points, seen.ahead, rtol=0.0, atol=2e-3)
+        np.testing.assert_allclose(lane.curvatures, seen.curvature_ahead, rtol=0.0, atol=1e-9)
+        np.testing.assert_array_equal(lane.distances, np.arange(0.0, 80.0, 2.0))
+
+
+@pytest.mark.parametrize(("spacing", "ahead", "behind"), [(0.5, 200.0, 30.0), (0.1, 0.3, 0.7)])
+def test_it_lies_on_the_road_at_any_spacing_also_behind_and_beyond_both_ends(
+    spacing: float, ahead: float, behind: float
+) -> None:
+    for seen in seen_on(WINDING):
+        lane = seen.lane(spacing, ahead, behind)
+        assert lane.distances[0] == pytest.approx(-behind)
+        assert lane.distances[-1] == pytest.approx(ahead)
+        assert lane.distances[round(behind / spacing)] == 0.0
+        np.testing.assert_allclose(np.diff(lane.distances), spacing, rtol=0.0, atol=1e-9)
+        places = seen.distance + lane.distances
+        expected = centre_of_lane(WINDING, places)
+        np.testing.assert_allclose(on_the_map(lane, WINDING, seen), expected, rtol=0.0, atol=1e-6)
+        beyond = (places < 0.0) | (places > WINDING.length)
+        assert not lane.curvatures[beyond].any()
+
+
+def test_headings_and_curvatures_are_those_of_its_points() -> None:
+    for seen in seen_on(WINDING):
+        lane = seen.lane(0.01, 60.0, 20.0)
+        abreast = np.flatnonzero(lane.distances == 0.0)[0]
+        assert lane.headings[abreast] == pytest.approx(-seen.heading_error)
+        steps = np.diff(lane.points, axis=0)
+        lengths = np.hypot(*steps.T)
+        between = 0.5 * (lane.headings[1:] + lane.headings[:-1])
+        np.testing.assert_allclose(
+            np.unwrap(np.arctan2(*steps.T[::-1])), between, rtol=0.0, atol=1e-6
+        )
+        turns = np.diff(lane.headings) / lengths
+        curvatures = 0.5 * (lane.curvatures[1:] + lane.curvatures[:-1])
+        np.testing.assert_allclose(turns, curvatures, rtol=0.0, atol=1e-4)
+
+
+def test_noise_moves_it_as_the_view_ahead() -> None:
+    plain = seen_on(WINDING)
+    for seen in seen_on(WINDING, lambda driver: Noisy(driver, offset=0.5, heading=0.05)):
+        lane = seen.lane(2.0, 78.0)
+        # The view is moved across the car, the lane across the road.
+        np.testing.assert_allclose(lane.points, seen.ahead, rtol=0.0, atol=0.25)
+        np.testing.assert_allclose(lane.points[:, 1], seen.ahead[:, 1], rtol=0.0, atol=0.05)
+        expected = centre_of_lane(WINDING, seen.distance + lane.distances)
+        c, s = math.cos(seen.heading), math.sin(seen.heading)
+        believed = lane.points @ np.array([[c, s], [-s, c]]) + (seen.x, seen.y)
+        np.testing.assert_allclose(believed, expected, rtol=0.0, atol=1e-6)
+        right = replace(seen, lateral_offset=seen.lateral_offset - 1.0).lane(2.0, 78.0)
+        np.testing.assert_allclose(
+            np.hypot(*(right.points - lane.points).T), 1.0, rtol=0.0, atol=1e-9
+        )
+    assert abs(plain[0].lane().points[0, 1] + 0.4) < 0.01  # the car starts left of the centre
+
+
+@pytest.mark.parametrize(("distance", "end"), [(25.0, 25.0), (200.0, 200.0), (0.5, 2.0)])
+def test_a_limited_view_ends_it_also_a_long_one(distance: float, end: float) -> None:
+    for seen in seen_on(WINDING, lambda driver: LimitedView(driver, distance=distance)):
+        lane = seen.lane(1.0, ahead=math.inf, behind=10.0)
+        assert (lane.distances[0], lane.distances[-1]) == (-10.0, end)
+        assert seen.lane(1.0, ahead=1.0).distances[-1] == 1.0
+        assert len(seen.ahead) <= 40
+
+
+def test_an_observation_that_is_kept_gives_the_lane_of_its_time() -> None:
+    first, *others = seen_on(WINDING)
+    before = first.lane().points.copy()
+    for other in others:
+        other.lane()
+    np.testing.assert_array_equal(first.lane().points, before)
+    with pytest.raises(ValueError, match="read-only"):
+        first.lane().points[0] = 0.0
+
+
+@pytest.mark.parametrize(
+    ("lengths", "message"),
+    [
+        ((0.0, 10.0, 0.0), "spacing above 0"),
+        ((1.0, -1.0, 0.0), "at least 0"),
+        ((1.0, 1.0, math.nan), "at least 0"),
+        ((1.0, math.inf, 0.0), "at most 100000 points"),
+        ((1e-9, 1.0, 0.0), "at most 100000 points"),
+    ],
+)
+def test_bad_lengths_are_refused(lengths: tuple[float, float, float], message: str) -> None:
+    seen = seen_on(WINDING)[0]
+    with pytest.raises(ValueError, match=message):
+        seen.lane(*lengths)
+
+
+def test_without_a_road_it_says_so() -> None:
+    seen = Observation(0.0, 10.0, 0.0, 0.0, 0.0, 0.0, np.zeros((1, 2)), np.zeros(1))
+    with pytest.raises(FreneticError, match="no lane is known"):
+        seen.lane()

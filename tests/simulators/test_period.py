@@ -1,0 +1,107 @@
+"""Drivers with a period of their own."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from frenetic import Controls, Driver, DriveSetup, EmbeddedSimulator, Observation, Road, Stanley
+from frenetic.drivers import Noisy
+from frenetic.errors import DriverError
+from frenetic.oracle import judge
+from frenetic.outcome import Outcome
+from frenetic.simulators.capabilities import check_pair
+from frenetic.testing import DummySimulator
+
+WINDING = Road([0.0, 0.01, 0.03, 0.0, -0.03, -0.02, 0.0, 0.02, 0.0], pose=(40.0, 60.0, 0.7))
+
+
+class Own(Stanley):
+    """Stanley at a rate of its own, which keeps what it saw and answered."""
+
+    def __init__(self, period: Any) -> None:
+        super().__init__()
+        self.period = period
+
+    def reset(self, setup: DriveSetup) -> None:
+        super().reset(setup)
+        self.told = setup.period
+        self.seen: list[Observation] = []
+        self.answers: list[Controls] = []
+
+    def act(self, observation: Observation) -> Controls:
+        self.seen.append(observation)
+        self.answers.append(super().act(observation))
+        return self.answers[-1]
+
+
+@pytest.mark.parametrize("period", [0.01, 0.02, 0.04, 0.05, 0.07, 0.1, 0.2])
+def test_it_is_asked_that_often_and_recorded_at_20_hz(period: float) -> None:
+    driver = Own(period)
+    drive = EmbeddedSimulator().drive(WINDING, driver)
+    assert judge(WINDING, drive).outcome is Outcome.PASS
+    t = drive.trajectory
+    assert driver.told == period
+    np.testing.assert_allclose(t.time, 0.05 * np.arange(len(t)), rtol=0.0, atol=1e-9)
+    asked = [seen.time for seen in driver.seen]
+    np.testing.assert_allclose(asked, period * np.arange(len(asked)), rtol=0.0, atol=1e-9)
+    assert t.time[-1] - period <= asked[-1] + 1e-9
+    assert asked[-1] <= t.time[-1]
+    # A record holds the answer of its time.
+    for i in range(len(t) - 1):
+        answer = driver.answers[int(t.time[i] / period + 1e-6)]
+        assert t.steering_input[i] == answer.steering
+    # Between two records, too, the driver sees where it is.
+    for seen in driver.seen:
+        for name in ("x", "y", "heading", "speed", "yaw_rate"):
+            expected = np.interp(seen.time, t.time, getattr(t, name))
+            assert getattr(seen, name) == pytest.approx(expected, abs=0.02), name
+        ((s, d),) = WINDING.track([[seen.x, seen.y]])
+        assert (seen.distance, seen.lateral_offset) == pytest.approx((s, d + 2.0), abs=1e-6)
+        error = seen.heading - WINDING.pose_at(s).heading
+        assert seen.heading_error == pytest.approx(error, abs=1e-6)
+        assert seen.ahead[0] == pytest.approx(seen.lane().points[0], abs=2e-3)
+
+
+def test_the_period_of_the_simulator_changes_nothing() -> None:
+    plain, own = (
+        EmbeddedSimulator().drive(WINDING, driver).trajectory.to_rows()
+        for driver in (Stanley(), Own(0.05))
+    )
+    np.testing.assert_array_equal(plain, own)
+    assert EmbeddedSimulator().drives_compiled(Stanley())
+    assert not EmbeddedSimulator().drives_compiled(Own(0.05))
+
+
+def test_a_layer_has_the_period_of_its_driver() -> None:
+    driver = Own(0.02)
+    drive = EmbeddedSimulator().drive(WINDING, Noisy(driver, offset=0.2))
+    assert drive.error is None
+    assert (driver.told, driver.seen[1].time) == pytest.approx((0.02, 0.02))
+
+
+@pytest.mark.parametrize(
+    ("simulator", "period", "message"),
+    [
+        (
+            EmbeddedSimulator(),
+            0.015,
+            "period is 0.015 s: this simulator allows multiples of 0.01 s",
+        ),
+        (EmbeddedSimulator(), 0.5, "period is 0.5: 0.01 to 0.2 s are needed"),
+        (EmbeddedSimulator(), "fast", "period is 'fast': 0.01 to 0.2 s are needed"),
+        (DummySimulator(), 0.1, "this simulator cannot change its own"),
+    ],
+)
+def test_what_cannot_be_kept_is_refused_before_a_drive(
+    simulator: Any, period: Any, message: str
+) -> None:
+    driver: Driver = Own(period)
+    with pytest.raises(DriverError, match=message):
+        check_pair(simulator, driver)
+    if isinstance(simulator, EmbeddedSimulator):
+        error = simulator.drive(WINDING, driver).error
+        assert error is not None
+        assert message in error
