@@ -13,12 +13,13 @@ import json
 import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import numpy as np
 import pytest
 
-from frenetic import oracle, road
+from frenetic import Budget, Campaign, CampaignStore, oracle, road
 from frenetic.drivers import Observation, Planner
 from frenetic.drivers.driver import scene_of
 from frenetic.oracle import judge
@@ -77,6 +78,21 @@ def of_strategy(strategy: Strategy) -> list[float]:
     ]
 
 
+def of_search(strategy: Strategy) -> list[float]:
+    """Its roads while it learns from real drives."""
+    with TemporaryDirectory() as folder:
+        Campaign(
+            strategy=strategy,
+            simulator=EmbeddedSimulator(),
+            driver=Planner(),
+            budget=Budget(simulations=150),
+            folder=Path(folder) / "c",
+        ).run()
+        with CampaignStore.open(Path(folder) / "c") as store:
+            roads = [test.candidate.curvatures for test in store.tests()]
+    return [float(one @ np.arange(len(one))) for one in roads]
+
+
 def of_rules() -> list[float]:
     numbers = []
     for offset in (0.0, 0.9, -1.4, 2.5, -4.0):
@@ -126,6 +142,9 @@ def probes() -> dict[str, tuple[str, Callable[[], list[float]]]]:
     for name in sorted(set(STRATEGIES.built_in) - OVER_ANOTHER):
         strategy = STRATEGIES.make(name, seed=7)
         known[f"strategy {name}"] = version(strategy), lambda s=strategy: of_strategy(s)  # type: ignore[misc]
+    learning = STRATEGIES.make("frenetic", seed=7)
+    own = ", ".join(map(version, (learning, EmbeddedSimulator(), Planner())))
+    known["search for the planner's failures"] = own, lambda: of_search(learning)
     for name in DRIVERS.built_in:
         driver = DRIVERS.make(name)
         where = "metadrive" if name.startswith("metadrive") else "embedded"

@@ -155,5 +155,5 @@ def test_interrupt_finishes_the_drive_and_leaves_no_process(tmp_path: Path, work
         running.kill()
     assert running.returncode == 130, err
     assert "Interrupted: " in out
-    assert " 0 errors" in out, "what ran was finished: BeamNG.tech did not hear the interrupt"
+    assert " error" not in out, "what ran was finished: BeamNG.tech did not hear the interrupt"
     assert not processes_of(tmp_path)

@@ -83,7 +83,7 @@ def test_of_many_failures_the_most_severe_are_compared_and_the_table_says_so(
     assert title == (
         f"{len(clusters)} distinct failures among the 8 most severe of 30, the {listed} most severe"
     )
-    assert heading.split()[:2] == ["test", "MOOBD"]
+    assert heading.split()[:2] == ["test", "outside"]
     assert rows[0].split()[0] == str(severe[0])
     assert len(rows) == listed
 

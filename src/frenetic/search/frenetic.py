@@ -106,7 +106,7 @@ class Frenetic(Strategy):
 
     """
 
-    BEHAVIOUR: ClassVar[int] = 3
+    BEHAVIOUR: ClassVar[int] = 4
     """Raised when its proposals change; campaigns record it."""
 
     def __init__(
