@@ -72,7 +72,7 @@ LISTED: Final = 10
 NEAR_MISSES: Final = 5
 """Default number of distinct near misses that are listed and drawn."""
 
-_DOUBT_FROM: Final = 10  # random roads
+_FEWEST: Final = 10  # random roads from which something is said of all
 _DOUBTFUL: Final = 0.95  # failing share of them
 _UNSURE: Final = 0.05
 _PASSES_COMPARED: Final = 500, COMPARED  # as many as needed for the wanted near misses
@@ -361,13 +361,15 @@ def caution(store: CampaignStore) -> str:
     )
     counts = dict(rows)
     failed, driven = counts.get("FAIL", 0), sum(counts.values())
-    if driven and not store.by_outcome()[Outcome.FAIL]:
+    if driven < _FEWEST:
+        return ""
+    if not store.by_outcome()[Outcome.FAIL]:
         most = 1.0 - _UNSURE ** (1.0 / driven)
         return (
             f"{counted(driven, 'random road')} passed, so fewer than {100.0 * most:.2g} % of such"
             " roads fail, with 95 % confidence; rarer failures take more roads"
         )
-    if driven < _DOUBT_FROM or failed < _DOUBTFUL * driven:
+    if failed < _DOUBTFUL * driven:
         return ""
     return (
         f"{failed} of {driven} random roads fail: it may be the car, the speed or the code between"
