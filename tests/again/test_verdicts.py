@@ -33,7 +33,7 @@ def test_a_deterministic_failure_repeats_every_time(campaign: Path) -> None:
     worst = failures_in(campaign)[0].id
     (one,) = rerun(campaign, EmbeddedSimulator(), Planner(), tests=[worst], times=20).tests
     assert (one.failed, one.judged, one.alike, one.share) == (20, 20, 20, 1.0)
-    assert one.stability is Stability.REPEATS
+    assert one.stability is Stability.REPEATABLE
     assert all(drive.moobd == one.recorded.moobd for drive in one.drives)
     assert str(one) == "the same failure in 20 of 20 drives (100 %, 95 % interval 84 to 100 %)"
 
@@ -93,7 +93,7 @@ def test_what_is_not_the_same_twice_is_not_repeatable() -> None:
     test = recorded(Outcome.FAIL, -1.0, 50.0, "left")
     fails = redriven({}, Outcome.FAIL, -1.0, 50.0, "left", test=test, difference=0.5)
     passes = redriven({}, Outcome.PASS, 1.0, test=test)
-    assert Repeats(test, (fails,) * 20).stability is Stability.REPEATS
+    assert Repeats(test, (fails,) * 20).stability is Stability.REPEATABLE
     for often in (9, 19):
         drives = (fails,) * often + (passes,) * (20 - often)
         assert Repeats(test, drives).stability is Stability.NOT_REPEATABLE

@@ -40,7 +40,7 @@ def test_a_deterministic_failure_is_reported_20_of_20(frenetic: Frenetic, copied
     rows = [line for line in answer.out.splitlines() if line.count("20 of 20") == 2]
     assert len(rows) == len(ids), "each fails every time, and in the same way"
     assert "20 drives of each, in the same conditions: " in answer.out
-    assert f"{len(ids)} repeats" in answer.out
+    assert f"{len(ids)} repeatable" in answer.out
     (kept,) = Path(copied).glob("again/*")
     assert f"Kept in {kept}; to see it: frenetic report {copied}" in answer.out
     assert frenetic("check", str(kept)).code == 0

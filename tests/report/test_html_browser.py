@@ -422,13 +422,13 @@ def test_failures_are_chosen_by_robustness(show: Show, searched: Path, tmp_path:
     run("rerun", str(folder), "--times", "20", *parts)
     page = show(write_report(folder))
     everything = heads(page)
-    page.select_option("#gallery-robust", "repeats")
+    page.select_option("#gallery-robust", "repeatable")
     robust = heads(page)
     assert len(robust) == 2
-    expect(page.locator(".gallery .repeats.repeats")).to_have_count(2)
+    expect(page.locator(".gallery .repeats.repeatable")).to_have_count(2)
     colour = "el => getComputedStyle(el).color"
     fail = page.locator(".card-line .outcome-fail").first.evaluate(colour)
-    assert page.locator(".repeats.repeats").first.evaluate(colour) == fail  # no success
+    assert page.locator(".repeats.repeatable").first.evaluate(colour) == fail  # no success
     page.select_option("#gallery-robust", "none")
     assert len(heads(page)) >= len(everything) - 2
     assert not set(robust) & set(heads(page))

@@ -5,7 +5,7 @@ simulator is not repeatable. Conditions vary within given ranges: the friction o
 speed limit, the driver's noise and so on. Another driver shows what is fixed, another simulator
 what says something of the driver.
 
-In the same conditions a failure *repeats* or is *not repeatable*. Where conditions vary it is
+In the same conditions a failure is *repeatable* or *not repeatable*. Where conditions vary it is
 *robust* if the same failure is there in at least half of the drives and *fragile* if in less; the
 whole 95 % interval must be on one side.
 """

@@ -108,7 +108,7 @@ class Change(StrEnum):
 class Stability(StrEnum):
     """Whether a failure is there in other drives: the same one, not any on its road."""
 
-    REPEATS = "repeats"
+    REPEATABLE = "repeatable"
     """Each drive with the same parts in the same conditions has it."""
     NOT_REPEATABLE = "not repeatable"
     """Some of these drives do not: driver or simulator is not the same twice."""
@@ -291,7 +291,7 @@ class Repeats:
             return None
         if self.is_own and not self.variations:
             is_there = self.alike == self.judged
-            return Stability.REPEATS if is_there else Stability.NOT_REPEATABLE
+            return Stability.REPEATABLE if is_there else Stability.NOT_REPEATABLE
         low, high = self.interval
         if low >= LEVEL:
             return Stability.ROBUST

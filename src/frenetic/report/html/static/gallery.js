@@ -37,7 +37,7 @@ function drawGallery(element, block) {
   const sort = select("gallery-sort", [["moobd", "most severe"], ["size", "most alike"], ["first", "found first"]]);
   const side = select("gallery-side", [["", "either side"], ["left", "left"], ["right", "right"], ["none", "did not leave"]]);
   const search = el("input", { type: "search", id: "gallery-search", placeholder: "words or a test number", spellcheck: "false" });
-  const robust = select("gallery-robust", [["", "any"], ["repeats", "repeats"], ["not repeatable", "not repeatable"], ["robust", "robust"], ["unclear", "unclear"], ["fragile", "fragile"], ["none", "not driven again"]]);
+  const robust = select("gallery-robust", [["", "any"], ["repeatable", "repeatable"], ["not repeatable", "not repeatable"], ["robust", "robust"], ["unclear", "unclear"], ["fragile", "fragile"], ["none", "not driven again"]]);
   const found = el("span", { role: "status", class: "found" });
   const clear = el("button", { type: "button" }, "Clear");
   const fields = [side, search, robust];
