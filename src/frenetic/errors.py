@@ -96,7 +96,7 @@ class Fault:
         if isinstance(error, FreneticError) and error.__cause__ is not None:
             error = error.__cause__
         file, line = _call_of(error) or ("", 0)
-        kind = GIVES_NO_CONTROLS if isinstance(error, DriverError) else type(error).__name__
+        kind = GIVES_NO_CONTROLS if isinstance(error, ControlsError) else type(error).__name__
         return cls(part, kind, file and _short(file)[-100:], line)
 
     def __str__(self) -> str:
@@ -164,6 +164,10 @@ class StrategyError(CampaignError):
 
 class DriverError(FreneticError):
     """A driver that cannot be loaded, or that broke its contract during a drive."""
+
+
+class ControlsError(DriverError):
+    """A driver returned no `Controls`, or no finite numbers in them."""
 
 
 class UnknownNameError(FreneticError, LookupError):

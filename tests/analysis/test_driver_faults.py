@@ -10,6 +10,7 @@ import pytest
 from made_campaigns import search
 
 from frenetic.again.minimise import FailureReason, minimise
+from frenetic.analysis import measure_campaign
 from frenetic.analysis.failures import caution, distinct_failures
 from frenetic.campaign import CampaignStore, RoadTester
 from frenetic.drivers import Controls, Observation, Planner
@@ -46,6 +47,7 @@ def test_a_line_that_raises_is_one_distinct_failure_and_comes_first(tmp_path: Pa
         clusters, counts = distinct_failures(store), store.counts()
         raised = [test.id for test in store.tests(Outcome.FAIL) if test.result.fault]
         assert caution(store) == ""
+    assert measure_campaign(tmp_path / "c").distinct_after[-1] == len(clusters)
     first, *others = clusters
     assert (counts.errors, list(first.ids)) == (0, raised)
     assert first.fault is not None

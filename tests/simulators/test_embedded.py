@@ -425,6 +425,9 @@ def test_what_a_driver_says_or_returns_is_its_error() -> None:
     simulator = EmbeddedSimulator()
     drive = simulator.drive(STRAIGHT, Doing(fail(DriverError("no model was found"))))
     assert drive.error == "no model was found"
+    fault = judge(STRAIGHT, drive).fault
+    assert fault is not None
+    assert str(fault).startswith(f"raises DriverError at {Path(__file__).name}:")
     drive = simulator.drive(STRAIGHT, Doing(lambda: None))
     assert drive.error == "the driver returned NoneType instead of frenetic.Controls"
     assert judge(STRAIGHT, drive).fault == Fault("driver", GIVES_NO_CONTROLS)

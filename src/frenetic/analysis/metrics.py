@@ -16,7 +16,7 @@ from frenetic._support.arrays import evenly
 from frenetic.analysis.competition import failure_segment
 from frenetic.analysis.failures import Failure, cluster_failures
 from frenetic.analysis.features import FEATURES, features_of
-from frenetic.analysis.segments import segments_of
+from frenetic.analysis.segments import segment_of
 from frenetic.analysis.sparseness import MOST_COMPARED, largest_distances, unlike_lines
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.store import CampaignStore
@@ -237,11 +237,17 @@ def measure_campaign(folder: Path | str) -> CampaignMeasures:
                 found.append(found[-1] + (outcome is Outcome.FAIL))
                 if outcome is Outcome.FAIL:
                     found_at[test.id] = len(found) - 1
-        failures, cells, roads, cuts = [], set(), [], []
-        for test, segment in segments_of(store, Outcome.FAIL):
+        failures: list[Failure] = []
+        cells, roads, cuts = set(), [], []
+        for test in store.tests(Outcome.FAIL, with_trajectory=True):
             if test.id not in found_at:
                 continue  # of a campaign that goes on
-            failures.append(Failure.of(segment, id=test.id, moobd=test.moobd or 0.0))
+            if test.drive is None:  # its record was lost, to a fault of the driver, say
+                failures += filter(None, [Failure.of_test(test)])
+                continue
+            segment = segment_of(test.road, test.drive, test.result.finding)
+            moobd, fault = test.moobd or 0.0, test.result.fault
+            failures.append(Failure.of(segment, id=test.id, moobd=moobd, fault=fault))
             features = features_of(segment)
             cells.add(tuple(FEATURES[name].bin(features[name]) for name in MAP_AXES))
             roads.append(test.road.sample(ROAD_SPACING))

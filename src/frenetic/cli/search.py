@@ -143,7 +143,7 @@ def search(
             print_failures(found, counts, len(listed))
             if note := caution(store):
                 click.echo(f"Note: {note}")
-            if misses is not None and counts.tests:
+            if summary is not None and misses is not None and counts.tests:
                 further = 9 * counts.simulations
                 click.echo(f"Go on:       frenetic resume {shell(folder)} --simulations {further}")
         if summary is not None and not as_json:

@@ -14,7 +14,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.drivers.camera import Camera, Scene
-from frenetic.errors import DriverError, FreneticError, describe_raised
+from frenetic.errors import ControlsError, DriverError, FreneticError, describe_raised
 
 if TYPE_CHECKING:
     from frenetic.drivers.camera import Image
@@ -26,7 +26,8 @@ AHEAD_SPACING = 2.0
 AHEAD_POINTS = 40
 """Points of a full view: 78 m."""
 DRAG_FADE_SPEED: Final = 0.5
-"""Speed below which `DriveSetup.rolling_drag` fades out, in m/s."""
+"""Rolling speed below which brakes and `DriveSetup.rolling_drag` fade out, in m/s, for a smooth
+stop."""
 PERIODS: Final = (0.01, 0.2)
 """Shortest and longest `Driver` period of its own, in s."""
 MOST_LANE_POINTS: Final = 100_000
@@ -409,10 +410,10 @@ def checked_controls(controls: Any) -> tuple[float, float, float]:
     """(steering, throttle, brake) of what a driver returned, pedals cut to 0..1.
 
     Raises:
-        DriverError: it is not `Controls`, or a value is not a finite number.
+        ControlsError: it is not `Controls`, or a value is not a finite number.
     """
     if not isinstance(controls, Controls):
-        raise DriverError(
+        raise ControlsError(
             f"the driver returned {type(controls).__name__} instead of frenetic.Controls"
         )
     values = []
@@ -423,7 +424,7 @@ def checked_controls(controls: Any) -> tuple[float, float, float]:
         except (TypeError, ValueError, OverflowError):
             number = math.nan
         if not math.isfinite(number):
-            raise DriverError(
+            raise ControlsError(
                 f"the driver returned {name} = {repr(value)[:40]}, not a finite number"
             )
         values.append(number)
