@@ -253,22 +253,22 @@ def judge(road: Road, drive: Drive) -> Result:
     Records count until a rule ends the drive. A drive that a fault of its driver ended is a FAIL.
     One that stops before any rule ends it, or that carries another error, is an ERROR.
     """
-    path, fault = drive.trajectory, drive.fault
+    path = drive.trajectory
     records = len(path)
-    if records == 0 or (drive.error is not None and not is_drivers(fault)):
+    if records == 0 or (drive.error is not None and not is_drivers(drive.fault)):
         duration = float(path.time[-1]) if records else 0.0
-        return broken(drive.error or "The simulator recorded nothing", fault, duration)
+        return broken(drive.error or "The simulator recorded nothing", drive.fault, duration)
     if not all(np.isfinite(column).all() for column in (path.time, path.x, path.y, path.heading)):
-        return broken(drive.error or "The simulator recorded places that are no numbers", fault)
+        reason = drive.error or "The simulator recorded places that are no numbers"
+        return broken(reason, drive.fault)
     seen = assess(road, drive)
     i = len(seen.distance) - 1
     duration = float(path.time[i])
     least = int(np.argmin(seen.oob_distance))
     outcome = Outcome.FAIL
     findings: tuple[Finding, ...] = ()
+    fault: Fault | None = None
     rules = drive.rules
-    if seen.end != RUNNING:
-        fault = None
     place = duration, float(seen.distance[i]), float(path.x[i]), float(path.y[i])
     if seen.end == REACHED:
         outcome, reason = Outcome.PASS, "Car reached the end of the road"
@@ -291,8 +291,8 @@ def judge(road: Road, drive: Drive) -> Result:
             f"Car took longer than {rules.timeout(road.length):.0f} s"
             f" and was at {seen.distance[i]:.0f} m of {road.length:.0f} m"
         )
-    elif fault is not None and drive.error is not None:
-        reason = drive.error
+    elif drive.error is not None:
+        reason, fault = drive.error, drive.fault
         findings = (Finding(DRIVER, 1.0, 0.0, None, *place),)
     else:
         reason = f"The simulator stopped after {duration:.1f} s, before the drive had ended"

@@ -58,13 +58,12 @@ logger = logging.getLogger(__name__)
 class LostWorkerError(Exception):
     """A worker died, hangs, or what it holds raised."""
 
-    fault: Fault | None = None
-    """The driver's, if it was its turn when the worker died or had taken too long."""
-
-    def __init__(self, reason: str, traceback: str = "") -> None:
+    def __init__(self, reason: str, traceback: str = "", fault: Fault | None = None) -> None:
         super().__init__(reason)
         self.reason = reason
         self.traceback = traceback
+        self.fault = fault
+        """The driver's, if it was its turn when the worker died or had taken too long."""
 
 
 class RaisedError(LostWorkerError):
@@ -90,7 +89,7 @@ class Worker:
         self._number = 0
         self._process: BaseProcess | None = None
         self._connection: Connection
-        self._turn: Any  # shared with the process, see `drivers_turn`
+        self._turn: Any  # shared with the process, see `turn`
 
     def __len__(self) -> int:
         """Number of calls that were sent and are not answered."""
@@ -153,22 +152,19 @@ class Worker:
             raise self._lost()
         if time.monotonic() > self.deadline:
             what = "start" if self._calls[0][0] == 1 else "drive"
-            raise self._blaming(
-                LostWorkerError(f"its {what} took more than {self._calls[0][1]:.3g} s"), HANGS
-            )
+            reason = f"its {what} took more than {self._calls[0][1]:.3g} s"
+            raise LostWorkerError(reason, fault=self._fault(HANGS))
         return answers
 
     def _lost(self) -> LostWorkerError:
         assert self._process is not None
         end = f"it {ending_of(self._process.exitcode)}"
-        error = LostWorkerError(f"{end}, {_HINT}" if self._process.exitcode == 1 else end)
-        return self._blaming(error, ENDS_ITS_PROCESS)
+        reason = f"{end}, {_HINT}" if self._process.exitcode == 1 else end
+        return LostWorkerError(reason, fault=self._fault(ENDS_ITS_PROCESS))
 
-    def _blaming(self, error: LostWorkerError, kind: str) -> LostWorkerError:
-        """The error, with the driver's fault if it was its turn."""
-        if self._turn.value:
-            error.fault = Fault("driver", kind)
-        return error
+    def _fault(self, kind: str) -> Fault | None:
+        """The driver's fault, if it is its turn."""
+        return Fault("driver", kind) if self._turn.value else None
 
     def _hear(self, message: _Message, answers: list[Any]) -> None:
         match message:

@@ -17,9 +17,9 @@ from vehiclemodels.vehicle_dynamics_st import vehicle_dynamics_st
 
 from frenetic._support.arrays import FloatArray
 from frenetic.drive import CarBody
+from frenetic.drivers.driver import DRAG_FADE_SPEED
 from frenetic.simulators.embedded import vehicle
 from frenetic.simulators.embedded.vehicle import (
-    BRAKE_FADE_SPEED,
     GRAVITY,
     HEADING,
     LATERAL_SPEED,
@@ -379,7 +379,7 @@ class TestEnergy:
         end = simulate(car, at(speed), held(brake=1.0), speed / deceleration + 2.0)[-1]
         assert 0.0 <= end[SPEED] < 1e-6
         # Below the speed at which fading brakes are weaker than the tyres, the way doubles.
-        fading = BRAKE_FADE_SPEED * deceleration / car.brake_deceleration
+        fading = DRAG_FADE_SPEED * deceleration / car.brake_deceleration
         squares = speed**2 + fading**2
         assert end[X] == pytest.approx(squares / (2.0 * deceleration), rel=1e-3)
         assert end[X] > speed**2 / (2.0 * car.grip * GRAVITY)

@@ -102,7 +102,7 @@ class Minimising(Strategy):
     """
 
     BEHAVIOUR: Final = 1
-    expects_failures: ClassVar = True
+    expects_failures: ClassVar[bool] = True
 
     def __init__(self, start: Shape, rules: Rules, guard: float = GUARD) -> None:
         self.options = {"curvatures": list(start.values), "step": start.step, "guard": guard}

@@ -27,7 +27,8 @@ from frenetic.quantities import quantity
 from frenetic.simulators.worlds import Conditions
 
 LEVEL: Final = 0.5
-"""Share of drives with the same failure that separates robust ones (at least) from fragile ones."""
+"""Share of drives from which on a version fails on a road, and a failure is robust: of drives that
+fail, or have the same failure."""
 LEAST_DRIVES: Final = 8
 """Fewest drives for a verdict on which quantities matter."""
 

@@ -138,31 +138,27 @@ class Failure:
     def of_drive(
         cls,
         road: Road,
-        drive: Drive,
+        drive: Drive | None,
         result: Result,
         *,
         id: int = 0,  # noqa: A002
     ) -> Failure | None:
-        """The failure of a drive that was judged FAIL; None if it has no records."""
-        if not len(drive.trajectory):
-            return None if result.fault is None else cls._unrecorded(result.fault, id)
-        segment = segment_of(road, drive, result.finding)
-        return cls.of(segment, id=id, moobd=result.moobd or 0.0, fault=result.fault)
+        """The failure of a drive that was judged FAIL; None without records, unless by a fault."""
+        fault = result.fault
+        if drive is not None and len(drive.trajectory):
+            segment = segment_of(road, drive, result.finding)
+            return cls.of(segment, id=id, moobd=result.moobd or 0.0, fault=fault)
+        if fault is None:
+            return None
+        line, states = np.zeros((ROAD_SIZE // 2, 2)), np.zeros(STATES)
+        return cls(id, 0.0, None, np.zeros(31), line, states, states, fault=fault)
 
     @classmethod
     def of_test(cls, record: Test) -> Failure | None:
         """The failure of a stored test; None unless it failed and was read with its trajectory."""
         if record.outcome is not Outcome.FAIL:
             return None
-        if record.drive is not None:
-            return cls.of_drive(record.road, record.drive, record.result, id=record.id)
-        fault = record.result.fault
-        return None if fault is None else cls._unrecorded(fault, record.id)
-
-    @classmethod
-    def _unrecorded(cls, fault: Fault, id: int) -> Failure:  # noqa: A002
-        road, states = np.zeros((ROAD_SIZE // 2, 2)), np.zeros(STATES)
-        return cls(id, 0.0, None, np.zeros(31), road, states, states, fault=fault)
+        return cls.of_drive(record.road, record.drive, record.result, id=record.id)
 
     def difference(self, other: Failure) -> float:
         """Difference of two failures in m, whatever their sides; see this module's text."""

@@ -21,13 +21,11 @@ from frenetic.drivers.driver import camera_of, check_other_world, under_layers
 from frenetic.errors import DriverError
 from frenetic.road import Pose, Road
 from frenetic.simulators.checks import Check, drive_checks
-from frenetic.simulators.following import follow
+from frenetic.simulators.following import RECORD_PERIOD, follow
 from frenetic.simulators.observing import wrap
 
-RECORD_RATE: Final = 20
-"""Rate of records and of a driver's decisions, in Hz."""
-PERIOD: Final = 1.0 / RECORD_RATE
-"""Time between two records, in s."""
+RECORD_RATE: Final = round(1.0 / RECORD_PERIOD)
+"""Rate of records, in Hz."""
 WALL_LIMIT: Final = 600.0
 """Default limit of a drive's wall time, in s."""
 LEVELS: Final = {"tech_ground": 0.0, "smallgrid": 0.0, "gridmap_v2": 100.0}
@@ -87,7 +85,7 @@ class BeamngSimulator:
 
     place_options: Final = ("home", "user", "headless", "no_gpu", "host", "port", "restart_every")
     draws: Final = True
-    period_step: Final = PERIOD
+    period_step: Final = RECORD_PERIOD
     BEHAVIOUR: ClassVar[int] = 2
     """Raised when its drives change; campaigns record it."""
 
@@ -207,7 +205,7 @@ class BeamngSimulator:
         return DriveSetup(
             speed_limit=self.rules.speed_limit / 3.6,
             lane_width=road.lane_width,
-            period=PERIOD,
+            period=RECORD_PERIOD,
             front_axle=0.5 * car.wheelbase,
             rear_axle=0.5 * car.wheelbase,
             car_length=car.length,
@@ -425,7 +423,7 @@ class BeamngSimulator:
             )
         return round(steering, 3)
 
-    def step(self, seconds: float = PERIOD) -> None:
+    def step(self, seconds: float = RECORD_PERIOD) -> None:
         """Advances time by one period, or another multiple of it."""
         self.link.step(round(seconds * self.steps_per_second))
 
@@ -456,9 +454,9 @@ class _Car:
             self._times = 0, state.time
         else:
             turned = wrap(heading - self._heading)
-            heading, yaw_rate = self._heading + turned, turned / PERIOD
+            heading, yaw_rate = self._heading + turned, turned / RECORD_PERIOD
         periods, began = self._times
-        self._check_clock(state.time - began, periods * PERIOD)
+        self._check_clock(state.time - began, periods * RECORD_PERIOD)
         self._times = periods + 1, began
         x, y = car.middle(state)
         c, s = math.cos(heading), math.sin(heading)

@@ -73,10 +73,10 @@ class Summary(Counts):
     @property
     def best_in_words(self) -> str:
         """How far the car came out of its lane, and the best value of another objective."""
-        least = self.min_moobd
-        texts = [] if least is None else [f"at most {-least:.2f} m outside its lane"]
-        if least is not None and least >= 0.0:
-            texts = [f"at least {least:.2f} m inside its lane"]
+        texts, least = [], self.min_moobd
+        if least is not None:
+            where = "at most {:.2f} m outside" if least < 0.0 else "at least {:.2f} m inside"
+            texts.append(f"{where.format(abs(least))} its lane")
         if self.best is not None:
             texts.append(f"best {self.objective} {self.best:.3g}")
         return "".join(f", {text}" for text in texts)

@@ -5,13 +5,10 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 from frenetic.simulators.embedded.vehicle import Vehicle
+from frenetic.simulators.following import RECORD_PERIOD
 
-PERIOD: Final = 0.05
-"""Time between two decisions and records, in s: 20 Hz."""
-STEPS_PER_PERIOD: Final = 3
-"""Steps of the physics in a period: 60 Hz, Bullet's own rate. MetaDrive's 50 Hz do not fit."""
-PHYSICS_STEP: Final = PERIOD / STEPS_PER_PERIOD
-"""s."""
+PHYSICS_STEP: Final = RECORD_PERIOD / 3
+"""Step of the physics, in s: 60 Hz, Bullet's own rate. MetaDrive's 50 Hz do not fit."""
 
 VEHICLE: Final = Vehicle.named("metadrive")
 """Sizes and limits: MetaDrive's ``static_default``, whose parameters are not drawn."""

@@ -21,11 +21,11 @@ from frenetic.drivers.driver import (
     check_other_world,
 )
 from frenetic.errors import DriverError, FreneticError, describe_error
-from frenetic.metadrive.car import PERIOD, PHYSICS_STEP, VEHICLE, Decision
+from frenetic.metadrive.car import PHYSICS_STEP, VEHICLE, Decision
 from frenetic.metadrive.drawing import check_drawing, drawn_region
 from frenetic.metadrive.drivers import PolicySimulator, metadrive_driver
 from frenetic.road import Road
-from frenetic.simulators.following import follow
+from frenetic.simulators.following import RECORD_PERIOD, follow
 from frenetic.simulators.observing import wrap
 from frenetic.simulators.simulator import StartingPlace
 
@@ -64,7 +64,7 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
     preloads: Final = ("frenetic.metadrive.preloading",)
 
     draws: Final = True
-    period_step: Final = PERIOD
+    period_step: Final = RECORD_PERIOD
     BEHAVIOUR: ClassVar[int] = 1
     """Raised when its drives change; campaigns record it."""
     BEHAVIOUR_PACKAGES: ClassVar[tuple[str, ...]] = ("metadrive-simulator",)
@@ -154,7 +154,7 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
         """The setup of a drive along the road for its driver."""
         # Its wheels turn at once, and do not slide before the friction limit.
         return replace(
-            VEHICLE.setup(self.rules, road, PERIOD),
+            VEHICLE.setup(self.rules, road, RECORD_PERIOD),
             front_cornering_stiffness=None,
             rear_cornering_stiffness=None,
             steering_rate=math.inf,

@@ -36,9 +36,8 @@ class BrokenDriveError(FreneticError):
 
 def raised(error: BaseException, driver: Driver) -> Breakdown:
     """The breakdown that an error in a simulator's ``drive`` tells of, possibly the driver's."""
-    part: Literal["driver", "simulator"] = "simulator"
-    if is_of_driver(error, driver):
-        part = "driver"
+    part: Literal["driver", "simulator"]
+    part = "driver" if is_of_driver(error, driver) else "simulator"
     text = f"the {part} raised {describe_raised(error)}"
     return Breakdown(text, traceback_of(error), Fault.of(part, error))
 

@@ -10,6 +10,7 @@ from frenetic._support.bounds import Positive, check
 from frenetic.drive import CarBody, Drive, Rules
 from frenetic.drivers.driver import Driver, DriveSetup
 from frenetic.road import Pose, Road
+from frenetic.simulators.embedded.rollout import start_state
 from frenetic.simulators.following import RECORD_PERIOD, follow
 from frenetic.simulators.observing import wrap
 from frenetic.simulators.simulator import StartingPlace
@@ -129,14 +130,9 @@ class SteppedSimulator(StartingPlace):
             ArithmeticError: the car's motion is no longer finite.
         """
         setup = self.setup(road)
-        x, y, heading = road.pose
-        left = self.start_offset - 0.5 * road.lane_width
-        pose = Pose(
-            x - left * math.sin(heading),
-            y + left * math.cos(heading),
-            heading + self.start_heading,
-        )
-        car = _Car(self, self.start(road, pose, setup), heading, setup.max_steering)
+        place = start_state(road.table, road.lane_width, self.start_offset, self.start_heading)
+        pose = Pose(*place[:3].tolist())
+        car = _Car(self, self.start(road, pose, setup), road.pose.heading, setup.max_steering)
         return follow(
             car,
             road,

@@ -11,7 +11,6 @@ from typing import Any, Final
 from msgspec.json import encode
 
 from frenetic._support.entry_points import imported, installed
-from frenetic._support.words import capitalised
 from frenetic.again.rerun import Rerun, elsewhere, own_repeats, read_reruns
 from frenetic.analysis.failures import Clusters, caution, distinct_failures, nearest_misses
 from frenetic.analysis.features import Features
@@ -108,7 +107,6 @@ def campaign_report(
     shown = _to_show(tests, found, [test.id for one in there for test in one.tests])
     drives, measured = _look(store, shown, [test.id for test in choose_mapped(tests)])
     moobds = {test.id: test.moobd for test in tests if test.moobd is not None}
-    text = caution(store)
     top = headline(
         config,
         facts,
@@ -118,7 +116,8 @@ def campaign_report(
         elapsed=store.elapsed(),
         objectives=objectives(store),
         known=still_failing(store),
-        trouble=" ".join(filter(None, [trouble, f"{capitalised(text)}." if text else ""])),
+        caution=caution(store),
+        trouble=trouble,
     )
     own = own_repeats(reruns)
     return Report(

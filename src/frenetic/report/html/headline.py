@@ -29,6 +29,7 @@ def headline(
     elapsed: float,
     known: str = "",
     objectives: Mapping[int, float] = MappingProxyType({}),
+    caution: str = "",
     trouble: str = "",
 ) -> Headline:
     """The headline of a campaign.
@@ -42,6 +43,7 @@ def headline(
         elapsed: s of its spent time.
         known: what became of the failures of earlier campaigns.
         objectives: value of the objective by test, if it is not the MOOBD.
+        caution: what the counts alone may lead to believe wrongly.
         trouble: other warnings for the reader.
     """
     failures, tests = counts.failed, counts.tests
@@ -82,8 +84,9 @@ def headline(
     )
     budget = _budget(config, facts)
     is_spent = budget is not None and budget.spent(counts.simulations, elapsed, failures) >= 1.0
-    notice = str(facts.get("notice", ""))
-    warnings = _unfinished(facts, is_spent), f"{capitalised(notice)}." if notice else "", trouble
+    said = str(facts.get("notice", "")), caution
+    sentences = (f"{capitalised(text)}." for text in said if text)
+    warnings = _unfinished(facts, is_spent), *sentences, trouble
     version, versions = short_version(innermost(config.get("driver"))), config.get("versions")
     own = versions.items() if isinstance(versions, Mapping) else ()
     told = {

@@ -54,8 +54,6 @@ GRAVITY: Final = 9.81
 """m/s²."""
 AIR_DENSITY: Final = 1.2
 """kg/m³, at 20 °C."""
-BRAKE_FADE_SPEED: Final = DRAG_FADE_SPEED
-"""Rolling speed below which brakes and rolling drag fade out, in m/s, for a smooth stop."""
 STEP_RATE: Final = 100.0
 """RK4 step rate for which a vehicle's parameters are checked to be stable, in Hz."""
 
@@ -423,8 +421,8 @@ def axle_forces(
     if v_x > p[SWITCH_SPEED]:
         engine *= p[SWITCH_SPEED] / v_x
     braking = brake * p[BRAKE_FORCE]
-    front_fade = _clip(front_rolling / BRAKE_FADE_SPEED, -1.0, 1.0)
-    rear_fade = _clip(rear_rolling / BRAKE_FADE_SPEED, -1.0, 1.0)
+    front_fade = _clip(front_rolling / DRAG_FADE_SPEED, -1.0, 1.0)
+    rear_fade = _clip(rear_rolling / DRAG_FADE_SPEED, -1.0, 1.0)
 
     # Onto the ground: the acceleration asked for, as far as the tyres give it, shifts load.
     acceleration = _clip(
@@ -477,7 +475,7 @@ def motion(
     )
     front_ahead = front_x * cos_d - front_y * sin_d
     front_left = front_x * sin_d + front_y * cos_d
-    rolling_drag = p[ROLLING_DRAG] * _clip(v_x / BRAKE_FADE_SPEED, -1.0, 1.0)
+    rolling_drag = p[ROLLING_DRAG] * _clip(v_x / DRAG_FADE_SPEED, -1.0, 1.0)
     drag = p[AIR_DRAG] * v_x * abs(v_x) + rolling_drag
     wanted = _clip(steering, -p[STEERING_LIMIT], p[STEERING_LIMIT])
     return (
