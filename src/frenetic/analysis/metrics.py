@@ -242,8 +242,9 @@ def measure_campaign(folder: Path | str) -> CampaignMeasures:
         for test in store.tests(Outcome.FAIL, with_trajectory=True):
             if test.id not in found_at:
                 continue  # of a campaign that goes on
-            if test.drive is None:  # its record was lost, to a fault of the driver, say
-                failures += filter(None, [Failure.of_test(test)])
+            if test.drive is None:
+                if test.result.fault is not None:  # the driver's, and the records were lost
+                    failures += filter(None, [Failure.of_test(test)])
                 continue
             segment = segment_of(test.road, test.drive, test.result.finding)
             moobd, fault = test.moobd or 0.0, test.result.fault
