@@ -13,14 +13,19 @@ clusters follows from the failures.
 Faults of the driver, such as exceptions, are the same problem if the same line raised, whatever the
 road. They come first.
 
+Distinct failures share a *cause* if the driver does the same wrong before them, see
+`frenetic.analysis.causes`: the one of most of a distinct failure's members.
+
 The nearest misses are the passing tests of lowest MOOBD, told apart in the same way, seen from the
 place where the car came nearest to its lane's edge.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Final
 
@@ -29,6 +34,7 @@ import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.words import counted
+from frenetic.analysis.causes import Cause, cause_of, in_words
 from frenetic.analysis.segments import (
     PROFILE_SPACING,
     REACH,
@@ -75,6 +81,8 @@ NEAR_MISSES: Final = 5
 _FEWEST: Final = 10  # random roads from which something is said of all
 _DOUBTFUL: Final = 0.95  # failing share of them
 _UNSURE: Final = 0.05
+_MOSTLY: Final = 0.75  # share of the failures of a cause in bends to the same side
+_NEARLY_ALL: Final = 0.95
 _PASSES_COMPARED: Final = 500, COMPARED  # as many as needed for the wanted near misses
 
 
@@ -103,6 +111,8 @@ class Failure:
     """m."""
     fault: Fault | None = None
     """Fault of the driver that ended the drive. Without a record of it, all arrays hold zeros."""
+    cause: Cause | None = None
+    """What the driver did wrong; None for a fault or a near miss."""
 
     @classmethod
     def of(
@@ -132,6 +142,7 @@ class Failure:
             is_near_miss,
             road.lane_width,
             fault,
+            None if is_near_miss or fault is not None else cause_of(segment),
         )
 
     @classmethod
@@ -193,6 +204,9 @@ class Cluster:
     failure: Failure | None = field(default=None, repr=False, compare=False)
     """The most severe failure, for its picture."""
 
+    cause: Cause | None = None
+    """What the driver does wrong in most of them; None for a fault or a near miss."""
+
     @property
     def fault(self) -> Fault | None:
         """Fault of the driver that they have in common, at one line of its code."""
@@ -203,6 +217,26 @@ class Cluster:
 
     def __str__(self) -> str:
         return f"{self.description}: {counted(len(self), 'failure')}, worst {self.moobd:.2f} m"
+
+
+@dataclass(frozen=True)
+class CauseGroup:
+    """The distinct failures in which the driver does the same wrong."""
+
+    words: str
+    """What it does, without a subject: ``brakes too late into right-hand bends``."""
+    clusters: tuple[Cluster, ...]
+    """The most severe first."""
+
+    @property
+    def failures(self) -> int:
+        """Number of failures."""
+        return sum(map(len, self.clusters))
+
+    @property
+    def example(self) -> int:
+        """Id of the typical failure of the cluster with most failures."""
+        return max(self.clusters, key=len).typical
 
 
 @dataclass(frozen=True, repr=False)
@@ -232,6 +266,16 @@ class Clusters:
         """Number of failures in all clusters."""
         return sum(map(len, self.clusters))
 
+    @cached_property
+    def causes(self) -> tuple[CauseGroup, ...]:
+        """The causes of the failures: faults of the driver first, then by number of failures."""
+        groups: dict[object, list[Cluster]] = {}
+        for one in self.clusters:
+            if what := one.cause.kind if one.cause else one.fault:
+                groups.setdefault(what, []).append(one)
+        found = [CauseGroup(_cause_words(group), tuple(group)) for group in groups.values()]
+        return tuple(sorted(found, key=lambda one: (one.clusters[0].fault is None, -one.failures)))
+
     @property
     def known(self) -> int:
         """Number of clusters that were known from earlier campaigns."""
@@ -247,6 +291,21 @@ class Clusters:
             if id in cluster.ids:
                 return cluster
         raise KeyError(f"no failure has the id {id}")
+
+
+def _cause_words(clusters: list[Cluster]) -> str:
+    """What the driver does wrong in clusters with the same fault or the same kind of cause."""
+    first, *_ = clusters
+    if first.cause is None:
+        return str(first.fault)
+    kind, sides = first.cause.kind, Counter[Side | None]()
+    for one in clusters:
+        sides[one.cause and one.cause.bends] += len(one)
+    side, most = sides.most_common(1)[0]
+    share = most / sides.total()
+    if side is None or share < _MOSTLY:
+        return in_words(kind)
+    return in_words(kind, side) if share > _NEARLY_ALL else f"{in_words(kind)}, mostly {side}-hand"
 
 
 def failures_of(store: CampaignStore, limit: int | None = None) -> list[Failure]:
@@ -421,6 +480,7 @@ def _cluster(members: list[Failure], vectors: FloatArray) -> Cluster:
         spread=float(np.sqrt(squares.mean())),
         description=describe(worst),
         failure=worst,
+        cause=Counter(one.cause for one in members).most_common(1)[0][0],
     )
 
 
