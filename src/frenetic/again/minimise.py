@@ -6,6 +6,7 @@ interrupted. `Minimising` is its strategy.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -18,7 +19,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic.again.campaigns import How, campaign_again, complete
 from frenetic.again.shrinking import Answer, Improvement, Shape, Shrinker, Trials
 from frenetic.again.verdicts import Match
-from frenetic.analysis.failures import THRESHOLD, Failure
+from frenetic.analysis.failures import THRESHOLD, Clusters, Failure
 from frenetic.campaign.asking import replay
 from frenetic.campaign.objective import MOOBD, Objective
 from frenetic.campaign.record import Test
@@ -39,6 +40,10 @@ GUARD: Final = 0.02
 """Share by which the curvatures of a road's neighbours differ, which must fail as well."""
 OPERATOR: Final = "minimise"
 """Operator in the origin of the tried roads."""
+LEAST_EACH: Final = 50
+"""Drives with which most roads come near their final length."""
+MOST_EACH: Final = 120
+"""Drives after which hardly any gets shorter."""
 _UNGUARDED: Final = (
     "No road was found that also fails with all curvatures {0:g} % smaller and {0:g} % larger,"
     " the original included"
@@ -210,6 +215,8 @@ class Minimised:
     """Its improvements, in order; the trials are drives, the first of them the original's."""
     drives: int
     """Number of all drives."""
+    folder: str
+    """Name of their campaign's folder in ``again`` of the campaign whose road it is."""
     ending: Ending
     trouble: str | None
     """Reason for giving up, if any: the simulator or driver broke repeatedly."""
@@ -349,11 +356,45 @@ def _minimised(
             replace(found, trials=found.trials + 1) for found in shrinker.improvements
         ),
         drives=drives,
+        folder=store.folder.name,
         ending=Ending.MINIMAL if strategy.is_minimal else ending,
         trouble=trouble,
         guard=guard if shrinker.is_guarded else 0.0,
         note="" if shrinker.is_guarded else _UNGUARDED.format(100.0 * guard),
     )
+
+
+def minimise_causes(
+    folder: Path | str, clusters: Clusters, tester: RoadTester, drives: int, **how: Unpack[How]
+) -> Iterator[tuple[int, Minimised | FreneticError]]:
+    """Minimises a failure of each cause, of the most frequent ones first.
+
+    Each gets the same share of the drives, at most `MOST_EACH`; causes for which less than
+    `LEAST_EACH` were left get none. An interruption ends it.
+
+    Args:
+        folder: of the campaign.
+        clusters: its distinct failures.
+        tester: drives as the campaign did.
+        drives: most drives for all of them.
+        how: see `How`.
+
+    Yields:
+        Id of a test, and the minimised road or why there is none: it does not fail again, say.
+    """
+    chosen = clusters.causes[: max(1, drives // LEAST_EACH)]
+    for cause in chosen:
+        with CampaignStore.open(folder) as store:
+            test = store.test(cause.example)
+        most = max(LEAST_EACH, min(MOST_EACH, drives // len(chosen)))
+        try:
+            found = minimise_test(folder, test, tester, max_drives=most, **how)
+        except FreneticError as error:
+            yield test.id, error
+            continue
+        yield test.id, found
+        if found.ending is Ending.STOPPED:
+            return
 
 
 def minimise_test(

@@ -385,23 +385,23 @@ def nearest_misses(store: CampaignStore, number: int = NEAR_MISSES) -> Clusters:
 def representative_failures(
     store: CampaignStore, number: int = LISTED, *, clusters: Clusters | None = None
 ) -> list[Test]:
-    """The most severe failure of each of the ``number`` most severe clusters, the worst first.
+    """The most telling failures: an example of each cause, then others.
 
-    The records come without their trajectories; fewer where there are fewer distinct failures.
+    These are the most severe ones of distinct failures without an example, the worst first. The
+    records come without their trajectories; fewer where there are fewer distinct failures.
 
     Args:
         store: the campaign.
         number: most failures to return.
-        clusters: its distinct failures, if known.
+        clusters: its distinct failures, if known; or near misses.
 
     Raises:
         CampaignError: the campaign is damaged.
     """
     found = distinct_failures(store) if clusters is None else clusters
-    return [
-        store.test(cluster.most_severe, with_trajectory=False)
-        for cluster in found.clusters[:number]
-    ]
+    examples = [cause.example for cause in found.causes]
+    others = [one.most_severe for one in found if not set(examples).intersection(one.ids)]
+    return [store.test(i, with_trajectory=False) for i in [*examples, *others][:number]]
 
 
 def caution(store: CampaignStore) -> str:

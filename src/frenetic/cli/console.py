@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,7 @@ from frenetic.cli import silence
 
 if TYPE_CHECKING:
     from frenetic.analysis import Clusters
-    from frenetic.campaign import CampaignStore, Summary
+    from frenetic.campaign import CampaignStore, Summary, Test
     from frenetic.campaign.counts import Counts
     from frenetic.oracle import Result
 
@@ -217,6 +217,48 @@ def print_failures(clusters: Clusters, counts: Counts, listed: int) -> None:
     )
 
 
+def print_causes(clusters: Clusters, counts: Counts, shortened: Mapping[int, Test]) -> None:
+    """Prints a table of the causes of failures.
+
+    Args:
+        clusters: the distinct failures.
+        counts: of the campaign; possibly with more failures than were compared.
+        shortened: the drives on minimised roads, by their tests.
+    """
+    if counts.broken:
+        Results().print(counts.broken, style="bold", markup=False)
+    if not clusters:
+        return
+    failures = f"{counted(counts.failed, 'failure')}, {len(clusters)} of them distinct"
+    if clusters.failures < counts.failed:
+        failures = (
+            f"the {clusters.failures} most severe of {counts.failed} failures, {len(clusters)} of"
+            " them distinct"
+        )
+    if clusters.known:
+        failures += f", {clusters.known} known before"
+    title = f"{counted(len(clusters.causes), 'cause')} of {failures}"
+    Results().print(title, style="bold", markup=False)
+    print_table(
+        (">failures", ">distinct", "what the driver does", ">example", "its road"),
+        [
+            (
+                cause.failures,
+                len(cause.clusters),
+                cause.words,
+                f"test {cause.example}",
+                _cut(shortened.get(cause.example)),
+            )
+            for cause in clusters.causes
+        ],
+    )
+
+
+def _cut(short: Test | None) -> str | None:
+    """How short a failing road became."""
+    return None if short is None else f"cut to {short.road.length:.0f} m"
+
+
 def first_error(store: CampaignStore) -> str:
     """Reason of the first test that broke; empty if none did."""
     from frenetic.outcome import Outcome
@@ -235,6 +277,21 @@ def clusters_json(clusters: Clusters) -> list[dict[str, Any]]:
             **({} if cluster.was_known is None else {"was_known": cluster.was_known}),
         }
         for cluster in clusters
+    ]
+
+
+def causes_json(clusters: Clusters, shortened: Mapping[int, Test]) -> list[dict[str, Any]]:
+    """Causes of failures, as JSON objects."""
+    lengths = {test_id: test.road.length for test_id, test in shortened.items()}
+    return [
+        {
+            "cause": cause.words,
+            "failures": cause.failures,
+            "distinct_failures": len(cause.clusters),
+            "example": cause.example,
+            "minimised_length": lengths.get(cause.example),
+        }
+        for cause in clusters.causes
     ]
 
 

@@ -31,7 +31,7 @@ from frenetic.cli.options import (
 )
 from frenetic.cli.parts import given_options, part_options
 from frenetic.errors import FreneticError
-from frenetic.spec import Spec, drive_record
+from frenetic.spec import Spec
 
 if TYPE_CHECKING:
     from frenetic.again.minimise import Minimised
@@ -116,7 +116,6 @@ def minimise(
     from frenetic.again.rerun import campaign_tester
     from frenetic.campaign import CampaignStore, RoadTester
     from frenetic.report.minimised import minimised_document, write_minimised
-    from frenetic.spec import describe
 
     if source.is_dir():
         spec, works = _of_campaign(context, source, test_ids, top, out)
@@ -144,13 +143,7 @@ def minimise(
                 how = {"max_drives": max_drives, "guard": guard}
                 kept = None if out is None else out.parent
                 minimised = _minimise(work, tester, source, kept, how, log, compiled)
-                document = minimised_document(
-                    minimised,
-                    driver=describe(tester.driver),
-                    simulator=describe(tester.simulator),
-                    test_id=work.test_id,
-                    driven=drive_record(spec.with_limit().to_json()),
-                )
+                document = minimised_document(minimised, tester, spec, work.test_id)
                 with log.status(f"Drawing {work.name}"):
                     write_minimised(minimised, work.files, document, name=work.name)
             except FreneticError as error:
@@ -189,8 +182,7 @@ def _of_campaign(
     """Terms of a campaign's drives, and the tests to minimise."""
     from frenetic.campaign import CampaignStore
     from frenetic.outcome import Outcome
-    from frenetic.report.failures import file_stem
-    from frenetic.report.minimised import MINIMISED, MinimisedFiles
+    from frenetic.report.minimised import MinimisedFiles, minimised_road
 
     given = given_options(context)
     if out is not None and (len(test_ids) > 1 or (top or 1) > 1):
@@ -199,7 +191,6 @@ def _of_campaign(
         spec = recorded_spec(store, given)
         chosen = chosen_tests(store, test_ids, top if test_ids else top or 1)
         records = [store.test(test_id) for test_id in chosen or ()]
-        suffix = "-other.json" if given else ".json"
         works = []
         for record in records:
             number = record.candidate.id
@@ -207,16 +198,11 @@ def _of_campaign(
                 raise click.UsageError(
                     f"test {number} is {record.outcome}: only a failing road can be minimised"
                 )
-            works.append(
-                Work(
-                    f"Test {number}",
-                    record.road,
-                    MinimisedFiles.beside(
-                        out or folder / MINIMISED / f"{file_stem(number)}{suffix}"
-                    ),
-                    record,
-                )
-            )
+            road = minimised_road(folder, number)
+            if given:
+                road = road.with_stem(f"{road.stem}-other")
+            files = MinimisedFiles.beside(out or road)
+            works.append(Work(f"Test {number}", record.road, files, record))
     if not works:
         raise click.UsageError(f"{folder} holds no failing road: there is nothing to minimise")
     return spec, works

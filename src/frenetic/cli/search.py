@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import click
 
@@ -15,9 +15,11 @@ from frenetic._support.words import counted, format_duration, rate_words
 from frenetic.cli.console import (
     Log,
     announced_compilation,
+    causes_json,
     clusters_json,
     first_error,
     live_progress,
+    print_causes,
     print_failures,
     shell,
 )
@@ -28,6 +30,11 @@ if TYPE_CHECKING:
     from frenetic.analysis import Clusters
     from frenetic.campaign import Campaign, CampaignStore, Event, Summary
     from frenetic.spec import Spec
+
+SLOW: Final = 0.5
+"""Wall time of a drive in s above which `run` shortens no failing roads."""
+SHARE: Final = 3
+"""Drives of a search for each one that shortens failing roads afterwards."""
 
 workers_option = click.option(
     "--workers",
@@ -102,6 +109,7 @@ def search(
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.earlier import still_failing
     from frenetic.report.failures import FAILURES, GALLERY, write_failures
+    from frenetic.report.minimised import minimised_drives, minimised_road
 
     folder = campaign.folder
     log = Log()
@@ -133,15 +141,26 @@ def search(
         misses = None if counts.failed else nearest_misses(store)
         found = clusters if misses is None else misses
         listed = representative_failures(store, clusters=found)
+        notes = list(filter(None, [caution(store)]))
+        if summary is not None and not summary.interrupted and len(clusters):
+            notes += _minimise(campaign, clusters, summary, log)
+        shortened = minimised_drives(store, [test.id for test in listed])
         if summary is not None and as_json:
-            near = [] if counts.failed else clusters_json(found)
-            more = {"distinct_failures": len(clusters), "near_misses": near, "seed": seed}
+            more = {
+                "distinct_failures": len(clusters),
+                "causes": causes_json(clusters, shortened),
+                "near_misses": [] if counts.failed else clusters_json(found),
+                "seed": seed,
+            }
             click.echo(json.dumps(summary.as_json() | more))
         elif summary is not None:
             _print_summary(summary, first_error(store), still_failing(store))
         if not as_json:
-            print_failures(found, counts, len(listed))
-            if note := caution(store):
+            if misses is None:
+                print_causes(clusters, counts, shortened)
+            else:
+                print_failures(misses, counts, len(listed))
+            for note in notes:
                 click.echo(f"Note: {note}")
             if summary is not None and misses is not None and counts.tests:
                 further = 9 * counts.simulations
@@ -150,10 +169,13 @@ def search(
             click.echo(f"Results:     {folder}")
         if listed:
             with log.status("Drawing them"):
-                complete = write_failures(store, listed)
+                complete = write_failures(store, listed, shortened)
             if not as_json:
                 click.echo(f"At a glance: {folder / FAILURES / (GALLERY if complete else '')}")
                 click.echo(f"Look closer: frenetic show {shell(folder)} {listed[0].candidate.id}")
+            if not as_json and listed[0].id in shortened:
+                road = minimised_road(folder, listed[0].id)
+                click.echo(f"Drive it:    frenetic drive {shell(road)}")
         report = _write_report(log, store, clusters, misses) if counts.tests else None
         if report is not None and not as_json:
             click.echo(f"Report:      {report}")
@@ -163,6 +185,39 @@ def search(
         raise click.exceptions.Exit(1)
     if summary is not None and summary.errors and not summary.passed + summary.failed:
         raise click.exceptions.Exit(1)
+
+
+def _minimise(campaign: Campaign, clusters: Clusters, summary: Summary, log: Log) -> Iterator[str]:
+    """Minimises a failure of each cause; gives what the user should know of it."""
+    from frenetic.again.minimise import minimise_causes
+    from frenetic.report.minimised import (
+        MinimisedFiles,
+        minimised_document,
+        minimised_road,
+        write_minimised,
+    )
+
+    folder, tester = campaign.folder, campaign.tester
+    if (
+        campaign.cluster is not None
+        or summary.seconds * campaign.workers > SLOW * summary.simulations
+    ):
+        yield f"shorter roads for the same failures: frenetic minimise {shell(folder)} --top 3"
+        return
+    drives = summary.simulations // SHARE
+    with log.status("Shortening a failing road of each cause"):
+        for test_id, found in minimise_causes(folder, clusters, tester, drives):
+            if isinstance(found, FreneticError):
+                yield f"test {test_id} was not shortened: {found}"
+                continue
+            try:
+                files = MinimisedFiles.beside(minimised_road(folder, test_id))
+                files.prepare()
+                document = minimised_document(found, tester, campaign.spec(), test_id)
+                write_minimised(found, files, document, name=f"Test {test_id}", is_drawn=False)
+            except FreneticError as error:
+                yield str(error)
+                return
 
 
 @contextmanager

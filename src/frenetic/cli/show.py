@@ -12,9 +12,11 @@ import click
 
 from frenetic._support.words import counted, simulated_time
 from frenetic.cli.console import (
+    causes_json,
     clusters_json,
     facts_of_drive,
     first_error,
+    print_causes,
     print_facts,
     print_failures,
     print_table,
@@ -38,7 +40,7 @@ from frenetic.spec import earlier_of
 from frenetic.versions import short_version
 
 if TYPE_CHECKING:
-    from frenetic.campaign import CampaignStore
+    from frenetic.campaign import CampaignStore, Test
 
 LISTED_TESTS: Final = 20
 """Most tests of a list on the terminal."""
@@ -189,15 +191,18 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     from frenetic.campaign.earlier import still_failing
     from frenetic.campaign.objective import in_words, objectives
     from frenetic.campaign.summary import facts_in_words
+    from frenetic.report.minimised import minimised_drives
 
     counts = store.counts()
     config, facts = store.config, store.facts
     clusters = distinct_failures(store)
     found = clusters if counts.failed else nearest_misses(store)
+    shortened = minimised_drives(store, [cause.example for cause in clusters.causes])
     if as_json:
         document = {
             "folder": str(store.folder),
             **counts.counts_json(),
+            "causes": causes_json(clusters, shortened),
             "distinct_failures": clusters_json(clusters),
             "near_misses": [] if counts.failed else clusters_json(found),
             "facts": dict(facts),
@@ -237,9 +242,22 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
             *([("error", f"the first: {error}")] if (error := first_error(store)) else []),
         ]
     )
+    if counts.failed:
+        print_causes(clusters, counts, shortened)
+        click.echo()
     print_failures(found, counts, min(LISTED, len(found)))
     if found:
-        click.echo(f"One in full: frenetic show {shell(store.folder)} {found[0].most_severe}")
+        one = clusters.causes[0].example if counts.failed else found[0].most_severe
+        click.echo(f"One in full: frenetic show {shell(store.folder)} {one}")
+
+
+def _cause(test: Test) -> str:
+    """What the driver did wrong in a failed test; empty if it is unknown or in its reason."""
+    from frenetic.analysis.causes import in_words
+    from frenetic.analysis.failures import Failure
+
+    failure = Failure.of_test(test)
+    return "" if failure is None or failure.cause is None else in_words(*failure.cause)
 
 
 def _part(described: object) -> str:
@@ -267,6 +285,7 @@ def _show_test(store: CampaignStore, test_id: int, plot: Path | None, as_json: b
         file_stem,
         road_document,
     )
+    from frenetic.report.minimised import minimised_drives, minimised_road
     from frenetic.report.picture import draw_test
     from frenetic.search.random_search import EARLIER
 
@@ -300,7 +319,12 @@ def _show_test(store: CampaignStore, test_id: int, plot: Path | None, as_json: b
         ("test", f"{test_id}, told as number {record.told}"),
         ("outcome", f"{record.outcome}  {record.reason}"),
         ("origin", f"{origin.operator}{parents}{source}, generation {origin.generation}"),
+        *([("cause", cause)] if (cause := _cause(record)) else []),
         ("road", f"{test.road.length:.1f} m, {len(test.road.curvatures)} curvatures"),
+        *(
+            ("minimised", f"{short.road.length:.1f} m, {minimised_road(store.folder, test_id)}")
+            for short in minimised_drives(store, [test_id]).values()
+        ),
         ("driver", _part(store.config.get("driver"))),
     ]
     facts += facts_of_drive(record.result, record.result.duration)

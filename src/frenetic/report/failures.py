@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final
 
 from frenetic._support.files import replacing
@@ -81,7 +82,11 @@ def road_document(record: Test, config: Mapping[str, JSONValue]) -> dict[str, An
     }
 
 
-def write_failures(store: CampaignStore, listed: Sequence[Test]) -> bool:
+def write_failures(
+    store: CampaignStore,
+    listed: Sequence[Test],
+    shortened: Mapping[int, Test] = MappingProxyType({}),
+) -> bool:
     """Writes the failing roads as JSON files and pictures of the listed ones.
 
     A failure whose file and picture are there already keeps both: going on draws only new ones.
@@ -90,6 +95,7 @@ def write_failures(store: CampaignStore, listed: Sequence[Test]) -> bool:
         store: the campaign.
         listed: the failures with a picture each, and a place in the gallery; where nothing failed,
             the near misses.
+        shortened: the drives on the minimised roads of some of them, which the gallery shows.
 
     Returns:
         Whether all pictures are drawn: Ctrl-C ends the drawing after the current one.
@@ -126,7 +132,10 @@ def write_failures(store: CampaignStore, listed: Sequence[Test]) -> bool:
             path = store.folder / kind / f"{file_stem(test.id)}.png"
             if test.id not in kept or not path.exists():
                 draw_test(test, path, f"Test {test.id}: {record.outcome}")
-            drawn.append((f"Test {test.id}", test.road, test.drive))
+            short, name = shortened.get(test.id, test), f"Test {test.id}"
+            if short is not test:
+                name += f", cut to {short.road.length:.0f} m"
+            drawn.append((name, short.road, short.drive))
             if interrupt.requested:
                 return False
         if drawn:

@@ -3,21 +3,44 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from frenetic._support.files import check_writable, write_file
-from frenetic._support.json_value import JSONValue
+from frenetic.again.campaigns import FOLDER
 from frenetic.again.minimise import OPERATOR, Minimised
+from frenetic.campaign import CampaignStore, RoadTester, Test
 from frenetic.errors import FreneticError
-from frenetic.report.failures import road_entries, verdict_entries
-from frenetic.spec import DRIVEN
+from frenetic.report.failures import file_stem, road_entries, verdict_entries
+from frenetic.road.files import read_road
+from frenetic.spec import DRIVEN, Spec, describe, drive_record
 
 MINIMISED: Final = "minimised"
 """Folder in a campaign's folder for its minimised roads."""
 _REMEDY: Final = "choose another place"
+
+
+def minimised_road(folder: Path, test_id: int) -> Path:
+    """The file of a campaign's test that was minimised with the campaign's own parts."""
+    return folder / MINIMISED / f"{file_stem(test_id)}.json"
+
+
+def minimised_drives(store: CampaignStore, test_ids: Iterable[int]) -> dict[int, Test]:
+    """The drives on the minimised roads of those tests of a campaign that were minimised."""
+    found = {}
+    for test_id in test_ids:
+        try:
+            told = read_road(minimised_road(store.folder, test_id)).entries["minimised"]
+            folder, number = told["campaign"], told["test"]
+            if not str(folder).isalnum():  # it is the name of a folder, not a path to anywhere
+                continue
+            with CampaignStore.open(store.folder / FOLDER / folder) as again:
+                found[test_id] = again.test(number)
+        except (FreneticError, OSError, LookupError, TypeError):  # none, or none of ours
+            continue
+    return found
 
 
 @dataclass(frozen=True)
@@ -55,22 +78,17 @@ class MinimisedFiles:
 
 
 def minimised_document(
-    minimised: Minimised,
-    *,
-    driver: JSONValue,
-    simulator: JSONValue,
-    test_id: int | None = None,
-    driven: JSONValue = None,
+    minimised: Minimised, tester: RoadTester, spec: Spec, test_id: int | None = None
 ) -> dict[str, Any]:
     """A minimised road as a JSON object that `frenetic drive` and the competition's tools can read.
 
     Args:
         minimised: the road.
-        driver: who failed on it, as `frenetic.campaign.campaign.describe` says it.
-        simulator: where, likewise.
+        tester: drove it.
+        spec: names what drove it.
         test_id: of the campaign's test that was minimised, if it was one.
-        driven: its `frenetic.spec.drive_record`, if the parts have names.
     """
+    driven = drive_record(spec.with_limit().to_json())
     smallest, setting = minimised.smallest, minimised.smallest.setting
     assert setting is not None
     parents: list[int] = [] if test_id is None else [test_id]
@@ -80,8 +98,8 @@ def minimised_document(
         "validation_message": "",
         **verdict_entries(smallest.result),
         "origin": {"operator": OPERATOR, "parents": parents},
-        "driver": driver,
-        "simulator": simulator,
+        "driver": describe(tester.driver),
+        "simulator": describe(tester.simulator),
         "rules": asdict(setting.rules),
         **({} if driven is None else {DRIVEN: driven}),
         "minimised": {
@@ -90,6 +108,8 @@ def minimised_document(
             "match": minimised.match,
             "original_length": minimised.original.road.length,
             "drives": minimised.drives,
+            "campaign": minimised.folder,
+            "test": smallest.id,
             "guard": minimised.guard,
             "ending": str(minimised.ending),
         },
@@ -98,7 +118,12 @@ def minimised_document(
 
 
 def write_minimised(
-    minimised: Minimised, files: MinimisedFiles, document: Mapping[str, Any], *, name: str
+    minimised: Minimised,
+    files: MinimisedFiles,
+    document: Mapping[str, Any],
+    *,
+    name: str,
+    is_drawn: bool = True,
 ) -> None:
     """Writes the road file and draws the two pictures.
 
@@ -107,13 +132,16 @@ def write_minimised(
         files: their paths; existing files are replaced.
         document: contents of the road file, see `minimised_document`.
         name: name of the original in the pictures.
+        is_drawn: whether there are pictures.
 
     Raises:
         FreneticError: a file cannot be written.
     """
+    write_file(files.road, json.dumps(document) + "\n", remedy=_REMEDY)
+    if not is_drawn:
+        return
     from frenetic.report.picture import draw_gallery, draw_test  # matplotlib imports slowly
 
-    write_file(files.road, json.dumps(document) + "\n", remedy=_REMEDY)
     before, after = minimised.original, minimised.smallest
     draw_test(after, files.picture, f"{name}, minimised")
     draw_gallery(
