@@ -124,10 +124,8 @@ def campaign_report(
         title=top.title,
         sections=(
             Section("summary", top.title, (top,)),
+            gallery_section(found, moobds, drives, own, failures, counts.broken),
             timeline_section(tests, clusters),
-            gallery_section(
-                found, moobds, {drive["id"] for drive in drives}, own, failures, counts.broken
-            ),
             map_section(measured, tests),
             operators_section(tests, clusters),
             *elsewhere_sections(store, there),
@@ -184,7 +182,8 @@ def _look(
         if is_wanted:
             origin = record.candidate.origin
             data = drive_data(test_id, record.result, segment, origin.generation)
-            drives.append(data | files_of(test_id, store.folder))
+            data |= files_of(test_id, store)
+            drives.append(data)
             room -= len(encode(data))
             seen = (film(record) for film in films if room_for_pictures > 0)
             film = next((one for one in seen if one is not None), None)
@@ -198,15 +197,16 @@ def _to_show(
 ) -> list[int]:
     """Ids of the tests to show, the most important first.
 
-    Each cluster's most severe and typical failure, then those driven in another simulator, and the
-    most severe failures.
+    An example of each cause, each cluster's most severe and typical failure, then those driven in
+    another simulator, and the most severe failures.
     """
+    examples = [cause.example for cause in clusters.causes]
     heads = [i for cluster in clusters for i in (cluster.most_severe, cluster.typical)]
     failed = sorted(
         (test for test in tests if test.outcome is Outcome.FAIL),
         key=lambda test: (test.moobd or 0.0, test.id),
     )
-    return list(dict.fromkeys([*heads, *elsewhere, *(test.id for test in failed)]))
+    return list(dict.fromkeys([*examples, *heads, *elsewhere, *(test.id for test in failed)]))
 
 
 def _reruns(store: CampaignStore) -> tuple[list[Rerun], str]:

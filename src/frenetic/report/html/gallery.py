@@ -2,46 +2,62 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final
 
-from frenetic._support.words import counted
+from frenetic._support.words import capitalised, counted
 from frenetic.again.verdicts import Repeats
+from frenetic.analysis.causes import in_words
 from frenetic.analysis.failures import Clusters
-from frenetic.report.html.blocks import Part, Section
+from frenetic.report.html.blocks import Column, Part, Section, Table
+
+_COLUMNS: Final = (
+    Column("the driver"),
+    Column("failures", is_number=True),
+    Column("distinct", is_number=True),
+    Column("an example", text="a typical failure; its road is cut as far as it fails alike"),
+)
 
 
 def gallery_section(
     clusters: Clusters,
     moobds: Mapping[int, float],
-    shown: Collection[int],
+    drives: Sequence[Mapping[str, Any]],
     again: Iterable[Repeats],
     failures: int,
     broken: str,
 ) -> Section:
-    """The failures as pictures; the nearest misses where nothing failed.
+    """The causes of failures, and the failures as pictures; the nearest misses without any.
 
     Args:
-        clusters: the distinct failures, or misses.
+        clusters: the distinct failures, or misses; an example of each cause comes first.
         moobds: m, of each of their tests.
-        shown: ids of the tests with a drive in the page.
+        drives: in the page, see `drive_data`.
         again: those failures that were driven again with the same parts.
         failures: number of all failures.
         broken: what is wrong where every drive ended with an error; mostly empty.
     """
+    shown = {drive["id"] for drive in drives}
+    causes = {one.ids: cause for cause in clusters.causes for one in cause.clusters}
+    examples = [cause.example for cause in clusters.causes]
+
+    def order(id: int) -> tuple[bool, float, int]:  # noqa: A002
+        return id not in examples, moobds.get(id, 0.0), id
+
+    first = [clusters.of(example) for example in examples]
     data: list[dict[str, Any]] = [
         {
             "most_severe": one.most_severe,
             "size": len(one),
-            "shown": sorted(
-                (i for i in one.ids if i in shown), key=lambda i: (moobds.get(i, 0.0), i)
-            ),
+            "shown": sorted((i for i in one.ids if i in shown), key=order),
             "moobd": round(one.moobd, 3),
             "side": one.side,
             "first": min(one.ids),
+            "group": causes[one.ids].words if one.ids in causes else "",
+            "cause": "" if one.cause is None else in_words(*one.cause),
             "description": f"{one.description}{', known before' if one.was_known else ''}",
         }
-        for one in clusters
+        for one in dict.fromkeys([*first, *clusters])
     ]
     repeats = [
         {
@@ -65,15 +81,38 @@ def gallery_section(
             " These tests passed and came nearest to failing, by MOOBD. Those that would be the"
             " same problem are together."
         )
-    return Section(
-        "failures", title, (Part("gallery", {"clusters": data, "repeats": repeats}),), lead
+    gallery = Part("gallery", {"clusters": data, "repeats": repeats})
+    blocks = (_causes(clusters, drives), gallery) if examples else (gallery,)
+    return Section("failures", title, blocks, lead)
+
+
+def _causes(clusters: Clusters, drives: Sequence[Mapping[str, Any]]) -> Table:
+    roads = {drive["id"]: _road(drive) for drive in drives}
+    examples = [cause.example for cause in clusters.causes]
+    rows = tuple(
+        (
+            capitalised(cause.words),
+            str(cause.failures),
+            str(len(cause.clusters)),
+            f"test {example}{roads.get(example, '')}",
+        )
+        for cause, example in zip(clusters.causes, examples, strict=True)
     )
+    links = tuple(f"#test-{i}" if i in roads else None for i in examples)
+    return Table(_COLUMNS, rows, links=links)
+
+
+def _road(drive: Mapping[str, Any]) -> str:
+    """How long the road of a drive was, and is."""
+    roads = [drive["road"], *([drive["minimised"]["drive"]["road"]] if drive["minimised"] else [])]
+    found, *cut = [f"{road['step'] * (len(road['curvatures']) - 1):.0f} m" for road in roads]
+    return f": {found}, cut to {cut[0]}" if cut else f": {found}"
 
 
 def _lead(clusters: Clusters, failures: int, data: Sequence[Mapping[str, Any]]) -> str:
     lead = (
-        f"{counted(len(clusters), 'distinct failure')} among {clusters.failures}: failures that are"
-        " the same problem are together, by their most severe."
+        f"What the driver does wrong, and {counted(len(clusters), 'distinct failure')} among"
+        f" {clusters.failures}: failures that are the same problem are together."
     )
     for cluster, one in zip(clusters, data, strict=True):
         if cluster.fault is not None and not one["shown"]:

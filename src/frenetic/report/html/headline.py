@@ -71,12 +71,15 @@ def headline(
             ", ".join(notes),
             "fail" if len(clusters) else None,
         ),
-        Tile("lowest MOOBD", "–" if least is None else f"{signed(least)} m"),
-        Tile(
-            "invalid roads", str(invalid), f"{percent(invalid / tests)} of tests" if tests else ""
-        ),
-        Tile("errors", str(counts.errors), "", "error" if counts.errors else None),
+        Tile("causes", str(len(clusters.causes)), "", "fail" if len(clusters) else None),
     ]
+    if least is not None:
+        where = "furthest outside the lane" if least < 0.0 else "nearest to the lane's edge"
+        tiles.append(Tile(where, f"{abs(least):.2f} m", f"MOOBD {signed(least)} m"))
+    if invalid:
+        tiles.append(Tile("invalid roads", str(invalid), f"{percent(invalid / tests)} of tests"))
+    if counts.errors:
+        tiles.append(Tile("errors", str(counts.errors), "", "error"))
     if counts.dropped:
         tiles.append(Tile("dropped", str(counts.dropped), "before they were driven"))
     tiles.append(
@@ -115,9 +118,11 @@ def headline(
 def _title(clusters: Clusters, counts: Counts) -> str:
     if counts.errors and not counts.failed:
         return counts.broken
-    found = counted(len(clusters), "distinct failure") if counts.failed else "No failure"
-    if clusters.failures < counts.failed:
-        found = f"At least {found}"
+    found = "No failure"
+    if counts.failed:
+        distinct = counted(len(clusters), "distinct failure")
+        least = "at least " if clusters.failures < counts.failed else ""
+        found = f"{counted(len(clusters.causes), 'cause')} of {least}{distinct}"
     broken = f"; {counts.broken}" if counts.errors else ""
     return f"{found} in {counted(counts.simulations, 'simulation')}{broken}"
 

@@ -4,23 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, ClassVar, Final
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic.analysis.segments import Segment
+from frenetic.analysis.segments import Segment, segment_of
 from frenetic.campaign.record import Test
+from frenetic.campaign.store import CampaignStore
 from frenetic.drive import Trajectory
-from frenetic.errors import FreneticError
 from frenetic.oracle import Assessment, Result, Side
 from frenetic.outcome import Outcome
 from frenetic.report.failures import FAILURES, file_stem
-from frenetic.report.minimised import MINIMISED
+from frenetic.report.minimised import MINIMISED, minimised_drives
 from frenetic.report.orientation import turn_of
 from frenetic.road import Road
-from frenetic.road.files import read_road
 from frenetic.search.records import Origin
 
 RATE: Final = 10.0
@@ -163,18 +161,18 @@ def drive_data(id: int, result: Result, segment: Segment, generation: int = 0) -
     }
 
 
-def files_of(test_id: int, folder: Path) -> dict[str, Any]:
-    """What a campaign's folder holds of a test now: its road's file, and its minimised road."""
+def files_of(test_id: int, store: CampaignStore) -> dict[str, Any]:
+    """What a campaign's folder holds of a test now: its road's file, its minimised road's drive."""
     name = f"{file_stem(test_id)}.json"
-    minimised = f"{MINIMISED}/{name}"
-    try:
-        road = road_data(read_road(folder / minimised).road())
-    except (FreneticError, OSError):  # none, or none of ours
-        road = None
-    return {
-        "road_file": f"{FAILURES}/{name}" if (folder / FAILURES / name).is_file() else None,
-        "minimised": road and {"road": road, "file": minimised},
-    }
+    there = (store.folder / FAILURES / name).is_file()
+    road_file = f"{FAILURES}/{name}" if there else None
+    data: dict[str, Any] = {"road_file": road_file, "minimised": None}
+    for short in minimised_drives(store, [test_id]).values():
+        if short.drive is not None and len(short.drive.trajectory):
+            segment = segment_of(short.road, short.drive, short.result.finding)
+            drive = drive_data(test_id, short.result, segment)
+            data["minimised"] = {"drive": drive, "file": f"{MINIMISED}/{name}"}
+    return data
 
 
 def drive_columns(path: Trajectory, seen: Assessment) -> list[list[int]]:

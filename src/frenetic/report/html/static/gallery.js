@@ -2,21 +2,29 @@
 
 const PAGE = window.innerWidth < 560 ? 8 : 24; // clusters that are shown at first
 const repeats = new Map(); // test -> how it was driven again
+const causes = new Map(); // test -> what the driver did wrong
 
 /** A button with a picture that opens a test. */
 function card(id, order, { caption = "", small = false } = {}) {
   const test = tests.get(id);
-  const drive = drives.get(id);
+  const drive = shortest(id);
+  const isCut = drive !== drives.get(id);
   const words = `Test ${id}, ${test.outcome}, MOOBD ${fixed(test.moobd, 2)} m${caption ? `: ${caption}` : ""}`;
   const again = repeats.get(id);
   return el(
     "button",
     { type: "button", class: small ? "card small" : "card", "data-test": id, "aria-label": words, on: { click: () => player.open(id, order()) } },
     roadPicture(drive, ""),
-    el("span", { class: "card-line" }, el("b", {}, `Test ${id}`), el("span", { class: `number outcome-${test.outcome.toLowerCase()}` }, fixed(test.moobd, 2, "m"))),
+    el("span", { class: "card-line" }, el("b", {}, `Test ${id}${isCut ? `, cut to ${fixed(roadLength(drive.road), 0, "m")}` : ""}`), el("span", { class: `number outcome-${test.outcome.toLowerCase()}` }, fixed(drive.moobd, 2, "m"))),
     again && el("span", { class: `repeats ${again.stability}` }, `${again.stability}: the same in ${percent(again.share)} (${fixed(100 * again.low, 0)}–${fixed(100 * again.high, 0)})`),
     caption ? el("span", { class: "card-text" }, caption) : null,
   );
+}
+
+/** A test's drive on its minimised road, or that on its own. */
+function shortest(id) {
+  const drive = drives.get(id);
+  return drive.minimised === null ? drive : drive.minimised.drive;
 }
 
 /** Whether a text or number is found: "#47" and "47" are the id of a test, words are in any order. */
@@ -24,7 +32,7 @@ function isFound(query, cluster, id) {
   const number = query.match(/^#?(\d+)$/);
   if (number !== null) return id === Number(number[1]);
   const { operator } = tests.get(id);
-  const text = `${cluster.description} ${drives.get(id).reason} ${operator} ${report.operators[operator] ?? ""}`.toLowerCase();
+  const text = `${cluster.cause} ${cluster.description} ${drives.get(id).reason} ${operator} ${report.operators[operator] ?? ""}`.toLowerCase();
   return query.split(/\s+/).every((word) => text.includes(word));
 }
 
@@ -34,15 +42,18 @@ function drawGallery(element, block) {
   const grid = el("div", { class: "gallery" });
   const more = el("button", { type: "button", class: "more" });
   const select = (id, options) => el("select", { id }, options.map(([value, text]) => el("option", { value }, text)));
-  const sort = select("gallery-sort", [["moobd", "most severe"], ["size", "most alike"], ["first", "found first"]]);
+  const sort = select("gallery-sort", [["", "most telling"], ["moobd", "most severe"], ["size", "most alike"], ["first", "found first"]]);
+  const kinds = [...new Set(block.clusters.map((cluster) => cluster.group))].filter((text) => text);
+  const cause = select("gallery-cause", [["", "any"], ...kinds.map((text) => [text, text])]);
   const side = select("gallery-side", [["", "either side"], ["left", "left"], ["right", "right"], ["none", "did not leave"]]);
   const search = el("input", { type: "search", id: "gallery-search", placeholder: "words or a test number", spellcheck: "false" });
   const robust = select("gallery-robust", [["", "any"], ["repeatable", "repeatable"], ["not repeatable", "not repeatable"], ["robust", "robust"], ["unclear", "unclear"], ["fragile", "fragile"], ["none", "not driven again"]]);
   const found = el("span", { role: "status", class: "found" });
   const clear = el("button", { type: "button" }, "Clear");
-  const fields = [side, search, robust];
+  const fields = [cause, side, search, robust];
   const openable = block.clusters.filter((cluster) => cluster.shown.length);
   for (const one of block.repeats) repeats.set(one.test, one);
+  for (const cluster of openable) if (cluster.cause) for (const id of cluster.shown) causes.set(id, cluster.cause);
 
   const show = () => {
     const isFiltered = fields.some((field) => field.value !== "");
@@ -51,10 +62,11 @@ function drawGallery(element, block) {
       (query === "" || isFound(query, cluster, id)) && (robust.value === "" || (repeats.get(id)?.stability ?? "none") === robust.value);
     // A cluster is shown by its most severe failure that is asked for.
     const chosen = openable
+      .filter((cluster) => cause.value === "" || cluster.group === cause.value)
       .filter((cluster) => side.value === "" || (cluster.side ?? "none") === side.value)
       .map((cluster) => ({ cluster, head: cluster.shown.find((id) => matches(cluster, id)) }))
       .filter(({ head }) => head !== undefined)
-      .sort(({ cluster: a }, { cluster: b }) => sort.value === "size" ? b.size - a.size : sort.value === "first" ? a.first - b.first : 0);
+      .sort(({ cluster: a }, { cluster: b }) => sort.value === "size" ? b.size - a.size : sort.value === "first" ? a.first - b.first : sort.value === "moobd" ? a.moobd - b.moobd : 0);
     order = chosen.map(({ head }) => head);
     fillGrid(grid, more, chosen, shown, ({ cluster, head }) => clusterItem(cluster, head, () => order));
     if (!chosen.length) grid.append(el("p", { class: "quiet" }, "None of these."));
@@ -71,7 +83,7 @@ function drawGallery(element, block) {
   });
   for (const field of [sort, ...fields]) field.addEventListener("input", show);
   element.append(
-    el("div", { class: "choices" }, labelled("First ", sort), labelled("Side ", side), labelled("Find ", search), block.repeats.length ? labelled("Driven again ", robust) : null, found, clear),
+    el("div", { class: "choices" }, labelled("First ", sort), kinds.length > 1 ? labelled("Cause ", cause) : null, labelled("Side ", side), labelled("Find ", search), block.repeats.length ? labelled("Driven again ", robust) : null, found, clear),
     grid,
     more,
     el("p", { class: "caption" }, oobKey()),
@@ -90,7 +102,8 @@ function fillGrid(grid, more, items, shown, make) {
 }
 
 function clusterItem(cluster, head, order) {
-  const caption = head === cluster.most_severe ? cluster.description : `Like test ${cluster.most_severe}, which ${cluster.description}`;
+  const happens = head === cluster.most_severe ? cluster.description : `like test ${cluster.most_severe}, which ${cluster.description}`;
+  const caption = cluster.cause ? `${cluster.cause}: ${happens}` : happens;
   const item = el("article", { class: "cluster" }, card(head, order, { caption }));
   const others = cluster.shown.filter((id) => id !== head);
   if (cluster.size > 1) {

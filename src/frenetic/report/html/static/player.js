@@ -22,11 +22,11 @@ const player = (() => {
   let frame = 0;
   let clock = 0;
 
-  function open(id, order = orderAround(id)) {
-    const drive = drives.get(id);
-    if (drive === undefined) return;
+  /** Opens a test: its drive on its minimised road, if it has one, unless it is wanted as found. */
+  function open(id, order = orderAround(id), asFound = false) {
+    if (!drives.has(id)) return;
     pause();
-    shown = build(drive, order);
+    shown = build(asFound ? drives.get(id) : shortest(id), order);
     if (isEmbedded) dialog.open = true; // and takes no focus from the page around it
     else if (!dialog.open) dialog.showModal();
     dialog.scrollTop = 0;
@@ -190,7 +190,8 @@ const player = (() => {
     const aspect = isPhone ? 1.4 : isNarrow ? 1.35 : clamp(window.innerWidth / window.innerHeight, 1.4, 1.65) * 1.55;
     const closeAspect = isPhone ? 0.7 : isNarrow ? 2.2 : 0.85;
     const closeWide = isPhone ? CLOSE_UP_PHONE : CLOSE_UP;
-    const others = othersOf(drive.id).map((other) => ({ ...other, records: recordsOf(other), cars: [] }));
+    const found = drives.get(drive.id);
+    const others = (drive === found ? othersOf(drive.id) : []).map((other) => ({ ...other, records: recordsOf(other), cars: [] }));
     const view = viewOf(placesOf(line, records, others.map((other) => other.records)), drive.road.turn, aspect);
     const length = roadLength(drive.road);
     let furthest = -Infinity;
@@ -234,6 +235,7 @@ const player = (() => {
         ),
       ),
       el("p", { class: "reason" }, drive.reason),
+      ...lengthsOf(found, drive, order),
       ...othersText(others),
       el(
         "div",
@@ -244,9 +246,17 @@ const player = (() => {
       el("div", { class: "controls" }, state.play, state.slider, state.clock, state.speeds),
       ...[filmPart(drive.film, state)].filter((part) => part !== null),
       plots,
-      ...(isEmbedded ? [] : [el("div", { class: "details" }, factsOf(drive), actionsOf(drive))]),
+      ...(isEmbedded ? [] : [el("div", { class: "details" }, factsOf(drive), actionsOf(found))]),
     );
     return state;
+  }
+
+  /** Buttons for the minimised road and the one as found. */
+  function lengthsOf(found, drive, order) {
+    if (found.minimised === null) return [];
+    const choice = (one, text) =>
+      el("button", { type: "button", "aria-pressed": String(one === drive), on: { click: () => open(found.id, order, one === found) } }, `${text} ${fixed(roadLength(one.road), 0, "m")}`);
+    return [el("div", { class: "switch roads", role: "group", "aria-label": "Road" }, choice(found.minimised.drive, "Cut to"), choice(found, "As found:"))];
   }
 
   function scene(drive, line, records, view, state, isMain) {
@@ -406,6 +416,7 @@ function factsOf(drive) {
     ["Road", `${fixed(roadLength(drive.road), 0, "m")}, sharpest radius ${sharpest(drive.road)}`],
     ["Origin", `${test.operator}${parents}${report.operators[test.operator] ? `: ${report.operators[test.operator]}` : ""}; generation ${drive.generation}`],
   ];
+  if (causes.has(drive.id)) facts.unshift(["Cause", causes.get(drive.id)]);
   const again = repeats.get(drive.id);
   if (again !== undefined) facts.push([`Driven again: ${again.stability}`, again.text]);
   return el("dl", { class: "facts" }, facts.map(([name, value]) => el("div", {}, el("dt", {}, name), el("dd", {}, value))));
@@ -427,14 +438,8 @@ function actionsOf(drive) {
   parts.push(commandLine(`frenetic show ${campaign} ${drive.id}`, "Show it in full, with a picture"));
   if (drive.outcome === "FAIL" && isNamed) parts.push(commandLine(`frenetic minimise ${campaign} ${drive.id}`, "Find the shortest road that fails like it"));
   if (drive.minimised !== null) {
-    const { road, file } = drive.minimised;
-    const text = `Minimised: ${fixed(roadLength(road), 0, "m")} of ${fixed(roadLength(drive.road), 0, "m")}`;
-    const place = joined(campaign, file);
-    const line = `frenetic drive ${place}`;
-    parts.unshift(
-      el("figure", { class: "minimised" }, roadPicture(drive, text, { road }), el("figcaption", {}, text, el("span", { class: "file" }, place))),
-      isNamed ? commandLine(`${line} ${options}`, "Drive the minimised road again") : commandLine(line, "Drive the minimised road, with the driver of your choice"),
-    );
+    const line = `frenetic drive ${joined(campaign, drive.minimised.file)}`;
+    parts.unshift(isNamed ? commandLine(`${line} ${options}`, "Drive the minimised road again") : commandLine(line, "Drive the minimised road, with the driver of your choice"));
   }
   return el("div", { class: "actions" }, parts);
 }

@@ -134,27 +134,24 @@ function otherShape(i, records, view) {
 
 /** What a picture has to show: a road, a path, and others where they do not go far astray. */
 function placesOf(line, records, others = []) {
-  const own = records === null ? line : [...line, ...records.x.map((x, i) => ({ x, y: records.y[i] }))];
+  const own = [...line, ...records.x.map((x, i) => ({ x, y: records.y[i] }))];
   const [xs, ys] = [line.map(({ x }) => x), line.map(({ y }) => y)];
   const near = (value, all) => clamp(value, Math.min(...all) - 20, Math.max(...all) + 20);
   return [...own, ...others.flatMap((other) => other.x.map((x, i) => ({ x: near(x, xs), y: near(other.y[i], ys) })))];
 }
 
-/** A small picture of a drive from above, with drives in other simulators; or of another road. */
-function roadPicture(drive, label, { road = drive.road, others = [] } = {}) {
-  const line = centreLine(road);
-  const isOwn = road === drive.road;
-  const records = isOwn ? recordsOf(drive) : null;
+/** A small picture of a drive from above, with drives in other simulators. */
+function roadPicture(drive, label, { others = [] } = {}) {
+  const line = centreLine(drive.road);
+  const records = recordsOf(drive);
   const beyond = others.map(recordsOf);
-  const view = viewOf(placesOf(line, records, beyond), road.turn, 1.6);
-  const [startX, startY] = records === null ? besideLine(line.slice(0, 1), -report.lane_width / 2, view)[0] : view.place(records.x[0], records.y[0]);
+  const view = viewOf(placesOf(line, records, beyond), drive.road.turn, 1.6);
+  const [startX, startY] = view.place(records.x[0], records.y[0]);
   const shapes = [...roadShapes(line, view), svg("circle", { class: "start", cx: startX, cy: startY, r: view.box[2] / 70 })];
-  if (isOwn) {
-    shapes.push(...pathShapes(records, view), ...beyond.map((one, i) => otherShape(i, one, view)));
-    if (drive.departure !== null) {
-      const [x, y] = view.place(drive.departure.x, drive.departure.y);
-      shapes.push(svg("circle", { class: "left-here", cx: x, cy: y, r: view.box[2] / 32 }));
-    }
+  shapes.push(...pathShapes(records, view), ...beyond.map((one, i) => otherShape(i, one, view)));
+  if (drive.departure !== null) {
+    const [x, y] = view.place(drive.departure.x, drive.departure.y);
+    shapes.push(svg("circle", { class: "left-here", cx: x, cy: y, r: view.box[2] / 32 }));
   }
   return svg("svg", { viewBox: view.box.map((v) => v.toFixed(2)).join(" "), class: "picture", role: "img", "aria-label": label }, shapes);
 }
