@@ -100,6 +100,7 @@ def test_the_most_severe_failure_of_a_campaign(frenetic: Frenetic) -> None:
 
 @pytest.mark.usefixtures("campaign")
 def test_several_failures_in_a_table(frenetic: Frenetic) -> None:
+    shutil.rmtree("c/again")
     two = ("minimise", "c", "--top", "2", "--max-drives", "30")
     answer = frenetic(*two)
     assert answer.code == 0
@@ -108,7 +109,7 @@ def test_several_failures_in_a_table(frenetic: Frenetic) -> None:
     items = frenetic(*two, "--json").json
     assert [item["drives"] <= 30 for item in items] == [True, True]
     roads = {item["road"] for item in items}
-    assert roads == {str(path) for path in Path("c/minimised").glob("*.json")}
+    assert roads <= {str(path) for path in Path("c/minimised").glob("*.json")}
 
 
 @pytest.mark.usefixtures("campaign")
@@ -117,7 +118,6 @@ def test_with_other_parts_than_the_campaigns(frenetic: Frenetic) -> None:
     (item,) = frenetic("minimise", "c", *other, "--json").json
     assert frenetic(*shlex.split(item["repeat"])[1:], "--json").json["outcome"] == "FAIL"
     assert Path(item["road"]).name == f"test-{item['test']:05d}-other.json"
-    assert not Path("c", "minimised", f"test-{item['test']:05d}.json").exists()
     icy = ("minimise", "c", "--simulator", "friction=0.7", "--max-drives", "1")
     answer = frenetic(*icy)
     assert "is a different failure than recorded (" in answer.err

@@ -55,19 +55,24 @@ def test_a_time_in_json_is_that_of_its_steps() -> None:
         assert str(time) not in json.dumps(document)
 
 
-def test_representative_failures_are_the_worst_of_each_problem(store: CampaignStore) -> None:
+def test_representative_failures_are_examples_of_causes_then_the_worst_of_each_problem(
+    store: CampaignStore,
+) -> None:
     clusters = distinct_failures(store)
     failures = [record.id for record in store.tests(Outcome.FAIL)]
     assert sorted(i for cluster in clusters for i in cluster.ids) == failures
     every = representative_failures(store, 1000)
-    assert [record.id for record in every] == [cluster.most_severe for cluster in clusters]
-    moobds = [record.moobd or 0.0 for record in every]
+    examples = [cause.example for cause in clusters.causes]
+    assert [record.id for record in every[: len(examples)]] == examples
+    problems = [clusters.of(record.id) for record in every]
+    assert sorted(one.ids for one in problems) == sorted(one.ids for one in clusters)
+    others = every[len(examples) :]
+    assert [one.id for one in others] == [one.most_severe for one in problems[len(examples) :]]
+    moobds = [record.moobd or 0.0 for record in others]
     assert moobds == sorted(moobds)
     assert [record.id for record in representative_failures(store, 4)] == [
         record.id for record in every[:4]
     ]
-    (worst,) = store.tests(Outcome.FAIL, order_by="moobd", limit=1)
-    assert every[0].id == worst.id
 
 
 def test_of_many_failures_the_most_severe_are_compared_and_the_table_says_so(

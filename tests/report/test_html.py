@@ -186,8 +186,9 @@ def test_headline_counts_what_the_campaign_holds(searched: Path) -> None:
     assert tiles["simulations"] == str(counts.simulations) == "150"
     assert tiles["failures"] == str(counts.failed)
     assert tiles["distinct failures"] == str(len(every))
-    assert tiles["invalid roads"] == str(counts.invalid)
-    assert headline.title == f"{len(every)} distinct failures in 150 simulations"
+    assert tiles["causes"] == str(len(every.causes))
+    assert ("invalid roads" in tiles) is (counts.invalid > 0)
+    assert headline.title.endswith(f" of {len(every)} distinct failures in 150 simulations")
     assert headline.warning == ""
     some, _ = report_of(searched, clusters=few)
     assert some.title.startswith(f"At least {len(few)} distinct failure")
@@ -272,17 +273,22 @@ def test_every_cluster_can_be_opened_or_it_is_said(
         clusters = distinct_failures(store)
     report, sections = report_of(searched)
     assert {one.most_severe for one in clusters} <= {one["id"] for one in report.data["drives"]}
-    (gallery,) = sections["failures"].blocks
+    _, gallery = sections["failures"].blocks
     moobds = {drive["id"]: drive["moobd"] for drive in report.data["drives"]}
+    examples = [cause.example for cause in clusters.causes]
+    first = [one["shown"][0] for one in gallery.data["clusters"]]  # type: ignore[union-attr]
+    assert first[: len(examples)] == examples
     for one in gallery.data["clusters"]:  # type: ignore[union-attr]
-        assert one["shown"] == sorted(one["shown"], key=lambda i: moobds[i])
+        assert one["shown"] == sorted(one["shown"], key=lambda i: (i not in examples, moobds[i]))
     assert any(len(one["shown"]) > 1 for one in gallery.data["clusters"])  # type: ignore[union-attr]
     monkeypatch.setattr("frenetic.report.html.campaign.DRIVES_SIZE", 20_000)
     report, sections = report_of(searched)
     drives = report.data["drives"]
     assert 2 <= len(drives) < 10
-    heads = dict.fromkeys(i for one in clusters for i in (one.most_severe, one.typical))
-    assert [drive["id"] for drive in drives] == list(heads)[: len(drives)]
+    heads = [i for one in clusters for i in (one.most_severe, one.typical)]
+    assert [drive["id"] for drive in drives] == list(dict.fromkeys([*examples, *heads]))[
+        : len(drives)
+    ]
     assert re.search(r"\d+ of \d+ failures can be opened here", sections["failures"].lead)
 
 
@@ -438,18 +444,23 @@ def test_the_telling_rerun_of_a_failure_is_shown(copied: tuple[Path, list[int]])
 
 
 def test_minimised_roads_are_shown(copied: tuple[Path, list[int]]) -> None:
-    folder, (first, second, _) = copied
-    for name in ("minimised", "failures"):
-        (folder / name).mkdir()
-    small, broken = (f"minimised/test-{number:05d}.json" for number in (first, second))
-    (folder / small).write_text('{"curvatures": [0, 0.05, 0]}')
+    folder, (first, second, third) = copied
+    command = ["minimise", str(folder), str(first), "--max-drives", "20"]
+    assert CliRunner().invoke(cli, command).exit_code == 0
+    (folder / "failures").mkdir()
+    small, broken, foreign = (f"minimised/test-{i:05d}.json" for i in (first, second, third))
     (folder / broken).write_text("no road")
+    document = json.loads((folder / small).read_text())
+    document["minimised"]["campaign"] = "../../elsewhere"
+    (folder / foreign).write_text(json.dumps(document))
     road = f"failures/test-{second:05d}.json"
     (folder / road).write_text("{}")
     drives = {one["id"]: one for one in page_of(write_report(folder)).data["drives"]}
-    assert drives[first]["minimised"]["road"]["curvatures"] == [0.0, 0.05, 0.0]
-    assert drives[first]["minimised"]["file"] == small
-    assert drives[second]["minimised"] is None
+    short = drives[first]["minimised"]
+    assert short["file"] == small
+    assert len(short["drive"]["road"]["curvatures"]) < len(drives[first]["road"]["curvatures"])
+    assert short["drive"]["outcome"] == "FAIL"
+    assert (drives[second]["minimised"], drives[third]["minimised"]) == (None, None)
     assert (drives[first]["road_file"], drives[second]["road_file"]) == (None, road)
 
 

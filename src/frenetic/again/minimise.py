@@ -26,7 +26,7 @@ from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester
 from frenetic.drive import Rules
-from frenetic.errors import CampaignError, Fault, FreneticError
+from frenetic.errors import ENDS_ITS_PROCESS, HANGS, CampaignError, Fault, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.search.archive import places_of
@@ -271,6 +271,7 @@ def minimise(
     tester: RoadTester,
     *,
     max_drives: int = MAX_DRIVES,
+    seconds: float | None = None,
     guard: float = GUARD,
     folder: Path | str | None = None,
     **how: Unpack[How],
@@ -288,6 +289,7 @@ def minimise(
         road: fails.
         tester: drives roads on the terms of the failure.
         max_drives: most drives to spend; refused roads cost none.
+        seconds: most wall time to spend; None for any.
         guard: share by which the curvatures of the neighbours differ, at least 0 and below 1; 0
             requires no neighbours.
         folder: of the campaign whose road it is, which keeps the drives; by default none are kept.
@@ -308,7 +310,7 @@ def minimise(
         )
     start = Shape(tuple(road.curvatures), road.step)
     strategy = Minimising(start, tester.simulator.rules, guard)
-    budget, trouble = Budget(simulations=max_drives), None
+    budget, trouble = Budget(simulations=max_drives, time=seconds), None
     with TemporaryDirectory() as temporary:
         campaign = campaign_again(
             temporary if folder is None else folder,
@@ -365,30 +367,40 @@ def _minimised(
 
 
 def minimise_causes(
-    folder: Path | str, clusters: Clusters, tester: RoadTester, drives: int, **how: Unpack[How]
+    folder: Path | str,
+    clusters: Clusters,
+    tester: RoadTester,
+    drives: int,
+    seconds: float,
+    **how: Unpack[How],
 ) -> Iterator[tuple[int, Minimised | FreneticError]]:
     """Minimises a failure of each cause, of the most frequent ones first.
 
     Each gets the same share of the drives, at most `MOST_EACH`; causes for which less than
-    `LEAST_EACH` were left get none. An interruption ends it.
+    `LEAST_EACH` were left get none, nor do drivers that hang or end their process, which takes
+    long. An interruption ends it.
 
     Args:
         folder: of the campaign.
         clusters: its distinct failures.
         tester: drives as the campaign did.
         drives: most drives for all of them.
+        seconds: most wall time for all of them; less may shorten them less.
         how: see `How`.
 
     Yields:
         Id of a test, and the minimised road or why there is none: it does not fail again, say.
     """
-    chosen = clusters.causes[: max(1, drives // LEAST_EACH)]
+    lasting = HANGS, ENDS_ITS_PROCESS
+    causes = [one for one in clusters.causes if not (one.fault and one.fault.kind in lasting)]
+    chosen = causes[: max(1, drives // LEAST_EACH)]
     for cause in chosen:
         with CampaignStore.open(folder) as store:
             test = store.test(cause.example)
         most = max(LEAST_EACH, min(MOST_EACH, drives // len(chosen)))
         try:
-            found = minimise_test(folder, test, tester, max_drives=most, **how)
+            share = seconds / len(chosen)
+            found = minimise_test(folder, test, tester, max_drives=most, seconds=share, **how)
         except FreneticError as error:
             yield test.id, error
             continue
@@ -403,6 +415,7 @@ def minimise_test(
     tester: RoadTester,
     *,
     max_drives: int = MAX_DRIVES,
+    seconds: float | None = None,
     guard: float = GUARD,
     kept: Path | str | None = None,
     **how: Unpack[How],
@@ -414,6 +427,7 @@ def minimise_test(
         test: the test.
         tester: as for `minimise`, like the other arguments.
         max_drives: see there.
+        seconds: see there.
         guard: see there.
         kept: folder for the drives; by default the campaign's.
         how: see there.
@@ -423,7 +437,15 @@ def minimise_test(
         ValueError: likewise.
     """
     place = folder if kept is None else kept
-    minimised = minimise(test.road, tester, max_drives=max_drives, guard=guard, folder=place, **how)
+    minimised = minimise(
+        test.road,
+        tester,
+        max_drives=max_drives,
+        seconds=seconds,
+        guard=guard,
+        folder=place,
+        **how,
+    )
     with CampaignStore.open(folder) as store:
         recorded = Failure.of_test(store.test(test.id))
     now = Failure.of_test(minimised.original)

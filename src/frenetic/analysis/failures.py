@@ -229,6 +229,11 @@ class CauseGroup:
     """The most severe first."""
 
     @property
+    def fault(self) -> Fault | None:
+        """Fault of the driver, if it is the cause."""
+        return self.clusters[0].fault
+
+    @property
     def failures(self) -> int:
         """Number of failures."""
         return sum(map(len, self.clusters))
@@ -274,7 +279,7 @@ class Clusters:
             if what := one.cause.kind if one.cause else one.fault:
                 groups.setdefault(what, []).append(one)
         found = [CauseGroup(_cause_words(group), tuple(group)) for group in groups.values()]
-        return tuple(sorted(found, key=lambda one: (one.clusters[0].fault is None, -one.failures)))
+        return tuple(sorted(found, key=lambda one: (one.fault is None, -one.failures)))
 
     @property
     def known(self) -> int:

@@ -34,7 +34,9 @@ if TYPE_CHECKING:
 SLOW: Final = 0.5
 """Wall time of a drive in s above which `run` shortens no failing roads."""
 SHARE: Final = 3
-"""Drives of a search for each one that shortens failing roads afterwards."""
+"""Drives of a search for each one that shortens failing roads afterwards, and s of wall time."""
+LEAST_TIME: Final = 30.0
+"""Wall time in s that shortening may take, however short the search was."""
 
 workers_option = click.option(
     "--workers",
@@ -204,9 +206,9 @@ def _minimise(campaign: Campaign, clusters: Clusters, summary: Summary, log: Log
     ):
         yield f"shorter roads for the same failures: frenetic minimise {shell(folder)} --top 3"
         return
-    drives = summary.simulations // SHARE
+    drives, seconds = summary.simulations // SHARE, max(LEAST_TIME, summary.seconds / SHARE)
     with log.status("Shortening a failing road of each cause"):
-        for test_id, found in minimise_causes(folder, clusters, tester, drives):
+        for test_id, found in minimise_causes(folder, clusters, tester, drives, seconds):
             if isinstance(found, FreneticError):
                 yield f"test {test_id} was not shortened: {found}"
                 continue

@@ -21,12 +21,6 @@ function card(id, order, { caption = "", small = false } = {}) {
   );
 }
 
-/** A test's drive on its minimised road, or that on its own. */
-function shortest(id) {
-  const drive = drives.get(id);
-  return drive.minimised === null ? drive : drive.minimised.drive;
-}
-
 /** Whether a text or number is found: "#47" and "47" are the id of a test, words are in any order. */
 function isFound(query, cluster, id) {
   const number = query.match(/^#?(\d+)$/);

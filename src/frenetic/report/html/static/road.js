@@ -31,6 +31,12 @@ function curvatureAt(road, distance) {
   return road.curvatures[i] + (place - i) * (road.curvatures[i + 1] - road.curvatures[i]);
 }
 
+/** A test's drive on its minimised road, or that on its own. */
+function shortest(id) {
+  const drive = drives.get(id);
+  return drive.minimised === null ? drive : drive.minimised.drive;
+}
+
 function roadLength(road) {
   return road.step * (road.curvatures.length - 1);
 }
