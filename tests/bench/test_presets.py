@@ -44,14 +44,14 @@ def test_published_figures_stand_beside_the_measured_ones(frenetic: Frenetic) ->
     assert re.search(r"^random +2 +12 +12 .* here *$", ran.out, re.MULTILINE)
     assert re.search(r"^Frenetic +30 +190 +136 +14\.0 +10\.3 +27\.1 +AmbieGen *$", ran.out, re.M)
     assert "Differs in simulator: the embedded simulator, not BeamNG.research" in ran.out
-    assert "Differs in simulations: 12, where the preset has 200" in ran.out
+    assert "Differs in simulations: 12 is given, where the preset has 200" in ran.out
     assert "Source AmbieGen: data of its authors" in ran.out
     page = re.sub("<[^>]+>", " ", Path("b/index.html").read_text(encoding="utf-8"))
-    for text in ("Beside SBST 2021", "GABExploit", "26.3", "12, where the preset has 200"):
+    for text in ("Beside SBST 2021", "GABExploit", "26.3", "12 is given, where the preset has 200"):
         assert text in page
     again = frenetic("bench", "--resume", "--out", "b", "--json").json
     assert again["preset"]["published"][0]["failures"] == 14.0
-    assert again["preset"]["differs"]["repeats"] == "2, where the preset has 10"
+    assert again["preset"]["differs"]["repeats"] == "2 is given, where the preset has 10"
 
 
 def test_an_edition_without_published_figures_says_so(frenetic: Frenetic) -> None:
@@ -72,7 +72,7 @@ def test_what_the_user_gives_wins(frenetic: Frenetic) -> None:
         "preset": "sbst2021",
     }
     assert expected.items() <= kept("b").items()
-    assert "Differs in driver: beamng-ai,aggression=0.9, where the preset has" in ran.out
+    assert "Differs in driver: beamng-ai,aggression=0.9 is given, where the preset has" in ran.out
     # A file wins over the preset, and options win over the file.
     Path("mine.toml").write_text(
         'preset = "sbst2021"\nstrategy = ["random"]\nsimulations = 3\nrepeats = 1\n'

@@ -82,7 +82,7 @@ class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         found = dict(self.differs)
         for name, value in self.bench.items():
             if name in entries and entries[name] != value:
-                found[name] = f"{entries[name]}, where the preset has {value}"
+                found[name] = f"{entries[name]} is given, where the preset has {value}"
         return found
 
 
