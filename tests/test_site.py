@@ -46,7 +46,7 @@ QUESTIONS = {
     "same seed": "campaigns.html#same-seed-same-campaign",
     "failure real": "rerun.html",
     "minimise": "minimising.html",
-    "reproduce the paper": "algorithm.html",
+    "reproduce the paper": "paper.html",
 }
 """What a new user searches for -> the page, or its part, that answers."""
 

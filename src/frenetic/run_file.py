@@ -12,6 +12,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final, TypeVar
 
 import tomli_w
@@ -115,18 +116,24 @@ def read_run_file(path: Path | str) -> tuple[Spec, RunFile]:
     return read_file(path, RunFile, "a run")
 
 
-def read_file(path: Path | str, kind: type[AnyFile], what: str) -> tuple[Spec, AnyFile]:
+def read_file(
+    path: Path | str,
+    kind: type[AnyFile],
+    what: str,
+    usual: Mapping[str, Any] = MappingProxyType({}),
+) -> tuple[Spec, AnyFile]:
     """The spec of a file, with the defaults of the command line, and its entries.
 
     Args:
         path: of the file.
         kind: of its entries.
         what: it says, for messages.
+        usual: entries that hold where the file says nothing.
 
     Raises:
         FreneticError: there is no such file, or it is wrong; the message names the place in it.
     """
-    entries = read_entries(Path(path), kind, what)
+    entries = read_entries(Path(path), kind, what, usual)
     try:
         return entries.spec(), entries
     except ValueError as error:
@@ -135,11 +142,13 @@ def read_file(path: Path | str, kind: type[AnyFile], what: str) -> tuple[Spec, A
         raise FreneticError(f"{path}: {error}") from None
 
 
-def read_entries(path: Path, kind: type[Entries], what: str) -> Entries:
+def read_entries(
+    path: Path, kind: type[Entries], what: str, usual: Mapping[str, Any] = MappingProxyType({})
+) -> Entries:
     """The entries of a file in TOML; arguments and errors are those of `read_file`."""
     data = read_bounded(path)
     try:
-        return convert(tomllib.loads(data.decode("utf-8")), kind)
+        return convert({**usual, **tomllib.loads(data.decode("utf-8"))}, kind)
     except (ValueError, RecursionError) as error:
         raise FreneticError(f"{path} does not say {what}: {error}") from None
 

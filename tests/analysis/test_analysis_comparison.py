@@ -9,7 +9,7 @@ import pytest
 from made_campaigns import measures, search, store_of
 
 from frenetic._support.json_value import JSONValue
-from frenetic.analysis.comparison import Comparison, compare, compare_measured
+from frenetic.analysis.comparison import Comparison, compare, compare_measured, repeats_needed
 from frenetic.analysis.groups import find_campaigns, group_campaigns
 from frenetic.analysis.metrics import MEASURES, CampaignMeasures
 from frenetic.campaign import Budget, Campaign, CampaignStore
@@ -159,9 +159,23 @@ def test_too_many_groups_for_their_repeats_are_noted() -> None:
     (note,) = compare_measured(five).notes
     # 10 pairs of 5 and 5: 10 * 2 / 252.
     assert "no two can be shown to differ: p after correction is 0.079 at least" in note
+    assert "make 6 repeats each" in note
     apart = {name: group(*range(10 * i, 10 * i + 5)) for i, name in enumerate("abcde")}
     assert not any(pair.better for pair in compare_measured(apart).headline.pairs)
     assert compare_measured({name: five[name] for name in "abc"}).notes == ()
+
+
+@pytest.mark.parametrize("groups", range(2, 9))
+def test_the_repeats_needed_are_the_fewest_with_which_a_difference_can_be_shown(
+    groups: int,
+) -> None:
+    def is_shown(repeats: int) -> bool:
+        apart = {f"{i}": group(*range(20 * i, 20 * i + repeats)) for i in range(groups)}
+        return any(pair.better for pair in compare_measured(apart).headline.pairs)
+
+    needed = repeats_needed(groups)
+    assert is_shown(needed)
+    assert not is_shown(needed - 1)
 
 
 # Which campaigns belong together

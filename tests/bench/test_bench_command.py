@@ -125,6 +125,18 @@ def test_what_is_missing_is_run(frenetic: Frenetic, wiggly: str) -> None:
     assert Path("b/random/01/campaign.sqlite").stat().st_mtime_ns == kept
 
 
+def test_too_few_repeats_are_told_before_the_first_drive(frenetic: Frenetic) -> None:
+    three = [text for seed in (1, 2, 3) for text in ("--strategy", f"random,max_redraws={seed}")]
+    few = frenetic("bench", *three, "--simulations", "1", "--repeats", "1", "--out", "few")
+    told = "3 generators need at least 5 repeats: with 1 no difference can be shown"
+    assert few.err.index("1 run of 1 simulations") < few.err.index(told)
+    assert told not in frenetic("bench", "--resume", "--out", "few").err
+    enough = frenetic("bench", *three, "--simulations", "1", "--repeats", "5", "--out", "enough")
+    assert "at least" not in enough.err
+    alone = frenetic("bench", "--strategy", "random", *LEAST)
+    assert "at least" not in alone.err
+
+
 def test_options_follow_their_entrant(frenetic: Frenetic, tmp_path: Path) -> None:
     theirs = tmp_path / "their repository"
     theirs.mkdir()
@@ -176,6 +188,7 @@ def test_published_generators_are_listed_with_what_they_need(frenetic: Frenetic)
         (["--generator", "crag-2024,path=.,copy=."], ["say where its files are, no more"]),
         (["--simulations", "0"], ["--simulations", "0 is not in the range x>=1"]),
         (["nothing.toml"], ["there is no file nothing.toml"]),
+        (["--preset", "sbst2023"], ["no preset 'sbst2023'", "did you mean", "sbft2024"]),
         (["--resume"], ["--resume needs the folder of a bench"]),
         (["--resume", "--out", "nothing"], ["holds no bench"]),
         (["--out", "full"], ["is not empty", "place with --out"]),
@@ -194,7 +207,12 @@ def test_mistakes(
 
 def test_a_bench_goes_on_as_it_was_begun(frenetic: Frenetic) -> None:
     frenetic("bench", "--strategy", "random", *LEAST)
-    for option in (["--repeats", "3"], ["--strategy", "frenetic"], ["--generator", "a:B"]):
+    for option in (
+        ["--repeats", "3"],
+        ["--preset", "sbst2021"],
+        ["--strategy", "frenetic"],
+        ["--generator", "a:B"],
+    ):
         asked = frenetic("bench", "--resume", "--out", "b", *option)
         assert asked.refuses(option[0], "goes on as it was begun"), asked
     assert frenetic("resume", "b/random/01").refuses("a run of a bench", "--resume --out")

@@ -264,9 +264,15 @@ def test_paper_is_white_and_shows_all_columns(page: Page) -> None:
 def test_no_text_from_outside_is_run(show: Callable[..., Page], tmp_path: Path) -> None:
     measured = {HOSTILE: (campaign(tmp_path, 3),), "b": (campaign(tmp_path, 4),)}
     comparison = compare_measured(measured, notes=[HOSTILE], shared={HOSTILE: HOSTILE})
-    texts = dict.fromkeys(("title", "lead", "command"), HOSTILE)
-    facts = [Fact(HOSTILE, HOSTILE)]
-    page = show(write_comparison_page(comparison, tmp_path / "page.html", facts=facts, **texts))
+    path = write_comparison_page(
+        comparison,
+        tmp_path / "page.html",
+        title=HOSTILE,
+        lead=HOSTILE,
+        facts=[Fact(HOSTILE, HOSTILE)],
+        command=HOSTILE,
+    )
+    page = show(path)
     expect(page.locator("h1")).to_have_text(HOSTILE)
     expect(page.locator("#results tbody th").last).to_have_text(HOSTILE)
     assert page.evaluate("window.hacked === undefined && typeof hacked === 'undefined'")

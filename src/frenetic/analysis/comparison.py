@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import combinations
+from itertools import combinations, count
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -283,17 +283,34 @@ def _compare_by(
     return MeasureComparison(measure, values, pairs)
 
 
+def least_p(sizes: Sequence[int]) -> float:
+    """The least p of two groups that the test can give, corrected by Holm for all pairs of groups.
+
+    It is that of two without ties, all of one better than all of the other: 2 of all ways to deal
+    the campaigns to them are as extreme.
+
+    Args:
+        sizes: number of campaigns in each of two or more groups.
+    """
+    pairs = list(combinations(sizes, 2))
+    return min(1.0, len(pairs) * min(2.0 / math.comb(n + m, n) for n, m in pairs))
+
+
+def repeats_needed(groups: int) -> int:
+    """Least number of campaigns in each of two or more groups for a difference to be shown."""
+    return next(n for n in count(LEAST_REPEATS) if least_p([n] * groups) < SIGNIFICANT)
+
+
 def _weakness(groups: Mapping[str, Sequence[object]]) -> Iterator[str]:
     """A note if no difference can be shown, however large."""
-    pairs = list(combinations(map(len, groups.values()), 2))
-    if not pairs:
+    sizes = [len(campaigns) for campaigns in groups.values()]
+    if len(sizes) < 2 or min(sizes) < LEAST_REPEATS:
         return
-    # The two-sided p if all of one group do better than all of the other, without ties.
-    least = len(pairs) * min(2.0 / math.comb(n + m, n) for n, m in pairs)
-    if least >= SIGNIFICANT and min(map(len, groups.values())) >= LEAST_REPEATS:
+    if (least := least_p(sizes)) >= SIGNIFICANT:
         yield (
             f"with so few campaigns and {len(groups)} groups no two can be shown to differ: p after"
-            f" correction is {least:.2g} at least; make more repeats, or compare fewer groups"
+            f" correction is {least:.2g} at least; make {repeats_needed(len(groups))} repeats each,"
+            " or compare fewer groups"
         )
 
 

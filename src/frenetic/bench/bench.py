@@ -18,9 +18,15 @@ from filelock import FileLock
 from frenetic import trust
 from frenetic._support.files import write_file
 from frenetic._support.words import counted
-from frenetic.analysis.comparison import Comparison, compare, compare_measured
+from frenetic.analysis.comparison import (
+    Comparison,
+    compare,
+    compare_measured,
+    repeats_needed,
+)
 from frenetic.analysis.metrics import measure_campaign
 from frenetic.bench.entrants import Entrant, folder_names
+from frenetic.bench.presets import Preset
 from frenetic.bench.processes import run_all
 from frenetic.bench.runs import Run, RunState, Terms, compile_measures, ending_of, try_out
 from frenetic.bench.strategy import End
@@ -59,6 +65,8 @@ class Bench:
     seed: int = 1
     folder: Path = field(default_factory=lambda: campaign.new_folder(BENCHES))
     """Its folder; a text is taken, too."""
+    preset: Preset | None = None
+    """Edition of the competition whose figures stand beside its results."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "folder", Path(self.folder))
@@ -96,6 +104,11 @@ class Bench:
     def runs_in_words(self) -> str:
         """Numbers of runs and of simulations of an entrant."""
         return f"{counted(self.repeats, 'run')} of {self.terms.simulations} simulations"
+
+    @property
+    def repeats_needed(self) -> int:
+        """Least repeats with which a difference between two entrants can be shown."""
+        return repeats_needed(len(self.entrants)) if len(self.entrants) > 1 else 1
 
     def states(self) -> list[RunState]:
         """All runs with their results.
@@ -221,6 +234,7 @@ class Bench:
             "patience": terms.patience,
             "repeats": self.repeats,
             "seed": self.seed,
+            "preset": None if self.preset is None else self.preset.name,
         }
 
     def _record(self) -> dict[str, Any]:

@@ -35,9 +35,10 @@ from frenetic.cli.parts import (
 from frenetic.errors import FreneticError
 
 if TYPE_CHECKING:
+    from frenetic.analysis.comparison import Comparison
     from frenetic.bench import Bench, RunState
 
-_ENTRIES: Final = ("generator", "strategy", "simulations", "repeats", "seed")
+_ENTRIES: Final = ("generator", "strategy", "simulations", "repeats", "seed", "preset")
 """Options that are entries of a file, too, beside those that say how roads are driven."""
 
 
@@ -58,6 +59,12 @@ _ENTRIES: Final = ("generator", "strategy", "simulations", "repeats", "seed")
     shell_complete=names_of("strategy"),
     help="A search strategy: frenetic-2021,threshold=-0.2. May be repeated. [default: all built-in"
     " ones]",
+)
+@click.option(
+    "--preset",
+    metavar="EDITION",
+    help="Setting of a competition's edition, as far as we can have it, beside its published"
+    " figures: sbst2021, sbst2022, sbft2023 or sbft2024. FILE.toml and other options win.",
 )
 @count_option("--simulations", "Budget of each run, in drives. [default: 200]")
 @count_option("--repeats", "Runs of each. [default: 10]")
@@ -112,19 +119,16 @@ def bench(
 
 def _begun(context: click.Context, path: Path | None, out: Path | None) -> tuple[Bench, int | None]:
     """The bench of a command line, and the workers that its file wants."""
-    from frenetic.bench import BenchFile
     from frenetic.bench.bench import BENCHES
     from frenetic.bench.entrants import require_trusted
+    from frenetic.bench.file import read_bench
     from frenetic.campaign import new_folder
-    from frenetic.run_file import read_file
 
     given = {n: context.params[n] for n in _ENTRIES if was_given(context, n)}
     if {"generator", "strategy"} & given.keys():  # in the place of all that the file names
         given |= {kind: context.params[kind] for kind in ("generator", "strategy")}
     driving = given_options(context)
-    spec, entries = BenchFile().spec(), BenchFile()
-    if path is not None:
-        spec, entries = read_file(path, BenchFile, "a bench")
+    spec, entries = read_bench(path, given.get("preset"))
     named = [*driving, *(("driver", "simulator") if AS in driving else ())]
     if was_given(context, "objective"):
         spec, named = replace(spec, objective=context.params["objective"]), [*named, "objective"]
@@ -157,6 +161,13 @@ def _run(the_bench: Bench, resume: bool, workers: int | None, as_json: bool) -> 
                 f"{the_bench.runs_in_words} each of {names}, results in {the_bench.folder}",
                 markup=False,
             )
+            needed = the_bench.repeats_needed
+            if the_bench.repeats < needed and not resume:
+                log.print(
+                    f"Note: {len(the_bench.entrants)} generators need at least {needed} repeats:"
+                    f" with {the_bench.repeats} no difference can be shown",
+                    markup=False,
+                )
 
         def progress(share: float, words: str) -> None:
             left = (time.monotonic() - start) * (1.0 - share) / max(share, 1e-9)
@@ -206,12 +217,41 @@ def _show_results(the_bench: Bench, states: Sequence[RunState], log: Log, as_jso
     with log.status("Writing the page"):
         page = write_results(the_bench, comparison)
     if as_json:
-        click.echo(json.dumps({**comparison_document(comparison), **runs}))
+        document = {**comparison_document(comparison), **runs}
+        if the_bench.preset is not None:
+            differences = the_bench.preset.differences(the_bench.entries())
+            document["preset"] = {**to_builtins(the_bench.preset), "differs": differences}
+        click.echo(json.dumps(document))
     else:
         print_comparison(comparison)
+        _print_published(the_bench, comparison)
         click.echo(f"Page:    {page}")
         click.echo(f"Results: {the_bench.folder}")
     return any(r.simulations > r.counts.errors for g in comparison.groups.values() for r in g)
+
+
+def _print_published(the_bench: Bench, comparison: Comparison) -> None:
+    """Prints the figures of a bench's preset beside those of its entrants."""
+    from frenetic.bench.presets import COLUMNS, measured
+
+    if (preset := the_bench.preset) is None:
+        return
+    click.echo(f"Setting of {preset.title}: {preset.setting}")
+    if not preset.published:
+        click.echo("No figures of this edition are known to us.")
+    else:
+        print_table(
+            ("", *(f">{title}" for title in COLUMNS), "from"),
+            [
+                (one.tool, *one.cells, one.source)
+                for one in (*measured(comparison), *preset.published)
+            ],
+            title=f"Means of a run, here and in {preset.title}",
+        )
+    for name, difference in preset.differences(the_bench.entries()).items():
+        click.echo(f"Differs in {name}: {difference}")
+    for name, place in preset.sources.items():
+        click.echo(f"Source {name}: {place}")
 
 
 def _list_recipes(as_json: bool) -> None:

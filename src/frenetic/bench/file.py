@@ -11,10 +11,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from msgspec import convert
+
 from frenetic._support.bounds import Count, Index, Positive
 from frenetic._support.words import parse_duration, read_part
 from frenetic.bench.bench import FILE, Bench, read_record
 from frenetic.bench.entrants import PLACES, Entrant, require_trusted
+from frenetic.bench.presets import find_preset
 from frenetic.bench.recipes import find_recipe
 from frenetic.bench.runs import Terms
 from frenetic.errors import FreneticError
@@ -41,6 +44,8 @@ class BenchFile(DriveFile, kw_only=True):
     """Of the first run of each."""
     workers: Count | None = None
     """Runs at once."""
+    preset: str | None = None
+    """Edition of the competition, see `frenetic.bench.presets`; entries of the file win."""
 
     def entrants(self) -> tuple[Entrant, ...]:
         """The entrants.
@@ -71,6 +76,7 @@ class BenchFile(DriveFile, kw_only=True):
             repeats=self.repeats,
             seed=self.seed,
             folder=Path(folder),
+            preset=None if self.preset is None else find_preset(self.preset),
         )
 
     def _generator(self, text: str) -> Entrant:
@@ -116,6 +122,25 @@ def _read(text: str) -> tuple[str, dict[str, Any], str | None]:
     return spec, options, None if name is None else str(name)
 
 
+def read_bench(path: Path | None, preset: str | None = None) -> tuple[Spec, BenchFile]:
+    """The spec of a bench's file, with the defaults of the command line, and its entries.
+
+    Args:
+        path: of the file; None for the defaults alone.
+        preset: that holds below the file, in place of the one that the file names.
+
+    Raises:
+        FreneticError: there is no such file or preset, or the file is wrong.
+    """
+    if preset is None and path is not None:
+        preset = read_file(path, BenchFile, "a bench")[1].preset
+    usual = {} if preset is None else {**find_preset(preset).bench, "preset": preset}
+    if path is not None:
+        return read_file(path, BenchFile, "a bench", usual)
+    entries = convert(usual, BenchFile)
+    return entries.spec(), entries
+
+
 def open_bench(folder: Path | str) -> Bench:
     """The bench in a folder, by its file.
 
@@ -129,7 +154,7 @@ def open_bench(folder: Path | str) -> Bench:
             f"{folder} was begun from Python, so its driver and simulator have no names: go on"
             " from Python"
         )
-    spec, entries = read_file(path, BenchFile, "a bench")
+    spec, entries = read_bench(path)
     spec.require_trusted(path)
     try:
         require_trusted(entries.entrants(), path)

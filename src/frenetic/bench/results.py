@@ -11,7 +11,8 @@ from frenetic._support.words import format_duration
 from frenetic.analysis.comparison import Comparison
 from frenetic.analysis.tables import write_table
 from frenetic.bench.bench import Bench
-from frenetic.report.html.blocks import Fact
+from frenetic.bench.presets import COLUMNS, measured
+from frenetic.report.html.blocks import Block, Column, Fact, Facts, Section, Table
 from frenetic.report.html.comparison import write_comparison_page
 
 PAGE: Final = "index.html"
@@ -37,8 +38,33 @@ def write_results(bench: Bench, comparison: Comparison) -> Path:
         title=f"Bench of {number} generators",
         lead=f"{bench.runs_in_words} each.",
         facts=list(_terms(bench)),
+        sections=list(_published(bench, comparison)),
         command=None if bench.file is None else shlex.join(["frenetic", "bench", str(bench.file)]),
     )
+
+
+def _published(bench: Bench, comparison: Comparison) -> Iterator[Section]:
+    """The figures of a bench's preset beside those of its entrants."""
+    if (preset := bench.preset) is None:
+        return
+    blocks: list[Block] = []
+    if preset.published:
+        columns = ("", *COLUMNS, "from")
+        figures = (*measured(comparison), *preset.published)
+        blocks.append(
+            Table(
+                tuple(Column(title, is_number=title in COLUMNS) for title in columns),
+                tuple(
+                    (one.tool, *(cell or "–" for cell in one.cells), one.source) for one in figures
+                ),
+                caption="Means of a run",
+            )
+        )
+    differences = preset.differences(bench.entries())
+    for title, facts in (("What differs", differences), ("Sources", preset.sources)):
+        blocks.append(Facts(tuple(Fact(name, text) for name, text in facts.items()), title))
+    none = "" if preset.published else ". No figures of this edition are known to us"
+    yield Section("published", f"Beside {preset.title}", tuple(blocks), f"{preset.setting}{none}.")
 
 
 def _terms(bench: Bench) -> Iterator[Fact]:

@@ -71,6 +71,7 @@ def write_comparison_page(
     lead: str = "",
     facts: Sequence[Fact] = (),
     command: str | None = None,
+    sections: Sequence[Section] = (),
 ) -> Path:
     """Writes a comparison as one HTML file that needs nothing else.
 
@@ -83,6 +84,7 @@ def write_comparison_page(
         lead: a sentence or two before the findings.
         facts: other facts about the campaigns for the reader.
         command: the command line that repeats the page.
+        sections: others, after the results.
 
     Returns:
         The file.
@@ -91,7 +93,13 @@ def write_comparison_page(
         FreneticError: the file cannot be written.
     """
     page = comparison_report(
-        comparison, Path(path).parent, title=title, lead=lead, facts=facts, command=command
+        comparison,
+        Path(path).parent,
+        title=title,
+        lead=lead,
+        facts=facts,
+        command=command,
+        sections=sections,
     )
     return write_page(page, path)
 
@@ -104,6 +112,7 @@ def comparison_report(
     lead: str = "",
     facts: Sequence[Fact] = (),
     command: str | None = None,
+    sections: Sequence[Section] = (),
 ) -> Report:
     """The page of a comparison, to lie in ``folder``.
 
@@ -116,6 +125,7 @@ def comparison_report(
         sections=(
             Section("summary", title, (_headline(comparison, lead),)),
             Section("results", "Results", tuple(group_tables(comparison))),
+            *sections,
             Section("curves", "Over the budget", tuple(group_curves(comparison))),
             Section("spreads", "Campaign by campaign", (group_spreads(comparison),)),
             *([pairs] if len(comparison.groups) > 1 else []),
