@@ -191,7 +191,7 @@ def test_headline_counts_what_the_campaign_holds(searched: Path) -> None:
     assert headline.title.endswith(f" of {len(every)} distinct failures in 150 simulations")
     assert headline.warning == ""
     some, _ = report_of(searched, clusters=few)
-    assert some.title.startswith(f"At least {len(few)} distinct failure")
+    assert f" of at least {len(few)} distinct failure" in some.title
 
 
 def test_campaigns_without_results_have_a_report(searched: Path, tmp_path: Path) -> None:
@@ -445,11 +445,13 @@ def test_the_telling_rerun_of_a_failure_is_shown(copied: tuple[Path, list[int]])
 
 def test_minimised_roads_are_shown(copied: tuple[Path, list[int]]) -> None:
     folder, (first, second, third) = copied
-    command = ["minimise", str(folder), str(first), "--max-drives", "20"]
-    assert CliRunner().invoke(cli, command).exit_code == 0
+    parts = ("--driver", "planner", "--simulator", "embedded", "--max-drives", "20")
+    answer = CliRunner().invoke(cli, ["minimise", str(folder), str(first), *parts])
+    assert answer.exit_code == 0
     (folder / "failures").mkdir()
     small, broken, foreign = (f"minimised/test-{i:05d}.json" for i in (first, second, third))
     (folder / broken).write_text("no road")
+    (folder / small.replace(".json", "-other.json")).rename(folder / small)
     document = json.loads((folder / small).read_text())
     document["minimised"]["campaign"] = "../../elsewhere"
     (folder / foreign).write_text(json.dumps(document))
