@@ -71,7 +71,7 @@ class Cause(NamedTuple):
 
 def in_words(kind: Kind, bends: Side | None = None) -> str:
     """A kind of cause in words, in bends to this side or to either."""
-    return kind.format("" if bends is None else f"{bends}-hand ")
+    return kind.value.format("" if bends is None else f"{bends}-hand ")
 
 
 def cause_of(segment: Segment) -> Cause:
