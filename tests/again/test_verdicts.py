@@ -14,7 +14,8 @@ from repeats import failures_in, recorded, redriven
 
 from frenetic.again.conditions import Variation, draw_conditions
 from frenetic.again.rerun import read_reruns, rerun
-from frenetic.again.verdicts import Change, Match, Repeats, Stability
+from frenetic.again.verdicts import Change, Repeats, Stability
+from frenetic.campaign.repeat import Match
 from frenetic.drivers import Planner
 from frenetic.errors import FreneticError
 from frenetic.oracle import Side
