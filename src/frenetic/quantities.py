@@ -45,7 +45,7 @@ class Quantity:
     high: float
     """Largest amount allowed."""
     usual: tuple[float, float]
-    """Range in which it usually varies."""
+    """Range in which it usually varies, where a campaign does not set it."""
     is_relative: bool = False
     """Whether that range is in shares of the simulator's own amount."""
     nothing: float | None = None
@@ -90,6 +90,21 @@ class Quantity:
         low, high = (float(f"{value:.3g}") for value in (self.low, self.high))
         return f"{low:g} to {high:g}{unit}"
 
+    def around(self, own: float | None) -> tuple[float, float]:
+        """The usual range, as far on both sides of a campaign's own amount as is allowed.
+
+        Args:
+            own: None if the campaign does not set it, which a relative one needs.
+        """
+        low, high = self.usual
+        if self.is_relative:
+            assert own is not None
+            low, high = low * own, high * own
+        elif own is not None and own != self.nothing:
+            spread = 0.5 * own if self.nothing == math.inf else high - (self.nothing or 0.0)
+            low, high = own - spread, own + spread
+        return max(low, self.low), min(high, self.high)
+
     def text(self, amount: float) -> str:
         """An amount for people."""
         return f"{self.name} {amount:g}{' ' if self.unit else ''}{self.unit}"
@@ -101,7 +116,7 @@ _OWN: Final = (
         about="friction of the road, 1 is dry",
         low=0.01,
         high=1.5,
-        usual=(0.8, 1.0),
+        usual=(0.8, 1.2),
         is_relative=True,
         attribute="friction",
     ),
@@ -136,6 +151,17 @@ _OWN: Final = (
         usual=(0.0, 0.1),
         nothing=0.0,
         layer="frenetic.drivers.layers:Delayed",
+    ),
+    Quantity(
+        name="lag",
+        about="time constant of the steering",
+        unit="s",
+        low=0.005,
+        high=2.0,
+        usual=(0.5, 1.5),
+        is_relative=True,
+        attribute="steering_lag",
+        words=("less steering lag", "more steering lag"),
     ),
     Quantity(
         name="start",

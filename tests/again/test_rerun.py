@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import signal
 import sqlite3
 import subprocess
@@ -36,7 +37,7 @@ from frenetic.analysis.segments import segment_of
 from frenetic.campaign import Budget, Campaign, CampaignStore, Summary, Test
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.database import DATABASE
-from frenetic.drivers import Driver, Planner
+from frenetic.drivers import Controls, Driver, DriveSetup, Observation, Planner
 from frenetic.errors import CampaignError
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
@@ -483,3 +484,35 @@ def test_a_damaged_run_is_one_line(campaign: Path, change: str, is_own: bool, wo
             read()
         assert str(place) in str(caught.value)
         assert "\n" not in str(caught.value)
+
+
+class Pursuit:
+    """Pure pursuit that looks 2.5 m ahead, which swings where the steering lags."""
+
+    def reset(self, setup: DriveSetup) -> None:
+        self.wheelbase = setup.front_axle + setup.rear_axle
+
+    def act(self, observation: Observation) -> Controls:
+        x, y = observation.lane(0.5, 2.5).points[-1]
+        steering = math.atan(2.0 * self.wheelbase * y / (x * x + y * y))
+        effort = 0.5 * (10.0 - observation.speed)
+        return Controls(steering, min(max(effort, 0.0), 1.0), min(max(-effort, 0.0), 1.0))
+
+
+def test_steering_lag_is_what_matters_to_a_pursuit_that_swings(tmp_path: Path) -> None:
+    simulator = EmbeddedSimulator()
+    campaign = Campaign(
+        strategy=RandomSearch(seed=1),
+        simulator=simulator,
+        driver=Pursuit(),
+        budget=Budget(simulations=15),
+        folder=tmp_path / "c",
+    )
+    assert campaign.run().failed >= 3
+    usual = [Variation.usual(name, simulator) for name in ("friction", "lag", "speed")]
+    varied = rerun(campaign.folder, simulator, Pursuit(), times=20, vary=usual)
+    firsts = [test.influences[0] for test in varied.tests]
+    assert {one.quantity for one in firsts if one.matters} == {"lag"}
+    assert all(str(one).startswith("more steering lag is worse") for one in firsts)
+    quick = rerun(campaign.folder, simulator, Pursuit(), vary=[Variation("lag", 0.05, 0.05)])
+    assert {test.change for test in quick.tests} == {Change.PASSES_NOW}

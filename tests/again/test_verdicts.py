@@ -14,13 +14,14 @@ from repeats import failures_in, recorded, redriven
 
 from frenetic.again.conditions import Variation, draw_conditions
 from frenetic.again.rerun import read_reruns, rerun
-from frenetic.again.verdicts import Change, Match, Repeats, Stability
+from frenetic.again.verdicts import Change, Repeats, Stability
+from frenetic.campaign.repeat import Match
 from frenetic.drivers import Planner
 from frenetic.errors import FreneticError
 from frenetic.oracle import Side
 from frenetic.outcome import Outcome
 from frenetic.quantities import quantities
-from frenetic.simulators import EmbeddedSimulator
+from frenetic.simulators import EmbeddedSimulator, Rules
 from frenetic.simulators.worlds import Conditions
 from frenetic.testing import DummyDriver, DummySimulator
 
@@ -256,7 +257,7 @@ def test_worlds_that_are_none_are_refused(
 
 def test_usual_ranges_follow_the_simulator(campaign: Path) -> None:
     simulator = EmbeddedSimulator(friction=0.5)
-    assert Variation.usual("friction", simulator) == Variation("friction", 0.4, 0.5)
+    assert Variation.usual("friction", simulator) == Variation("friction", 0.4, 0.6)
     assert Variation.usual("speed", simulator) == Variation("speed", 63.0, 77.0)
     for name in quantities():
         assert not Variation.usual(name, simulator).is_fixed
@@ -267,3 +268,22 @@ def test_usual_ranges_follow_the_simulator(campaign: Path) -> None:
     with pytest.raises(FreneticError, match="DummySimulator cannot vary start"):
         rerun(campaign, DummySimulator(), DummyDriver(), vary=[Variation("start", 0.0, 0.1)])
     assert read_reruns(campaign) == [], "nothing is driven before"
+
+
+def test_usual_ranges_lie_on_both_sides_of_the_campaigns_own_amount() -> None:
+    simulator = EmbeddedSimulator(
+        rules=Rules(speed_limit=50.0), friction=0.7, start_offset=0.5, start_heading=-0.1
+    )
+    own = {"friction": 0.7, "speed": 50.0, "lag": 0.1, "start": 0.5, "heading": -0.1}
+    for name, row in quantities().items():
+        amount = own.get(name, 0.8 * row.usual[1])
+        usual = Variation.usual(name, simulator, amount)
+        below, above = amount - usual.low, usual.high - amount
+        assert below > 0.0 < above, name
+        assert below == pytest.approx(above) or row.low == usual.low, name
+    assert Variation.usual("noise", simulator, 0.5) == Variation("noise", 0.3, 0.7)
+    assert Variation.usual("view", simulator, 40.0) == Variation("view", 20.0, 60.0)
+    assert Variation.usual("friction", EmbeddedSimulator(friction=1.4)).high == 1.5, "the most"
+    for quick in (EmbeddedSimulator(vehicle="etk800"), EmbeddedSimulator(steering_lag=0.05)):
+        usual = Variation.usual("lag", quick)
+        assert (usual.low, usual.high) == pytest.approx((0.025, 0.075))

@@ -23,6 +23,7 @@ from frenetic.campaign import Budget, Campaign, CampaignStore, Event, Summary
 from frenetic.campaign.log import CampaignLog
 from frenetic.campaign.loop import MAX_ERRORS_IN_A_ROW
 from frenetic.campaign.record import Attempt
+from frenetic.campaign.repeat import SECOND_DRIVE
 from frenetic.campaign.workers import Workers
 from frenetic.oracle import Result
 from frenetic.outcome import Outcome
@@ -121,6 +122,7 @@ class FakeWorkers:
         self.running: list[int] = []
         self.submitted: list[int] = []
         self.answered: list[int] = []
+        self.again: list[int] = []  # second drives
 
     @property
     def free(self) -> int:
@@ -134,7 +136,7 @@ class FakeWorkers:
         assert self.free
         assert candidate.id not in self.running
         self.running.append(candidate.id)
-        self.submitted.append(candidate.id)
+        (self.again if candidate.id in self.answered else self.submitted).append(candidate.id)
 
     def wait(self, timeout: float) -> Sequence[Attempt]:
         assert self.running, "nobody is waited for"
@@ -145,7 +147,8 @@ class FakeWorkers:
         if self.losses[number]:
             self.losses[number] -= 1
             return Attempt.lost(number, "fake", 0.0, ASLEEP)
-        self.answered.append(number)
+        if number not in self.answered:
+            self.answered.append(number)
         moobd = -1.0 / number if (outcome := self.outcome_of(number)).is_driven else None
         return replace(Attempt(number, Result(outcome, "as it was to be", moobd)), worker="fake")
 
@@ -274,6 +277,10 @@ class Chance:
         with CampaignStore.open(folder) as store:
             assert {asked.id: place for asked, place in store.candidates()} == places
             tests = list(store.tests())
+            second: Any = store.fact(SECOND_DRIVE)
+        failed = strategy.ids(Outcome.FAIL)
+        assert second is None or second["test"] == failed[0]
+        assert not failed or self.is_broken_off or second is not None
         assert [(test.id, test.outcome) for test in tests] == strategy.told
         for test in tests:
             losses = self.losses.get(test.id, 0)
@@ -368,9 +375,9 @@ def test_in_order_doubtful_siblings_are_not_driven_ahead(tmp_path: Path) -> None
 
 
 def test_in_order_the_end_does_not_wait_for_what_comes_too_late(tmp_path: Path) -> None:
-    fake = FakeWorkers(4)
+    fake = FakeWorkers(4, lambda ids: [1])
     faked(tmp_path, Families([Outcome.FAIL]), Budget(failures=1), fake, lookahead=4).run()
-    assert (fake.submitted, fake.answered) == ([1, 2, 3, 4], [1])
+    assert (fake.submitted, fake.answered, fake.again) == ([1, 2, 3, 4], [1], [1])
 
 
 # What is reported, and how it ends

@@ -33,7 +33,7 @@ CALLS: Final = {
     "init keeps_its_lane.py": "class driver test",
     "run --simulations 3 --seed 1 --workers 1 --out new": (
         f"{COUNTS} folder seed seconds tests_per_second distinct_failures near_misses ended"
-        " interrupted facts notice"
+        " interrupted facts notice not_repeatable"
     ),
     "resume c --simulations 2 --workers 1": f"{COUNTS} folder seed distinct_failures ended",
     "show c": f"{COUNTS} folder config distinct_failures near_misses facts",
@@ -57,6 +57,7 @@ CALLS: Final = {
         "road outcome reason moobd moobd_distance max_oob_share duration length findings fault"
         " driver simulator"
     ),
+    "drive c 1": "road outcome differs driver simulator",
     "drive bend.json --dry": "road valid message",
     "calibrate c --driver planner --fit braking --evaluations 1 --workers 1": (
         "name driven lane_width fitted recordings validation settings loss"

@@ -156,12 +156,29 @@ def test_a_campaigns_test_is_driven_as_its_file_is(frenetic: Frenetic, road: Pat
     one, by_file = (
         frenetic("drive", *what, "--json").json for what in (("c", number), (str(road),))
     )
-    assert one.pop("road") == f"c {number}"
+    assert (one.pop("road"), one.pop("differs")) == (f"c {number}", "")
     del by_file["road"]
     assert one == by_file
     assert frenetic("drive", "c", number, "--dry").out == f"c {number}: valid\n"
     changed = frenetic("drive", "c", number, "--driver", "planner", "--speed-limit", "20").out
     assert changed.startswith("PASS")
+
+
+def test_it_is_said_whether_a_campaigns_test_ends_as_it_did_there(
+    frenetic: Frenetic, road: Path
+) -> None:
+    number = str(int(road.stem.removeprefix("test-")))
+    again = frenetic("drive", "c", number)
+    assert (again.code, again.out.splitlines()[-1].split()[0]) == (0, "result")
+    assert again.out.endswith(" as in the campaign\n")
+    slow = ("drive", "c", number, "--driver", "planner", "--speed-limit", "20")
+    answer = frenetic(*slow)
+    assert answer.code == 0, "a driver that differs is no mistake"
+    assert answer.out.endswith(" differs from the campaign: PASS, not FAIL\n")
+    assert frenetic(*slow, "--json").json["differs"] == "PASS, not FAIL"
+    nearly = frenetic("drive", "c", number, "--simulator", "friction=0.9999", "--json").json
+    assert nearly["differs"].startswith("a MOOBD ")
+    assert "result" not in frenetic("drive", str(road)).out, "a file holds no drive"
 
 
 def test_a_test_of_a_rerun_is_driven_in_its_own_conditions(frenetic: Frenetic, road: Path) -> None:

@@ -36,6 +36,7 @@ def in_that(world: Conditions, simulator: Simulator, driver: Driver) -> list[lis
     ("world", "simulator", "driver"),
     [
         ({"friction": 0.6}, EmbeddedSimulator(friction=0.6), Planner()),
+        ({"lag": 0.3}, EmbeddedSimulator(steering_lag=0.3), Planner()),
         ({"speed": 40.0}, EmbeddedSimulator(rules=Rules(speed_limit=40.0)), Planner()),
         ({"start": 0.4}, EmbeddedSimulator(start_offset=0.4), Planner()),
         ({"heading": -0.1}, EmbeddedSimulator(start_heading=-0.1), Planner()),
@@ -59,7 +60,7 @@ def test_a_drive_in_a_world_is_that_of_parts_made_for_it(
 def test_the_simulator_is_as_before_afterwards_even_if_the_drive_broke() -> None:
     simulator = EmbeddedSimulator(rules=Rules(stuck_time=7.0), friction=0.9, start_offset=0.1)
     before = rows(simulator, Planner())
-    world = {"friction": 0.5, "speed": 30.0, "start": -0.5, "heading": 0.2}
+    world = {"friction": 0.5, "lag": 0.3, "speed": 30.0, "start": -0.5, "heading": 0.2}
 
     def break_there() -> None:
         with in_conditions(world, simulator, Planner()):
@@ -70,6 +71,7 @@ def test_the_simulator_is_as_before_afterwards_even_if_the_drive_broke() -> None
     with pytest.raises(RuntimeError):
         break_there()
     assert (simulator.friction, simulator.start_offset) == (0.9, 0.1)
+    assert simulator.steering_lag is None
     assert simulator.rules == Rules(stuck_time=7.0)
     assert rows(simulator, Planner()) == before
 

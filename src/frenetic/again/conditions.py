@@ -43,20 +43,25 @@ class Variation:
             )
 
     @classmethod
-    def usual(cls, name: str, simulator: Simulator) -> Variation:
-        """The usual range of a quantity, see `frenetic.quantities`.
+    def usual(cls, name: str, simulator: Simulator, own: float | None = None) -> Variation:
+        """The usual range of a quantity around a campaign's own amount, see `frenetic.quantities`.
+
+        Args:
+            name: of the quantity.
+            simulator: the campaign's, with its amount of what is no layer over the driver.
+            own: the campaign's amount of such a layer; None if it has none.
 
         Raises:
             FreneticError: no such quantity, or the simulator has none.
         """
         row = quantity(name)
         check_can_vary(simulator, [name])
-        own: float = 1.0
-        if row.is_relative:
-            own = getattr(simulator, row.attribute)
-            own = own.speed_limit if isinstance(own, Rules) else own
-        low, high = row.usual
-        return cls(name, low * own, high * own)
+        if row.attribute:
+            value: Any = getattr(simulator, row.attribute)
+            if value is None:
+                value = getattr(simulator.vehicle, row.attribute)  # type: ignore[attr-defined]
+            own = value.speed_limit if isinstance(value, Rules) else value
+        return cls(name, *row.around(own))
 
     @classmethod
     def read(cls, item: Any) -> Variation:

@@ -18,11 +18,11 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.again.campaigns import How, campaign_again, complete
 from frenetic.again.shrinking import Answer, Improvement, Shape, Shrinker, Trials
-from frenetic.again.verdicts import Match
 from frenetic.analysis.failures import THRESHOLD, Clusters, Failure
 from frenetic.campaign.asking import replay
 from frenetic.campaign.objective import MOOBD, Objective
 from frenetic.campaign.record import Test
+from frenetic.campaign.repeat import Match
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester
 from frenetic.drive import Rules

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
@@ -31,6 +31,7 @@ class Again(Strategy):
     """
 
     BEHAVIOUR: Final = 1
+    expects_failures: ClassVar[bool] = True
 
     def __init__(
         self,

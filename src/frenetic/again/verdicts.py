@@ -17,10 +17,9 @@ from typing import Final
 from frenetic._support.json_value import JSONValue
 from frenetic._support.words import counted, simulated_time
 from frenetic.again.conditions import Variation
-from frenetic.analysis.failures import THRESHOLD
-from frenetic.analysis.segments import REACH
 from frenetic.analysis.statistics import SIGNIFICANT, holm, proportion_interval, spearman
 from frenetic.campaign.record import Test
+from frenetic.campaign.repeat import Match
 from frenetic.oracle import Finding
 from frenetic.outcome import Outcome
 from frenetic.quantities import quantity
@@ -31,49 +30,6 @@ LEVEL: Final = 0.5
 fail, or have the same failure."""
 LEAST_DRIVES: Final = 8
 """Fewest drives for a verdict on which quantities matter."""
-
-
-class Match(StrEnum):
-    """How a drive fails, beside the recorded failure of its road."""
-
-    SAME = "same failure"
-    """The same place, side and mechanism."""
-    OTHER_MECHANISM = "other mechanism"
-    """The same place and side, but road, offsets and speeds before it differ by more than
-    `frenetic.analysis.failures.THRESHOLD`, or only one of both left its lane."""
-    OTHER_SIDE = "other side"
-    """The same place, but on the other side of the lane."""
-    ELSEWHERE = "elsewhere"
-    """More than `frenetic.analysis.segments.REACH` away along the road."""
-    SAME_PLACE = "same place"
-    """The same place and side; the mechanism is unknown, as a trajectory is missing."""
-
-    @classmethod
-    def of(cls, recorded: Test, again: Test, difference: float | None) -> Match | None:
-        """How a drive fails beside the recorded one; None unless both fail.
-
-        Args:
-            recorded: the recorded test.
-            again: the drive.
-            difference: of the failures in m, as of `frenetic.analysis.failures`; None if unknown.
-        """
-        if not again.outcome is recorded.outcome is Outcome.FAIL:
-            return None
-        fault = recorded.result.fault
-        if fault is not None or again.result.fault is not None:
-            is_like = fault is not None and fault.is_like(again.result.fault)
-            return cls.SAME if is_like else cls.OTHER_MECHANISM
-        here, there = again.departure, recorded.departure
-        if (here is None) != (there is None):
-            return cls.OTHER_MECHANISM
-        if here is not None and there is not None:
-            if abs(here.distance - there.distance) > REACH:
-                return cls.ELSEWHERE
-            if here.side != there.side:
-                return cls.OTHER_SIDE
-        if difference is None:
-            return cls.SAME_PLACE
-        return cls.SAME if difference <= THRESHOLD else cls.OTHER_MECHANISM
 
 
 class Change(StrEnum):
@@ -184,7 +140,7 @@ class Repeat:
     @property
     def is_alike(self) -> bool:
         """Whether it is the campaign's own failure, as far as that is known."""
-        return self.match in (Match.SAME, Match.SAME_PLACE)
+        return self.match is not None and self.match.is_alike
 
     @property
     def is_same(self) -> bool:

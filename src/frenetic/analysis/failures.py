@@ -54,6 +54,7 @@ from frenetic.oracle import Result, Side
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.search.approach import (
+    ALIKE,
     ROAD_SIZE,
     SIZE,
     STATES,
@@ -67,8 +68,8 @@ from frenetic.search.records import Trace
 
 IntArray = npt.NDArray[np.int64]
 
-THRESHOLD: Final = 2.0
-"""Largest root mean square difference within a cluster, in m: half a lane."""
+THRESHOLD: Final = ALIKE
+"""Largest root mean square difference within a cluster, in m."""
 BATCH: Final = 3000
 """Failures that are linked at a time; memory and time grow with the square."""
 COMPARED: Final = 10_000

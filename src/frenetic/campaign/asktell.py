@@ -32,6 +32,7 @@ from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.log import CampaignLog
 from frenetic.campaign.record import Attempt
+from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Event, Summary
 from frenetic.campaign.tester import RoadTester, road_through
 from frenetic.campaign.workers import Workers
@@ -329,6 +330,9 @@ class ToldCampaign(Campaign):
 
     def _workers(self, log: CampaignLog) -> Workers:  # noqa: ARG002 - nothing is lost here
         return self._client
+
+    def _second_drive(self, store: CampaignStore) -> None:
+        """None: no candidate is handed out twice."""
 
     def serve(self) -> Summary:
         """Searches until the client ends, and answers its requests.

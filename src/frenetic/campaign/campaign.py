@@ -35,6 +35,7 @@ from frenetic.campaign.log import CampaignLog, LogEvent
 from frenetic.campaign.loop import Dispatcher
 from frenetic.campaign.objective import MOOBD, Objective, objectives
 from frenetic.campaign.record import Test
+from frenetic.campaign.repeat import SecondDrive
 from frenetic.campaign.state import stored_budget
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Event, EventKind, Summary
@@ -577,6 +578,7 @@ class Campaign(Shown):
                         summary=summary,
                         outstanding=outstanding,
                         unreported=self._unreported,
+                        second=self._second_drive(store),
                     )
                     for test_id, now in dispatcher.tests():
                         try:
@@ -622,6 +624,12 @@ class Campaign(Shown):
             LogEvent.INTERRUPTED if interrupted else LogEvent.FINISHED, end.in_words(), **fields
         )
         return end
+
+    def _second_drive(self, store: CampaignStore) -> SecondDrive | None:
+        """The second drive of the first failure, unless that was driven before."""
+        if self.strategy.expects_failures:
+            return None
+        return SecondDrive(store, self.tester.simulator)
 
     def _workers(self, log: CampaignLog) -> Workers:
         if self.cluster is not None:

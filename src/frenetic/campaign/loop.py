@@ -16,6 +16,7 @@ from frenetic.campaign.asking import FACTS, ObservingStrategy, ask, facts_of, ra
 from frenetic.campaign.log import CampaignLog, LogEvent
 from frenetic.campaign.objective import Objective, evaluation_of
 from frenetic.campaign.record import Attempt, Test
+from frenetic.campaign.repeat import SecondDrive
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Summary
 from frenetic.campaign.workers.workers import Workers
@@ -63,6 +64,7 @@ class Dispatcher:
         summary: Summary,
         outstanding: dict[int, Candidate],
         unreported: deque[tuple[int, Summary]],
+        second: SecondDrive | None = None,
     ) -> None:
         self._strategy = strategy
         self._is_selective = has_own(strategy, "is_wanted")
@@ -83,6 +85,8 @@ class Dispatcher:
         self._ended: dict[int, Attempt] = {}  # tested or lost for good, not told
         self._unwritten: list[tuple[Test, Summary]] = []  # told
         self._unreported = unreported  # written
+        self._second = second  # drive of the first failure; None if there is to be none
+        summary.not_repeatable = "" if second is None else second.note
         self._waits_for_result = False  # the strategy, before it proposes another road
         self._broken = self._refused = 0  # in a row
         self._start = 0.0
@@ -143,6 +147,8 @@ class Dispatcher:
         return self._summary.budget_spent >= 1.0
 
     def _is_over(self) -> bool:
+        if self._again and (self._again.id in self._running or not self._interrupt.requested):
+            return False
         if self._is_spent and self._lookahead:
             return True  # what still runs comes too late, however fast the workers are
         if self._summary.ended and not self._outstanding:
@@ -188,9 +194,23 @@ class Dispatcher:
         told_or_out = self._summary.simulations + len(self._outstanding)
         return simulations is not None and told_or_out >= simulations
 
+    @property
+    def _again(self) -> Candidate | None:
+        """The failing road that is to be driven a second time, also when the budget is spent."""
+        return None if self._second is None else self._second.candidate
+
+    def _submit(self, candidate: Candidate) -> None:
+        self._running.add(candidate.id)
+        self._tries[candidate.id] += 1
+        self._workers.submit(candidate)
+
     def _hand_out(self) -> None:
         """Submits waiting candidates to free workers, and drops unwanted ones."""
-        if self._is_spent or self._interrupt.requested:
+        if self._interrupt.requested:
+            return
+        if self._again and self._again.id not in self._running and self._workers.free:
+            self._submit(self._again)
+        if self._is_spent:
             return
         while self._waiting and self._workers.free:
             candidate = self._next()
@@ -198,9 +218,7 @@ class Dispatcher:
                 return
             self._waiting.remove(candidate.id)
             if self._is_wanted(candidate):
-                self._running.add(candidate.id)
-                self._tries[candidate.id] += 1
-                self._workers.submit(candidate)
+                self._submit(candidate)
             elif not self._lookahead:  # else when its turn comes
                 self._drop(candidate)
 
@@ -237,14 +255,27 @@ class Dispatcher:
         """Records an attempt; a lost one is repeated unless it was the last."""
         candidate_id = attempt.candidate_id
         self._running.discard(candidate_id)
-        if candidate_id not in self._outstanding:
+        is_second = self._again is not None and self._again.id == candidate_id
+        if candidate_id not in self._outstanding and not is_second:
             return  # told as DROPPED meanwhile
         tries = self._tries[candidate_id]
-        if attempt.failure is None or tries >= MAX_ATTEMPTS:
+        if attempt.failure is not None and tries < MAX_ATTEMPTS:
+            if not is_second:
+                self._waiting.add(candidate_id)
+            self._log.retried(attempt, tries)
+        elif is_second:
+            self._take_second(attempt)
+        else:
             self._ended[candidate_id] = attempt
-            return
-        self._waiting.add(candidate_id)
-        self._log.retried(attempt, tries)
+
+    def _take_second(self, attempt: Attempt) -> None:
+        """Notes what the second drive of the first failure says."""
+        assert self._second is not None
+        self._tries.pop(attempt.candidate_id)
+        self._second.take(attempt)
+        self._summary.not_repeatable = self._second.note
+        if self._second.note:
+            self._log.write(LogEvent.NOTICE, self._second.note, level="warning")
 
     def _tell_in_order(self) -> None:
         """Tells the oldest candidates as long as their results are known, and asks in between."""
@@ -292,6 +323,8 @@ class Dispatcher:
         if evaluation.objective is not None:
             test = replace(test, objective=self._objective.value_of(evaluation))
         self._store.told(test)
+        if self._second is not None:
+            self._second.see(test)
         del self._outstanding[candidate.id]
         summary.measure(self._objective, evaluation)
         tell(self._strategy, evaluation, summary)

@@ -43,6 +43,8 @@ class Summary(Counts):
     """Reason why the strategy ended before the budget was spent; empty if it did not."""
     notice: str = ""
     """Why the search is not what its user expects, as the strategy says; empty if it is."""
+    not_repeatable: str = ""
+    """Why verdicts hold for single drives only, as the first failure's second drive says."""
     facts: Mapping[str, JSONValue] = field(default_factory=dict)
     """What else the strategy tells, see `frenetic.Strategy.facts`."""
 
@@ -108,6 +110,7 @@ class Summary(Counts):
             "interrupted": self.interrupted,
             "ended": self.ended,
             "notice": self.notice,
+            "not_repeatable": self.not_repeatable,
             "facts": dict(self.facts),
             "folder": str(self.folder),
             **self.objective_json,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,8 +24,11 @@ from frenetic.cli.options import (
 from frenetic.cli.parts import given_options, recorded_options
 
 if TYPE_CHECKING:
+    from frenetic.campaign import Test
+    from frenetic.drive import Drive
     from frenetic.oracle import Result
     from frenetic.road import Road, Verdict
+    from frenetic.simulators import Simulator
     from frenetic.spec import Spec
 
 
@@ -37,8 +40,8 @@ class Asked:
     road: Road
     """In its place on the map, if it fits."""
     verdict: Verdict
-    conditions: dict[str, float] = field(default_factory=dict)
-    """Of a campaign's test."""
+    test: Test | None = None
+    """The campaign's."""
     recorded: object = None
     """Its driver, in a road's file."""
 
@@ -68,10 +71,11 @@ def drive(
 ) -> None:
     """Drive the road of a file or of a campaign's tests, and say what happened.
 
-    The tests of a CAMPAIGN are driven as it drove them; so is the file of a failing road. Options
-    change that. A ROAD is JSON with curvatures (1/m) or road_points, a test file of the
-    competition, or OpenDRIVE. A road that lies elsewhere is moved into the map; an invalid one is
-    not driven. The exit code is 1 if a road is INVALID or the simulator broke (ERROR).
+    The tests of a CAMPAIGN are driven as it drove them, and it is said whether they end as they did
+    there; the file of a failing road is driven so, too. Options change that. A ROAD is JSON with
+    curvatures (1/m) or road_points, a test file of the competition, or OpenDRIVE. A road that lies
+    elsewhere is moved into the map; an invalid one is not driven. The exit code is 1 if a road is
+    INVALID or the simulator broke (ERROR).
     """
     if plot is not None and dry:
         raise click.UsageError("--plot draws a drive: leave it out with --dry")
@@ -98,7 +102,7 @@ def drive(
             document = {"road": asked.name, "length": asked.road.length, **result.as_json()}
             documents.append(document | parts | ({} if plot is None else {"plot": str(plot)}))
         else:
-            _print_drive(result, asked, plot, _who(asked, parts))
+            _print_drive(result, asked, plot, _who(asked, parts), parts.get("differs"))
     if as_json:
         click.echo(json.dumps(documents if len(test_ids) > 1 else documents[0]))
     if not is_whole:
@@ -136,8 +140,7 @@ def _of_campaign(
     roads = []
     for test in tests:
         fitted, verdict = test.road.placed(spec.map_size, spec.margin)
-        conditions = dict(test.candidate.conditions)
-        roads.append(Asked(f"{folder} {test.id}", fitted or test.road, verdict, conditions))
+        roads.append(Asked(f"{folder} {test.id}", fitted or test.road, verdict, test))
     return spec, roads
 
 
@@ -182,13 +185,15 @@ def _driven(
             if not asked.verdict.valid and not anyway:
                 if plot is not None:
                     _draw_undriven(asked, plot)
-                yield asked, Result(Outcome.INVALID, asked.verdict.message), parts
+                result = Result(Outcome.INVALID, asked.verdict.message)
+                yield asked, result, parts | _compared(asked, result, None, simulator)
                 continue
             if not is_entered:
                 entered.enter_context(simulator)
                 compiled()
                 is_entered = True
-            with in_conditions(asked.conditions, simulator, driver) as layered:
+            conditions = {} if asked.test is None else asked.test.candidate.conditions
+            with in_conditions(conditions, simulator, driver) as layered:
                 the_drive = RoadTester(simulator, layered).drive(asked.road)
             result = judge(asked.road, the_drive)
             if plot is not None:
@@ -196,7 +201,23 @@ def _driven(
 
                 title = f"{Path(asked.name).name}: {result.outcome}"
                 draw_drive(asked.road, the_drive, plot, title=title)
-            yield asked, result, parts
+            yield asked, result, parts | _compared(asked, result, the_drive, simulator)
+
+
+def _compared(
+    asked: Asked, result: Result, drive: Drive | None, simulator: Simulator
+) -> dict[str, Any]:
+    """What differs from the campaign's own drive, for JSON; nothing of a road's file."""
+    from frenetic.campaign.record import Attempt
+    from frenetic.campaign.repeat import other_ending, other_moobd
+
+    if asked.test is None:
+        return {}
+    path = None if drive is None else drive.trajectory
+    attempt = Attempt(asked.test.id, result, asked.road.pose, path)
+    again = replace(asked.test, attempt=attempt)
+    differs = other_ending(asked.test, again) or other_moobd(asked.test, again, simulator)
+    return {"differs": differs}
 
 
 def _draw_undriven(asked: Asked, plot: Path) -> None:
@@ -223,10 +244,15 @@ def _who(asked: Asked, parts: dict[str, Any]) -> str:
     return "; ".join(who)
 
 
-def _print_drive(result: Result, asked: Asked, plot: Path | None, who: str) -> None:
+def _print_drive(
+    result: Result, asked: Asked, plot: Path | None, who: str, differs: str | None
+) -> None:
     click.echo(f"{result.outcome}  {result.reason}")
     facts = [("road", f"{asked.road.length:.1f} m, {asked.name}"), ("driver", who)]
     facts += facts_of_drive(result, result.duration if result.outcome.is_driven else None)
+    if differs is not None:
+        words = f"differs from the campaign: {differs}" if differs else "as in the campaign"
+        facts.append(("result", words))
     if plot is not None:
         facts.append(("picture", str(plot)))
     print_facts(facts)

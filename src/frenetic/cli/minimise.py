@@ -277,7 +277,7 @@ def _live(log: Log, work: Work, max_drives: int) -> Iterator[Callable[[Event], N
 
 def is_another(minimised: Minimised) -> bool:
     """Whether the original now has another failure than its campaign recorded."""
-    from frenetic.again.verdicts import Match
+    from frenetic.campaign.repeat import Match
 
     return minimised.match not in (None, Match.SAME, Match.SAME_PLACE)
 

@@ -112,7 +112,7 @@ class Amount(click.ParamType):  # type: ignore[type-arg]  # generic in click's n
         name, equals, text = (part.strip() for part in str(value).partition("="))
         row = quantity(name)
         if not row.layer:
-            option = f"--simulator embedded,{row.attribute}={row.usual[1]:g}"
+            option = f"--simulator embedded,{row.attribute}={row.usual[0]:g}"
             option = "--speed-limit" if row.attribute == "rules" else option
             self.fail(f"{name} is no condition of the driver: set it by {option}", param, ctx)
         try:

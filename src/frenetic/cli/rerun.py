@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -38,12 +38,12 @@ VARIED_TIMES: Final = 20
 """Default number of drives of each test if something is varied."""
 
 
-def variation(asked: AskedRange, simulator: Simulator) -> Variation:
-    """The range of a quantity for the simulator; its usual one if none was given."""
+def variation(asked: AskedRange, simulator: Simulator, layers: Mapping[str, float]) -> Variation:
+    """The range of a quantity; its usual one for simulator and driver's layers if none is given."""
     from frenetic.again.conditions import Variation
 
     if asked.limits is None:
-        return Variation.usual(asked.name, simulator)
+        return Variation.usual(asked.name, simulator, layers.get(asked.name))
     return Variation(asked.name, *asked.limits)
 
 
@@ -105,6 +105,7 @@ def rerun(
     from frenetic.again.rerun import elsewhere
     from frenetic.again.rerun import rerun as rerun_campaign
     from frenetic.campaign import CampaignStore
+    from frenetic.simulators.capabilities import check_pair
 
     if everything and (test_ids or top is not None):
         raise click.UsageError("--all excludes --top and the ID of a test")
@@ -113,7 +114,8 @@ def rerun(
         chosen = _driven_tests(store) if everything else chosen_tests(store, test_ids, top)
         spec = recorded_spec(store, given)
     driver, simulator = spec.make_parts(isolate=workers == 1)
-    variations = [variation(one, simulator) for one in asked]
+    check_pair(simulator, driver)  # which may bring its car
+    variations = [variation(one, simulator, spec.layers) for one in asked]
     log = Log()
     with shown_driving(log, "Driving again") as on_event:
         found = rerun_campaign(
@@ -174,7 +176,7 @@ def _print(
     if any(number for _, number in counts):
         click.echo(", ".join(f"{number} {kind}" for kind, number in counts if number))
     influences = [one for test in tests for one in test.influences if one.matters]
-    for name, number in Counter(one.quantity for one in influences).items():
+    for name, number in Counter(one.quantity for one in influences).most_common():
         click.echo(f"{name} matters in {number} of {len(tests)}")
     if is_as_before:
         click.echo(f"{found.same} of {counted(len(drives), 'drive')} ended exactly as before")

@@ -118,8 +118,13 @@ def search(
     trouble: FreneticError | None = None
     summary: Summary | None = None
     with announced_compilation(log) as compiled, live_progress(log) as show:
+        told = ""
 
         def on_event(event: Event) -> None:
+            nonlocal told
+            if event.summary.not_repeatable != told:
+                told = event.summary.not_repeatable
+                log.print(f"Note: {told}", markup=False)
             if event.kind == "interrupted":
                 log.stopping()
             elif event.kind == "result":
@@ -268,5 +273,7 @@ def _print_summary(summary: Summary, error: str, known: str) -> None:
         click.echo(f"The first error: {error}")
     if summary.ended:
         click.echo(f"The strategy ended the search: {summary.ended}")
+    if summary.not_repeatable:
+        click.echo(f"Note:        {summary.not_repeatable}")
     if summary.notice:
         click.echo(f"Note:        {summary.notice}")

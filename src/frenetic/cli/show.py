@@ -190,6 +190,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     from frenetic.campaign.asking import FACTS
     from frenetic.campaign.earlier import still_failing
     from frenetic.campaign.objective import in_words, objectives
+    from frenetic.campaign.repeat import not_repeatable
     from frenetic.campaign.summary import facts_in_words
     from frenetic.report.minimised import minimised_drives
 
@@ -237,6 +238,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
             ("results", counts.in_words()),
             *([("known before", text)] if (text := still_failing(store)) else []),
             *([("search", told)] if (told := facts_in_words(facts.get(FACTS))) else []),
+            *([("note", text)] if (text := not_repeatable(facts)) else []),
             *([("note", str(facts["notice"]))] if facts.get("notice") else []),
             *([("note", text)] if (text := caution(store)) else []),
             *([("error", f"the first: {error}")] if (error := first_error(store)) else []),

@@ -39,12 +39,18 @@ class CommonRoadSimulator(SteppedSimulator):
     """Distributions whose versions belong to it."""
 
     car = VEHICLE.body()
+    steering_lag: float = VEHICLE.steering_lag
+    """Time constant of the steering, in s; it may be set between two drives."""
     period_step = 0.01
 
     def setup(self, road: Road) -> DriveSetup:
         """The setup of a drive along the road for its driver."""
-        setup = VEHICLE.setup(self.rules, road, super().setup(road).period)
+        setup = self._vehicle.setup(self.rules, road, super().setup(road).period)
         return replace(setup, rolling_drag=0.0, air_drag=0.0)
+
+    @property
+    def _vehicle(self) -> Vehicle:
+        return replace(VEHICLE, steering_lag=self.steering_lag)
 
     def __enter__(self) -> Self:
         """Loads the model.
@@ -67,7 +73,7 @@ class CommonRoadSimulator(SteppedSimulator):
 
     def start(self, road: Road, pose: Pose, setup: DriveSetup) -> Motion:  # noqa: ARG002
         """Puts the car at rest on the road."""
-        self._car = self._car_class()(pose, VEHICLE)
+        self._car = self._car_class()(pose, self._vehicle)
         return self._car.motion
 
     def step(self, steering: float, throttle: float, brake: float, seconds: float) -> Motion:

@@ -34,6 +34,8 @@ SPACING = 2.5
 """Distance between two values of an approach, in m."""
 BEHIND = 30.0
 """Length of road before the place, in m."""
+ALIKE = 2.0
+"""Largest difference of two drives with the same problem, in m: half a lane."""
 AHEAD = 15.0
 """Length of road after it, in m."""
 

@@ -50,7 +50,8 @@ class Strategy(ABC):
     usual_lookahead: ClassVar[int | None] = None
     """Candidates outstanding in an ordered campaign; None for the campaign's default."""
     expects_failures: ClassVar[bool] = False
-    """Whether a driver that breaks on every road is no reason to give up: that was known."""
+    """Whether its roads are known to fail: no failure is driven a second time, and a driver that
+    breaks on every road is no reason to give up."""
 
     @abstractmethod
     def ask(self) -> Candidate | None:

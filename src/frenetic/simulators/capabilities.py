@@ -18,8 +18,9 @@ from frenetic.recipe import Named
 from frenetic.simulators.checks import Check
 from frenetic.simulators.simulator import Simulator
 
-VARIABLE: Final = ("rules", "friction", "start_offset", "start_heading")
-"""Attributes that may be set between two drives, if a simulator has them."""
+VARIABLE: Final = ("rules", "friction", "steering_lag", "start_offset", "start_heading")
+"""Attributes that may be set between two drives, if a simulator has them; a `steering_lag` of None
+is that of its ``vehicle``."""
 
 
 def _accept(_: Driver) -> None:

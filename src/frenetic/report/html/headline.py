@@ -13,6 +13,7 @@ from frenetic.analysis.failures import Clusters
 from frenetic.campaign.asking import FACTS
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.objective import in_words
+from frenetic.campaign.repeat import not_repeatable
 from frenetic.campaign.summary import facts_in_words
 from frenetic.report.html.blocks import Fact, Headline, Tile, percent
 from frenetic.spec import Budget, decode_budget, earlier_of, part_text
@@ -87,7 +88,7 @@ def headline(
     )
     budget = _budget(config, facts)
     is_spent = budget is not None and budget.spent(counts.simulations, elapsed, failures) >= 1.0
-    said = str(facts.get("notice", "")), caution
+    said = not_repeatable(facts), str(facts.get("notice", "")), caution
     sentences = (f"{capitalised(text)}." for text in said if text)
     warnings = _unfinished(facts, is_spent), *sentences, trouble
     version, versions = short_version(innermost(config.get("driver"))), config.get("versions")

@@ -54,14 +54,15 @@ class EmbeddedSimulator(StartingPlace):
             ``name``. Without any, the driver brings its car: `frenetic.drivers.BeamngAi` an
             ``etk800``, others the default.
         friction: of the road, in place of the vehicle's: 1 is dry, 0.7 wet, 0.3 snow.
+        steering_lag: s, time constant of the steering, in place of the vehicle's.
         wall_limit: s of wall time that a drive with a driver written in Python may take; then it
             is an ERROR. Built-in drivers end by the rules.
         start_offset: m to the left of the ego lane's centre at which the car starts, -2 to 2.
         start_heading: rad to the left of the road's direction in which it points there, within an
             eighth of a turn.
 
-    `rules`, `vehicle`, `friction`, `start_offset` and `start_heading` may be set between two
-    drives; they hold from the next one on.
+    `rules`, `vehicle`, `friction`, `steering_lag`, `start_offset` and `start_heading` may be set
+    between two drives; they hold from the next one on.
 
     Raises:
         ValueError: an option is out of range.
@@ -78,6 +79,7 @@ class EmbeddedSimulator(StartingPlace):
         rules: Rules | None = None,
         vehicle: Vehicle | str | Mapping[str, float | str] | None = None,
         friction: float | None = None,
+        steering_lag: float | None = None,
         wall_limit: Positive = 60.0,
         start_offset: float = 0.0,
         start_heading: float = 0.0,
@@ -88,6 +90,7 @@ class EmbeddedSimulator(StartingPlace):
             vehicle = Vehicle.of(vehicle)
         elif isinstance(vehicle, str):
             vehicle = Vehicle.named(vehicle)
+        self._steering_lag = steering_lag
         self.vehicle = vehicle or Vehicle()
         self._brought = None if vehicle else "default"  # name of the car that the driver brings
         if friction is not None:
@@ -99,9 +102,11 @@ class EmbeddedSimulator(StartingPlace):
 
     @property
     def options(self) -> dict[str, Any]:
-        """Its options beside the rules; of the start only unusual ones."""
+        """Its options beside the rules; of steering lag and start only unusual ones."""
         start = {"start_offset": self.start_offset, "start_heading": self.start_heading}
         unusual = {name: value for name, value in start.items() if value != 0.0}
+        if self.steering_lag is not None:
+            unusual["steering_lag"] = self.steering_lag
         return {"vehicle": asdict(self.vehicle), "wall_limit": self.wall_limit, **unusual}
 
     @property
@@ -115,8 +120,10 @@ class EmbeddedSimulator(StartingPlace):
         self._take(vehicle)
 
     def _take(self, vehicle: Vehicle) -> None:
-        self._vehicle = vehicle
-        self._parameters = vehicle.to_array()
+        self._vehicle = self._steered = vehicle
+        if self._steering_lag is not None:
+            self._steered = replace(vehicle, steering_lag=self._steering_lag)
+        self._parameters = self._steered.to_array()
         self.car = vehicle.body()
         self._car = self.car.to_array()
 
@@ -128,6 +135,18 @@ class EmbeddedSimulator(StartingPlace):
     @friction.setter
     def friction(self, friction: float) -> None:
         self._take(replace(self.vehicle, friction=friction))
+
+    @property
+    def steering_lag(self) -> float | None:
+        """Time constant of the steering, in s; None if it is the vehicle's."""
+        return self._steering_lag
+
+    @steering_lag.setter
+    def steering_lag(self, lag: float | None) -> None:
+        if lag is not None:
+            replace(self.vehicle, steering_lag=lag)  # which checks it
+        self._steering_lag = lag
+        self._take(self.vehicle)
 
     def check_driver(self, driver: Driver) -> None:
         """Takes the car that the driver brings, unless one was chosen."""
@@ -160,7 +179,7 @@ class EmbeddedSimulator(StartingPlace):
 
     def setup(self, road: Road) -> DriveSetup:
         """The setup of a drive along the road for its driver."""
-        return self.vehicle.setup(self.rules, road, kernels.PERIOD)
+        return self._steered.setup(self.rules, road, kernels.PERIOD)
 
     def drive(self, road: Road, driver: Driver) -> Drive:
         """One drive of the driver along the road."""
