@@ -209,7 +209,8 @@ def test_what_it_advises_after_a_crash_works_once_the_driver_is_mended(frenetic:
     assert answer.code == 0
     assert "earlier failures driven again still failed" in answer.out
     config = frenetic("show", "d", "--json").json["config"]
-    assert (config["layers"], config["rules"]["speed_limit"]) == ({"delay": 0.05}, 60.0)
+    assert config["driver"]["options"] == {"seconds": 0.05}
+    assert config["rules"]["speed_limit"] == 60.0
     here = Path.cwd()
     Path("other").mkdir()
     os.chdir("other")
