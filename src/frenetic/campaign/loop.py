@@ -274,6 +274,8 @@ class Dispatcher:
     def _tell(self, candidate: Candidate, attempt: Attempt) -> None:
         summary, result = self._summary, attempt.result
         summary.add(candidate, result.outcome, result.moobd)
+        summary.drive_seconds += attempt.seconds
+        summary.driver_seconds += attempt.driver_seconds
         elapsed = time.perf_counter() - self._start
         summary.spend(self._budget, elapsed, attempt.budget_spent)
         test = Test(

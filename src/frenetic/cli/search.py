@@ -206,6 +206,8 @@ def _print_summary(summary: Summary, error: str, known: str) -> None:
         f"{summary.best_in_words}"
     )
     click.echo(summary.in_words())
+    if summary.slow_driver:
+        click.echo(summary.slow_driver)
     if known:
         click.echo(known)
     if told := facts_in_words(summary.facts):

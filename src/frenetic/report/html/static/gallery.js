@@ -34,7 +34,7 @@ function drawGallery(element, block) {
   const grid = el("div", { class: "gallery" });
   const more = el("button", { type: "button", class: "more" });
   const select = (id, options) => el("select", { id }, options.map(([value, text]) => el("option", { value }, text)));
-  const sort = select("gallery-sort", [["moobd", "most severe"], ["size", "most alike"], ["first", "found first"]]);
+  const sort = select("gallery-sort", [["moobd", "most severe"], ["size", "most tests"], ["first", "found first"]]);
   const side = select("gallery-side", [["", "either side"], ["left", "left"], ["right", "right"], ["none", "did not leave"]]);
   const search = el("input", { type: "search", id: "gallery-search", placeholder: "words or a test number", spellcheck: "false" });
   const robust = select("gallery-robust", [["", "any"], ["repeatable", "repeatable"], ["not repeatable", "not repeatable"], ["robust", "robust"], ["unclear", "unclear"], ["fragile", "fragile"], ["none", "not driven again"]]);
