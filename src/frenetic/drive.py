@@ -181,6 +181,8 @@ class Drive:
     """The fault that the error tells of, if known."""
     road: Road | None = None
     """The road that was driven, for pictures; None if the simulator does not say."""
+    driver_seconds: float = field(default=0.0, compare=False)
+    """Wall time in the driver's own code, in s; 0 if the simulator does not say."""
 
     @classmethod
     def of(
@@ -190,10 +192,11 @@ class Drive:
         rules: Rules,
         road: Road,
         breakdown: Breakdown | None = None,
+        driver_seconds: float = 0.0,
     ) -> Self:
         """A drive along a road, which something may have broken."""
         error, trace, fault = breakdown or (None, "", None)
-        return cls(trajectory, car, rules, error, trace, fault, road)
+        return cls(trajectory, car, rules, error, trace, fault, road, driver_seconds)
 
     def __repr__(self) -> str:
         """The drive at a glance."""

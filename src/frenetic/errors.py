@@ -158,6 +158,10 @@ class CampaignError(FreneticError):
     """A campaign's folder or database that cannot be used as asked."""
 
 
+class BrokenDriverError(CampaignError):
+    """A driver that broke on each of the first roads, which ends the search."""
+
+
 class StrategyError(CampaignError):
     """A strategy that raised, or whose roads are all refused, which ends the search."""
 

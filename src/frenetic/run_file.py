@@ -8,6 +8,7 @@ database is the record, and an edited copy is another run.
 
 from __future__ import annotations
 
+import shlex
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, replace
@@ -23,6 +24,7 @@ from frenetic._support.files import read_bounded, write_file
 from frenetic._support.words import parse_duration, part_word, read_part
 from frenetic.errors import FreneticError
 from frenetic.spec import Budget, EarlierCampaign, Part, Spec
+from frenetic.trust import REGISTRIES
 
 NAME: Final = "campaign.toml"
 """Name of the file in a campaign's folder."""
@@ -200,3 +202,25 @@ def write_entries(entries: Mapping[str, Any], path: Path, what: str) -> None:
     kept = {name: value for name, value in entries.items() if value not in (None, {}, [])}
     text = f"# {what}\n{tomli_w.dumps(kept)}"
     write_file(path, text, remedy="make room, or let it be written")
+
+
+def next_command(spec: Spec, folder: Path) -> str:
+    """The command for a new campaign that starts from another one, with its parts as they are now.
+
+    It names code of the user's own, which no file may. Its seed is another, so that its random
+    roads are, too.
+
+    Args:
+        spec: of the other one.
+        folder: of the other one.
+    """
+    words = ["frenetic", "run", str(folder / NAME), "--from", str(folder)]
+    for kind in _PARTS:
+        part: Part = getattr(spec, kind)
+        if part.name is not None and (kind == "driver" or REGISTRIES[kind].is_own(part.name)):
+            words += part.words(kind)
+    if REGISTRIES["objective"].is_own(spec.objective):
+        words += ["--objective", spec.objective]
+    if isinstance(spec.seed, int):
+        words += ["--seed", str(spec.seed + 1)]
+    return shlex.join(words)

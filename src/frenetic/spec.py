@@ -447,20 +447,20 @@ class Spec:
             return self
         return replace(self, wall_limit=usual_of(self.simulator.name).usual_wall_limit)
 
-    def require_trusted(self, source: object, named: Collection[str] = (), **remedy: str) -> None:
+    def require_trusted(self, source: object, named: Collection[str] = (), **more: str) -> None:
         """Checks that what a file or campaign names may be made, see `frenetic.trust`.
 
         Args:
             source: the file or campaign.
             named: kinds of parts that the command names itself.
-            remedy: as for `frenetic.trust.require`.
+            more: ``remedy`` and ``started_in``, as for `frenetic.trust.require`.
 
         Raises:
             FreneticError: a part may not.
         """
         parts = {kind: getattr(self, kind) for kind in _PARTS}
         recorded = {kind: (part.name, part.options) for kind, part in parts.items() if part.name}
-        trust.require({**recorded, "objective": (self.objective, {})}, source, named, **remedy)
+        trust.require({**recorded, "objective": (self.objective, {})}, source, named, **more)
 
     def edited(self, sources: object) -> list[str]:
         """Names of users' own files that are not as a campaign keeps them; nothing is imported."""

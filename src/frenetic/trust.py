@@ -15,6 +15,7 @@ import shlex
 import sys
 from collections.abc import Collection, Mapping
 from contextlib import suppress
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
@@ -62,6 +63,7 @@ def require(
     source: object,
     named: Collection[str] = (),
     remedy: str = "if you trust it, name it yourself:",
+    started_in: str = "",
 ) -> None:
     """Checks that recorded parts may be made.
 
@@ -70,6 +72,7 @@ def require(
         source: the file or folder that names them.
         named: kinds that the command names itself.
         remedy: what to do, before the words of a command line that name the part.
+        started_in: the folder from which a campaign was started, if known.
 
     Raises:
         FreneticError: one may not.
@@ -80,6 +83,11 @@ def require(
             continue
         key = _key(kind, name, options)
         if key is not None and key not in known:
+            if started_in and _is_missing(name):
+                raise FreneticError(
+                    f"the {kind} {name!r} of {source} is not found here: go to the folder from"
+                    f" which it was started, {started_in}"
+                )
             starting = {
                 option: options[option]
                 for option in _STARTING
@@ -113,6 +121,14 @@ def _key(kind: str, name: str, options: Mapping[str, Any]) -> str | None:
     except (OSError, ValueError, RuntimeError):
         return ""
     return _digest([code, started]) if code or started else None
+
+
+def _is_missing(name: str) -> bool:
+    """Whether a file or module is not where a name says; nothing is imported."""
+    place, separator, _ = name.rpartition(":")
+    if separator and not place.endswith(".py"):
+        return not sources_named(name) and find_spec(place.partition(".")[0]) is None
+    return not Path(place or name).expanduser().is_file()
 
 
 def _digest(what: Any) -> str:

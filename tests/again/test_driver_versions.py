@@ -21,18 +21,21 @@ from frenetic.again.paired import (
     Verdict,
     Version,
     back_to_back_document,
+    distinct_failures,
 )
 from frenetic.again.verdicts import Change, Repeat
 from frenetic.again.versions import (
     back_to_back,
     drive,
+    on_shared_roads,
     pair_up,
     plan,
 )
-from frenetic.campaign import CampaignStore, Event
+from frenetic.campaign import Budget, Campaign, CampaignStore, Event
 from frenetic.drivers import Controls, DriveSetup, Noisy, Observation, Planner
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
+from frenetic.search import Frenetic
 from frenetic.simulators import EmbeddedSimulator, Simulator
 
 pytest_plugins = ["searched_campaign"]
@@ -192,8 +195,11 @@ def test_the_answer_says_who_is_better_by_how_much() -> None:
     assert worse.verdict is Verdict.WORSE
     assert worse.answer.startswith("new is worse: of 200 fresh roads, it fails on 31, old on 12")
     level = result(paired((5, FAIL, PASS), (4, PASS, FAIL), (191, PASS, PASS)))
-    assert level.verdict is Verdict.UNKNOWN
-    assert level.answer.startswith("cannot tell which is better: of 200 fresh roads, new fails on")
+    assert level.verdict is Verdict.MIXED
+    assert level.answer.startswith(
+        "mixed: of all 200 roads, 5 pass now and 4 fail now; of 200 fresh roads, new fails on 4,"
+        " old on 5 (difference "
+    )
     assert "fresh roads, 800," in level.notes[-1]
 
 
@@ -201,7 +207,11 @@ def test_the_verdict_rests_on_the_fresh_roads() -> None:
     chosen = paired((50, FAIL, PASS), roads=RoadSet.OLD)
     found = result(paired((200, PASS, PASS)), chosen)
     assert chosen.verdict is Verdict.BETTER
-    assert found.verdict is Verdict.UNKNOWN
+    assert found.verdict is Verdict.LEVEL
+    assert found.answer.startswith(
+        "no difference shown: of 200 fresh roads, new fails on 0, old on"
+    )
+    assert found.answer.endswith("; of all 250 roads, 50 pass now and 0 fail now")
     assert "rests on the fresh roads" in found.notes[0]
 
 
@@ -232,7 +242,7 @@ def test_drives_that_broke_cannot_win() -> None:
     harmless = result(paired((60, FAIL, PASS), (2, PASS, ERROR), (138, PASS, PASS)))
     assert harmless.verdict is Verdict.BETTER
     nothing = result(paired((3, PASS, ERROR)))
-    assert nothing.answer == "cannot tell which is better: no fresh road could be judged with both"
+    assert nothing.answer == "cannot tell which is better: no fresh road was judged with both"
 
 
 def test_what_makes_a_verdict_doubtful_is_noted() -> None:
@@ -243,6 +253,54 @@ def test_what_makes_a_verdict_doubtful_is_noted() -> None:
     noisy: Any = {"class": "l:Noisy", "options": {"offset": 0.1}, "driver": {"class": "a:New"}}
     assert "different noise" in BackToBack({"class": "a:Old"}, noisy, {}, 0, (roads,)).notes[0]
     assert not any("different noise" in note for note in notes)
+
+
+def test_changes_of_drives_that_do_not_repeat_are_no_mixed_result() -> None:
+    fresh = paired((3, FAIL, PASS), (3, PASS, FAIL), (94, PASS, PASS))
+    repeating = paired((10, FAIL, FAIL), roads=RoadSet.OLD)
+    assert result(fresh, repeating).verdict is Verdict.MIXED
+    unsteady = paired((4, PASS, FAIL), (6, FAIL, FAIL), roads=RoadSet.OLD)
+    assert result(fresh, unsteady).verdict is Verdict.LEVEL
+
+
+def test_a_failure_is_new_only_where_the_old_version_passes(campaign: Path) -> None:
+    worse = compared(campaign, new=Planner(aggression=2.0))
+    fails_now = {
+        (roads.folder, pair.record.id)
+        for roads in worse.sets
+        for pair in roads.judged
+        if pair.change is Change.FAILS_NOW
+    }
+    new = [one for one in worse.distinct if one.fate is Fate.NEW]
+    assert 0 < len(new) <= len(fails_now)
+    assert {(one.folder, one.test_id) for one in new} <= fails_now
+    failed_before = distinct_failures(worse.sets[1:])
+    assert any(one.old == 0 for one in failed_before), "it fails otherwise on some of these roads"
+    assert not any(one.fate is Fate.NEW for one in failed_before)
+
+
+def test_two_campaigns_are_compared_on_the_random_roads_that_both_drove(tmp_path: Path) -> None:
+    def made(name: str, driver: Planner, seed: int = 3, **more: Any) -> Path:
+        Campaign(
+            strategy=Frenetic(seed=seed),
+            simulator=EmbeddedSimulator(**more),
+            driver=driver,
+            budget=Budget(simulations=60),
+            folder=tmp_path / name,
+        ).run()
+        return tmp_path / name
+
+    old, new = made("old", Planner()), made("new", Planner(aggression=2.5))
+    found = on_shared_roads(old, new)
+    assert found is not None
+    assert found.verdict is Verdict.WORSE
+    assert found.answer.startswith("new is worse: of ")
+    assert " shared random roads, it fails on " in found.answer
+    assert on_shared_roads(old, made("same", Planner(), seed=4)) is None
+    elsewhere = on_shared_roads(old, made("elsewhere", Planner(aggression=2.5), seed=4))
+    assert elsewhere is not None
+    assert elsewhere.verdict is Verdict.UNKNOWN
+    assert on_shared_roads(old, made("wet", Planner(aggression=2.5), friction=0.7)) is None
 
 
 def test_half_of_the_repeats_decide_on_a_road() -> None:
@@ -273,8 +331,8 @@ def test_distinct_failures_are_fixed_remain_or_are_new(found: BackToBack, campai
         if one.fate is Fate.FIXED:
             assert (one.old > 0, one.new) == (True, 0)
     turned = compared(campaign, old=Planner(aggression=0.9), new=Planner())
-    fixed = sum(one.fate in (Fate.FIXED, Fate.REPLACED) for one in found.distinct)
-    assert fixed == sum(one.fate is Fate.NEW for one in turned.distinct) > 0
+    fixed = sum(one.new == 0 for one in found.distinct)
+    assert fixed == sum(one.old == 0 for one in turned.distinct) > 0
 
 
 class Standing:
@@ -297,7 +355,7 @@ class Crashing(Standing):
 def test_a_failure_is_fixed_only_where_the_new_version_passes(campaign: Path) -> None:
     standing = compared(campaign, new=Standing(), fresh=2)
     fates = {one.fate for one in standing.distinct}
-    assert fates == {Fate.REPLACED, Fate.NEW}, "it fails on these roads, though otherwise"
+    assert fates == {Fate.CHANGED, Fate.NEW}, "it fails on these roads, though otherwise"
     broken = compared(campaign, new=Crashing(), fresh=2)
     crashes = [one for one in broken.distinct if one.fate is Fate.NEW]
     assert [one.description.split(" at ")[0] for one in crashes] == ["raises ValueError"]

@@ -38,7 +38,7 @@ def test_severity_is_the_order_of_moobd(drifting: Path) -> None:
         by_moobd = list(store.tests(order_by="moobd"))
         assert {test.outcome for test in records} >= {Outcome.PASS, Outcome.FAIL}
         assert [test.id for test in records] == [test.id for test in by_moobd]
-        told = [test.told for test, _ in list_tests(store, sort="told")]
+        told = [test.told for test, _ in list_tests(store, sort="tested")]
         assert told == sorted(told)
 
 

@@ -25,8 +25,9 @@ from frenetic.campaign.asking import ObservingStrategy
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.objective import objectives
 from frenetic.campaign.record import Attempt
+from frenetic.campaign.summary import Summary
 from frenetic.campaign.workers.workers import InProcessWorker
-from frenetic.drivers import Delayed, Planner
+from frenetic.drivers import Controls, Delayed, Driver, Observation, Planner
 from frenetic.errors import StrategyError
 from frenetic.outcome import Outcome
 from frenetic.road import Road
@@ -493,3 +494,31 @@ def test_records_stay_read_only_when_they_travel_between_processes(part: object)
             assert np.array_equal(getattr(again, name), values)
             assert not getattr(again, name).flags.writeable
     assert type(again) is type(part)
+
+
+class _Asked(Planner):
+    """The planner as a driver in Python."""
+
+    def act(self, observation: Observation) -> Controls:
+        return super().act(observation)
+
+
+@pytest.mark.parametrize(("driver", "is_python"), [(_Asked(), True), (Planner(), False)])
+def test_the_time_in_a_drivers_own_code_is_measured(
+    tmp_path: Path, driver: Driver, *, is_python: bool
+) -> None:
+    summary = Campaign(
+        strategy=RandomSearch(seed=1),
+        simulator=EmbeddedSimulator(),
+        driver=driver,
+        budget=Budget(simulations=3),
+        folder=tmp_path / "c",
+    ).run()
+    assert (0.0 < summary.driver_seconds < summary.drive_seconds) is is_python
+
+
+def test_a_driver_that_takes_most_of_the_time_is_said_to() -> None:
+    slow = Summary(drive_seconds=20.0, driver_seconds=19.0)
+    assert slow.slow_driver == "Your driver takes 95 % of the time"
+    assert Summary(drive_seconds=20.0, driver_seconds=15.0).slow_driver == ""
+    assert Summary().slow_driver == ""

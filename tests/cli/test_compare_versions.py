@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import re
+import shlex
 import shutil
 import signal
 from collections.abc import Callable
@@ -66,6 +69,42 @@ def test_the_first_line_says_which_is_better(frenetic: Frenetic) -> None:
     worse = frenetic("compare", "night", "--driver", WORSE, *FEW)
     assert worse.code == 1
     assert worse.out.startswith("new is worse: of 20 fresh roads, it fails on ")
+
+
+def test_a_driver_edited_in_place_is_compared_with_what_it_was(frenetic: Frenetic) -> None:
+    """Better, worse and unchanged, and two campaigns of it as well."""
+    text = "from frenetic import Planner\n\nclass Mine(Planner):\n    usual = {}\n\n"
+    text += "    def __init__(self):\n        super().__init__(aggression=self.usual)\n"
+    search = ("--driver", "mine.py:Mine", "--simulations", "60", "--seed", "3", "--workers", "1")
+
+    def write(usual: float, more: str = "") -> None:
+        Path("mine.py").write_text(text.format(usual) + more)
+        os.utime("mine.py", (1_700_000_000 + 100 * usual,) * 2)  # bytecode goes by whole seconds
+
+    again = ("compare", "v1", "--driver", "mine.py:Mine", *FEW)
+
+    def first_line() -> tuple[str, int]:
+        answer = frenetic(*again)
+        return answer.out.partition(":")[0], answer.code
+
+    write(1.25)
+    assert frenetic("run", *search, "--out", "v1").code == 0
+    assert frenetic(*again).refuses("both versions are the same")
+    write(1.25, "# a remark\n")
+    assert first_line() == ("no difference shown", 3)
+    write(0.8)
+    answer, code = first_line()
+    assert (answer.startswith("new is better"), code) == (True, 0)
+    write(2.0)
+    assert first_line() == ("new is worse", 1)
+    assert frenetic("run", *search, "--out", "v2").code == 0
+    two = frenetic("compare", "v1", "v2")
+    assert two.out.startswith("no difference shown: of 16 shared random roads, new fails on 16")
+    assert "Order by" not in two.out
+    said = frenetic("compare", "v1", "v2", "--json").json["drivers"]
+    assert two.out.startswith(f"{said}\n")
+    (command,) = re.findall("On more roads: frenetic (.*)", two.out)
+    assert frenetic(*shlex.split(command), *FEW).out.startswith("new is worse: ")
 
 
 def test_a_file_says_the_new_version_and_options_change_it(frenetic: Frenetic) -> None:

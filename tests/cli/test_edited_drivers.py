@@ -115,8 +115,9 @@ def test_resume_refuses_an_edited_driver_and_names_what_to_do(
     assert refused.refuses(f"{gains} was edited")
     (command,) = re.findall("start a new campaign from this one: (frenetic .*)", refused.err)
     words = shlex.split(command)
-    assert words == ["frenetic", "run", "--from", folder, "--driver", CAMPAIGNS[folder]]
-    assert frenetic(*words[1:], *RUN[1:], "4", "--out", "next").code == 0
+    start = ["frenetic", "run", f"{folder}/campaign.toml", "--from", folder]
+    assert words == [*start, "--driver", CAMPAIGNS[folder], "--seed", "4"]
+    assert frenetic(*words[1:], "--out", "next").code == 0
     write_gains("0.8  ")
     assert frenetic(*more).refuses(f"{gains} was edited")
     write_gains("0.8")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -192,6 +193,33 @@ def test_crashes_are_failures_beside_departures(frenetic: Frenetic) -> None:
     answer = frenetic("run", "--driver", "mydriver.py:Raises", *search, "d")
     refused(answer, "the driver broke on each of the first 10 roads", "ValueError: lost")
     assert "1 cause of 10 failures" in answer.out
+
+
+def test_what_it_advises_after_a_crash_works_once_the_driver_is_mended(frenetic: Frenetic) -> None:
+    """With the options that the search had, and from another folder it says where to go."""
+    write("mydriver.py", MY_DRIVER)
+    search = ("--simulations", "12", "--seed", "1", "--workers", "1", "--out", "c")
+    how = ("--driver", "mydriver.py:Raises", "--with", "delay=0.05", "--speed-limit", "60")
+    crashed = frenetic("run", *how, *search)
+    (advice,) = re.findall("mend it, then go on: frenetic (.*)", crashed.err)
+    mended = MY_DRIVER.replace('raise ValueError("lost")', "return frenetic.Controls(0.0, 0.3)")
+    write("mydriver.py", mended)
+    edited = frenetic("resume", "c")
+    assert edited.refuses("mydriver.py was edited, and c tests it as it was")
+    assert edited.err.rstrip().endswith(f"frenetic {advice}")
+    answer = frenetic(*shlex.split(advice), "--out", "d")
+    assert answer.code == 0
+    assert "earlier failures driven again still failed" in answer.out
+    config = frenetic("show", "d", "--json").json["config"]
+    assert config["driver"]["options"] == {"seconds": 0.05}
+    assert config["rules"]["speed_limit"] == 60.0
+    here = Path.cwd()
+    Path("other").mkdir()
+    os.chdir("other")
+    for words in (("resume", "../d", "--simulations", "2"), ("rerun", "../d")):
+        assert frenetic(*words).refuses(
+            f"is not found here: go to the folder from which it was started, {here}"
+        )
 
 
 COUNTING = """

@@ -36,6 +36,16 @@ def test_show_a_campaign_and_a_test(frenetic: Frenetic, copied: str) -> None:
     assert Path("p.svg").is_file()
 
 
+def test_a_clean_campaign_is_told_in_its_users_words(frenetic: Frenetic) -> None:
+    """Nothing of asking and telling, of clusters, or of counts that are zero."""
+    clean = ("--simulations", "30", "--seed", "3", "--workers", "1", "--out", "c")
+    said = [frenetic("run", *clean).out, frenetic("show", "c").out, frenetic("report", "c").out]
+    said += [frenetic("show", "c", "7").out, frenetic("show", "c", "--sort", "tested").out]
+    said += [frenetic("resume", "c", "--simulations", "3").out]
+    said += [frenetic(name, "--help").out for name in ("run", "resume", "report")]
+    assert re.findall(r"\b(?:told|alike|telling|0 \w+ed)\b", "\n".join(said)) == []
+
+
 def test_show_an_invalid_test(frenetic: Frenetic) -> None:
     redrawn = ("--strategy", "random,max_redraws=0", "--simulations", "40", "--seed", "3")
     frenetic("run", *redrawn, "--out", "c")

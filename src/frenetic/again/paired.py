@@ -45,6 +45,8 @@ class RoadSet(StrEnum):
     """Random roads that no search has chosen."""
     OLD = "old's failing roads"
     """Those on which the old version failed in its campaign."""
+    SHARED = "shared random roads"
+    """Random roads that two campaigns drove, each with its version."""
 
 
 class Fate(StrEnum):
@@ -52,11 +54,12 @@ class Fate(StrEnum):
 
     FIXED = "fixed"
     """Only the old version fails so, and the new one passes all these roads."""
-    REPLACED = "replaced"
-    """Only the old version fails so, but the new one fails otherwise on some of these roads."""
+    CHANGED = "changed"
+    """Only one version fails so, where the other fails otherwise: on some of the old one's roads,
+    on all of the new one's."""
     REMAINS = "remaining"
     NEW = "new"
-    """Only the new version fails so, possibly on a road on which the old one fails otherwise."""
+    """Only the new version fails so, and the old one passes one of these roads or more."""
 
 
 class Verdict(StrEnum):
@@ -64,8 +67,12 @@ class Verdict(StrEnum):
 
     BETTER = "new is better"
     WORSE = "new is worse"
+    MIXED = "mixed"
+    """No difference is shown: some roads pass now, and some fail now."""
+    LEVEL = "no difference shown"
+    """The interval of the difference holds 0."""
     UNKNOWN = "cannot tell"
-    """The interval of the difference holds 0, or broken drives decide."""
+    """No fresh road was judged, or broken drives decide."""
 
 
 @dataclass(frozen=True)
@@ -217,9 +224,9 @@ class PairedRoads:
             0 if difference is None else difference.sign
             for difference in (self.difference, self.difference_with_broken)
         }
-        return {frozenset({-1}): Verdict.BETTER, frozenset({1}): Verdict.WORSE}.get(
-            frozenset(signs), Verdict.UNKNOWN
-        )
+        if len(signs) > 1 or self.difference is None:
+            return Verdict.UNKNOWN
+        return {-1: Verdict.BETTER, 0: Verdict.LEVEL, 1: Verdict.WORSE}[signs.pop()]
 
 
 def _mean(drives: Iterable[Repeat], name: str) -> float | None:
@@ -248,13 +255,17 @@ class DistinctFailure:
     """Test of that road."""
     otherwise: int
     """Number of the old version's roads on which the new one fails, so or otherwise."""
+    passed_before: int
+    """Number of the new version's roads that the old one passes."""
 
     @property
     def fate(self) -> Fate:
-        """Whether it is fixed, replaced, remaining or new."""
+        """Whether it is fixed, changed, remaining or new."""
         if self.new == 0:
-            return Fate.REPLACED if self.otherwise else Fate.FIXED
-        return Fate.REMAINS if self.old else Fate.NEW
+            return Fate.CHANGED if self.otherwise else Fate.FIXED
+        if self.old:
+            return Fate.REMAINS
+        return Fate.NEW if self.passed_before else Fate.CHANGED
 
 
 def distinct_failures(sets: Iterable[PairedRoads]) -> tuple[DistinctFailure, ...]:
@@ -279,19 +290,23 @@ def distinct_failures(sets: Iterable[PairedRoads]) -> tuple[DistinctFailure, ...
     clusters = cluster_failures(_failure(i, drive) for i, (*_, drive) in enumerate(found))
     distinct = []
     for cluster in clusters:
-        versions = Counter(found[i][0] for i in cluster.ids)
-        _, roads, _, worst = found[cluster.most_severe]
-        failing_pairs = [found[i][2] for i in cluster.ids if found[i][0] is Version.OLD]
+        old, new = (
+            [found[i] for i in cluster.ids if found[i][0] is version] for version in Version
+        )
+        passed = [one for one in new if failing_share(one[2].old) == 0.0]
+        # Of a new one such a road is shown, the most severe first.
+        _, roads, _, worst = passed[0] if passed and not old else found[cluster.most_severe]
         distinct.append(
             DistinctFailure(
                 cluster.description,
                 cluster.side,
                 cluster.moobd,
-                versions[Version.OLD],
-                versions[Version.NEW],
+                len(old),
+                len(new),
                 roads.folder,
                 worst.test_id,
-                sum(failing_share(pair.new) > 0.0 for pair in failing_pairs),
+                sum(failing_share(pair.new) > 0.0 for _, _, pair, _ in old),
+                len(passed),
             )
         )
     return tuple(distinct)
@@ -326,8 +341,18 @@ class BackToBack:
 
     @property
     def verdict(self) -> Verdict:
-        """Verdict by the fresh roads."""
-        return self.fresh.verdict
+        """Verdict by the fresh roads; mixed if they show no difference, but all roads changes.
+
+        Where the old version's drives do not repeat, changes show nothing.
+        """
+        verdict = self.fresh.verdict
+        repeats = all(
+            own.failing(Version.OLD) == len(own.judged)
+            for own in self.sets
+            if own.roads is RoadSet.OLD
+        )
+        is_mixed = self._count(Change.PASSES_NOW) and self._count(Change.FAILS_NOW) and repeats
+        return Verdict.MIXED if verdict is Verdict.LEVEL and is_mixed else verdict
 
     @cached_property
     def distinct(self) -> tuple[DistinctFailure, ...]:
@@ -343,33 +368,32 @@ class BackToBack:
     @property
     def answer(self) -> str:
         """The answer in one line."""
-        fresh = self.fresh
-        difference = fresh.difference
+        fresh, verdict = self.fresh, self.verdict
+        difference, n = fresh.difference, len(fresh.judged)
+        kind = fresh.roads.removesuffix("s")
         if difference is None:
-            return "cannot tell which is better: no fresh road could be judged with both"
+            return f"cannot tell which is better: no {kind} was judged with both"
         rates = (
             f"(difference {_points(difference.value)} points, 95 % interval"
             f" {_points(difference.low)} to {_points(difference.high)})"
         )
-        n = len(fresh.judged)
+        roads = counted(n, kind)
         if fresh.repeats > 1:
-            roads = f"{n} fresh roads, {fresh.repeats} drives each"
-            new, old = (
-                f"in {_percent(fresh.failure_rate(version))}"
-                for version in (Version.NEW, Version.OLD)
-            )
+            roads += f", {fresh.repeats} drives each"
+            old, new = (f"in {_percent(fresh.failure_rate(version))}" for version in Version)
         else:
-            roads = counted(n, "fresh road")
             old, new = (f"on {fresh.failing(version)}" for version in Version)
-        if self.verdict is Verdict.UNKNOWN:
-            text = f"cannot tell which is better: of {roads}, new fails {new}, old {old} {rates}"
-            if difference.sign:
-                text += "; drives that broke decide"
-            return (
-                f"{text}; of all roads, {self._count(Change.PASSES_NOW)} pass now and"
-                f" {self._count(Change.FAILS_NOW)} fail now"
-            )
-        return f"{self.verdict}{_slower_by(self)}: of {roads}, it fails {new}, old {old} {rates}"
+        if verdict in (Verdict.BETTER, Verdict.WORSE):
+            return f"{verdict}{_slower_by(self)}: of {roads}, it fails {new}, old {old} {rates}"
+        counts = f"of {roads}, new fails {new}, old {old} {rates}"
+        passing, failing = self._count(Change.PASSES_NOW), self._count(Change.FAILS_NOW)
+        every = counted(sum(len(own.judged) for own in self.sets), "road")
+        changes = f"of all {every}, {passing} pass now and {failing} fail now"
+        if verdict is Verdict.MIXED:
+            return f"{verdict}: {changes}; {counts}"
+        if verdict is Verdict.UNKNOWN:
+            return f"cannot tell which is better, drives that broke decide: {counts}; {changes}"
+        return f"{verdict}: {counts}; {changes}"
 
     def _count(self, change: Change) -> int:
         return sum(roads.count(change) for roads in self.sets)
@@ -426,7 +450,7 @@ class BackToBack:
                     f"old passes {passed} of the {len(own.judged)} roads on which its campaign"
                     " failed: its drives do not repeat (more repeats tell), or it has changed since"
                 )
-        if self.verdict is Verdict.UNKNOWN and fresh.judged:
+        if self.verdict not in (Verdict.BETTER, Verdict.WORSE) and fresh.judged:
             more = 4 * len(fresh.pairs)
             yield f"four times as many fresh roads, {more}, halve the interval"
 

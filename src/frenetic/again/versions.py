@@ -26,6 +26,7 @@ from frenetic.again.paired import BackToBack, Pair, PairedRoads, RoadSet
 from frenetic.again.rerun import drive_tests
 from frenetic.again.verdicts import Repeat
 from frenetic.campaign.campaign import LOOKAHEAD, SOURCES, Campaign
+from frenetic.campaign.counts import key_of
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
@@ -37,6 +38,7 @@ from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.quantities import SEED
 from frenetic.search import RandomSearch
+from frenetic.search.random_search import RANDOM
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import Conditions
 from frenetic.spec import Budget, Part, Spec, describe, part_text, require_count
@@ -280,8 +282,8 @@ def check_differ(old: Mapping[str, JSONValue], new: Mapping[str, JSONValue]) -> 
     """
     if comparison_key(old) == comparison_key(new):
         raise CampaignError(
-            f"both versions are the same, {part_text(old)}: keep each in a file of its own, or give"
-            " them other options"
+            f"both versions are the same, {part_text(old)}: edit its file, which the campaign keeps"
+            " as it was, or give it other options"
         )
 
 
@@ -298,6 +300,46 @@ def pair_up(plan: Plan, old: VersionDrives, new: VersionDrives) -> BackToBack:
         folder = old.fresh if roads is RoadSet.FRESH else plan.old
         sets.append(PairedRoads(roads, folder, tuple(pairs), plan.repeats))
     return BackToBack(old.driver, new.driver, old.simulator, plan.seed, tuple(sets))
+
+
+def on_shared_roads(old: Path, new: Path) -> BackToBack | None:
+    """Compares the drivers of two campaigns on the random roads that both drove; drives nothing.
+
+    None if drivers are the same or all else is not: simulator, rules and lanes.
+
+    Args:
+        old: folder of a campaign of the old version.
+        new: folder of one of the new version, best with the same seed.
+
+    Raises:
+        CampaignError: one of them is damaged.
+    """
+    configs, drives = [], []
+    for folder in (old, new):
+        with CampaignStore.open(folder) as store:
+            configs.append((store.config, store.setting))
+            drives.append(
+                {
+                    key_of(test.candidate): test
+                    for test in store.tests()
+                    if test.outcome.is_simulated and test.candidate.origin.operator == RANDOM
+                }
+            )
+    (ours, setting), (theirs, other) = configs
+    is_same = setting == other and ours.get("simulator") == theirs.get("simulator")
+    driver: Any = ours.get("driver")
+    new_driver: Any = theirs.get("driver")
+    if driver == new_driver or not is_same:
+        return None
+    pairs = tuple(
+        Pair(test, (Repeat(test, test),), (Repeat(test, drives[1][key]),))
+        for key, test in drives[0].items()
+        if key in drives[1]
+    )
+    simulator: Any = ours.get("simulator")
+    seed: Any = ours.get("seed")
+    sets = (PairedRoads(RoadSet.SHARED, old, pairs, 1),)
+    return BackToBack(driver, new_driver, simulator, seed, sets)
 
 
 def back_to_back(

@@ -13,8 +13,8 @@ from frenetic.campaign.store import CampaignStore
 from frenetic.errors import UnknownNameError
 from frenetic.outcome import Outcome
 
-ORDERS: Final = ("severity", "told", "duration")
-"""Orders that need no features: lowest MOOBD first, first told first, longest first."""
+ORDERS: Final = ("severity", "tested", "duration")
+"""Orders that need no features: lowest MOOBD first, in the order of the results, longest first."""
 
 
 def list_tests(
@@ -24,7 +24,7 @@ def list_tests(
     within: Mapping[str, tuple[float, float]] | None = None,
     sort: str = "severity",
 ) -> list[tuple[Test, Features | None]]:
-    """The tests of a campaign in a chosen order; equal ones stay in the order of telling.
+    """The tests of a campaign in a chosen order; equal ones stay in the order of the results.
 
     They come without their trajectories. A test without the value by which the list is sorted comes
     last. Features are those of the segment around the place of departure, or else of the least oob
@@ -83,7 +83,7 @@ def _value(features: Features | None, name: str) -> float:
 
 def _place(record: Test, features: Features | None, sort: str) -> float:
     """A number that is smaller for a test that comes earlier."""
-    if sort == "told":
+    if sort == "tested":
         return record.told
     if sort == "severity":
         return math.inf if record.moobd is None else record.moobd

@@ -45,7 +45,7 @@ from frenetic.drivers.driver import Driver
 from frenetic.errors import CampaignError, FreneticError, reason_of, traceback_of
 from frenetic.registry import options_of
 from frenetic.road import MAP_SIZE, MARGIN
-from frenetic.run_file import write_run_file
+from frenetic.run_file import next_command, write_run_file
 from frenetic.search.records import Candidate
 from frenetic.search.strategy import Strategy, has_own
 from frenetic.simulators.capabilities import bare, capabilities
@@ -76,6 +76,8 @@ LOOKAHEAD: Final = 16
 """Candidates outstanding at once in an ordered campaign."""
 SOURCES: Final = "sources"
 """Fact with the user's own source of a campaign's parts: name of a file -> its text."""
+STARTED_IN: Final = "started_in"
+"""Fact with the folder from which a campaign was started, where its parts are found."""
 _START_POLL: Final = 0.2  # s between two looks whether Ctrl-C was pressed
 
 
@@ -355,12 +357,11 @@ class Campaign(Shown):
         step = (options_of(self.strategy) or {}).get("step")
         self.start_from, taken = take_earlier(folders, self.tester, self.objective, step)
         configuration = self.configuration()
+        facts: dict[str, JSONValue] = {SOURCES: self._sources(), STARTED_IN: str(Path.cwd())}
         with ExitStack() as stack:
             stack.enter_context(self.strategy)
             store = stack.enter_context(
-                CampaignStore.create(
-                    self.folder, configuration, {SOURCES: self._sources()} | fact_of(taken)
-                )
+                CampaignStore.create(self.folder, configuration, facts | fact_of(taken))
             )
             log = stack.enter_context(CampaignLog(self.folder))
             self.started = True
@@ -518,16 +519,14 @@ class Campaign(Shown):
             raise CampaignError(
                 f"{self.folder} was made with another {' and '.join(found)}:"
                 f" {'; '.join([*edited, *texts])[:1000]}; restore it, or start a new campaign from"
-                f" this one: {self._next_command()}"
+                f" this one: {self.next_command()}"
             )
 
-    def _next_command(self) -> str:
+    def next_command(self) -> str:
         """The command that starts from this campaign with the present parts."""
-        named = self.named
-        words = ["frenetic", "run", "--from", str(self.folder)]
-        if named is not None and named.driver.name is not None:
-            words += named.driver.words("driver")
-        return shlex.join(words)
+        if self.named is None:
+            return shlex.join(["frenetic", "run", "--from", str(self.folder)])
+        return next_command(self.named, self.folder)
 
     def _sources(self) -> dict[str, JSONValue]:
         """The user's own source of its parts: name of a file -> its text."""

@@ -20,7 +20,7 @@ from frenetic.campaign.repeat import SecondDrive
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Summary
 from frenetic.campaign.workers.workers import Workers
-from frenetic.errors import CampaignError, StrategyError
+from frenetic.errors import BrokenDriverError, CampaignError, StrategyError
 from frenetic.oracle import is_drivers
 from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate
@@ -305,6 +305,8 @@ class Dispatcher:
     def _tell(self, candidate: Candidate, attempt: Attempt) -> None:
         summary, result = self._summary, attempt.result
         summary.add(candidate, result.outcome, result.moobd)
+        summary.drive_seconds += attempt.seconds
+        summary.driver_seconds += attempt.driver_seconds
         elapsed = time.perf_counter() - self._start
         summary.spend(self._budget, elapsed, attempt.budget_spent)
         test = Test(
@@ -356,10 +358,11 @@ class Dispatcher:
         elif test.outcome.is_driven:
             self._broken = self._refused = 0
         if self._broken >= MAX_ERRORS_IN_A_ROW and self._summary.told_share is None:
-            what = f"the last {self._broken} drives broke"
+            so = f"so the campaign gives up: {test.reason}"
             if is_drivers(test.result.fault):
                 what = f"the driver broke on each of the first {self._broken} roads"
-            raise CampaignError(f"{what}, so the campaign gives up: {test.reason}")
+                raise BrokenDriverError(f"{what}, {so}")
+            raise CampaignError(f"the last {self._broken} drives broke, {so}")
         if self._refused >= MAX_INVALID_IN_A_ROW:
             raise StrategyError(
                 f"the last {self._refused} roads were refused, so the campaign gives up:"

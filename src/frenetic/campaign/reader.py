@@ -32,7 +32,7 @@ _VALUES: Final = ", ".join(_NAMES)
 _FINDING: Final = ", ".join(f'"{column.name}"' for column in FINDING)
 _SELECT: Final = f"SELECT {_VALUES}, asked_after, checksum FROM test WHERE id IN "  # noqa: S608
 _SELECT_FINDINGS: Final = f"SELECT test, number, {_FINDING} FROM finding WHERE test IN "  # noqa: S608
-_UNLISTED: Final = ("config", "earlier", "sources")  # large, or shown elsewhere
+_UNLISTED: Final = ("config", "earlier", "sources", "started_in")  # large, or shown elsewhere
 
 
 class CampaignReader(Shown):

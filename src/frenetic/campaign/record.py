@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from json import JSONEncoder
 from typing import Any, ClassVar, Final, Literal, NamedTuple, Self, TypeAlias
@@ -51,6 +51,8 @@ class Attempt:
     """Name of the worker."""
     seconds: NotNegative = 0.0
     """Wall time that it took, in s."""
+    driver_seconds: float = field(default=0.0, compare=False)
+    """That in the driver's own code, in s; not stored."""
     traceback: str = ""
     """Traceback of the simulator's or driver's error, if known."""
     budget_spent: Share | None = None

@@ -65,7 +65,7 @@ _INSERT: Final = f"INSERT OR REPLACE INTO test VALUES ({', '.join('?' * (len(FIN
 _INSERT_FINDING: Final = f"INSERT INTO finding VALUES ({', '.join('?' * (len(FINDING) + 2))})"  # noqa: S608
 _UNTOLD: Final = (None,) * len(TOLD)
 _ENDINGS: Final = ("finished_at", "seconds", "interrupted", "ended", "notice")
-_FIXED: Final = ("config", "created_at", "earlier", "sources")
+_FIXED: Final = ("config", "created_at", "earlier", "sources", "started_in")
 
 
 class CampaignStore(CampaignReader):

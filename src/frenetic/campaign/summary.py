@@ -7,7 +7,7 @@ from copy import copy
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, Self, TypeAlias
+from typing import Any, Final, Literal, Self, TypeAlias
 
 from frenetic._support.json_value import JSONValue
 from frenetic.campaign.counts import Counts
@@ -17,6 +17,8 @@ from frenetic.search.records import Evaluation
 from frenetic.spec import Budget
 
 EventKind: TypeAlias = Literal["started", "result", "interrupted"]
+SLOW: Final = 0.8
+"""Least share of the tests' time in the driver's own code that is told."""
 
 
 @dataclass
@@ -35,6 +37,10 @@ class Summary(Counts):
     """Its best value so far, the worst for the driver."""
     strategy_seconds: float = 0.0
     """Time that the strategy took to propose and to learn, in s."""
+    drive_seconds: float = 0.0
+    """Time that the tests took, in s, each counted in full where several are driven at once."""
+    driver_seconds: float = 0.0
+    """Its part in the driver's own code, in s."""
     seed: int | None = None
     folder: Path = field(default_factory=Path)
     interrupted: bool = False
@@ -82,6 +88,12 @@ class Summary(Counts):
         if self.best is not None:
             texts.append(f"best {self.objective} {self.best:.3g}")
         return "".join(f", {text}" for text in texts)
+
+    @property
+    def slow_driver(self) -> str:
+        """That the driver takes most of the time, in words; empty if it does not."""
+        share = self.driver_seconds / self.drive_seconds if self.drive_seconds else 0.0
+        return f"Your driver takes {100.0 * share:.0f} % of the time" if share >= SLOW else ""
 
     @property
     def objective_json(self) -> dict[str, Any]:

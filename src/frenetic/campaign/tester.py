@@ -141,6 +141,7 @@ class RoadTester:
             trajectory,
             simulator_broke=broke,
             traceback=drive.traceback,
+            driver_seconds=drive.driver_seconds,
         )
 
     def _drive(self, road: Road, driver: Driver) -> tuple[Drive, bool]:

@@ -37,6 +37,7 @@ def recorded_spec(store: CampaignStore, given: Mapping[str, Any], *, checked: bo
         FreneticError: a given rule is out of range.
         click.UsageError: another map is given.
     """
+    from frenetic.campaign.campaign import STARTED_IN
     from frenetic.campaign.database import DATABASE
 
     if given.get("map_size") is not None:
@@ -44,7 +45,8 @@ def recorded_spec(store: CampaignStore, given: Mapping[str, Any], *, checked: bo
     recorded = Spec.from_json(store.config, source=store.folder / DATABASE)
     spec = with_given(recorded, given)
     if checked:
-        spec.require_trusted(store.folder, named_parts(given))
+        started_in = str(store.fact(STARTED_IN) or "")
+        spec.require_trusted(store.folder, named_parts(given), started_in=started_in)
     if spec.driver.name is None or spec.simulator.name is None:
         raise CampaignError(
             f"{store.folder} was started from Python, so its driver and simulator have no names:"

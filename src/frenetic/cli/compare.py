@@ -26,6 +26,7 @@ from frenetic.cli.versions import compare_versions
 from frenetic.errors import FreneticError
 
 if TYPE_CHECKING:
+    from frenetic.again.paired import BackToBack
     from frenetic.analysis.comparison import Comparison, MeasureComparison, PairComparison
 
 _WILD: Final = "*?["
@@ -82,7 +83,10 @@ def compare(
     With --driver or --as it says instead whether that driver is better than the one of the campaign
     named. Both drive on fresh random roads, on which the answer rests, and on those on which the
     campaign failed. The same command goes on after Ctrl-C. The exit code is 0 if the new version is
-    better, 1 if it is worse, 3 if that cannot be told.
+    better, 1 if it is worse, 3 if neither is shown.
+
+    Two campaigns of two drivers are compared on the random roads that both drove, which the same
+    seed gives them; nothing is driven for it.
     """
     from frenetic.analysis.comparison import compare as compare_groups
 
@@ -109,17 +113,54 @@ def compare(
             raise click.UsageError(f"{path} must end with one of {', '.join(_FORMS)}")
     log = Log()
     with log.status("Reading the campaigns"):
-        comparison = compare_groups(grouped(places))
-    for note in comparison.notes:
+        groups = grouped(places)
+        comparison = compare_groups(groups)
+        drivers = _compared_drivers(groups)
+    # The first one of different drivers says that nothing is said of these.
+    for note in comparison.notes[drivers is not None :]:
         log.print(f"Note: {note}", markup=False)
     for path in out:
         _FORMS[path.suffix.lower()](comparison, path, places)
     if as_json:
-        click.echo(json.dumps(comparison_document(comparison)))
+        document = comparison_document(comparison)
+        answer = {} if drivers is None else {"drivers": drivers.answer}
+        click.echo(json.dumps({**document, **answer}))
         return
-    print_comparison(comparison)
+    if drivers is None:
+        print_comparison(comparison)
+    else:
+        _print_drivers(drivers, comparison)
     for path in out:
         click.echo(path)
+
+
+def _compared_drivers(groups: Mapping[str, Sequence[Path]]) -> BackToBack | None:
+    """What two campaigns of two drivers say of these; None of any others."""
+    from frenetic.again.versions import on_shared_roads
+
+    folders = list(groups.values())
+    if [len(own) for own in folders] != [1, 1]:
+        return None
+    return on_shared_roads(folders[0][0], folders[1][0])
+
+
+def _print_drivers(drivers: BackToBack, comparison: Comparison) -> None:
+    """Prints which of two drivers is better, and what their searches found."""
+    from frenetic.campaign import CampaignStore
+    from frenetic.spec import Spec
+
+    (old,), (new,) = comparison.groups.values()
+    click.echo(drivers.answer)
+    for version, campaign in (("old", old), ("new", new)):
+        click.echo(f"{version}: {campaign.folder}, {campaign.counts.in_words()}")
+    with CampaignStore.open(new.folder) as store:
+        driver = Spec.from_json(store.config, source=new.folder).driver
+    words = [] if driver.name is None else driver.words("driver")
+    if words and drivers.verdict not in ("new is better", "new is worse"):
+        command = shlex.join(["frenetic", "compare", str(old.folder), *words])
+        click.echo(f"On more roads: {command}")
+    click.echo("What their searches found:")
+    _print_by_measure(comparison)
 
 
 def _write_page(comparison: Comparison, path: Path, places: Sequence[str]) -> None:

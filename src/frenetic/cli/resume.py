@@ -24,6 +24,7 @@ from frenetic.cli.search import (
     search,
     workers_option,
 )
+from frenetic.errors import CampaignError
 from frenetic.spec import Budget, Spec
 
 
@@ -57,12 +58,14 @@ def resume(
     BeamNG.tech has moved, give its new place with --simulator, which holds for this time.
     """
     from frenetic.campaign import CampaignStore
-    from frenetic.campaign.campaign import SOURCES
+    from frenetic.campaign.campaign import SOURCES, STARTED_IN
     from frenetic.campaign.database import DATABASE
+    from frenetic.run_file import next_command
 
     with CampaignStore.open(campaign) as store:
         config, facts, counts = store.config, store.facts, store.counts()
         spent, sources = store.elapsed(), store.fact(SOURCES)
+        started_in = str(store.fact(STARTED_IN) or "")
     if "entrant" in config:
         raise click.UsageError(
             f"{campaign} is a run of a bench, which keeps its budget: what a bench lacks is run by"
@@ -93,10 +96,13 @@ def resume(
         else:
             recorded = {k: v for k, v in facts.items() if k == "budget"}
         spec = Spec.from_json({**config, **recorded}, source=campaign / DATABASE)
-        edited = " and ".join(spec.edited(sources))
-        what = f"{edited} was edited: restore it, or" if edited else "if you trust it,"
-        remedy = f"{what} start a new campaign from this one: frenetic run --from {shell(campaign)}"
-        spec.require_trusted(campaign, remedy=remedy)
+        if edited := " and ".join(spec.edited(sources)):
+            raise CampaignError(
+                f"{edited} was edited, and {campaign} tests it as it was: restore it, or start a"
+                f" new campaign from this one: {next_command(spec, campaign)}"
+            )
+        new = f"start a new campaign from this one: frenetic run --from {shell(campaign)}"
+        spec.require_trusted(campaign, remedy=f"if you trust it, {new}", started_in=started_in)
         assert spec.budget is not None
         budget = spec.budget
         is_spent = budget.spent(done["simulations"], spent, done["failures"]) >= 1.0

@@ -24,7 +24,7 @@ from frenetic.cli.console import (
     shell,
 )
 from frenetic.cli.options import Workers, as_usage_error
-from frenetic.errors import CampaignError, FreneticError
+from frenetic.errors import BrokenDriverError, CampaignError, FreneticError
 
 if TYPE_CHECKING:
     from frenetic.analysis import Clusters
@@ -143,7 +143,7 @@ def search(
             if not campaign.started:
                 raise
             trouble = error
-    with _after(trouble, folder), CampaignStore.open(folder) as store:
+    with _after(trouble, campaign), CampaignStore.open(folder) as store:
         clusters, counts = distinct_failures(store), store.counts()
         misses = None if counts.failed else nearest_misses(store)
         found = clusters if misses is None else misses
@@ -228,7 +228,7 @@ def _minimise(campaign: Campaign, clusters: Clusters, summary: Summary, log: Log
 
 
 @contextmanager
-def _after(trouble: FreneticError | None, folder: Path) -> Iterator[None]:
+def _after(trouble: FreneticError | None, campaign: Campaign) -> Iterator[None]:
     """Shows what there is after a trouble; then raises that, with the command that goes on.
 
     What cannot be shown for the same reason, such as a full disk, is left out.
@@ -238,7 +238,10 @@ def _after(trouble: FreneticError | None, folder: Path) -> Iterator[None]:
         return
     with suppress(FreneticError, OSError):
         yield
-    raise CampaignError(f"{trouble}; go on: {_resume_words(folder)}") from trouble
+    words = f"go on: {_resume_words(campaign.folder)}"
+    if isinstance(trouble, BrokenDriverError):
+        words = f"mend it, then go on: {campaign.next_command()}"
+    raise CampaignError(f"{trouble}; {words}") from trouble
 
 
 def _write_report(
@@ -265,6 +268,8 @@ def _print_summary(summary: Summary, error: str, known: str) -> None:
         f"{summary.best_in_words}"
     )
     click.echo(summary.in_words())
+    if summary.slow_driver:
+        click.echo(summary.slow_driver)
     if known:
         click.echo(known)
     if told := facts_in_words(summary.facts):

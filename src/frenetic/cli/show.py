@@ -67,7 +67,7 @@ LISTED_TESTS: Final = 20
 @click.option(
     "--sort",
     metavar="ORDER",
-    help="List the tests by severity (lowest MOOBD first), told (in the order of telling),"
+    help="List the tests by severity (lowest MOOBD first), tested (as their results came),"
     " duration or a feature (largest first). [default: severity]",
 )
 @count_option("--limit", "List N tests at most. [default: 20; with --json all]")
@@ -318,7 +318,7 @@ def _show_test(store: CampaignStore, test_id: int, plot: Path | None, as_json: b
         source = f", the road of test {earlier.test} of {folder}"
     parents = f" of {', '.join(map(str, origin.parents))}" if origin.parents else ""
     facts = [
-        ("test", f"{test_id}, told as number {record.told}"),
+        ("test", f"{test_id}" if record.told == test_id else f"{test_id}, result {record.told}"),
         ("outcome", f"{record.outcome}  {record.reason}"),
         ("origin", f"{origin.operator}{parents}{source}, generation {origin.generation}"),
         *([("cause", cause)] if (cause := _cause(record)) else []),

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
 _LISTED: Final = 10
 """Most distinct failures that are printed."""
-_EXIT_CODES: Final = {"new is better": 0, "new is worse": 1, "cannot tell": 3}
+_EXIT_CODES: Final = {"new is better": 0, "new is worse": 1}
+"""Exit code of a verdict, 3 of others."""
 
 
 def compare_versions(
@@ -62,7 +63,7 @@ def compare_versions(
         click.echo(json.dumps(back_to_back_document(result)))
     else:
         _print(result, {Version.OLD: old, Version.NEW: new})
-    raise click.exceptions.Exit(_EXIT_CODES[result.verdict])
+    raise click.exceptions.Exit(_EXIT_CODES.get(result.verdict, 3))
 
 
 def _specs(folder: Path, given: Mapping[str, Any]) -> tuple[Spec, Spec]:
@@ -157,7 +158,7 @@ def _print_distinct(result: BackToBack) -> None:
     distinct = result.distinct
     if not distinct:
         return
-    fates = (Fate.NEW, Fate.REMAINS, Fate.REPLACED, Fate.FIXED)
+    fates = (Fate.NEW, Fate.REMAINS, Fate.CHANGED, Fate.FIXED)
     counts = [(fate, sum(one.fate is fate for one in distinct)) for fate in fates]
     told = ", ".join(f"{number} {fate}" for fate, number in counts if number)
     print_table(

@@ -151,8 +151,8 @@ def failures_to_show(
     for cluster in found.clusters[:number]:
         test = store.test(cluster.most_severe)
         if test.drive is not None:
-            alike = f", {len(cluster)} alike" if len(cluster) > 1 else ""
-            items.append((f"Test {test.id}{alike}", test.road, test.drive))
+            more = f", {len(cluster) - 1} more like it" if len(cluster) > 1 else ""
+            items.append((f"Test {test.id}{more}", test.road, test.drive))
     return title, items
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from time import perf_counter
 from typing import Any, Final, Protocol
 
 import numpy as np
@@ -80,11 +81,16 @@ def follow(
     rows: list[list[float]] = []
     waits = False  # for the driver
     breakdown: Breakdown | None = None
+    driver_seconds = 0.0
 
     def ask(method: str, given: DriveSetup | Observation) -> Any:
-        nonlocal waits
+        nonlocal waits, driver_seconds
         waits = worker.turn.value = True
-        answer = getattr(driver, method)(given)
+        start = perf_counter()
+        try:
+            answer = getattr(driver, method)(given)
+        finally:
+            driver_seconds += perf_counter() - start
         waits = worker.turn.value = False
         return answer
 
@@ -143,4 +149,4 @@ def follow(
     finally:
         worker.turn.value = False
     path = Trajectory.from_rows(np.array(rows).reshape(-1, len(Trajectory.names())))
-    return Drive.of(path, body, rules, road, breakdown)
+    return Drive.of(path, body, rules, road, breakdown, driver_seconds)

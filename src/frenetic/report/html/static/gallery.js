@@ -36,7 +36,7 @@ function drawGallery(element, block) {
   const grid = el("div", { class: "gallery" });
   const more = el("button", { type: "button", class: "more" });
   const select = (id, options) => el("select", { id }, options.map(([value, text]) => el("option", { value }, text)));
-  const sort = select("gallery-sort", [["", "most telling"], ["moobd", "most severe"], ["size", "most alike"], ["first", "found first"]]);
+  const sort = select("gallery-sort", [["", "most telling"], ["moobd", "most severe"], ["size", "most tests"], ["first", "found first"]]);
   const kinds = [...new Set(block.clusters.map((cluster) => cluster.group))].filter((text) => text);
   const cause = select("gallery-cause", [["", "any"], ...kinds.map((text) => [text, text])]);
   const side = select("gallery-side", [["", "either side"], ["left", "left"], ["right", "right"], ["none", "did not leave"]]);
