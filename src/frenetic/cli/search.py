@@ -149,7 +149,7 @@ def search(
         found = clusters if misses is None else misses
         listed = representative_failures(store, clusters=found)
         notes = list(filter(None, [caution(store)]))
-        if summary is not None and not summary.interrupted and len(clusters):
+        if summary is not None and len(clusters):
             notes += _minimise(campaign, clusters, summary, log)
         shortened = minimised_drives(store, [test.id for test in listed])
         if summary is not None and as_json:
@@ -204,6 +204,8 @@ def _minimise(campaign: Campaign, clusters: Clusters, summary: Summary, log: Log
         write_minimised,
     )
 
+    if summary.interrupted or summary.not_repeatable:
+        return
     folder, tester = campaign.folder, campaign.tester
     if (
         campaign.cluster is not None
