@@ -107,7 +107,7 @@ def shortened(text: str) -> str:
 
 PICTURES = {
     "README.md": {
-        "failure.png": "first/failures/test-00705.png",
+        "failure.png": "first/minimised/test-00383.png",
         "gallery.png": "first/failures/gallery.png",
     }
 }

@@ -223,7 +223,7 @@ def _minimise(campaign: Campaign, clusters: Clusters, summary: Summary, log: Log
                 files = MinimisedFiles.beside(minimised_road(folder, test_id))
                 files.prepare()
                 document = minimised_document(found, tester, campaign.spec(), test_id)
-                write_minimised(found, files, document, name=f"Test {test_id}", is_drawn=False)
+                write_minimised(found, files, document, name=f"Test {test_id}", is_compared=False)
             except FreneticError as error:
                 yield str(error)
                 return

@@ -123,7 +123,7 @@ def write_minimised(
     document: Mapping[str, Any],
     *,
     name: str,
-    is_drawn: bool = True,
+    is_compared: bool = True,
 ) -> None:
     """Writes the road file and draws the two pictures.
 
@@ -132,18 +132,18 @@ def write_minimised(
         files: their paths; existing files are replaced.
         document: contents of the road file, see `minimised_document`.
         name: name of the original in the pictures.
-        is_drawn: whether there are pictures.
+        is_compared: whether there is the picture of before and after.
 
     Raises:
         FreneticError: a file cannot be written.
     """
-    write_file(files.road, json.dumps(document) + "\n", remedy=_REMEDY)
-    if not is_drawn:
-        return
     from frenetic.report.picture import draw_gallery, draw_test  # matplotlib imports slowly
 
+    write_file(files.road, json.dumps(document) + "\n", remedy=_REMEDY)
     before, after = minimised.original, minimised.smallest
     draw_test(after, files.picture, f"{name}, minimised")
+    if not is_compared:
+        return
     draw_gallery(
         [("Before", before.road, before.drive), ("After", after.road, after.drive)],
         files.comparison,
