@@ -32,11 +32,11 @@ COUNTS: Final = "tests roads simulations passed failed invalid errors dropped mi
 CALLS: Final = {
     "init keeps_its_lane.py": "class driver test",
     "run --simulations 3 --seed 1 --workers 1 --out new": (
-        f"{COUNTS} folder seed seconds tests_per_second distinct_failures near_misses ended"
+        f"{COUNTS} folder seed seconds tests_per_second causes distinct_failures near_misses ended"
         " interrupted facts notice not_repeatable"
     ),
     "resume c --simulations 2 --workers 1": f"{COUNTS} folder seed distinct_failures ended",
-    "show c": f"{COUNTS} folder config distinct_failures near_misses facts",
+    "show c": f"{COUNTS} folder config causes distinct_failures near_misses facts",
     "show c 1": "id test_outcome moobd description driven driver rules curvatures step picture",
     "report c": "report",
     "check c": f"{COUNTS} folder is_sound findings versions asked told bytes",
@@ -51,7 +51,7 @@ CALLS: Final = {
     ),
     "compare one=c two=d": "groups measures notes order",
     "compare c --driver aggression=0.9 --fresh 2": (
-        "answer verdict old new sets distinct_failures notes seed repeats simulator"
+        "answer verdict old new sets causes distinct_failures notes seed repeats simulator"
     ),
     "drive bend.json": (
         "road outcome reason moobd moobd_distance max_oob_share duration length findings fault"

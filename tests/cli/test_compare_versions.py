@@ -66,6 +66,9 @@ def test_the_first_line_says_which_is_better(frenetic: Frenetic) -> None:
         assert text in answer.out
     found = frenetic("compare", "night", "--driver", NEW, *FEW, "--json").json
     assert (found["verdict"], found["sets"][0]["judged"]) == ("new is better", 20)
+    counts = [sum(one[version] for one in found["distinct_failures"]) for version in ("old", "new")]
+    assert [sum(roads) for roads in zip(*found["causes"].values(), strict=True)] == counts
+    assert all(cause in answer.out for cause in found["causes"])
     worse = frenetic("compare", "night", "--driver", WORSE, *FEW)
     assert worse.code == 1
     assert worse.out.startswith("new is worse: of 20 fresh roads, it fails on ")

@@ -20,6 +20,7 @@ from typing import Final
 from frenetic._support.json_value import JSONValue
 from frenetic._support.words import counted, simulated_time
 from frenetic.again.verdicts import LEVEL, Change, Repeat, failing_share
+from frenetic.analysis.causes import in_words
 from frenetic.analysis.failures import COMPARED, Failure, cluster_failures
 from frenetic.analysis.statistics import Estimate, median_estimate, paired_share_difference
 from frenetic.campaign.record import Test
@@ -242,6 +243,8 @@ class DistinctFailure:
     """A problem: failures of either version, on any of the roads, that are alike."""
 
     description: str
+    cause: str
+    """What the driver does wrong, or its fault; in bends to either side."""
     side: Side | None
     """The side of the lane on which the car left; None if it failed without leaving."""
     moobd: float
@@ -299,6 +302,7 @@ def distinct_failures(sets: Iterable[PairedRoads]) -> tuple[DistinctFailure, ...
         distinct.append(
             DistinctFailure(
                 cluster.description,
+                str(cluster.fault) if cluster.cause is None else in_words(cluster.cause.kind),
                 cluster.side,
                 cluster.moobd,
                 len(old),
@@ -358,6 +362,15 @@ class BackToBack:
     def distinct(self) -> tuple[DistinctFailure, ...]:
         """The distinct failures of both versions on all roads."""
         return distinct_failures(self.sets)
+
+    @property
+    def causes(self) -> dict[str, tuple[int, int]]:
+        """What the drivers do wrong -> on how many roads the old and the new version do."""
+        found: dict[str, tuple[int, int]] = {}
+        for one in self.distinct:
+            old, new = found.get(one.cause, (0, 0))
+            found[one.cause] = old + one.old, new + one.new
+        return dict(sorted(found.items(), key=lambda item: -max(item[1])))
 
     @property
     def is_slower(self) -> bool:
@@ -506,6 +519,7 @@ def back_to_back_document(result: BackToBack) -> dict[str, JSONValue]:
         "seed": result.seed,
         "repeats": result.fresh.repeats,
         "sets": [_set_document(roads) for roads in result.sets],
+        "causes": {cause: list(roads) for cause, roads in result.causes.items()},
         "distinct_failures": [
             {
                 "fate": str(one.fate),

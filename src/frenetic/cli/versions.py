@@ -162,6 +162,11 @@ def _print_distinct(result: BackToBack) -> None:
     counts = [(fate, sum(one.fate is fate for one in distinct)) for fate in fates]
     told = ", ".join(f"{number} {fate}" for fate, number in counts if number)
     print_table(
+        ("what the driver does", ">old fails", ">new fails"),
+        [(cause, *roads) for cause, roads in result.causes.items()],
+        title=counted(len(result.causes), "cause"),
+    )
+    print_table(
         ("", ">old fails", ">new fails", ">MOOBD (m)", "what happens", "such as"),
         [
             (
