@@ -13,10 +13,11 @@ from pathlib import Path
 
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from frenetic import Budget, Campaign, CampaignStore, EmbeddedSimulator, Frenetic, Planner
+from frenetic import CampaignStore, EmbeddedSimulator, Planner
 from frenetic.again.conditions import Variation
 from frenetic.again.rerun import rerun
-from frenetic.analysis.failures import distinct_failures
+from frenetic.analysis.failures import representative_failures
+from frenetic.cli import cli
 from frenetic.report.html import write_report
 
 IMAGES = Path(__file__).resolve().parent / "images"
@@ -40,20 +41,14 @@ def main() -> None:
 
 def make_report(folder: Path) -> Path:
     """The report of a campaign whose most severe failures were driven again."""
-    Campaign(
-        strategy=Frenetic(seed=SEED),
-        simulator=EmbeddedSimulator(),
-        driver=Planner(),
-        budget=Budget(simulations=1000),
-        folder=folder,
-    ).run()
+    cli.main(["run", "--seed", str(SEED), "--out", str(folder)], standalone_mode=False)
     with CampaignStore.open(folder) as store:
-        worst = [cluster.most_severe for cluster in distinct_failures(store)][:8]
+        shown = [test.id for test in representative_failures(store, 8)]
     rerun(
         folder,
         EmbeddedSimulator(),
         Planner(),
-        tests=worst,
+        tests=shown,
         times=20,
         vary=[Variation("friction", 0.9, 1.3), Variation("start", -0.2, 0.2)],
     )
@@ -89,7 +84,7 @@ def opened(browser: Browser, report: Path, width: int, height: int, *, dark: boo
         reduced_motion="reduce",
     ).new_page()
     page.goto(report.as_uri())
-    page.locator(".series").first.wait_for()
+    page.locator(".uplot canvas").first.wait_for()
     return page
 
 
