@@ -10,7 +10,7 @@ import pytest
 from frenetic import EmbeddedSimulator, Frenetic
 from frenetic.again.minimise import Minimised, minimise_causes
 from frenetic.analysis.causes import Kind
-from frenetic.analysis.failures import caution, distinct_failures
+from frenetic.analysis.failures import Failure, caution, distinct_failures
 from frenetic.campaign import Budget, Campaign, CampaignStore
 
 PAGE = Path(__file__).parent.parent / "docs" / "causes.md"
@@ -61,6 +61,8 @@ def test_the_planted_cause_is_named(
     if said and not summary.not_repeatable:
         ((_, found),) = minimise_causes(tmp_path, clusters, campaign.tester, 50, 60.0)
         assert isinstance(found, Minimised)
+        causes = [Failure.of_test(one) for one in (found.original, found.smallest)]
+        assert len({one.cause and one.cause.kind for one in causes if one}) == 1
         before, after = found.shapes
         example = f"{before.length:.0f} m, cut to {after.length:.0f} m"
     (does, *_) = str(driver.__doc__).splitlines()

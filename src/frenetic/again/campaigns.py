@@ -17,6 +17,7 @@ from msgspec import json
 from frenetic._support.json_value import JSONValue, plain
 from frenetic.campaign import Budget, Campaign, CampaignStore, Event, RoadTester
 from frenetic.campaign.database import DATABASE
+from frenetic.campaign.objective import MOOBD
 from frenetic.campaign.state import stored_budget
 from frenetic.errors import CampaignError
 from frenetic.search import Strategy
@@ -51,6 +52,7 @@ def campaign_again(
     what: object,
     terms: Mapping[str, JSONValue],
     how: How,
+    objective: str = MOOBD,
 ) -> Campaign:
     """The campaign that drives roads of another one again, not yet run.
 
@@ -62,6 +64,7 @@ def campaign_again(
         what: what is driven, as JSON; with the terms and parts it tells the campaign from others.
         terms: why it is driven, for the campaign's configuration.
         how: see `How`.
+        objective: what else its strategy is told of a drive.
 
     Raises:
         CampaignError: ``out`` holds something else.
@@ -88,6 +91,7 @@ def campaign_again(
         lane_width=tester.lane_width,
         workers=min(workers, budget.simulations or workers),
         drive_limit=how.get("drive_limit"),
+        objective=objective,
         description={TERMS: {**terms, "digest": digest}},
     )
 

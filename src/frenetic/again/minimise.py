@@ -18,9 +18,10 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.again.campaigns import How, campaign_again, complete
 from frenetic.again.shrinking import Answer, Improvement, Shape, Shrinker, Trials
+from frenetic.analysis.causes import kind_number
 from frenetic.analysis.failures import THRESHOLD, Clusters, Failure
 from frenetic.campaign.asking import replay
-from frenetic.campaign.objective import MOOBD, Objective
+from frenetic.campaign.objective import Objective
 from frenetic.campaign.record import Test
 from frenetic.campaign.repeat import Match
 from frenetic.campaign.store import CampaignStore
@@ -44,6 +45,8 @@ LEAST_EACH: Final = 50
 """Drives with which most roads come near their final length."""
 MOST_EACH: Final = 120
 """Drives after which hardly any gets shorter."""
+CAUSE: Final = f"{kind_number.__module__}:{kind_number.__name__}"
+"""Objective of the campaigns that drive."""
 _UNGUARDED: Final = (
     "No road was found that also fails with all curvatures {0:g} % smaller and {0:g} % larger,"
     " the original included"
@@ -97,8 +100,8 @@ class Ending(StrEnum):
 class Minimising(Strategy):
     """Proposes a failing road, and then ever smaller ones that may have the same failure.
 
-    It waits for each result. A road has the same failure if the reason is the same, and road,
-    offsets and speeds before it differ by no more than within one distinct failure.
+    It waits for each result. A road has the same failure if reason and kind of cause are the same,
+    and road, offsets and speeds before it differ by no more than within one distinct failure.
 
     Args:
         start: the failing road.
@@ -106,7 +109,7 @@ class Minimising(Strategy):
         guard: share by which the curvatures of a road's neighbours differ, see `minimise`.
     """
 
-    BEHAVIOUR: Final = 1
+    BEHAVIOUR: Final = 2
     expects_failures: ClassVar[bool] = True
 
     def __init__(self, start: Shape, rules: Rules, guard: float = GUARD) -> None:
@@ -184,13 +187,16 @@ class Minimising(Strategy):
         timeout = self._rules.timeout(length)
         fault = evaluation.fault
         reason = FailureReason.of(evaluation.side, evaluation.duration, timeout, fault)
-        return _Found(reason, places_of(evaluation, candidate, 0.0)[0].vector, fault)
+        approach = places_of(evaluation, candidate, 0.0)[0].vector
+        return _Found(reason, approach, evaluation.objective, fault)
 
     def _is_like(self, found: _Found | None) -> bool:
         if found is None or self._failure is None or found.reason is not self._failure.reason:
             return False
         if found.fault is not None:
             return found.fault.is_like(self._failure.fault)
+        if found.cause != self._failure.cause:
+            return False
         return float(np.linalg.norm(found.approach - self._failure.approach)) <= THRESHOLD
 
 
@@ -200,6 +206,8 @@ class _Found(NamedTuple):
     reason: FailureReason
     approach: FloatArray
     """Approach to its place, (64,) in m."""
+    cause: float | None
+    """See `kind_number`."""
     fault: Fault | None
 
 
@@ -318,6 +326,7 @@ def minimise(
             tester,
             budget,
             what=strategy.options,
+            objective=CAUSE,
             terms={"minimised": True},
             how=how,
         )
@@ -330,7 +339,7 @@ def minimise(
         with CampaignStore.open(campaign.folder) as store:
             if strategy.shrinker is None:  # nothing was left to be driven
                 strategy = Minimising(start, tester.simulator.rules, guard)
-                replay(store, strategy, budget, Objective.load(MOOBD))
+                replay(store, strategy, budget, Objective.load(CAUSE))
             return _minimised(store, strategy, max_drives, guard, trouble)
 
 

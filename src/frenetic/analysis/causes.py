@@ -21,8 +21,11 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
-from frenetic.analysis.segments import Segment
-from frenetic.oracle import TIMED_OUT, Side
+from frenetic.analysis.segments import Segment, segment_of
+from frenetic.drive import Drive
+from frenetic.oracle import TIMED_OUT, Side, judge
+from frenetic.outcome import Outcome
+from frenetic.road import Road
 
 SETTLED: Final = 0.1
 """Lateral speed towards the side where the car leaves at which its excursion begins, in m/s."""
@@ -72,6 +75,17 @@ class Cause(NamedTuple):
 def in_words(kind: Kind, bends: Side | None = None) -> str:
     """A kind of cause in words, in bends to this side or to either."""
     return kind.value.format("" if bends is None else f"{bends}-hand ")
+
+
+def kind_number(road: Road, drive: Drive) -> float:
+    """Number of the kind of cause of a drive's failure, from 1; 0 if it did not fail.
+
+    `minimise` takes it as its objective, so that it knows whether a shorter road fails alike.
+    """
+    result = judge(road, drive)
+    if result.outcome is not Outcome.FAIL or not len(drive.trajectory):
+        return 0.0
+    return 1.0 + list(Kind).index(cause_of(segment_of(road, drive, result.finding)).kind)
 
 
 def cause_of(segment: Segment) -> Cause:

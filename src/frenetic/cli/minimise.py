@@ -72,9 +72,7 @@ Done: TypeAlias = tuple[Work, "Minimised"]
 
 @click.command()
 @source_arguments
-@count_option(
-    "--top", "Minimise a campaign's N most telling failures. [default: the most severe one]"
-)
+@count_option("--top", "Minimise a campaign's N most telling failures. [default: the first]")
 @count_option("--max-drives", "Drives to spend on each road at most.", default=500)
 @click.option(
     "--guard",
@@ -109,9 +107,10 @@ def minimise(
 
     The tests of a CAMPAIGN are driven as it drove them unless options change that; a ROAD file is
     driven as by 'frenetic drive'. Each road becomes a file, beside a picture of its drive and one
-    of before and after. The failure is the same if its reason is, and road, offsets and speeds
-    before it differ by at most 2 m, as within one distinct failure. Ctrl-C keeps the smallest road
-    found so far; the same command goes on with a campaign's test, and shows a complete one.
+    of before and after. The failure is the same if reason and cause are, and road, offsets and
+    speeds before it differ by at most 2 m, as within one distinct failure. Ctrl-C keeps the
+    smallest road found so far; the same command goes on with a campaign's test, and shows a
+    complete one.
     """
     from frenetic.again.rerun import campaign_tester
     from frenetic.campaign import CampaignStore, RoadTester
