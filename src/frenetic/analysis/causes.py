@@ -97,15 +97,28 @@ def cause_of(segment: Segment) -> Cause:
     if n < _FEWEST:
         return Cause(Kind.ASTRAY)
     sign, length = 1.0 if segment.side == "left" else -1.0, segment.drive.car.length
-    time, speed, offset = path.time[:n], path.speed[:n], sign * seen.lateral_offset
+    # Only places and times are known to be finite, and no two times to differ.
+    speed, lateral_speed, yaw_rate, steering, asked, throttle, brake = (
+        np.nan_to_num(column[:n], posinf=0.0, neginf=0.0)
+        for column in (
+            path.speed,
+            path.lateral_speed,
+            path.yaw_rate,
+            path.steering,
+            path.steering_input,
+            path.throttle,
+            path.brake,
+        )
+    )
+    time, offset = path.time[:n], sign * seen.lateral_offset
+    step = np.maximum(np.gradient(time), 1e-6)
     # Lateral speed that each gives to the side where the car leaves, record by record.
-    step = sign * np.gradient(time)
-    road = -step * speed**2 * segment.road.curvature_at(seen.distance)
-    steered = step * speed**2 * np.tan(path.steering[:n]) / (_WHEELBASE * length)
-    turned = step * speed * path.yaw_rate[:n]
-    began = _last(np.gradient(offset, time)[:-1] <= SETTLED)
+    road = -sign * step * speed**2 * segment.road.curvature_at(seen.distance)
+    steered = sign * step * speed**2 * np.tan(steering) / (_WHEELBASE * length)
+    turned = sign * step * speed * yaw_rate
+    began = _last((np.gradient(offset) / step)[:-1] <= SETTLED)
 
-    slide = _slide(path.lateral_speed[:n] - _REAR * length * path.yaw_rate[:n], speed)
+    slide = _slide(lateral_speed - _REAR * length * yaw_rate, speed)
     slides = slide is not None and time[-1] - time[slide] >= _SLIDE
     end = max(slide, began) if slide is not None and slides else n
     middle = began + int(np.argmax(offset[began:] >= 0.0))
@@ -122,20 +135,19 @@ def cause_of(segment: Segment) -> Cause:
         assert slide is not None
         before = slice(_last(time <= time[slide] - _BEFORE_SLIDE), slide + 1)
         bend = _bend(-sign * road[before].sum())
-        if path.brake[before].mean() > _BRAKES:
+        if brake[before].mean() > _BRAKES:
             return Cause(Kind.BRAKES_LATE, bend)
-        if path.throttle[before].mean() > _ACCELERATES:
+        if throttle[before].mean() > _ACCELERATES:
             return Cause(Kind.ACCELERATES, bend)
         return Cause(Kind.TOO_FAST, bend)
     if away < 0.0:
         is_cut = out > -away or _is_ahead(segment, sign)
         return Cause(Kind.CUTS, _bend(sign)) if is_cut else Cause(Kind.ASTRAY)
-    bend, steering = _bend(-sign), steered[began:].sum()
-    if steering < min(-_STEERS, turned[began:].sum() / _FOLLOWS):
-        brakes = path.brake[began:n].mean() > _BRAKES
+    bend = _bend(-sign)
+    if steered[began:].sum() < min(-_STEERS, turned[began:].sum() / _FOLLOWS):
+        brakes = brake[began:].mean() > _BRAKES
         return Cause(Kind.BRAKES_LATE if brakes else Kind.TOO_FAST, bend)
-    columns = (path.steering[began:n], path.steering_input[began:n])
-    is_held = any(_is_held(column, time[began:]) for column in columns)
+    is_held = any(_is_held(column[began:], time[began:]) for column in (steering, asked))
     return Cause(Kind.HELD if is_held else Kind.TOO_LITTLE, bend)
 
 

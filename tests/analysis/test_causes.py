@@ -1,0 +1,48 @@
+"""Causes of drives that no driver of ours makes: the rest is in `tests/test_planted.py`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from frenetic import EmbeddedSimulator, Planner, Road
+from frenetic._support.arrays import FloatArray
+from frenetic.analysis.causes import Cause, Kind, cause_of, in_words, kind_number
+from frenetic.analysis.segments import segment_of
+from frenetic.drive import Drive, Trajectory
+from frenetic.oracle import judge
+
+BEND = Road([0.0] * 6 + [0.066] * 12, 10.0)
+"""A straight of 50 m and a left-hand bend that the driver below takes too fast."""
+
+
+def cause(drive: Drive) -> Cause:
+    result = judge(BEND, drive)
+    assert result.departure is not None
+    return cause_of(segment_of(BEND, drive, result.finding))
+
+
+def driven(**columns: FloatArray) -> Drive:
+    drive = EmbeddedSimulator().drive(BEND, Planner(lateral_acceleration=30.0))
+    path = drive.trajectory
+    rows = {name: columns.get(name, getattr(path, name)) for name in Trajectory.names()}
+    return replace(drive, trajectory=Trajectory(**rows))
+
+
+def test_a_cause_is_told_in_bends_to_its_side_or_to_either() -> None:
+    assert cause(driven()) == (Kind.TOO_FAST, "left")
+    assert in_words(*cause(driven())) == "takes left-hand bends too fast"
+    assert in_words(Kind.TOO_FAST) == "takes bends too fast"
+    assert in_words(Kind.OSCILLATES) == "oscillates from side to side"
+    assert kind_number(BEND, driven()) == 1.0 + list(Kind).index(Kind.TOO_FAST)
+    passed = EmbeddedSimulator().drive(BEND, Planner(lateral_acceleration=3.0))
+    assert kind_number(BEND, passed) == 0.0
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 0.0])
+def test_columns_that_a_simulator_does_not_know_give_a_cause_all_the_same(value: float) -> None:
+    n = len(driven().trajectory)
+    names = set(Trajectory.names()) - {"time", "x", "y", "heading"}
+    assert cause(driven(**{name: np.full(n, value) for name in names})).kind in Kind
