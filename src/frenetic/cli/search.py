@@ -157,6 +157,7 @@ def search(
                 "distinct_failures": len(clusters),
                 "causes": causes_json(clusters, shortened),
                 "near_misses": [] if counts.failed else clusters_json(found),
+                "notes": notes,
                 "seed": seed,
             }
             click.echo(json.dumps(summary.as_json() | more))
