@@ -215,7 +215,8 @@ def _minimise(campaign: Campaign, clusters: Clusters, summary: Summary, log: Log
         yield f"shorter roads for the same failures: frenetic minimise {shell(folder)} --top 3"
         return
     drives, seconds = summary.simulations // SHARE, max(LEAST_TIME, summary.seconds / SHARE)
-    with log.status("Shortening a failing road of each cause"):
+    text = f"Shortening a failing road of each cause, for {seconds:.0f} s at most"
+    with log.status(text):
         for test_id, found in minimise_causes(folder, clusters, tester, drives, seconds):
             if isinstance(found, FreneticError):
                 yield f"test {test_id} was not shortened: {found}"
