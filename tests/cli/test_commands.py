@@ -32,8 +32,8 @@ COUNTS: Final = "tests roads simulations passed failed invalid errors dropped mi
 CALLS: Final = {
     "init keeps_its_lane.py": "class driver test",
     "run --simulations 3 --seed 1 --workers 1 --out new": (
-        f"{COUNTS} folder seed seconds tests_per_second causes notes distinct_failures near_misses ended"
-        " interrupted facts notice not_repeatable"
+        f"{COUNTS} folder seed seconds tests_per_second causes notes distinct_failures near_misses"
+        " ended interrupted facts notice not_repeatable"
     ),
     "resume c --simulations 2 --workers 1": f"{COUNTS} folder seed distinct_failures ended",
     "show c": f"{COUNTS} folder config causes distinct_failures near_misses facts",
