@@ -178,16 +178,18 @@ def two_digits(value: float | None) -> str | None:
 def print_failures(clusters: Clusters, counts: Counts, listed: int) -> None:
     """Prints a table of distinct failures or, where nothing failed, of the nearest misses.
 
+    Broken drives are told here only in the second case: `print_causes` has told them in the first.
+
     Args:
         clusters: the distinct failures or near misses.
         counts: of the campaign; possibly with more failures than were compared.
         listed: number of clusters to print.
     """
-    if counts.broken:
+    failures = counts.failed
+    if counts.broken and not failures:
         Results().print(counts.broken, style="bold", markup=False)
     if not clusters:
         return
-    failures = counts.failed
     heading = "what happens"
     if not failures:
         title = f"The nearest {'miss' if len(clusters) == 1 else 'misses'}"
