@@ -464,6 +464,11 @@ def test_minimised_roads_are_shown(copied: tuple[Path, list[int]]) -> None:
     assert short["drive"]["outcome"] == "FAIL"
     assert (drives[second]["minimised"], drives[third]["minimised"]) == (None, None)
     assert (drives[first]["road_file"], drives[second]["road_file"]) == (None, road)
+    document = json.loads((folder / small).read_text())
+    document["minimised"]["test"] = "x"
+    (folder / small).write_text(json.dumps(document))
+    drives = {one["id"]: one for one in page_of(write_report(folder)).data["drives"]}
+    assert drives[first]["minimised"] is None
 
 
 def test_failures_in_other_simulators_are_shown(copied: tuple[Path, list[int]]) -> None:

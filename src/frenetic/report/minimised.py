@@ -38,7 +38,7 @@ def minimised_drives(store: CampaignStore, test_ids: Iterable[int]) -> dict[int,
                 continue
             with CampaignStore.open(store.folder / FOLDER / folder) as again:
                 found[test_id] = again.test(number)
-        except (FreneticError, OSError, LookupError, TypeError):  # none, or none of ours
+        except (FreneticError, OSError, LookupError, TypeError, ValueError):  # none of ours
             continue
     return found
 
