@@ -403,12 +403,14 @@ def minimise_causes(
     lasting = HANGS, ENDS_ITS_PROCESS
     causes = [one for one in clusters.causes if not (one.fault and one.fault.kind in lasting)]
     chosen = causes[: max(1, drives // LEAST_EACH)]
-    for cause in chosen:
-        with CampaignStore.open(folder) as store:
-            test = store.test(cause.example)
-        most = max(LEAST_EACH, min(MOST_EACH, drives // len(chosen)))
+    if not chosen:
+        return
+    with CampaignStore.open(folder) as store:
+        tests = [store.test(cause.example) for cause in chosen]
+    most = max(LEAST_EACH, min(MOST_EACH, drives // len(tests)))
+    share = seconds / len(tests)
+    for test in tests:
         try:
-            share = seconds / len(chosen)
             found = minimise_test(folder, test, tester, max_drives=most, seconds=share, **how)
         except FreneticError as error:
             yield test.id, error

@@ -406,7 +406,8 @@ def representative_failures(
     """
     found = distinct_failures(store) if clusters is None else clusters
     examples = [cause.example for cause in found.causes]
-    others = [one.most_severe for one in found if not set(examples).intersection(one.ids)]
+    shown = [found.of(example) for example in examples]
+    others = [one.most_severe for one in found if one not in shown]
     return [store.test(i, with_trajectory=False) for i in [*examples, *others][:number]]
 
 
