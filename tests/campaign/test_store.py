@@ -127,6 +127,8 @@ FULL = Test(
         repeat=2,
         source=Source("../runs/früher", 12),
         notes={"screening": {"role": "control", "drawn": 20, "moobd": None}, "kinds": [1, "x"]},
+        superelevation=np.array([[0.0, 0.025], [30.0, -0.06]]),
+        grade=np.array([[-0.0, np.nextafter(0.04, 1.0)]]),
     ),
     attempt=Attempt(
         1,
@@ -541,8 +543,8 @@ def foreign_database(path: Path, application_id: int, version: int) -> bytes:
     [
         ((0, 0), "is not a campaign's database"),
         ((42, FORMAT), "is not a campaign's database"),
-        ((APPLICATION_ID, FORMAT - 1), "has format 0, .* reads format 1: use the version"),
-        ((APPLICATION_ID, FORMAT + 1), "has format 2, .* reads format 1: use the version"),
+        ((APPLICATION_ID, FORMAT - 1), "has format 1, .* reads format 2: use the version"),
+        ((APPLICATION_ID, FORMAT + 1), "has format 3, .* reads format 2: use the version"),
         (b"no database at all" * 500, "is not a database"),
         (b"", "is not a campaign's database"),
         (b"SQLite format 3\0" + b"x" * 84, "is not a"),

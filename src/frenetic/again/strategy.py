@@ -74,6 +74,8 @@ class Again(Strategy):
             conditions=conditions,
             repeat=repeat,
             source=Source(self._campaign, road.id),
+            superelevation=road.superelevation,
+            grade=road.grade,
         )
 
     def tell(self, evaluation: Evaluation) -> None:

@@ -21,7 +21,7 @@ from frenetic.campaign.tester import RoadTester, road_through
 from frenetic.drive import Drive
 from frenetic.errors import RoadError
 from frenetic.export.competition import simulation_records
-from frenetic.road import Road, check_validity
+from frenetic.road import check_validity
 from frenetic.search import Candidate, Evaluation, Origin, SearchEnded
 from frenetic.search.strategy import Ledger
 
@@ -219,7 +219,7 @@ class GeneratorStrategy(ObservingStrategy):
         if attempt is None or attempt.trajectory is None or attempt.pose is None:
             return []
         simulator, width = self._tester.simulator, self._tester.lane_width
-        road = Road(candidate.curvatures, candidate.step, attempt.pose, lane_width=width)
+        road = candidate.road(width, attempt.pose)
         return simulation_records(road, Drive(attempt.trajectory, simulator.car, simulator.rules))
 
 

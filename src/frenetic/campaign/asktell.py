@@ -42,6 +42,7 @@ from frenetic.errors import CampaignError, RoadError
 from frenetic.oracle import LANE, Finding, Result, Side
 from frenetic.outcome import Outcome
 from frenetic.road import Road, check_validity
+from frenetic.road.files import entries_of
 from frenetic.search.records import Candidate
 
 WORKER: Final = "client"
@@ -239,10 +240,7 @@ class _Client(Workers):
                 "candidate": {
                     "id": candidate.id,
                     "points": road.road_points.round(6).tolist(),
-                    "curvatures": road.curvatures.tolist(),
-                    "step": road.step,
-                    "pose": list(road.pose),
-                    "lane_width": road.lane_width,
+                    **entries_of(road),
                 }
             }
         )

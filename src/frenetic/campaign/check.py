@@ -19,7 +19,7 @@ from frenetic.drive import Drive, Rules
 from frenetic.errors import CampaignError, RoadError
 from frenetic.oracle import Result, judge
 from frenetic.outcome import Outcome
-from frenetic.road import Road, check_validity
+from frenetic.road import check_validity
 from frenetic.spec import fault_of
 from frenetic.versions import changed_packages
 
@@ -244,8 +244,7 @@ def _refused_otherwise(test: Test, setting: Setting) -> str:
         if candidate.points is not None:
             verdict = check_validity(candidate.points, setting.map_size)
         else:
-            road = Road(candidate.curvatures, candidate.step, lane_width=setting.lane_width)
-            _, verdict = road.placed(setting.map_size, setting.margin)
+            _, verdict = candidate.road(setting.lane_width).placed(setting.map_size, setting.margin)
     except RoadError:
         return ""
     return "it is stored as INVALID, but its road is valid" if verdict.valid else ""

@@ -199,13 +199,7 @@ class Test(Shown):
         Raises:
             CampaignError: the campaign does not record the width of its lanes.
         """
-        pose = self.attempt.pose
-        return Road(
-            self.candidate.curvatures,
-            self.candidate.step,
-            **({} if pose is None else {"pose": pose}),
-            lane_width=self._setting.lane_width,
-        )
+        return self.candidate.road(self._setting.lane_width, self.attempt.pose)
 
     @cached_property
     def drive(self) -> Drive | None:
@@ -330,6 +324,10 @@ ASKED: Final = (
         "curvatures", "candidate.curvatures", "REALS", "positive left, linear in between", "1/m"
     ),
     Column("points", "candidate.points", "PAIRS", "the road as points, if proposed so", "m"),
+    Column(
+        "superelevation", "candidate.superelevation", "PAIRS", "distance in m and slope across it"
+    ),
+    Column("grade", "candidate.grade", "PAIRS", "distance in m and slope along it"),
     Column("conditions", "candidate.conditions", "JSON", "what differs from the campaign's drives"),
     Column("repeat", "candidate.repeat", "INTEGER", "counts the drives of one road from 0"),
     Column("source", "candidate.source", "JSON", "campaign and test whose road it is"),

@@ -109,8 +109,7 @@ class RoadTester:
             (None, invalid) if the curvatures make no road or no pose fits.
         """
         try:
-            road = Road(candidate.curvatures, candidate.step, lane_width=self.lane_width)
-            return road.placed(self.map_size, self.margin)
+            return candidate.road(self.lane_width).placed(self.map_size, self.margin)
         except RoadError as error:
             return None, Verdict(False, str(error))
 

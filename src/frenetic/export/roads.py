@@ -19,6 +19,7 @@ from frenetic.errors import FreneticError, UnknownNameError
 from frenetic.export.competition import GROUND, competition_document, stored_test_document
 from frenetic.export.openscenario import to_openscenario
 from frenetic.road import MAP_SIZE, Road
+from frenetic.road.files import entries_of
 from frenetic.road.geometry import CURVATURE
 from frenetic.road.opendrive import ORIGIN, to_opendrive
 from frenetic.simulators import Rules
@@ -122,14 +123,7 @@ def _csv(exported: ExportedRoad) -> str:
 
 
 def _json(exported: ExportedRoad) -> str:
-    road = exported.road
-    document = {
-        "curvatures": road.curvatures.tolist(),
-        "step": road.step,
-        "pose": list(road.pose),
-        "lane_width": road.lane_width,
-    }
-    return json.dumps(document) + "\n"
+    return json.dumps(entries_of(exported.road)) + "\n"
 
 
 def _beamng(exported: ExportedRoad) -> str:

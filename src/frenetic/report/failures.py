@@ -20,6 +20,7 @@ from frenetic.errors import CampaignError
 from frenetic.oracle import Result
 from frenetic.outcome import Outcome
 from frenetic.road import Road
+from frenetic.road.files import entries_of
 from frenetic.spec import DRIVEN, drive_record
 
 FAILURES: Final = "failures"
@@ -52,13 +53,7 @@ def verdict_entries(result: Result) -> dict[str, Any]:
 
 def road_entries(road: Road) -> dict[str, Any]:
     """The entries of a road's document that say what it is."""
-    return {
-        "step": road.step,
-        "curvatures": road.curvatures.tolist(),
-        "pose": list(road.pose),
-        "lane_width": road.lane_width,
-        "road_points": road.road_points.round(6).tolist(),
-    }
+    return entries_of(road) | {"road_points": road.road_points.round(6).tolist()}
 
 
 def road_document(record: Test, config: Mapping[str, JSONValue]) -> dict[str, Any]:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 from msgspec import Struct, ValidationError, convert
 
 from frenetic._support.files import require_list
@@ -16,6 +17,8 @@ from frenetic.road.opendrive import from_opendrive
 from frenetic.road.road import START, Road
 from frenetic.road.validity import MAP_SIZE, Verdict, check_validity
 
+PROFILES: Final = ("superelevation", "grade")
+"""What a road may have along it beside its curvature, see `Road`."""
 MAX_BYTES: Final = 8 * 2**20
 """Largest road file that is read; a competition's test file of a long drive has about 1 MiB."""
 _SUFFIXES: Final = {".json", ".xodr"}
@@ -44,6 +47,10 @@ class RoadEntries(Struct):
     """m, m and rad."""
     lane_width: float = 4.0
     """m."""
+    superelevation: list[tuple[float, float]] = []
+    """Pairs of m and m/m."""
+    grade: list[tuple[float, float]] = []
+    """Pairs of m and m/m."""
 
 
 @dataclass(frozen=True)
@@ -64,9 +71,12 @@ class RoadFile:
         given = self.given
         try:
             if given.curvatures is None:
-                return Road.from_points(self._points(), lane_width=given.lane_width)
-            pose = given.pose or START
-            return Road(given.curvatures, given.step, pose, lane_width=given.lane_width)
+                road = Road.from_points(self._points(), lane_width=given.lane_width)
+            else:
+                pose = given.pose or START
+                road = Road(given.curvatures, given.step, pose, lane_width=given.lane_width)
+            leaning, rising = (np.array(getattr(given, name)) for name in PROFILES)
+            return replace(road, superelevation=leaning, grade=rising)
         except RoadError as error:
             raise RoadError(f"{self.path}: {error}") from None
 
@@ -94,6 +104,7 @@ def read_road(path: Path | str, *, lane: int | None = None) -> RoadFile:
     A JSON file holds an object with ``curvatures`` (1/m) and optionally ``step`` (m, 10), ``pose``
     ([x, y, heading] in m, m, rad) and ``lane_width`` (m, 4); or one with ``road_points`` ([x, y] or
     {"x": x, "y": y} in m each), which a test file of the competition is; or just a list of points.
+    Either may have ``superelevation`` and ``grade``, pairs of m along the road and m/m, see `Road`.
     An OpenDRIVE file, known by its suffix ``.xodr`` or by being XML, holds one road, see
     `from_opendrive`; ``lane`` is the id of the lane to drive on there.
 
@@ -108,8 +119,7 @@ def read_road(path: Path | str, *, lane: int | None = None) -> RoadFile:
             road = from_opendrive(data, lane=-1 if lane is None else lane)
         except RoadError as error:
             raise RoadError(f"{path} cannot be read as OpenDRIVE: {error}") from None
-        curvatures = road.curvatures.tolist()
-        return RoadFile(path, RoadEntries(curvatures, None, road.step, road.pose, road.lane_width))
+        return RoadFile(path, convert(entries_of(road), RoadEntries))
     if lane is not None:
         raise RoadError(f"{path} is no OpenDRIVE file: a lane can be chosen in those only")
     try:
@@ -124,6 +134,18 @@ def read_road(path: Path | str, *, lane: int | None = None) -> RoadFile:
             " or a list of points, is needed"
         )
     return road_file(path, content)
+
+
+def entries_of(road: Road) -> dict[str, Any]:
+    """The entries of a road's file; profiles only if it has some."""
+    profiles = {name: getattr(road, name) for name in PROFILES}
+    return {
+        "curvatures": road.curvatures.tolist(),
+        "step": road.step,
+        "pose": list(road.pose),
+        "lane_width": road.lane_width,
+        **{name: one.tolist() for name, one in profiles.items() if len(one)},
+    }
 
 
 def road_file(path: Path, content: Mapping[str, Any]) -> RoadFile:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.errors import RoadError
-from frenetic.road import geometry
+from frenetic.road import geometry, profile
 from frenetic.road.fitting import MARGIN, fit_to_map
 from frenetic.road.recovery import curvature_from_points
 from frenetic.road.validity import MAP_SIZE, Verdict, as_points, check_validity
@@ -40,6 +40,10 @@ MAX_LANE_WIDTH = 100.0
 """Width of the widest lane, in m."""
 MAX_HEADING = 1e6
 """Largest heading of a pose in either direction, in rad."""
+MAX_SUPERELEVATION = 1.0
+"""Steepest slope across a road in either direction; a race track's may be 0.6."""
+MAX_GRADE = 0.5
+"""Steepest slope along a road in either direction."""
 POINT_SPACING = 2.0
 """Spacing of a road's points for validity, files and other simulators, in m."""
 
@@ -61,15 +65,16 @@ START = Pose(0.0, 0.0, math.pi / 2)
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class Road:
-    """A planar centre line given by curvature samples, with one lane on each side.
+    """A centre line given by curvature samples, with one lane on each side.
 
     The curvature is linear between samples, so every piece is a clothoid. The car drives on the
-    right-hand lane, the ego lane, from the first sample to the last.
+    right-hand lane, the ego lane, from the first sample to the last. All distances are those on the
+    map. Above it the road may lean to a side and rise: by profiles, see `frenetic.road.profile`.
 
     Raises:
         RoadError: fewer than 2 or more than 10000 samples, values that are not finite numbers or
             are beyond 10 1/m, a step that is not positive, more than 50 km in all, a lane that is
-            not 0.1 to 100 m wide, or a pose beyond 10000 km.
+            not 0.1 to 100 m wide, a pose beyond 10000 km, or a profile that is none.
     """
 
     curvatures: FloatArray
@@ -80,6 +85,10 @@ class Road:
     """Place and direction of the first sample."""
     lane_width: float = 4.0
     """Width of each of the two lanes, in m."""
+    superelevation: FloatArray = field(default_factory=lambda: profile.NOTHING)
+    """Slope across the road, (k, 2) in m and m/m, positive falls to the right, as in OpenDRIVE."""
+    grade: FloatArray = field(default_factory=lambda: profile.NOTHING)
+    """Slope along the road, (k, 2) in m and m/m, positive rises."""
 
     def __init__(
         self,
@@ -88,6 +97,8 @@ class Road:
         pose: tuple[float, float, float] = START,
         *,
         lane_width: float = 4.0,
+        superelevation: npt.ArrayLike = (),
+        grade: npt.ArrayLike = (),
     ) -> None:
         try:
             values = np.array(curvatures, dtype=np.float64)
@@ -114,6 +125,11 @@ class Road:
                 f"a road of {self.length:.0f} m: at most {MAX_LENGTH:.0f} m can be represented"
             )
         object.__setattr__(self, "pose", _bounded(pose))
+        for name, given, most in (
+            ("superelevation", superelevation, MAX_SUPERELEVATION),
+            ("grade", grade, MAX_GRADE),
+        ):
+            object.__setattr__(self, name, profile.checked(given, name, most))
 
     @classmethod
     def from_points(cls, points: npt.ArrayLike, *, lane_width: float = 4.0) -> Road:
@@ -172,6 +188,49 @@ class Road:
         )
         table.setflags(write=False)
         return table
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether it neither leans nor rises anywhere."""
+        return not len(self.superelevation) and not len(self.grade)
+
+    @cached_property
+    def slopes(self) -> FloatArray:
+        """Superelevation and grade at the rows of `table`, (M, 2); (0, 2) of a flat road."""
+        if self.is_flat:
+            return profile.NOTHING
+        places = np.arange(len(self.table)) * self.sub_step
+        slopes = np.column_stack(
+            [profile.value_at(one, places) for one in (self.superelevation, self.grade)]
+        )
+        slopes.setflags(write=False)
+        return slopes
+
+    def heights(self, distances: npt.ArrayLike) -> FloatArray:
+        """Height of the centre line above its start in m at ``distances`` (any shape) in m."""
+        return profile.integral_at(self.grade, distances)
+
+    def piece(self, first: int, last: int | None = None) -> Road:
+        """The road from one of its samples to another, in its place.
+
+        Args:
+            first: index of its first sample.
+            last: index of its last one; None for the road's last.
+
+        Raises:
+            RoadError: it has fewer than 2 samples.
+        """
+        last = len(self.curvatures) - 1 if last is None else last
+        start, end = first * self.step, last * self.step
+        x, y = self.points[first].tolist()
+        return Road(
+            self.curvatures[first : last + 1],
+            self.step,
+            self.pose if first == 0 else Pose(x, y, float(self.headings[first])),
+            lane_width=self.lane_width,
+            superelevation=profile.cut(self.superelevation, start, end),
+            grade=profile.cut(self.grade, start, end),
+        )
 
     @property
     def headings(self) -> FloatArray:
@@ -246,7 +305,7 @@ class Road:
         if motion.rotation == motion.dx == motion.dy == 0.0:
             return self
         pose = Pose(*motion.moved(*self.pose[:2]), self.pose.heading + motion.rotation)
-        return type(self)(self.curvatures, self.step, pose, lane_width=self.lane_width)
+        return replace(self, pose=pose)
 
     def placed(
         self, map_size: float = MAP_SIZE, margin: float = MARGIN
@@ -273,7 +332,12 @@ class Road:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # What it was made of; everything else follows from it.
-        made = partial(Road, lane_width=self.lane_width)
+        made = partial(
+            Road,
+            lane_width=self.lane_width,
+            superelevation=self.superelevation,
+            grade=self.grade,
+        )
         return made, (self.curvatures, self.step, tuple(self.pose))
 
     def check_validity(self, map_size: float = MAP_SIZE) -> Verdict:

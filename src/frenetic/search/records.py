@@ -14,7 +14,7 @@ from frenetic.outcome import Outcome
 
 if TYPE_CHECKING:
     from frenetic.errors import Fault
-    from frenetic.road import Road
+    from frenetic.road import Pose, Road
 
 
 @dataclass(frozen=True)
@@ -64,11 +64,34 @@ class Candidate:
     """Test whose road it is; None if the strategy made it."""
     notes: Mapping[str, Any] = field(default_factory=dict)
     """What the strategy says of it, as JSON; stored, and read by nobody else."""
+    superelevation: FloatArray | None = None
+    """Profile of the road, (k, 2), see `frenetic.road.Road`; None for a level road, or for that of
+    the campaign's road class."""
+    grade: FloatArray | None = None
+    """Likewise, (k, 2); None for a road that neither rises nor falls."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "curvatures", _read_only(self.curvatures))
-        if self.points is not None:
-            object.__setattr__(self, "points", _read_only(self.points))
+        for name in ("points", "superelevation", "grade"):
+            if (values := getattr(self, name)) is not None:
+                object.__setattr__(self, name, _read_only(values))
+
+    def road(self, lane_width: float, pose: Pose | None = None) -> Road:
+        """The road of its curvatures and profiles, at a pose or at the usual place.
+
+        Raises:
+            RoadError: they make none.
+        """
+        from frenetic.road.road import START, Road  # a strategy's records need no compiled code
+
+        return Road(
+            self.curvatures,
+            self.step,
+            START if pose is None else pose,
+            lane_width=lane_width,
+            superelevation=() if self.superelevation is None else self.superelevation,
+            grade=() if self.grade is None else self.grade,
+        )
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Made anew, so that the values are read-only again.

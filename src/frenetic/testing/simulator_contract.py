@@ -218,7 +218,7 @@ class SimulatorContract:
                 simulator.rules = Rules(
                     speed_limit=speed_limit, timeout_base=0.5, timeout_speed=1e3
                 )
-                driven = Road(road.curvatures, road.step, road.pose, lane_width=lane_width)
+                driven = replace(road, lane_width=lane_width)
                 drive = self.drive_in(simulator, driven, watch)
                 assert drive.error is None, drive.error
                 setup = watch.setups[-1]

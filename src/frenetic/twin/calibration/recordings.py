@@ -13,7 +13,7 @@ import io
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Final, TypeAlias, TypeVar
 
@@ -453,7 +453,7 @@ def _rules(terms: Terms) -> Rules:
 def _with_width(road: Road, terms: Terms) -> Road:
     if terms.lane_width in (None, road.lane_width):
         return road
-    return Road(road.curvatures, road.step, road.pose, lane_width=terms.lane_width)
+    return replace(road, lane_width=terms.lane_width)
 
 
 def _trajectory(given: Course | list[Moment], where: object) -> tuple[FloatArray, FloatArray]:

@@ -1,0 +1,120 @@
+"""Profiles: what a road has along it beside its curvature, as functions of the distance.
+
+A profile is an (k, 2) array of stations, m along the road and ascending, and the values there. It
+is linear in between and constant beyond them; without stations it is 0 everywhere.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from frenetic._support.arrays import FloatArray
+from frenetic.errors import RoadError
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+NOTHING: Final = np.empty((0, 2))
+"""The profile that is 0 everywhere."""
+NOTHING.setflags(write=False)
+MOST_STATIONS: Final = 10_000
+"""Most stations of a profile."""
+_LAST_STATION: Final = 1e6  # m
+
+
+def checked(profile: npt.ArrayLike, name: str, most: float) -> FloatArray:
+    """A profile as a read-only (k, 2) array; a number stands for one that is constant.
+
+    Args:
+        profile: pairs of m and a value, or a number.
+        name: of it, for messages.
+        most: largest value in either direction.
+
+    Raises:
+        RoadError: it is none, its stations do not ascend, or a value is not finite or too large.
+    """
+    if profile is NOTHING or (isinstance(profile, tuple) and not profile):
+        return NOTHING
+    try:
+        pairs = np.array(profile, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise RoadError(f"{name} is not a list of pairs of numbers") from None
+    if pairs.shape == ():
+        pairs = np.array([[0.0, float(pairs)]])
+    elif pairs.shape == (0,):
+        return NOTHING
+    if pairs.ndim != 2 or pairs.shape[1] != 2:
+        raise RoadError(
+            f"{name} has shape {pairs.shape}: pairs of a station in m and a value there, (k, 2),"
+            " are needed"
+        )
+    if len(pairs) > MOST_STATIONS:
+        raise RoadError(f"{name} has {len(pairs)} stations: at most {MOST_STATIONS} are allowed")
+    stations, values = pairs.T
+    if not (np.abs(stations) <= _LAST_STATION).all() or not (np.diff(stations) > 0.0).all():
+        raise RoadError(f"the stations of {name} are not numbers of metres that ascend")
+    bad = np.flatnonzero(~(np.abs(values) <= most))
+    if len(bad):
+        raise RoadError(
+            f"{name} is {values[bad[0]]:g} at {stations[bad[0]]:g} m: a finite number of at most"
+            f" {most:g} in either direction is needed"
+        )
+    if not values.any():
+        return NOTHING
+    pairs.setflags(write=False)
+    return pairs
+
+
+def value_at(profile: FloatArray, distances: npt.ArrayLike) -> FloatArray:
+    """The values of a profile at ``distances`` (any shape) in m."""
+    places = np.asarray(distances, dtype=np.float64)
+    if not len(profile):
+        return np.zeros_like(places)
+    values: FloatArray = np.interp(places, profile[:, 0], profile[:, 1])
+    return values
+
+
+def integral_at(profile: FloatArray, distances: npt.ArrayLike) -> FloatArray:
+    """The integral of a profile from 0 m to each of ``distances`` (any shape) in m; exact."""
+    places = np.asarray(distances, dtype=np.float64)
+    if not len(profile):
+        return np.zeros_like(places)
+    low = min(float(profile[0, 0]), 0.0, float(places.min(initial=0.0)))
+    high = max(float(profile[-1, 0]), float(places.max(initial=0.0)))
+    knots = np.unique(np.concatenate([[low, 0.0, high], profile[:, 0]]))
+    values = value_at(profile, knots)
+    sums = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(knots) * (values[1:] + values[:-1]))])
+    k = np.clip(np.searchsorted(knots, places, side="right") - 1, 0, len(knots) - 1)
+    part = 0.5 * (places - knots[k]) * (value_at(profile, places) + values[k])
+    found: FloatArray = sums[k] + part - sums[np.searchsorted(knots, 0.0)]
+    return found
+
+
+def cut(profile: FloatArray, start: float, end: float = math.inf) -> FloatArray:
+    """The profile of the piece from ``start`` to ``end`` m, whose stations count from its start."""
+    if not len(profile):
+        return NOTHING
+    stations = profile[:, 0]
+    inner = stations[(stations > start) & (stations < end)]
+    ends = [start] if math.isinf(end) else [start, end]
+    knots = np.unique(np.concatenate([ends, inner]))
+    return thinned(np.column_stack([knots - start, value_at(profile, knots)]))
+
+
+def thinned(profile: FloatArray) -> FloatArray:
+    """The same profile without the stations at which it does not bend."""
+    kept = list(range(min(len(profile), 1)))
+    for i in range(1, len(profile)):
+        last = i == len(profile) - 1
+        if last and profile[i, 1] == profile[kept[-1], 1]:
+            continue  # it is constant beyond its last station anyway
+        if not last:
+            (s0, v0), (s1, v1), (s2, v2) = profile[kept[-1]], profile[i], profile[i + 1]
+            straight = v0 + (v2 - v0) * (s1 - s0) / (s2 - s0)
+            if abs(straight - v1) <= 1e-15:
+                continue
+        kept.append(i)
+    return profile[kept]
