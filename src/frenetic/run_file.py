@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import tomli_w
 from msgspec import Struct, convert, field
@@ -23,8 +23,11 @@ from frenetic._support.bounds import Count, Finite, Index, NotNegative, Positive
 from frenetic._support.files import read_bounded, write_file
 from frenetic._support.words import parse_duration, part_word, read_part
 from frenetic.errors import FreneticError
-from frenetic.spec import Budget, EarlierCampaign, Part, Spec
+from frenetic.spec import COMPETITION, Budget, EarlierCampaign, Part, Spec
 from frenetic.trust import REGISTRIES
+
+if TYPE_CHECKING:
+    from frenetic.road.classes import RoadClass
 
 NAME: Final = "campaign.toml"
 """Name of the file in a campaign's folder."""
@@ -42,6 +45,8 @@ class DriveFile(Struct, forbid_unknown_fields=True, omit_defaults=True, kw_only=
     oob_tolerance: Share | None = None
     wall_limit: Positive | None = None
     """s of wall time that a drive may take; a worker is replaced after 1.5 times that and 10 s."""
+    roads: str | dict[str, Any] | None = None
+    """A road class as on the command line, or its values."""
     map_size: Positive | None = None
     objective: str | None = None
 
@@ -61,6 +66,7 @@ class DriveFile(Struct, forbid_unknown_fields=True, omit_defaults=True, kw_only=
             "oob_tolerance": self.oob_tolerance,
             "wall_limit": self.wall_limit,
             "map_size": self.map_size,
+            "road_class": None if self.roads is None else read_class(self.roads),
         }
         for kind in _PARTS:
             if isinstance(text := getattr(self, kind, None), str):
@@ -68,6 +74,39 @@ class DriveFile(Struct, forbid_unknown_fields=True, omit_defaults=True, kw_only=
                 given |= {kind: name, f"{kind}_options": options}
         spec = Spec(strategy=Part(usual)).replaced(given)
         return spec if self.objective is None else replace(spec, objective=self.objective)
+
+
+def read_class(roads: str | Mapping[str, Any]) -> RoadClass | str:
+    """The road class of a text such as ``rural-80,length=1500``, or of its values.
+
+    Returns:
+        `COMPETITION` for the competition's roads, which have no class.
+
+    Raises:
+        ValueError: the text or the values are wrong.
+        FreneticError: there is no such class.
+    """
+    from frenetic.road.classes import RoadClass  # numba takes its time
+
+    if not isinstance(roads, str):
+        return RoadClass.made(roads)
+    name, options = read_part(roads)
+    if name is None:
+        raise ValueError(f"{roads!r} names no road class, as in rural-80,length=1500")
+    if name == COMPETITION and not options:
+        return COMPETITION
+    return RoadClass.of(name, options)
+
+
+def class_entry(road_class: RoadClass | None) -> str | dict[str, Any] | None:
+    """The entry of a file for a road class: its name if that says all."""
+    from frenetic.road.classes import RoadClass, classes  # numba takes its time
+
+    if road_class is None:
+        return None
+    name = road_class.name
+    is_known = name in classes() and RoadClass.of(name) == road_class
+    return name if is_known else road_class.as_json()
 
 
 class RunFile(DriveFile, kw_only=True):
@@ -188,6 +227,7 @@ def drive_entries(spec: Spec) -> dict[str, Any]:
         "speed_limit": spec.rules.speed_limit,
         "oob_tolerance": spec.rules.oob_tolerance,
         "wall_limit": spec.wall_limit,
+        "roads": class_entry(spec.road_class),
         "map_size": spec.map_size,
         "objective": spec.objective,
     }

@@ -60,6 +60,7 @@ from frenetic.versions import (
 if TYPE_CHECKING:
     from frenetic.drive import CarBody, Rules
     from frenetic.drivers import Driver
+    from frenetic.road.classes import RoadClass
     from frenetic.search import Strategy
     from frenetic.simulators.capabilities import Usual
     from frenetic.simulators.simulator import Simulator
@@ -98,6 +99,8 @@ NUMBERS: Final = (
 """The numbers for driving roads, beside the layers of the driver."""
 
 
+COMPETITION: Final = "competition"
+"""Name of the roads that keep the competition's rules alone, in place of a road class."""
 MAX_WORKERS: Final = 1024
 """Most roads that one computer drives at once; a cluster has as many seats as it has."""
 
@@ -227,6 +230,8 @@ class Spec:
     """Distance that a road's centre line keeps from the map's edge in m."""
     lane_width: float = 4.0
     """m."""
+    road_class: RoadClass | None = None
+    """Class whose rules the roads keep; None for the competition's."""
     seed: Any = None
     """Seed of the strategy; a user's own strategy may take any JSON but objects."""
     lookahead: int | None = None
@@ -255,8 +260,8 @@ class Spec:
 
         Args:
             given: name -> value of an option: of a part such as ``driver``, of its options
-                (``driver_options``, a mapping or pairs), of the ``layers`` (likewise) and of
-                `NUMBERS`. A record's ``command`` is such a mapping, too.
+                (``driver_options``, a mapping or pairs), of the ``layers`` (likewise), of the
+                ``road_class`` and of `NUMBERS`. A record's ``command`` is such a mapping, too.
             others: fields of the spec from elsewhere.
 
         Raises:
@@ -267,6 +272,8 @@ class Spec:
             for kind in _PARTS
             if given.get(kind) is not None and f"{kind}_options" in given
         }
+        others = {**_of_class(given), **others}
+        given = {**_class_rules(given), **given}
         values: dict[str, Any] = {"rules": _with_rules(_usual_rules(), given), **parts}
         values |= {name: given[name] for name in ("map_size", "wall_limit") if name in given}
         return cls(layers=_layers(given), **(values | others))
@@ -285,6 +292,7 @@ class Spec:
             FreneticError: a rule is out of range, or another simulator cannot be loaded.
         """
         asked = {k: v for k, v in given.items() if v is not None and v != ()}
+        asked = {**_class_rules(asked), **asked}
         strategy, driver, simulator = (
             getattr(self, kind).replaced(asked.get(kind), dict(asked.get(f"{kind}_options", ())))
             for kind in _PARTS
@@ -305,6 +313,7 @@ class Spec:
             rules=_with_rules(self.rules, asked),
             wall_limit=limit,
             map_size=asked.get("map_size", self.map_size),
+            **_of_class(asked),
         )
 
     # From and to JSON
@@ -406,7 +415,8 @@ class Spec:
             asked["driver"] = None
         spec = self
         if not has_roads:
-            spec = replace(self, map_size=other.map_size, lane_width=other.lane_width)
+            terms = ("map_size", "lane_width", "road_class")
+            spec = replace(self, **{name: getattr(other, name) for name in terms})
         spec = replace(spec, layers={}, driver=replace(spec.driver, made={}))
         command = other.command() or {}
         driven = {name: command[name] for name in drive_options() if name in command}
@@ -477,7 +487,12 @@ class Spec:
         Raises:
             FreneticError: it cannot be made.
         """
-        available = {"seed": self.seed, "map_size": self.map_size, "spec": self}
+        available = {
+            "seed": self.seed,
+            "map_size": self.map_size,
+            "road_class": self.road_class,
+            "spec": self,
+        }
         strategy: Strategy = _made(STRATEGIES, self.strategy, available)
         return strategy
 
@@ -588,7 +603,7 @@ def drive_record(config: Mapping[str, Any]) -> dict[str, JSONValue] | None:
     command = config.get("command")
     if not isinstance(command, Mapping):
         return None
-    known = {**command, "map_size": config.get("map_size")}
+    known = {**command, **{name: config.get(name) for name in ("map_size", "road_class")}}
     return {name: known[name] for name in drive_options() if name in known}
 
 
@@ -613,7 +628,25 @@ def _usual_of_class(factory: Callable[..., Any]) -> Usual:
 def drive_options() -> list[str]:
     """Names of the options that say how roads are driven, as `Spec.from_options` takes them."""
     parts = ("driver", "driver_options", "simulator", "simulator_options")
-    return [*parts, "layers", "wall_limit", *(number.name for number in NUMBERS)]
+    return [*parts, "layers", "wall_limit", "road_class", *(number.name for number in NUMBERS)]
+
+
+def _of_class(given: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of a spec that follow from a ``road_class`` among given options."""
+    road_class = given.get("road_class")
+    if road_class is None:
+        return {}
+    if road_class == COMPETITION:
+        return {"road_class": None}
+    return {"road_class": road_class, "lane_width": road_class.lane_width}
+
+
+def _class_rules(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Those of `NUMBERS` that follow from it unless they are given, too."""
+    road_class = given.get("road_class")
+    if road_class in (None, COMPETITION):
+        return {}
+    return {name: getattr(road_class, name) for name in ("speed_limit", "map_size")}
 
 
 def _layers(given: Mapping[str, Any]) -> dict[str, float]:
@@ -924,15 +957,18 @@ def _command_type(*needed: str) -> Any:
 
 def _driven_type() -> Any:
     """The type of a `drive_record`."""
+    from frenetic.road.classes import RoadClass  # numba takes its time
+
     named = [("driver", str), ("simulator", str), ("map_size", Positive)]
     limits = [("speed_limit", Positive), ("oob_tolerance", Share), ("wall_limit", Positive)]
-    entries: list[Any] = [*named, *limits, *_driving()]
+    entries: list[Any] = [*named, *limits, *_driving(), ("road_class", RoadClass | None, None)]
     return defstruct("Driven", entries, kw_only=True, forbid_unknown_fields=True)
 
 
 def _record_type() -> Any:
     """The type of a campaign's record, which may have other entries, too."""
     from frenetic.drive import CarBody, Rules  # numba takes its time
+    from frenetic.road.classes import RoadClass  # likewise
 
     entries: list[Any] = [
         ("seed", int | float | str | bool | None),
@@ -945,6 +981,7 @@ def _record_type() -> Any:
         ("map_size", Positive),
         ("margin", NotNegative),
         ("lane_width", Positive),
+        ("road_class", RoadClass | None, None),
         ("workers", Count, 1),
         ("cluster", str | None, None),
         ("lookahead", Count | None, None),

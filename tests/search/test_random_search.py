@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from frenetic._support.arrays import FloatArray
-from frenetic.road import Road
+from frenetic.road import MARGIN, Road
 from frenetic.search import RandomSearch
 from frenetic.search.random_search import RandomRoads
 
@@ -37,9 +37,9 @@ def test_roads_are_valid_on_the_map_by_default() -> None:
         search, plain = RandomSearch(seed=2), RandomSearch(seed=2, max_redraws=0)
         if margin is not None:
             search.keep_margin(margin)
-        more = {} if margin is None else {"margin": margin}
+        kept = MARGIN if margin is None else margin
         valid = [
-            [Road(one.ask().curvatures, 10.0).placed(200.0, **more)[1].valid for _ in range(30)]
+            [Road(one.ask().curvatures, 10.0).placed(200.0, kept)[1].valid for _ in range(30)]
             for one in (search, plain)
         ]
         assert sum(valid[0]) >= 29 > sum(valid[1])

@@ -176,7 +176,7 @@ def campaign_tester(store: CampaignStore, simulator: Simulator, driver: Driver) 
     setting = store.setting
     for note in version_notes(store.config, simulator=simulator, driver=driver):
         logger.warning("%s", note)
-    return RoadTester(simulator, driver, setting.map_size, setting.margin, setting.lane_width)
+    return RoadTester.on(setting, simulator, driver)
 
 
 def rerun(

@@ -198,7 +198,7 @@ def drive(
     with CampaignStore.open(plan.old) as store:
         setting = store.setting
     # Not `campaign_tester`, which warns of another version than the campaign's.
-    tester = RoadTester(simulator, driver, setting.map_size, setting.margin, setting.lane_width)
+    tester = RoadTester.on(setting, simulator, driver)
     missing, is_interrupted = plan.drives, False
     if old is None:
         key = hashlib.sha256(comparison_key(*described).encode()).hexdigest()[:SHORT]
@@ -237,14 +237,14 @@ def _drive_fresh(plan: Plan, tester: RoadTester, folder: Path, spec: Spec | None
         return done
     budget = Budget(simulations=plan.fresh)
     campaign = Campaign(
-        strategy=RandomSearch(seed=plan.seed, map_size=tester.map_size),
+        strategy=RandomSearch(
+            seed=plan.seed, map_size=tester.map_size, road_class=tester.road_class
+        ),
         simulator=tester.simulator,
         driver=tester.driver,
         budget=budget,
         folder=folder,
-        map_size=tester.map_size,
-        margin=tester.margin,
-        lane_width=tester.lane_width,
+        **tester.terms,
         workers=how["workers"],
         drive_limit=how["drive_limit"],
         ordered=True,

@@ -45,6 +45,7 @@ from frenetic.drivers.driver import Driver
 from frenetic.errors import CampaignError, FreneticError, reason_of, traceback_of
 from frenetic.registry import options_of
 from frenetic.road import MAP_SIZE, MARGIN
+from frenetic.road.classes import RoadClass
 from frenetic.run_file import next_command, write_run_file
 from frenetic.search.records import Candidate
 from frenetic.search.strategy import Strategy, has_own
@@ -124,8 +125,9 @@ class Campaign(Shown):
             how many simulations to make.
         folder: for results, made if need be; a new one under ``campaigns/`` by default.
         map_size: m, side of the square map into which roads are fitted; by default the strategy's.
+        road_class: class whose rules roads keep; by default the strategy's.
         margin: m that a road's centre line keeps from the map's edge.
-        lane_width: m, of each of the two lanes.
+        lane_width: m, of each of the two lanes; by default the road class's, or 4.
         workers: number of roads driven at once. 1 drives them in this process, which does not
             survive a driver that kills or hangs it, closes its files or leaves its folder; an
             `IsolatedSimulator` does. More are processes on this machine, into which driver and
@@ -161,7 +163,8 @@ class Campaign(Shown):
         folder: Path | str | None = None,
         map_size: float | None = None,
         margin: float = MARGIN,
-        lane_width: float = 4.0,
+        lane_width: float | None = None,
+        road_class: RoadClass | None = None,
         workers: int = 1,
         cluster: str | None = None,
         ordered: bool = False,
@@ -205,7 +208,12 @@ class Campaign(Shown):
         self.strategy = strategy
         self.start_from = tuple(EarlierCampaign(str(folder)) for folder in start_from)
         """Earlier campaigns that it starts from, read when it runs."""
-        self.tester = RoadTester(simulator, driver, map_size, margin, lane_width)
+        road_class = road_class or strategy.road_class
+        if strategy.road_class not in (None, road_class):
+            raise ValueError("the strategy was made for another road_class: they have to agree")
+        if lane_width is None:
+            lane_width = 4.0 if road_class is None else road_class.lane_width
+        self.tester = RoadTester(simulator, driver, map_size, margin, lane_width, road_class)
         self.objective = Objective.load(objective)
         self.budget = budget
         self.workers = workers
@@ -270,6 +278,7 @@ class Campaign(Shown):
             map_size=spec.map_size,
             margin=spec.margin,
             lane_width=spec.lane_width,
+            road_class=spec.road_class,
             workers=workers,
             cluster=cluster,
             ordered=spec.lookahead is not None,
@@ -298,9 +307,7 @@ class Campaign(Shown):
             rules=simulator.rules,
             car=simulator.car,
             budget=self.budget,
-            map_size=self.tester.map_size,
-            margin=self.tester.margin,
-            lane_width=self.tester.lane_width,
+            **self.tester.terms,
             workers=self.workers,
             cluster=self.cluster,
             lookahead=self.lookahead,
@@ -501,7 +508,15 @@ class Campaign(Shown):
             CampaignError: it was not.
         """
         ours = json.loads(json.dumps(configuration, default=plain))
-        for name in ("rules", "map_size", "margin", "lane_width", "lookahead", "objective"):
+        for name in (
+            "rules",
+            "map_size",
+            "margin",
+            "lane_width",
+            "road_class",
+            "lookahead",
+            "objective",
+        ):
             theirs = store.config.get(name, MOOBD if name == "objective" else None)
             if ours[name] != theirs:
                 raise CampaignError(

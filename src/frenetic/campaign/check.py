@@ -244,7 +244,8 @@ def _refused_otherwise(test: Test, setting: Setting) -> str:
         if candidate.points is not None:
             verdict = check_validity(candidate.points, setting.map_size)
         else:
-            _, verdict = candidate.road(setting.lane_width).placed(setting.map_size, setting.margin)
+            road = candidate.road(setting.lane_width, road_class=setting.road_class)
+            _, verdict = road.placed(setting.map_size, setting.margin, setting.road_class)
     except RoadError:
         return ""
     return "it is stored as INVALID, but its road is valid" if verdict.valid else ""

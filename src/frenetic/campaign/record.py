@@ -25,6 +25,7 @@ from frenetic.errors import CampaignError, Fault
 from frenetic.oracle import Finding, Result, broken
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
+from frenetic.road.classes import RoadClass
 from frenetic.search.records import Candidate
 
 
@@ -122,6 +123,8 @@ class Setting:
     """m."""
     rules: Rules
     car: CarBody
+    road_class: RoadClass | None = None
+    """Class whose rules its roads keep; None for the competition's."""
 
     @classmethod
     def of(cls, config: Mapping[str, Any]) -> Self:
@@ -199,7 +202,8 @@ class Test(Shown):
         Raises:
             CampaignError: the campaign does not record the width of its lanes.
         """
-        return self.candidate.road(self._setting.lane_width, self.attempt.pose)
+        setting = self._setting
+        return self.candidate.road(setting.lane_width, self.attempt.pose, setting.road_class)
 
     @cached_property
     def drive(self) -> Drive | None:

@@ -6,26 +6,28 @@ import logging
 import time
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any, Self
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.child_processes import one_process
 from frenetic._support.scalars import take_numpy_scalars
-from frenetic.campaign.record import Attempt
+from frenetic.campaign.record import Attempt, Setting
 from frenetic.drive import Drive, Trajectory
 from frenetic.drivers.driver import Driver
 from frenetic.errors import Fault, RoadError
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.road import MAP_SIZE, MARGIN, Pose, Road, Verdict, check_validity
+from frenetic.road.classes import RoadClass
 from frenetic.road.road import MAX_COORDINATE, checked_lane_width
 from frenetic.search.records import Candidate
 from frenetic.simulators.capabilities import check_pair
 from frenetic.simulators.isolated import BrokenDriveError, raised
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import check_conditions, in_conditions
-from frenetic.spec import is_number, shown
+from frenetic.spec import Spec, is_number, shown
 
 logger = logging.getLogger(__name__)
 
@@ -48,6 +50,21 @@ class RoadTester:
     """Distance that a road's centre line keeps from the map's edge, in m."""
     lane_width: float = 4.0
     """Width of each lane, in m."""
+    road_class: RoadClass | None = None
+    """Class whose rules valid roads keep; None for the competition's."""
+
+    @classmethod
+    def on(cls, terms: Setting | Spec, simulator: Simulator, driver: Driver) -> Self:
+        """The tester on given terms; raises as the class does."""
+        return cls(
+            simulator, driver, terms.map_size, terms.margin, terms.lane_width, terms.road_class
+        )
+
+    @property
+    def terms(self) -> dict[str, Any]:
+        """Its terms, as `frenetic.Campaign` takes them."""
+        names = ("map_size", "margin", "lane_width", "road_class")
+        return {name: getattr(self, name) for name in names}
 
     def __post_init__(self) -> None:
         for name in ("map_size", "margin", "lane_width"):
@@ -109,7 +126,8 @@ class RoadTester:
             (None, invalid) if the curvatures make no road or no pose fits.
         """
         try:
-            return candidate.road(self.lane_width).placed(self.map_size, self.margin)
+            road = candidate.road(self.lane_width, road_class=self.road_class)
+            return road.placed(self.map_size, self.margin, self.road_class)
         except RoadError as error:
             return None, Verdict(False, str(error))
 

@@ -40,8 +40,12 @@ def recorded_spec(store: CampaignStore, given: Mapping[str, Any], *, checked: bo
     from frenetic.campaign.campaign import STARTED_IN
     from frenetic.campaign.database import DATABASE
 
-    if given.get("map_size") is not None:
-        raise click.UsageError("--map-size is for a ROAD file: a campaign has its own map")
+    for name, option, its in (
+        ("map_size", "--map-size", "map"),
+        ("road_class", "--roads", "road class"),
+    ):
+        if given.get(name) is not None:
+            raise click.UsageError(f"{option} is for a ROAD file: a campaign has its own {its}")
     recorded = Spec.from_json(store.config, source=store.folder / DATABASE)
     spec = with_given(recorded, given)
     if checked:

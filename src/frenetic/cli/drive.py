@@ -21,7 +21,7 @@ from frenetic.cli.options import (
     lane_option,
     source_arguments,
 )
-from frenetic.cli.parts import given_options, recorded_options
+from frenetic.cli.parts import given_options, recorded_options, roads_option
 
 if TYPE_CHECKING:
     from frenetic.campaign import Test
@@ -48,6 +48,7 @@ class Asked:
 
 @click.command()
 @source_arguments
+@roads_option
 @recorded_options
 @click.option("--dry", is_flag=True, help="Say whether the road is valid; do not drive it.")
 @file_option(
@@ -139,7 +140,7 @@ def _of_campaign(
         tests = [store.test(number) for number in dict.fromkeys(test_ids)]
     roads = []
     for test in tests:
-        fitted, verdict = test.road.placed(spec.map_size, spec.margin)
+        fitted, verdict = test.road.placed(spec.map_size, spec.margin, spec.road_class)
         roads.append(Asked(f"{folder} {test.id}", fitted or test.road, verdict, test))
     return spec, roads
 
@@ -151,7 +152,7 @@ def _of_file(context: click.Context, path: Path, lane: int | None) -> tuple[Spec
     file = read_road(path, lane=lane)
     spec, loaded = file_spec(context, file), file.road()
     check_map_size(spec.map_size)
-    fitted, verdict = loaded.placed(spec.map_size)
+    fitted, verdict = loaded.placed(spec.map_size, road_class=spec.road_class)
     recorded = file.entries.get("driver")
     return spec, [Asked(str(path), fitted or loaded, verdict, recorded=recorded)]
 
@@ -161,9 +162,9 @@ def _verdict_on(context: click.Context, path: Path, lane: int | None) -> Verdict
     from frenetic.road.files import read_road
 
     file = read_road(path, lane=lane)
-    map_size = file_spec(context, file, checked=False).map_size
-    check_map_size(map_size)
-    return file.check_validity(map_size)
+    spec = file_spec(context, file, checked=False)
+    check_map_size(spec.map_size)
+    return file.check_validity(spec.map_size, spec.road_class)
 
 
 def _driven(

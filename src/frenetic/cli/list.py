@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
@@ -13,6 +13,24 @@ from frenetic.cli.options import json_option
 from frenetic.quantities import quantities
 from frenetic.registry import DRIVERS, OBJECTIVES, SIMULATORS, STRATEGIES
 
+if TYPE_CHECKING:
+    from frenetic.road.classes import RoadClass
+
+UNITS: Final = {
+    "design_speed": "km/h",
+    "speed_limit": "km/h",
+    "lane_width": "m",
+    "length": "m",
+    "min_radius": "m",
+    "max_superelevation": "%",
+    "min_clothoid": "m",
+    "min_arc": "m",
+    "min_straight": "m",
+    "max_grade": "%",
+    "min_crest": "m",
+    "min_sag": "m",
+}
+"""Rule of a road class -> its unit."""
 _REGISTRIES: Final = {
     "drivers": DRIVERS,
     "strategies": STRATEGIES,
@@ -21,15 +39,19 @@ _REGISTRIES: Final = {
 }
 
 
+_KINDS: Final = [*_REGISTRIES, "quantities", "roads"]
+
+
 @click.command("list")
-@click.argument("kind", type=click.Choice([*_REGISTRIES, "quantities"]), required=False)
+@click.argument("kind", type=click.Choice(_KINDS), required=False)
 @json_option
 def list_parts(kind: str | None, as_json: bool) -> None:
-    """List drivers, strategies, simulators, objectives and quantities: those of a KIND, or all.
+    """List drivers, strategies, simulators, objectives, quantities, roads: those of a KIND, or all.
 
-    Quantities are for --with and 'frenetic rerun --vary'. Packages add to all of them.
+    Quantities are for --with and 'frenetic rerun --vary', roads for --roads. Packages add to all
+    but the roads; a class of your own is a TOML file.
     """
-    kinds = [*_REGISTRIES, "quantities"] if kind is None else [kind]
+    kinds = _KINDS if kind is None else [kind]
     if as_json:
         documents = {kind: _documents(kind) for kind in kinds}
         click.echo(json.dumps(documents if kind is None else documents[kind]))
@@ -41,6 +63,8 @@ def list_parts(kind: str | None, as_json: bool) -> None:
 
 
 def _documents(kind: str) -> list[dict[str, Any]]:
+    if kind == "roads":
+        return [one.as_json() for one in _classes()]
     if kind != "quantities":
         registry = _REGISTRIES[kind]
         return [{**asdict(one), "summary": registry.about(one)} for one in registry.entries()]
@@ -56,7 +80,34 @@ def _documents(kind: str) -> list[dict[str, Any]]:
     ]
 
 
+def _classes() -> list[RoadClass]:
+    from frenetic.road.classes import RoadClass, classes  # numba takes its time
+
+    return [RoadClass.of(name) for name in classes()]
+
+
+def _print_classes(title: str | None) -> None:
+    """The classes side by side, a rule in each row."""
+    found = _classes()
+    rows = [
+        (
+            rule.replace("_", " "),
+            *(f"{getattr(one, rule) * (100.0 if unit == '%' else 1.0):g}" for one in found),
+            unit,
+        )
+        for rule, unit in UNITS.items()
+    ]
+    print_table(("rule", *(one.name for one in found), ""), rows, title=title)
+    click.echo(
+        "Where each comes from: frenetic list roads --json. Without --roads, the competition's own"
+        " rules count alone."
+    )
+
+
 def _print(kind: str, title: str | None) -> None:
+    if kind == "roads":
+        _print_classes(title)
+        return
     if kind == "quantities":
         print_table(
             ("name", "allowed", "usual", "what it is"),

@@ -128,7 +128,7 @@ def minimise(
             tester = campaign_tester(store, simulator, driver)
     else:
         with as_usage_error():
-            tester = RoadTester(simulator, driver, spec.map_size, spec.margin, spec.lane_width)
+            tester = RoadTester.on(spec, simulator, driver)
     for work in works:  # before hours are spent on what cannot be written
         work.files.prepare()
 

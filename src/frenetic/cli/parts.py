@@ -13,6 +13,7 @@ from click.shell_completion import CompletionItem
 
 from frenetic._support.words import read_part
 from frenetic.cli.options import Decorator, with_options
+from frenetic.errors import FreneticError
 from frenetic.quantities import quantity
 from frenetic.registry import SIMULATORS
 from frenetic.spec import NUMBERS, Part, Spec, drive_options, usual_of
@@ -127,6 +128,28 @@ class Amount(click.ParamType):  # type: ignore[type-arg]  # generic in click's n
             self.fail(str(error), param, ctx)
 
 
+class Roads(click.ParamType):  # type: ignore[type-arg]  # generic in click's newest only
+    """A road class with options of its own."""
+
+    name = "class"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The class; the competition's name for its own roads."""
+        from frenetic.run_file import read_class  # too slow for help
+
+        try:
+            return read_class(value)
+        except (ValueError, FreneticError) as error:
+            self.fail(str(error), param, ctx)
+
+
+roads_option: Final = click.option(
+    "--roads",
+    "road_class",
+    type=Roads(),
+    help="Roads that may exist: rural-80, say, or FILE.toml ('frenetic list roads')."
+    " [default: competition]",
+)
 _with_option: Final = click.option(
     "--with",
     "layers",
@@ -227,7 +250,12 @@ def asked_spec(context: click.Context, **usual: Any) -> Spec:
     Raises:
         FreneticError: the file cannot be read, or an option is out of range.
     """
-    spec, given = Spec.from_options({**context.params, **usual}), given_options(context)
+    params = {**context.params, **usual}
+    if params.get("road_class") is not None:  # which says these, unless they are given
+        for name in ("map_size", "speed_limit"):
+            if not was_given(context, name):
+                params.pop(name)
+    spec, given = Spec.from_options(params), given_options(context)
     return with_given(spec, given, has_roads=False) if AS in given else spec
 
 

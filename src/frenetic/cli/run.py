@@ -22,6 +22,7 @@ from frenetic.cli.parts import (
     driver_options,
     given_options,
     part_choice,
+    roads_option,
     was_given,
     with_given,
 )
@@ -37,6 +38,7 @@ DEFAULT_SIMULATIONS: Final = 1000
 @click.option("--time", type=Duration(), help="Stop after this time: 90s, 10m, 1h30m.")
 @click.option("--failures", type=int, metavar="N", help="Stop after N failures.")
 @part_choice("strategy", "How to search ('frenetic list strategies').", "frenetic")
+@roads_option
 @driver_options
 @workers_option
 @objective_option

@@ -13,6 +13,7 @@ from msgspec import Struct, ValidationError, convert
 
 from frenetic._support.files import require_list
 from frenetic.errors import RoadError
+from frenetic.road.classes import RoadClass
 from frenetic.road.opendrive import from_opendrive
 from frenetic.road.road import START, Road
 from frenetic.road.validity import MAP_SIZE, Verdict, check_validity
@@ -80,14 +81,20 @@ class RoadFile:
         except RoadError as error:
             raise RoadError(f"{self.path}: {error}") from None
 
-    def check_validity(self, map_size: float = MAP_SIZE) -> Verdict:
-        """The competition's verdict on points in place, or on curvatures fitted to the map.
+    def check_validity(
+        self, map_size: float = MAP_SIZE, road_class: RoadClass | None = None
+    ) -> Verdict:
+        """The verdict on points in place, or on curvatures fitted to the map.
+
+        It is the competition's, or that of a road class.
 
         Raises:
             RoadError: the values describe no road; the message names the file.
         """
         if self.given.curvatures is not None:
-            return self.road().placed(map_size)[1]
+            return self.road().placed(map_size, road_class=road_class)[1]
+        if road_class is not None:
+            return self.road().check_validity(map_size, road_class)
         try:
             return check_validity(self._points(), map_size)
         except RoadError as error:

@@ -14,10 +14,12 @@ from frenetic.errors import RoadError
 from frenetic.road import geometry, profile
 from frenetic.road.fitting import MARGIN, fit_to_map
 from frenetic.road.recovery import curvature_from_points
-from frenetic.road.validity import MAP_SIZE, Verdict, as_points, check_validity
+from frenetic.road.validity import MAP_SIZE, Verdict, as_points, check_layout, check_validity
 
 if TYPE_CHECKING:
     import numpy.typing as npt
+
+    from frenetic.road.classes import RoadClass
 
 
 BEHAVIOUR = 1
@@ -308,9 +310,17 @@ class Road:
         return replace(self, pose=pose)
 
     def placed(
-        self, map_size: float = MAP_SIZE, margin: float = MARGIN
+        self,
+        map_size: float = MAP_SIZE,
+        margin: float = MARGIN,
+        road_class: RoadClass | None = None,
     ) -> tuple[Road | None, Verdict]:
         """This road fitted into the map, and the verdict on it there.
+
+        Args:
+            map_size: m, side of the map.
+            margin: m that the centre line keeps from the map's edge.
+            road_class: its rules count in place of the competition's.
 
         Returns:
             (None, invalid) if no pose fits; otherwise the road there, valid or not.
@@ -320,7 +330,7 @@ class Road:
             return None, Verdict(
                 False, f"The road does not fit the map of {map_size:g} m in any direction"
             )
-        return fitted, fitted.check_validity(map_size)
+        return fitted, fitted.check_validity(map_size, road_class)
 
     def __repr__(self) -> str:
         """The road at a glance."""
@@ -340,9 +350,14 @@ class Road:
         )
         return made, (self.curvatures, self.step, tuple(self.pose))
 
-    def check_validity(self, map_size: float = MAP_SIZE) -> Verdict:
-        """The competition's verdict on this road where it lies, from its `road_points`."""
-        return check_validity(self.road_points, map_size)
+    def check_validity(
+        self, map_size: float = MAP_SIZE, road_class: RoadClass | None = None
+    ) -> Verdict:
+        """The verdict on this road where it lies: the competition's, or that of a road class."""
+        if road_class is None:
+            return check_validity(self.road_points, map_size)
+        verdict = road_class.verdict(self)
+        return verdict and check_layout(self.road_points, map_size)
 
 
 def checked_lane_width(value: float) -> float:

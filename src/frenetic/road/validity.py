@@ -119,6 +119,16 @@ def check_validity(points: npt.ArrayLike, map_size: float = MAP_SIZE) -> Verdict
     return _VERDICTS[_check(as_points(points), float(map_size))]
 
 
+def check_layout(points: npt.ArrayLike, map_size: float) -> Verdict:
+    """The verdict whether a road lies in the map and keeps clear of itself; no other rule counts.
+
+    Args:
+        points: (N, 2) the road's centre line in m, dense enough to stand for the curve.
+        map_size: The map is the square [0, map_size]^2, in m.
+    """
+    return _VERDICTS[_check_layout(as_points(points), float(map_size))]
+
+
 def interpolate(points: npt.ArrayLike) -> FloatArray:
     """Return the nodes, (M, 2) in m, from which the competition builds the road.
 
@@ -229,15 +239,24 @@ def _check(points: FloatArray, map_size: float) -> int:
         return _OUTSIDE
 
     nodes = _nodes(points, parameters, length)
+    layout = _check_layout(nodes, map_size)
+    if layout != _VALID:
+        return layout
+    if _length(nodes) <= _MIN_LENGTH:
+        return _TOO_SHORT
+    if _min_radius(nodes) * _FEET_PER_METRE < _MIN_RADIUS:
+        return _TOO_SHARP
+    return _VALID
+
+
+@njit()
+def _check_layout(nodes: FloatArray, map_size: float) -> int:
+    """Return the code of what is wrong with the place of a road of these nodes, or _VALID."""
     left, right, moves = _edges(nodes)
     if not (_inside(nodes, map_size) and _inside(left, map_size) and _inside(right, map_size)):
         return _OUTSIDE
     if not moves or _overlaps_itself(left, right):
         return _SELF_INTERSECTING
-    if _length(nodes) <= _MIN_LENGTH:
-        return _TOO_SHORT
-    if _min_radius(nodes) * _FEET_PER_METRE < _MIN_RADIUS:
-        return _TOO_SHARP
     return _VALID
 
 

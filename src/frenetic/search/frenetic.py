@@ -5,31 +5,34 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.errors import Fault
 from frenetic.outcome import Outcome
-from frenetic.road import MAP_SIZE
 from frenetic.search.approach import SIZE, lower_squares
 from frenetic.search.archive import LEFT, RIGHT, Archive, places_of
-from frenetic.search.operators import CURVATURE_BOUND, MAX_CHANGE, MIN_VALUES
+from frenetic.search.operators import MIN_VALUES
 from frenetic.search.random_search import (
     EARLIER,
     LENGTH_JITTER,
     MAX_LENGTH,
     RANDOM,
-    STEP,
     MapCheck,
     RandomRoads,
     RoadCheck,
+    size_and_step,
+    usual_length,
 )
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.speed_model import SpeedModel
 from frenetic.search.strategy import Ledger, Strategy, options_of, require, require_whole
 from frenetic.search.variation import MIRROR, OF_FAILURES, OPERATORS, PARAMETERS, SPLICE, draw_child
+
+if TYPE_CHECKING:
+    from frenetic.road.classes import RoadClass
 
 _ROAD_PER_MAP = 1.45  # m of road for each m of the map's side
 _MORE_VALUES = 6  # than the longest random road has
@@ -47,11 +50,11 @@ _NOTHING_NEW, _NEW = 1.0, 2.0  # [m] of difference from the known failures
 _POWER = 2.5  # of an operator's success
 _TRIED = 2.0  # earlier roads that count as driven, with a new failure each, before the first is
 _LEAST_SHARE = 0.5  # of earlier roads among the first ones
+_NEW_GRADE = 0.25  # share of children with a grade of their own, in a road class
 _RANDOM_SHARE = 0.05  # of random roads after the first ones
 _SAME = 1.6  # [m] least difference that a child is expected to have from the known failures
 _REDRAWS = 36  # of a road or child that is refused
 _PARENTS = 8  # that are tried before a random road is proposed
-_LIMITS = np.array([CURVATURE_BOUND, MAX_CHANGE])
 
 
 class Frenetic(Strategy):
@@ -100,6 +103,8 @@ class Frenetic(Strategy):
         max_length: Largest usual number of values of a road; it has up to five more or fewer.
         is_valid: Refuses roads that are not worth a test; by default those that do not fit the map
             or that the competition calls invalid.
+        road_class: Class of the roads, see `Strategy.road_class`; it takes the place of step and
+            lengths.
 
     Raises:
         ValueError: An option is out of range; the message says which and what is allowed.
@@ -113,18 +118,21 @@ class Frenetic(Strategy):
         self,
         *,
         seed: int,
-        map_size: float = MAP_SIZE,
+        map_size: float | None = None,
         random_budget: float = 0.2,
         random_roads: int = 30,
         threshold: float | None = None,
         use_archive: bool = True,
         learn_shares: bool = True,
         predict_speeds: bool = True,
-        step: float = STEP,
+        step: float | None = None,
         max_length: int = MAX_LENGTH,
         is_valid: RoadCheck | None = None,
+        road_class: RoadClass | None = None,
     ) -> None:
+        map_size, step = size_and_step(map_size, step, road_class)
         self.options = options_of(locals())
+        self.road_class = road_class
         require(0 <= random_budget <= 1, "random_budget", random_budget, "between 0 and 1")
         require(0 < map_size < math.inf, "map_size", map_size, "positive (m)")
         require(0 < step < math.inf, "step", step, "positive (m)")
@@ -139,13 +147,16 @@ class Frenetic(Strategy):
         self._learn_shares = learn_shares
         longest = require_whole("max_length", max_length, MIN_VALUES)
         self._usual_length = max(min(int(_ROAD_PER_MAP * map_size / step), longest), MIN_VALUES)
-        self._is_valid = MapCheck(map_size, is_valid)
+        if road_class is not None:
+            self._usual_length = usual_length(road_class)
+        self._is_valid = MapCheck(map_size, is_valid, road_class)
         self._roads = RandomRoads(
             map_size=(self._usual_length + 0.5) * step,
             step=step,
             max_length=self._usual_length,
             is_valid=self._is_valid,
             max_redraws=_REDRAWS,
+            road_class=road_class,
         )
         self._room = np.empty(self._usual_length + LENGTH_JITTER + _MORE_VALUES)
         self._ledger = Ledger()
@@ -296,7 +307,8 @@ class Frenetic(Strategy):
     def _random_road(self) -> Candidate:
         curvatures = self._roads.draw(self._rng)
         self._proposed.add(fingerprint(curvatures))
-        return self._ledger.issue(curvatures, self._roads.step, Origin(RANDOM))
+        grade = self._roads.grade(self._rng, curvatures)
+        return self._ledger.issue(curvatures, self._roads.step, Origin(RANDOM), grade=grade)
 
     def _earlier_road(self) -> Candidate:
         """The best road of earlier campaigns that was not proposed: severe, and unlike others."""
@@ -308,9 +320,11 @@ class Frenetic(Strategy):
         side = int(places["side"][row])
         vectors = self._earlier.vectors
         lower_squares(squares, places["side"], vectors, side, vectors[row])
-        curvatures = self._earlier.candidates[row].curvatures
-        self._proposed.add(fingerprint(curvatures))
-        return self._ledger.issue(curvatures, self._roads.step, Origin(EARLIER))
+        road = self._earlier.candidates[row]
+        self._proposed.add(fingerprint(road.curvatures))
+        return self._ledger.issue(
+            road.curvatures, self._roads.step, Origin(EARLIER), grade=road.grade
+        )
 
     def _choose_pool(self) -> None:
         """Choose the places that may become parents until the next choice."""
@@ -357,13 +371,15 @@ class Frenetic(Strategy):
             sites[k] = int(archive.places["distance"][mates[k]] / mate.step)
         opposite = {LEFT: RIGHT, RIGHT: LEFT}.get(side, side)
         known = archive.failures(side), archive.failures(opposite)
-        if not self._use_archive:
+        # A class's bends look much alike: without a failure, what is out forbids too many.
+        is_idle = self.road_class is not None and not archive.has_failures
+        if not self._use_archive or is_idle:
             known = known[0][:0], known[1][:0]
         model = self._model if self._model is not None and self._model.is_ready else None
         expected = np.empty(SIZE)
         first = 0
         while first < draws:
-            k, n = draw_child(
+            k, n, moved = draw_child(
                 operators[first:],
                 u[first:],
                 parent.curvatures,
@@ -374,7 +390,7 @@ class Frenetic(Strategy):
                 sizes[first:],
                 sites[first:],
                 lengths[first:],
-                _LIMITS,
+                self._roads.limits,
                 *known,
                 _SAME,
                 np.empty(0) if model is None else model.weights,
@@ -387,7 +403,7 @@ class Frenetic(Strategy):
             mark = fingerprint(curvatures)
             if mark not in self._proposed and self._is_valid(curvatures, step):
                 self._proposed.add(mark)
-                child = self._issue(curvatures, row, operator)
+                child = self._issue(curvatures, row, operator, moved * step)
                 archive.expect(child.id, opposite if operator == MIRROR else side, expected)
                 return child
             first += k + 1
@@ -404,10 +420,16 @@ class Frenetic(Strategy):
         shares: FloatArray = sums / sums[-1]
         return shares
 
-    def _issue(self, curvatures: FloatArray, row: int, operator: int) -> Candidate:
+    def _issue(self, curvatures: FloatArray, row: int, operator: int, moved: float) -> Candidate:
+        """A child of a place of the archive that lies ``moved`` m further along it."""
         parent = self._archive.candidates[row]
         origin = Origin(OPERATORS[operator], (parent.id,), parent.origin.generation + 1)
-        child = self._ledger.issue(curvatures, self._roads.step, origin)
+        grade = parent.grade
+        if self.road_class is not None and self._rng.random() < _NEW_GRADE:
+            grade = self._roads.grade(self._rng, curvatures)
+        elif grade is not None and len(grade):
+            grade = np.column_stack([grade[:, 0] + moved, grade[:, 1]])
+        child = self._ledger.issue(curvatures, self._roads.step, origin, grade=grade)
         self._parents[child.id] = row, operator
         self._archive.places["cost"][row] += _USE
         return child

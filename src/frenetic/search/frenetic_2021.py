@@ -7,13 +7,12 @@ import heapq
 import math
 from collections.abc import Iterator
 from functools import partial
-from typing import ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.outcome import Outcome
-from frenetic.road import MAP_SIZE
 from frenetic.search.operators import (
     CURVATURE_BOUND,
     FAIL_OPERATORS,
@@ -21,6 +20,7 @@ from frenetic.search.operators import (
     MAX_CHANGE,
     PASS_OPERATORS,
     MutationOptions,
+    PassOperator,
     mix,
     splice,
 )
@@ -28,12 +28,15 @@ from frenetic.search.random_search import (
     LENGTH_JITTER,
     MAX_LENGTH,
     RANDOM,
-    STEP,
     RandomRoads,
     RoadCheck,
+    size_and_step,
 )
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.strategy import Ledger, Strategy, options_of, require, require_whole
+
+if TYPE_CHECKING:
+    from frenetic.road.classes import RoadClass
 
 _MIX, _SPLICE = "C1", "C2"
 
@@ -104,6 +107,8 @@ class Frenetic2021(Strategy):
             again (for a child: parents and operator, too). F1 .. F4 have nothing to draw: their
             mutants are always proposed. So is the last draw when all were refused.
         max_redraws: How often a refused road is drawn again; by default 0, as in the paper.
+        road_class: Class of the roads, see `Strategy.road_class`; it takes the place of bound,
+            change, step and lengths, and what an operator makes is bent to keep its rules.
 
     Raises:
         ValueError: An option is out of range; the message says which and what is allowed.
@@ -119,14 +124,14 @@ class Frenetic2021(Strategy):
         self,
         *,
         seed: int,
-        map_size: float = MAP_SIZE,
+        map_size: float | None = None,
         random_budget: float = 0.2,
         threshold: float = -0.5,
         cross_freq: int = 40,
         cross_num: int = 20,
         curvature_bound: float = CURVATURE_BOUND,
         max_change: float = MAX_CHANGE,
-        step: float = STEP,
+        step: float | None = None,
         length_jitter: int = LENGTH_JITTER,
         max_length: int = MAX_LENGTH,
         min_changed: int = LISTING_1.min_changed,
@@ -135,8 +140,11 @@ class Frenetic2021(Strategy):
         max_scale: float = LISTING_1.max_scale,
         is_valid: RoadCheck | None = None,
         max_redraws: int = 0,
+        road_class: RoadClass | None = None,
     ) -> None:
+        map_size, step = size_and_step(map_size, step, road_class)
         self.options = options_of(locals())
+        self.road_class = road_class
         require(0 <= random_budget <= 1, "random_budget", random_budget, "between 0 and 1")
         require(math.isfinite(threshold), "threshold", threshold, "a finite number (m)")
         self._rng = np.random.default_rng(require_whole("seed", seed, 0))
@@ -153,11 +161,13 @@ class Frenetic2021(Strategy):
             max_change=max_change,
             is_valid=is_valid,
             max_redraws=max_redraws,
+            road_class=road_class,
         )
         self._max_redraws = max_redraws
+        bound, change = self._roads.limits[:2].tolist()
         self._options = MutationOptions(
-            bound=curvature_bound,
-            max_change=max_change,
+            bound=bound,
+            max_change=change,
             min_changed=min_changed,
             max_changed=max_changed,
             min_scale=min_scale,
@@ -258,12 +268,16 @@ class Frenetic2021(Strategy):
         road = parent.candidate.curvatures
         if parent.outcome is Outcome.FAIL:
             for name, vary in FAIL_OPERATORS.items():
-                yield name, vary(road)
+                yield name, self._roads.kept(vary(road))
             return
         for name, mutate in PASS_OPERATORS.items():
-            mutant = self._roads.redrawn(partial(mutate, self._rng, road, self._options))
+            mutant = self._roads.redrawn(partial(self._mutant, mutate, road))
             if mutant is not None:
                 yield name, mutant
+
+    def _mutant(self, mutate: PassOperator, road: FloatArray) -> FloatArray | None:
+        made = mutate(self._rng, road, self._options)
+        return None if made is None else self._roads.kept(made)
 
     def _crossover(self) -> Iterator[Candidate]:
         self._tests_since_crossover = 0
@@ -297,8 +311,9 @@ class Frenetic2021(Strategy):
         i, j = self._rng.choice(len(pool), size=2, replace=False).tolist()
         first, second = pool[i].candidate.curvatures, pool[j].candidate.curvatures
         if self._rng.random() < 0.5:
-            return _MIX, (pool[i], pool[j]), [mix(self._rng, first, second)]
-        return _SPLICE, (pool[i], pool[j]), list(splice(first, second))
+            return _MIX, (pool[i], pool[j]), [self._roads.kept(mix(self._rng, first, second))]
+        children = [self._roads.kept(child) for child in splice(first, second)]
+        return _SPLICE, (pool[i], pool[j]), children
 
     def _issue(self, curvatures: FloatArray, name: str, *parents: _Scored) -> Candidate:
         origin = Origin(
@@ -308,4 +323,5 @@ class Frenetic2021(Strategy):
                 (parent.candidate.origin.generation + 1 for parent in parents), default=0
             ),
         )
-        return self._ledger.issue(curvatures, self._roads.step, origin)
+        grade = parents[0].candidate.grade if parents else self._roads.grade(self._rng, curvatures)
+        return self._ledger.issue(curvatures, self._roads.step, origin, grade=grade)

@@ -11,6 +11,9 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.errors import RoadError
 from frenetic.road import MAP_SIZE, MARGIN, Road
+from frenetic.road.classes import conform
+from frenetic.road.validity import check_layout
+from frenetic.search.elements import draw_elements, random_grade
 from frenetic.search.operators import CURVATURE_BOUND, MAX_CHANGE, MIN_VALUES, random_curvatures
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.strategy import Ledger, Strategy, options_of, require, require_whole
@@ -18,12 +21,15 @@ from frenetic.search.strategy import Ledger, Strategy, options_of, require, requ
 if TYPE_CHECKING:
     from typing import TypeAlias
 
+    from frenetic.road.classes import RoadClass
+
 STEP = 10.0  # m
 LENGTH_JITTER = 5
 MOST_JITTER = 1000  # that may be asked for
 MAX_LENGTH = 30
 MAX_REDRAWS = 10
 _MOST_REFUSED = 1000  # roads in a row
+_STRAIGHTEST = 10  # values of the longest straight at the start of a class's road
 
 RANDOM = "random"
 """The operator that a random road's origin names."""
@@ -45,17 +51,21 @@ class MapCheck:
     Args:
         map_size: m, side of the square map.
         is_valid: A check of the user's own, which takes the place of all this.
+        road_class: Roads keep its rules already; that they fit the map is left to check.
 
     Raises:
         ValueError: `is_valid` is no function.
 
     """
 
-    def __init__(self, map_size: float, is_valid: RoadCheck | None) -> None:
+    def __init__(
+        self, map_size: float, is_valid: RoadCheck | None, road_class: RoadClass | None = None
+    ) -> None:
         function = is_valid is None or callable(is_valid)
         require(function, "is_valid", is_valid, "a function, which only Python can give")
         self._map_size = map_size
         self._is_valid = is_valid
+        self._road_class = road_class
         self._margin = MARGIN
 
     def keep_margin(self, margin: float) -> None:
@@ -67,17 +77,21 @@ class MapCheck:
         if self._is_valid is not None:
             return self._is_valid(curvatures, step)
         try:
-            _, verdict = Road(curvatures, step).placed(self._map_size, self._margin)
+            road = Road(curvatures, step)
+            if self._road_class is None:
+                return road.placed(self._map_size, self._margin)[1].valid
+            fitted = road.fitted(self._map_size, self._margin)
         except RoadError:
             return False
-        return verdict.valid
+        return fitted is not None and check_layout(fitted.road_points, self._map_size).valid
 
 
 class RandomRoads:
-    """Draws roads as the random phase of Listing 1 does.
+    """Draws roads as the random phase of Listing 1 does, or roads of a road class.
 
     A road has min(map_size // step, max_length) + U{-length_jitter .. length_jitter} values, at
-    least 2, each drawn as `operators.next_curvature` says.
+    least 2, each drawn as `operators.next_curvature` says. In a class it is about as long as the
+    class says, of clothoids and arcs that keep its rules.
 
     The paper sends every road to the simulator and so wastes more than a quarter of its tests on
     invalid ones. Our deviation, which ``max_redraws=0`` turns off: a road that `is_valid` refuses
@@ -93,6 +107,7 @@ class RandomRoads:
         is_valid: Refuses roads that are not worth a test; by default those that do not fit the map
             or that the competition calls invalid.
         max_redraws: How often a refused road is drawn again; 0 is the paper's behaviour.
+        road_class: Takes the place of step, lengths and limits of curvature.
 
     Raises:
         ValueError: An option is out of range; the message says which and what is allowed.
@@ -110,6 +125,7 @@ class RandomRoads:
         max_change: float = MAX_CHANGE,
         is_valid: RoadCheck | None = None,
         max_redraws: int = MAX_REDRAWS,
+        road_class: RoadClass | None = None,
     ) -> None:
         require(0 < map_size < math.inf, "map_size", map_size, "positive (m)")
         require(0 < step < math.inf, "step", step, "positive (m)")
@@ -123,9 +139,14 @@ class RandomRoads:
         self._usual_length = min(
             int(map_size // step), require_whole("max_length", max_length, MIN_VALUES)
         )
-        self._curvature_bound = curvature_bound
-        self._max_change = max_change
-        self._is_valid = MapCheck(map_size, is_valid)
+        self._road_class = road_class
+        self.limits = np.array([curvature_bound, max_change])
+        """Bound and largest change of values, both in 1/m; of a class, its `limits`."""
+        if road_class is not None:
+            self.step = road_class.step
+            self._usual_length = usual_length(road_class)
+            self.limits = road_class.limits(self.step)
+        self._is_valid = MapCheck(map_size, is_valid, road_class)
         self._max_redraws = require_whole("max_redraws", max_redraws, 0)
 
     def keep_margin(self, margin: float) -> None:
@@ -171,14 +192,50 @@ class RandomRoads:
         """Return whether a road of these curvatures, (N,) 1/m, is worth a test."""
         return self._max_redraws == 0 or self._is_valid(curvatures, self.step)
 
+    def kept(self, curvatures: FloatArray) -> FloatArray:
+        """Return the values, (N,) 1/m, as far as they keep the rules of the road class."""
+        if self._road_class is None:
+            return curvatures
+        return self._road_class.conformed(curvatures, self.step)
+
+    def grade(self, rng: np.random.Generator, curvatures: FloatArray) -> FloatArray | None:
+        """Return a random grade, (k, 2), for a road of (N,) curvatures; None of a flat one."""
+        if self._road_class is None:
+            return None
+        return random_grade(rng, self._road_class, (len(curvatures) - 1) * self.step)
+
     def _draw_once(self, rng: np.random.Generator) -> FloatArray:
         jitter = int(rng.integers(-self._length_jitter, self._length_jitter, endpoint=True))
-        return random_curvatures(
-            rng,
-            max(MIN_VALUES, self._usual_length + jitter),
-            bound=self._curvature_bound,
-            max_change=self._max_change,
-        )
+        count = max(MIN_VALUES, self._usual_length + jitter)
+        bound, max_change = self.limits[:2].tolist()
+        if self._road_class is None:
+            return random_curvatures(rng, count, bound=bound, max_change=max_change)
+        values = np.zeros(count)
+        u = rng.random(count + _STRAIGHTEST)
+        straight = int(u[-1] * _STRAIGHTEST)  # values of it at the start
+        draw_elements(values, 1 + straight, count, 0.0, u, 0, self.limits)
+        conform(values, self.limits, np.empty_like(values))
+        return values
+
+
+def size_and_step(
+    map_size: float | None, step: float | None, road_class: RoadClass | None
+) -> tuple[float, float]:
+    """Return the side of the map and the step in m: as given, the class's or the usual ones.
+
+    Raises:
+        ValueError: Another step than the class's is given.
+    """
+    if road_class is None:
+        return MAP_SIZE if map_size is None else map_size, STEP if step is None else step
+    allowed = f"{road_class.step:g} m, as its road class says"
+    require(step in (None, road_class.step), "step", step, allowed)
+    return road_class.map_size if map_size is None else map_size, road_class.step
+
+
+def usual_length(road_class: RoadClass) -> int:
+    """Return the usual number of values of a class's roads."""
+    return max(round(road_class.length / road_class.step) + 1, MIN_VALUES)
 
 
 class RandomSearch(Strategy):
@@ -193,6 +250,7 @@ class RandomSearch(Strategy):
         max_length: Largest usual number of values; a road has up to five more or fewer.
         is_valid: Refuses roads that are not worth a test, see `RandomRoads`.
         max_redraws: How often a refused road is drawn again; 0 is the paper's behaviour.
+        road_class: Class of the roads, see `Strategy.road_class`.
 
     Raises:
         ValueError: An option is out of range; the message says which and what is allowed.
@@ -206,13 +264,16 @@ class RandomSearch(Strategy):
         self,
         *,
         seed: int,
-        map_size: float = MAP_SIZE,
-        step: float = STEP,
+        map_size: float | None = None,
+        step: float | None = None,
         max_length: int = MAX_LENGTH,
         is_valid: RoadCheck | None = None,
         max_redraws: int = MAX_REDRAWS,
+        road_class: RoadClass | None = None,
     ) -> None:
+        map_size, step = size_and_step(map_size, step, road_class)
         self.options = options_of(locals())
+        self.road_class = road_class
         self._rng = np.random.default_rng(require_whole("seed", seed, 0))
         self._roads = RandomRoads(
             map_size=map_size,
@@ -220,6 +281,7 @@ class RandomSearch(Strategy):
             max_length=max_length,
             is_valid=is_valid,
             max_redraws=max_redraws,
+            road_class=road_class,
         )
         self._ledger = Ledger()
 
@@ -232,7 +294,10 @@ class RandomSearch(Strategy):
 
     def ask(self) -> Candidate:
         """Return a random road."""
-        return self._ledger.issue(self._roads.draw(self._rng), self._roads.step, Origin(RANDOM))
+        roads = self._roads
+        values = roads.draw(self._rng)
+        grade = roads.grade(self._rng, values)
+        return self._ledger.issue(values, roads.step, Origin(RANDOM), grade=grade)
 
     def replace(self, candidate: Candidate) -> None:
         """Take another road instead, see `Strategy.replace`."""

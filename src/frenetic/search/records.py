@@ -15,6 +15,7 @@ from frenetic.outcome import Outcome
 if TYPE_CHECKING:
     from frenetic.errors import Fault
     from frenetic.road import Pose, Road
+    from frenetic.road.classes import RoadClass
 
 
 @dataclass(frozen=True)
@@ -76,20 +77,33 @@ class Candidate:
             if (values := getattr(self, name)) is not None:
                 object.__setattr__(self, name, _read_only(values))
 
-    def road(self, lane_width: float, pose: Pose | None = None) -> Road:
+    def road(
+        self,
+        lane_width: float,
+        pose: Pose | None = None,
+        road_class: RoadClass | None = None,
+    ) -> Road:
         """The road of its curvatures and profiles, at a pose or at the usual place.
+
+        Args:
+            lane_width: m.
+            pose: of its start.
+            road_class: says how the road leans if the candidate does not.
 
         Raises:
             RoadError: they make none.
         """
         from frenetic.road.road import START, Road  # a strategy's records need no compiled code
 
+        leaning = self.superelevation
+        if leaning is None and road_class is not None:
+            leaning = road_class.superelevation(self.curvatures, self.step)
         return Road(
             self.curvatures,
             self.step,
             START if pose is None else pose,
             lane_width=lane_width,
-            superelevation=() if self.superelevation is None else self.superelevation,
+            superelevation=() if leaning is None else leaning,
             grade=() if self.grade is None else self.grade,
         )
 

@@ -7,11 +7,14 @@ import operator
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from types import TracebackType
-from typing import Any, ClassVar, Self, SupportsIndex
+from typing import TYPE_CHECKING, Any, ClassVar, Self, SupportsIndex
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.scalars import without_numpy
 from frenetic.search.records import Candidate, Evaluation, Origin
+
+if TYPE_CHECKING:
+    from frenetic.road.classes import RoadClass
 
 _MOST_BITS = 1000  # of a number that a float can hold
 
@@ -52,6 +55,11 @@ class Strategy(ABC):
     expects_failures: ClassVar[bool] = False
     """Whether its roads are known to fail: no failure is driven a second time, and a driver that
     breaks on every road is no reason to give up."""
+
+    road_class: RoadClass | None = None
+    """Class whose rules its roads keep; None for the competition's. A campaign with a class gives
+    it to a strategy whose ``__init__`` has an argument of this name; any other one's roads that
+    break a rule are INVALID."""
 
     @abstractmethod
     def ask(self) -> Candidate | None:

@@ -14,6 +14,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
+from frenetic.road.classes import conform
 from frenetic.search.approach import (
     BEHIND,
     ROAD_SIZE,
@@ -24,6 +25,8 @@ from frenetic.search.approach import (
     lay_road,
     table_around,
 )
+from frenetic.search.elements import draw_elements
+from frenetic.search.operators import CURVATURE_BOUND
 from frenetic.search.speed_model import predict
 
 if TYPE_CHECKING:
@@ -107,7 +110,10 @@ def _scale(child: FloatArray, first: int, end: int, by: float) -> None:
 def _draw(
     child: FloatArray, first: int, end: int, previous: float, u: FloatArray, limits: FloatArray
 ) -> None:
-    """Draw values first..end-1 of a child, as `operators.next_curvature` does."""
+    """Draw values first..end-1 of a child, as `operators.next_curvature` does, or elements."""
+    if len(limits) > 2:
+        draw_elements(child, first, end, previous, u, PARAMETERS, limits)
+        return
     bound, change = limits[0], limits[1]
     for i in range(first, end):
         low = min(max(previous - change, -bound), bound)
@@ -138,13 +144,15 @@ def vary(
         other: (M,) 1/m, another road of the archive.
         other_site: Likewise.
         length: Usual number of values of a road, for those that get new ends.
-        limits: Bound and largest change of new values, both in 1/m.
+        limits: Bound and largest change of new values, both in 1/m; or a road class's `limits`,
+            whose rules the child then keeps.
         child: Room for the child's values.
 
     """
     most = len(child)
     n, moved = len(parent), 0
     bound = limits[0]
+    size = bound / CURVATURE_BOUND  # of changes
     if operator == REDRAW:  # the road after the place, or from shortly before it
         keep = max(site + 1 - _whole(u[0], 0.0, 2.0), 2)
         n = max(length, keep + MIN_REST)
@@ -179,18 +187,21 @@ def vary(
         _copy(parent, 0, child, 0, n)
         if operator == SHIFT:  # 1 to 3 values just after the place
             first = min(site + _whole(u[0], 0.0, 1.0), n - 1)
-            by = _between(u[1], 0.02, 0.06)
+            by = _between(u[1], 0.02, 0.06) * size
             by = by if u[2] < 0.5 else -by
             for i in range(first, min(first + _whole(u[3], 1.0, 3.0), n)):
                 child[i] += by
         elif operator == JITTER:
-            width = _between(u[0], 0.005, 0.035)
+            width = _between(u[0], 0.005, 0.035) * size
+            k = 0
             for i in range(n):
-                child[i] += width * (2.0 * u[PARAMETERS + i] - 1.0)
+                # In a class an arc changes as a whole.
+                k = k if len(limits) > 2 and i > 0 and parent[i] == parent[i - 1] else i
+                child[i] += width * (2.0 * u[PARAMETERS + k] - 1.0)
         elif operator == LOCAL:  # 1 to 3 values around the place
             for k in range(_whole(u[0], 1.0, 3.0)):
                 i = min(max(site + _whole(u[1 + 2 * k], -5.0, 3.0), 0), n - 1)
-                child[i] += _between(u[2 + 2 * k], -0.05, 0.05)
+                child[i] += _between(u[2 + 2 * k], -0.05, 0.05) * size
         elif operator == APPROACH:  # 3 to 6 values before the place
             end = max(site - _whole(u[0], 0.0, 2.0), 1)
             start = max(end - _whole(u[1], 3.0, 6.0), 0)
@@ -207,6 +218,8 @@ def vary(
         return 0, 0
     for i in range(n):
         child[i] = min(max(child[i], -bound), bound)
+    if len(limits) > 2:
+        conform(child[:n], limits, np.empty(n))
     return n, moved
 
 
@@ -229,8 +242,10 @@ def draw_child(
     weights: FloatArray,
     child: FloatArray,
     expected: FloatArray,
-) -> tuple[int, int]:
-    """Draw children until one will fail as no known failure does; return its draw and size.
+) -> tuple[int, int, int]:
+    """Draw children until one will fail as no known failure does.
+
+    Return its draw, its size and by how many values the place has moved.
 
     Where a child will fail, the parent's offsets are expected, its speeds with the change that the
     model predicts, and the place at one of the `WAYS` from the parent's. The draw is -1 if all are
@@ -247,7 +262,7 @@ def draw_child(
         other_sizes: (k,) numbers of their values.
         other_sites: (k,) indices of the values before their places.
         lengths: (k,) usual numbers of values.
-        limits: Bound and largest change of new values, both in 1/m.
+        limits: See `vary`.
         known: (., 64) approaches of known failures on the parent's side, in m.
         opposite: (., 64) likewise, of the other side, which a mirrored child would be on.
         same: m, least difference from all of them.
@@ -300,5 +315,5 @@ def draw_child(
                     break
         if is_new:
             lay_road(expected, table, ds, there)
-            return k, n
-    return -1, 0
+            return k, n, moved
+    return -1, 0, 0

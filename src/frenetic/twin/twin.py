@@ -79,7 +79,7 @@ class Twin:
         tolerance = max(_WHOLE, spec.rules.oob_tolerance)
         to_the_end = replace(spec, rules=replace(spec.rules, oob_tolerance=tolerance))
         driver, simulator = to_the_end.make_parts(isolate=True)
-        tester = RoadTester(simulator, driver, spec.map_size, spec.margin, spec.lane_width)
+        tester = RoadTester.on(spec, simulator, driver)
         return cls(tester, spec.rules)
 
     def __enter__(self) -> Self:
@@ -117,7 +117,9 @@ class Twin:
             anyway: drive it where it lies, whether it is valid or not.
         """
         if not anyway:
-            fitted, verdict = road.placed(self.tester.map_size, self.tester.margin)
+            fitted, verdict = road.placed(
+                self.tester.map_size, self.tester.margin, self.tester.road_class
+            )
             if fitted is None or not verdict.valid:
                 return Prospect(name, road.length, Outcome.INVALID, verdict.message)
             road = fitted

@@ -38,7 +38,16 @@ def repeat_section(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValu
     ]
     rest = {
         name: config.get(name)
-        for name in ("map_size", "margin", "lane_width", "workers", "cluster", "lookahead", "seed")
+        for name in (
+            "map_size",
+            "margin",
+            "lane_width",
+            "road_class",
+            "workers",
+            "cluster",
+            "lookahead",
+            "seed",
+        )
     }
     blocks.append(Facts(tuple(_flat(rest)), "Map, lanes, workers", folded=True))
     return Section("configuration", "Configuration", tuple(blocks))
