@@ -1,0 +1,139 @@
+"""Road classes on the command line: from the search to the road's file, and what is refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from frenetic.campaign import CampaignStore
+from frenetic.road.classes import RoadClass
+from frenetic.run_file import NAME, read_run_file
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from command_line import Frenetic
+
+pytest_plugins = ["command_line"]
+
+CLASS = "rural-80,length=800"
+SEARCH = ("run", "--roads", CLASS, "--simulator", "embedded,friction=0.25", "--workers", "1")
+SLIPPERY = (*SEARCH, "--simulations", "12", "--seed", "3")
+
+
+@pytest.fixture(scope="module")
+def slippery(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None]) -> Path:
+    """A campaign on icy roads of a class, where most drives fail."""
+    folder = tmp_path_factory.mktemp("slippery") / "c"
+    prepare(*SLIPPERY, "--out", str(folder))
+    return folder
+
+
+def test_a_search_keeps_the_class(slippery: Path) -> None:
+    road_class = RoadClass.of("rural-80", {"length": 800})
+    with CampaignStore.open(slippery) as store:
+        setting = store.setting
+        assert (setting.road_class, setting.map_size, setting.lane_width) == (road_class, 900, 3.5)
+        assert setting.rules.speed_limit == 80.0
+        tests = list(store.tests())
+    assert {test.outcome for test in tests} <= {"PASS", "FAIL"}
+    for test in tests:
+        assert road_class.breach(test.road) == ""
+        assert test.road.grade.any()
+    assert read_run_file(slippery / NAME)[0].road_class == road_class
+
+
+def test_its_roads_are_driven_again_as_they_were(frenetic: Frenetic, slippery: Path) -> None:
+    with CampaignStore.open(slippery) as store:
+        (worst, *_) = [test.id for test in store.tests("FAIL", "moobd")]  # type: ignore[arg-type]
+    again = frenetic("drive", str(slippery), str(worst), "--json")
+    assert again.json["differs"] == ""
+    road = next((slippery / "failures").glob("test-*.json"))
+    assert json.loads(road.read_text())["grade"]
+    driven = frenetic("drive", str(road), "--json")
+    assert driven.json["outcome"] == "FAIL"
+    assert frenetic("drive", str(road), "--dry").code == 0
+    assert frenetic("rerun", str(slippery), str(worst), "--times", "1").code == 0
+    assert "again/" not in frenetic("check", str(slippery)).out
+    assert frenetic("show", str(slippery)).code == 0
+
+
+def test_a_file_repeats_it_and_resume_goes_on(frenetic: Frenetic, slippery: Path) -> None:
+    assert frenetic("run", str(slippery / NAME), "--out", "again", "--json").code == 0
+    first, again = ((folder / NAME).read_text() for folder in (slippery, Path("again")))
+    assert first == again
+    assert frenetic("resume", "again", "--simulations", "3", "--json").json["simulations"] == 15
+    assert "roads" not in Path("again", NAME).read_text().replace("[roads", "")
+
+
+def test_a_named_class_is_written_by_its_name(frenetic: Frenetic) -> None:
+    frenetic("run", "--roads", "urban-50", "--simulations", "2", "--seed", "1", "--out", "town")
+    text = Path("town", NAME).read_text()
+    assert 'roads = "urban-50"' in text
+    assert "speed_limit = 50.0" in text
+
+
+def test_given_options_win(frenetic: Frenetic) -> None:
+    options = ("--roads", "urban-50", "--speed-limit", "80", "--map-size", "1500")
+    frenetic("run", *options, "--simulations", "2", "--seed", "1", "--out", "town")
+    with CampaignStore.open(Path("town")) as store:
+        assert store.setting.rules.speed_limit == 80.0
+        assert store.setting.map_size == 1500.0
+
+
+def test_a_dry_drive_says_which_rule_a_road_breaks(frenetic: Frenetic) -> None:
+    Path("road.json").write_text('{"curvatures": [0, 0.01, 0.01, 0, 0], "lane_width": 3.5}')
+    answer = frenetic("drive", "road.json", "--dry", "--roads", "rural-80")
+    assert answer.code == 1
+    assert "INVALID  A radius of 100 m at 10 m: rural-80 needs at least 240 m" in answer.out
+    assert frenetic("drive", "road.json", "--dry").code == 0
+    Path("lane.toml").write_text("design_speed = 20\nmin_radius = 50\nmin_clothoid = 20\nmin_arc=0")
+    answer = frenetic("drive", "road.json", "--dry", "--roads", "lane.toml", "--json")
+    assert "A side friction of" in answer.json["message"] or answer.json["valid"]
+
+
+def test_classes_are_listed(frenetic: Frenetic) -> None:
+    rows = frenetic("list", "roads").out
+    assert "min radius" in rows
+    assert "motorway-130" in rows
+    sources = {one["name"]: one["sources"] for one in frenetic("list", "roads", "--json").json}
+    assert sources["motorway-130"]["min_radius"] == "RAA 2008, EKA 1 A: 900 m"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("run", "--roads", "rural-90"), ("'--roads'", "rural-90", "choose competition, urban-50")),
+        (("run", "--roads", "rural-80,radius=3"), ("there is no radius",)),
+        (("run", "--roads", "length=3"), ("names no road class",)),
+        (("run", "--roads", "nowhere.toml"), ("nowhere.toml",)),
+        (("drive", "c", "1", "--roads", "rural-80"), ("a campaign has its own road class",)),
+    ],
+)
+def test_mistakes(
+    frenetic: Frenetic, copied: str, arguments: tuple[str, ...], words: tuple[str, ...]
+) -> None:
+    assert frenetic(*arguments).refuses(*words)
+
+
+def test_a_strategy_of_ones_own_is_told_what_breaks_a_rule(frenetic: Frenetic) -> None:
+    Path("mine.py").write_text(
+        "import numpy as np\n"
+        "from frenetic import Ledger, Origin, SearchEnded, Strategy\n"
+        "class Mine(Strategy):\n"
+        "    def __init__(self): self.ledger = Ledger()\n"
+        "    def ask(self):\n"
+        "        if self.ledger.issued == 2: raise SearchEnded('done')\n"
+        "        sharp = 0.01 if self.ledger.issued else 0.0\n"
+        "        return self.ledger.issue(np.array([0, sharp, sharp, 0]), 16.0, Origin('x'))\n"
+        "    def tell(self, evaluation): self.ledger.settle(evaluation)\n"
+    )
+    run = ("run", "--strategy", "mine.py:Mine", "--roads", "rural-80", "--workers", "1")
+    assert frenetic(*run, "--out", "mine", "--json").code == 0
+    with CampaignStore.open(Path("mine")) as store:
+        valid, broken = store.tests()
+    assert valid.outcome == "PASS"
+    assert broken.reason.startswith("A radius of 100 m at 16 m: rural-80 needs at least 240 m")
