@@ -122,7 +122,8 @@ def test_mistakes(
 def test_a_strategy_of_ones_own_is_told_what_breaks_a_rule(frenetic: Frenetic) -> None:
     Path("mine.py").write_text(
         "import numpy as np\n"
-        "from frenetic import Ledger, Origin, SearchEnded, Strategy\n"
+        "from frenetic import Origin, Strategy\n"
+        "from frenetic.search.strategy import Ledger, SearchEnded\n"
         "class Mine(Strategy):\n"
         "    def __init__(self): self.ledger = Ledger()\n"
         "    def ask(self):\n"

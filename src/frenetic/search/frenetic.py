@@ -22,6 +22,7 @@ from frenetic.search.random_search import (
     RANDOM,
     MapCheck,
     RandomRoads,
+    Rests,
     RoadCheck,
     size_and_step,
     usual_length,
@@ -85,6 +86,9 @@ class Frenetic(Strategy):
     driven again, severe and unlike each other first, each with a chance that is the share of new
     failures among those before it, and at least one half in place of the first random roads. What
     they do now counts, not what they did. The speed model learns from their earlier drives.
+
+    *Road classes*: roads are as long as the class says; behind a place where the car left its lane
+    the drive goes on, see `frenetic.search.random_search.Rests`.
 
     `Frenetic2021` is the search of the paper.
 
@@ -160,6 +164,7 @@ class Frenetic(Strategy):
         )
         self._room = np.empty(self._usual_length + LENGTH_JITTER + _MORE_VALUES)
         self._ledger = Ledger()
+        self._rests = Rests(road_class)
         self._archive = Archive()
         self._model = SpeedModel(self._rng) if predict_speeds else None
         self._faults: set[Fault] = set()  # of the driver
@@ -203,6 +208,9 @@ class Frenetic(Strategy):
 
     def ask(self) -> Candidate:
         """Return the next road to try."""
+        rest = self._rests.issue(self._ledger)
+        if rest is not None:
+            return rest
         if self._earlier_left and self._spent_when_told < self._random_budget:
             share = (self._brought_again + _TRIED) / (self._driven_again + _TRIED)
             if self._in_random_phase:
@@ -237,6 +245,7 @@ class Frenetic(Strategy):
 
         """
         candidate = self._ledger.settle(evaluation)
+        self._rests.see(candidate, evaluation)
         parent = self._parents.pop(candidate.id, None)
         self._archive.settle(candidate.id)
         self._budget_spent = max(self._budget_spent, evaluation.budget_spent)

@@ -29,6 +29,7 @@ from frenetic.search.random_search import (
     MAX_LENGTH,
     RANDOM,
     RandomRoads,
+    Rests,
     RoadCheck,
     size_and_step,
 )
@@ -174,6 +175,7 @@ class Frenetic2021(Strategy):
             max_scale=max_scale,
         )
         self._ledger = Ledger()
+        self._rests = Rests(road_class)
         self._budget_spent = 0.0
         self._has_driven = False
         self._tests_since_crossover = 0
@@ -192,7 +194,7 @@ class Frenetic2021(Strategy):
 
     def ask(self) -> Candidate:
         """Return the next road to try."""
-        return next(self._proposals)
+        return self._rests.issue(self._ledger) or next(self._proposals)
 
     def tell(self, evaluation: Evaluation) -> None:
         """Learn the result of a candidate.
@@ -202,6 +204,7 @@ class Frenetic2021(Strategy):
 
         """
         candidate = self._ledger.settle(evaluation)
+        self._rests.see(candidate, evaluation)
         siblings = self._failed_siblings.pop(candidate.id, None)
         ran_in_main_loop = not self._in_random_phase
         self._budget_spent = max(self._budget_spent, evaluation.budget_spent)

@@ -258,6 +258,7 @@ DOES: Mapping[str, str] = MappingProxyType(
         "flatten": "straightens the way to the place, for more speed",
         "mirror": "mirrors the road: left becomes right",
         "straight": "puts a straight before the place",
+        "rest": "goes on behind the place where the car left its lane",
         "earlier": "drives a road of an earlier campaign again",
         "screened": "takes what failed in the twin, or came near it",
     }

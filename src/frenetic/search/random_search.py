@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.errors import RoadError
-from frenetic.road import MAP_SIZE, MARGIN, Road
+from frenetic.road import MAP_SIZE, MARGIN, Road, profile
 from frenetic.road.classes import conform
 from frenetic.road.validity import check_layout
 from frenetic.search.elements import draw_elements, random_grade
@@ -29,10 +30,13 @@ MOST_JITTER = 1000  # that may be asked for
 MAX_LENGTH = 30
 MAX_REDRAWS = 10
 _MOST_REFUSED = 1000  # roads in a row
+_TO_GO_ON = 10.0  # s of driving at the design speed that the rest of a road has to last
 _STRAIGHTEST = 10  # values of the longest straight at the start of a class's road
 
 RANDOM = "random"
 """The operator that a random road's origin names."""
+REST = "rest"
+"""The operator of what is left of a road behind the place where the car left its lane."""
 EARLIER = "earlier"
 """The operator of a road that an earlier campaign drove."""
 
@@ -238,10 +242,53 @@ def usual_length(road_class: RoadClass) -> int:
     return max(round(road_class.length / road_class.step) + 1, MIN_VALUES)
 
 
+class Rests:
+    """What is left of long roads behind the place where the car left its lane.
+
+    In a road class a drive goes on there as a test of its own: the car is put back on the lane, at
+    rest, at the road's next value. So one long road shows several failing places, each on a road of
+    its own that begins there.
+
+    Args:
+        road_class: None: nothing is left of the competition's roads.
+
+    """
+
+    def __init__(self, road_class: RoadClass | None) -> None:
+        self._road_class = road_class
+        self._waiting: deque[tuple[Candidate, int]] = deque()
+
+    def see(self, candidate: Candidate, evaluation: Evaluation) -> None:
+        """Keep what is left of a road that was told, if it is long enough to drive fast on it."""
+        place = evaluation.place
+        if self._road_class is None or evaluation.side is None or place is None:
+            return
+        first = max(math.ceil(place / candidate.step), 1)
+        left = (len(candidate.curvatures) - 1 - first) * candidate.step
+        if left >= _TO_GO_ON * self._road_class.design_speed / 3.6:
+            self._waiting.append((candidate, first))
+
+    def issue(self, ledger: Ledger) -> Candidate | None:
+        """Issue what is left of the road that has waited longest, None if none waits."""
+        if not self._waiting:
+            return None
+        road, first = self._waiting.popleft()
+        start = first * road.step
+        profiles = {
+            name: profile.cut(values, start)
+            for name in ("superelevation", "grade")
+            if (values := getattr(road, name)) is not None
+        }
+        origin = Origin(REST, (road.id,), road.origin.generation)
+        notes = {REST: {"of": road.id, "from": start}}
+        return ledger.issue(road.curvatures[first:], road.step, origin, notes=notes, **profiles)
+
+
 class RandomSearch(Strategy):
     """A `Strategy` that proposes random roads and learns nothing.
 
-    With the same seed and options, its roads are those of Frenetic's random phase.
+    With the same seed and options, its roads are those of Frenetic's random phase. In a road class
+    it goes on with the `Rests` of failing roads.
 
     Args:
         seed: A whole number of at least 0.
@@ -284,6 +331,7 @@ class RandomSearch(Strategy):
             road_class=road_class,
         )
         self._ledger = Ledger()
+        self._rests = Rests(road_class)
 
     def keep_margin(self, margin: float) -> None:
         """Take only roads for valid that keep so many m from the map's edge.
@@ -294,6 +342,9 @@ class RandomSearch(Strategy):
 
     def ask(self) -> Candidate:
         """Return a random road."""
+        rest = self._rests.issue(self._ledger)
+        if rest is not None:
+            return rest
         roads = self._roads
         values = roads.draw(self._rng)
         grade = roads.grade(self._rng, values)
@@ -310,4 +361,4 @@ class RandomSearch(Strategy):
             ValueError: See `Ledger.settle`.
 
         """
-        self._ledger.settle(evaluation)
+        self._rests.see(self._ledger.settle(evaluation), evaluation)
