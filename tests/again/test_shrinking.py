@@ -91,6 +91,23 @@ def test_shorter_comes_first_then_plainer(smaller: Shape, larger: Shape) -> None
     assert smaller.rank < larger.rank
 
 
+def test_slopes_stay_with_their_samples_until_they_are_taken_away() -> None:
+    hill = ((0.0, 0.06), (0.0, 0.06), (-0.04, 0.0), (-0.04, -0.06), (0.0, -0.06))
+    start = Shape((0.0, 0.0, 0.03, 0.03, 0.0), 10.0, hill)
+    assert start.replaced(1, 2, ()).slopes == (hill[0], *hill[2:])
+    assert start.replaced(0, 2, (0.01, 0.01)).slopes == hill
+    assert Shape(start.values, 10.0, ((0.0, -0.0),) * 5) == Shape(start.values, 10.0)
+    assert Shape(start.values, 10.0).rank < start.rank
+
+    def leans_in_a_bend(shape: Shape) -> bool:
+        pairs = zip(shape.values, shape.slopes, strict=False)
+        return any(value > 0.0 and slopes[0] < 0.0 for value, slopes in pairs)
+
+    found = shrink(start, when(leans_in_a_bend), max_trials=500)
+    assert found.shape == Shape((0.01, 0.01), 10.0, ((0.0, 0.0), (-0.04, 0.0)))
+    assert not shrink(start, when(sharp(0.01)), max_trials=500).shape.slopes
+
+
 @given(shapes, shapes)
 def test_the_order_is_total(one: Shape, other: Shape) -> None:
     assert (one.rank < other.rank) + (other.rank < one.rank) == (one != other)

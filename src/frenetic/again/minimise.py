@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from itertools import zip_longest
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, ClassVar, Final, NamedTuple, Unpack
@@ -29,7 +30,8 @@ from frenetic.campaign.tester import RoadTester
 from frenetic.drive import Rules
 from frenetic.errors import ENDS_ITS_PROCESS, HANGS, CampaignError, Fault, FreneticError
 from frenetic.outcome import Outcome
-from frenetic.road import Road
+from frenetic.road import Road, profile
+from frenetic.road.files import PROFILES
 from frenetic.search.archive import places_of
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.strategy import Ledger, SearchEnded, Strategy
@@ -114,6 +116,8 @@ class Minimising(Strategy):
 
     def __init__(self, start: Shape, rules: Rules, guard: float = GUARD) -> None:
         self.options = {"curvatures": list(start.values), "step": start.step, "guard": guard}
+        if start.slopes:
+            self.options["slopes"] = [list(pair) for pair in start.slopes]
         self.shrinker: Shrinker | None = None
         """The smallest road so far; None until the first one has failed."""
         self.ids: dict[Shape, int] = {start: 1}
@@ -139,7 +143,14 @@ class Minimising(Strategy):
             best = self.shrinker.best
             notes = {"pass": self.shrinker.work, "length": best.length, "curves": best.curves}
         values = np.array(shape.values)
-        candidate = self._ledger.issue(values, shape.step, Origin(OPERATOR), notes=notes)
+        stations = np.arange(len(values)) * shape.step
+        profiles: dict[str, FloatArray] = {
+            name: profile.thinned(np.column_stack([stations, column]))
+            for name, column in zip(PROFILES, zip(*shape.slopes, strict=True), strict=False)
+            if any(column)
+        }
+        origin = Origin(OPERATOR)
+        candidate = self._ledger.issue(values, shape.step, origin, notes=notes, **profiles)
         self.ids[shape] = candidate.id
         return candidate
 
@@ -155,7 +166,7 @@ class Minimising(Strategy):
             if found is not None:
                 self._failure = found
                 self.shrinker = Shrinker(
-                    Shape(tuple(candidate.curvatures), candidate.step),
+                    _shape_of(candidate),
                     self._neighbours,
                     place=evaluation.place if evaluation.side or evaluation.fault else None,
                 )
@@ -257,7 +268,7 @@ class Minimised:
     @property
     def shapes(self) -> tuple[Shape, Shape]:
         """The original road and the smallest without their places."""
-        return _shape_of(self.original), _shape_of(self.smallest)
+        return _shape_of(self.original.candidate), _shape_of(self.smallest.candidate)
 
     @property
     def reason(self) -> FailureReason:
@@ -269,9 +280,15 @@ class Minimised:
         return FailureReason.of(side, result.duration, timeout, result.fault)
 
 
-def _shape_of(test: Test) -> Shape:
-    """The road of a test without its place."""
-    return Shape(tuple(test.candidate.curvatures), test.candidate.step)
+def _shape_of(road: Candidate) -> Shape:
+    """A candidate's road without its place."""
+    stations = np.arange(len(road.curvatures)) * road.step
+    columns = [
+        () if values is None else profile.value_at(values, stations).tolist()
+        for values in (road.superelevation, road.grade)
+    ]
+    slopes = tuple(zip_longest(*columns, fillvalue=0.0))
+    return Shape(tuple(road.curvatures), road.step, slopes)
 
 
 def minimise(
@@ -316,7 +333,18 @@ def minimise(
             f"the road's lanes are {road.lane_width:g} m wide, those of the tester"
             f" {tester.lane_width:g} m: they have to agree"
         )
-    start = Shape(tuple(road.curvatures), road.step)
+    # A road class says itself how a road leans.
+    leaning = None if tester.road_class is not None else road.superelevation
+    start = _shape_of(
+        Candidate(
+            1,
+            road.curvatures,
+            road.step,
+            Origin(OPERATOR),
+            superelevation=leaning,
+            grade=road.grade,
+        )
+    )
     strategy = Minimising(start, tester.simulator.rules, guard)
     budget, trouble = Budget(simulations=max_drives, time=seconds), None
     with TemporaryDirectory() as temporary:

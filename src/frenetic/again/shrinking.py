@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property, partial
 from itertools import pairwise
@@ -46,16 +46,20 @@ class Answer(StrEnum):
 
 @dataclass(frozen=True)
 class Shape:
-    """A road without a place: curvature samples and their step."""
+    """A road without a place: curvature samples, their step, and the slopes at them."""
 
     values: Values
     """Values, (N,) in 1/m, positive turns left."""
     step: float
     """Distance between two samples, in m."""
+    slopes: tuple[Values, ...] = ()
+    """Superelevation and grade at each sample, (N, 2); () for a flat road."""
 
     def __post_init__(self) -> None:
         # Plain floats without a negative zero, so that equal shapes look and hash alike.
         object.__setattr__(self, "values", tuple(float(value) + 0.0 for value in self.values))
+        slopes = tuple(tuple(float(value) + 0.0 for value in pair) for pair in self.slopes)
+        object.__setattr__(self, "slopes", slopes if any(map(any, slopes)) else ())
 
     def __len__(self) -> int:
         return len(self.values)
@@ -75,15 +79,16 @@ class Shape:
     def rank(self) -> tuple[float | Values, ...]:
         """Its place in the order of all shapes, shortest and plainest first: a total order.
 
-        In this order: length in m, samples, curves, changes from one sample to the next, samples
-        that are not 0, decimals of all values together, sum of the changes, sum of the absolute
-        values, both in 1/m; and so that no two are alike, the values.
+        In this order: length in m, samples, curves, samples on a slope, changes from one sample to
+        the next, samples that are not 0, decimals of all values together, sum of the changes, sum
+        of the absolute values, both in 1/m; and so that no two are alike, the values.
         """
         changes = [abs(after - before) for before, after in pairwise(self.values)]
         return (
             self.length,
             len(self),
             self.curves,
+            sum(map(any, self.slopes)),
             sum(change > 0.0 for change in changes),
             sum(value != 0.0 for value in self.values),
             sum(decimals(value) for value in self.values),
@@ -91,15 +96,21 @@ class Shape:
             round(math.fsum(changes), 12),
             round(math.fsum(map(abs, self.values)), 12),
             self.values,
+            *self.slopes,
         )
 
     def replaced(self, begin: int, end: int, values: Iterable[float]) -> Shape:
-        """The shape with other values in place of those from ``begin`` up to before ``end``."""
-        return Shape((*self.values[:begin], *values, *self.values[end:]), self.step)
+        """The shape with other values in place of those from ``begin`` up to before ``end``.
+
+        The slopes of as many values stay, those of the others go with them.
+        """
+        new = tuple(values)
+        kept = self.slopes[: begin + len(new)] + self.slopes[end:]
+        return Shape((*self.values[:begin], *new, *self.values[end:]), self.step, kept)
 
     def scaled(self, factor: float) -> Shape:
         """The shape with all curvatures multiplied."""
-        return Shape(tuple(factor * value for value in self.values), self.step)
+        return replace(self, values=tuple(factor * value for value in self.values))
 
 
 @dataclass(frozen=True)
@@ -213,7 +224,10 @@ def _coarsen(shrinker: Shrinker) -> Trials[None]:
         if step > shape.step:
             # A length of a whole number of steps, up to rounding, keeps its last one.
             at = step * np.arange(math.floor(shape.length / step + 1e-9) + 1)
-            if (yield from shrinker.offer(Shape(tuple(np.interp(at, places, shape.values)), step))):
+            values = tuple(np.interp(at, places, shape.values))
+            columns = [np.interp(at, places, one) for one in zip(*shape.slopes, strict=True)]
+            slopes = tuple(zip(*columns, strict=True))
+            if (yield from shrinker.offer(Shape(values, step, slopes))):
                 return
 
 
@@ -243,9 +257,19 @@ def _sharpen(shrinker: Shrinker) -> Trials[None]:
     begin = 0
     while begin < len(shrinker.best):
         rest = shrinker.best.replaced(begin, begin + 1, ()).scaled(_SHARPER)
-        sharper = Shape(tuple(rounded(value, 3) for value in rest.values), rest.step)
+        sharper = replace(rest, values=tuple(rounded(value, 3) for value in rest.values))
         if not (yield from shrinker.offer(sharper)):
             begin += 1
+
+
+def _flatten(shrinker: Shrinker) -> Trials[None]:
+    """Takes both slopes away, or else one of them."""
+    for kept in ((), (0,), (1,)):
+        slopes = (
+            tuple(value if k in kept else 0.0 for k, value in enumerate(pair))
+            for pair in shrinker.best.slopes
+        )
+        yield from shrinker.offer(replace(shrinker.best, slopes=tuple(slopes)))
 
 
 def _straighten(shrinker: Shrinker) -> Trials[None]:
@@ -332,6 +356,7 @@ PASSES: Final[dict[str, Callable[[Shrinker], Trials[None]]]] = {
     "cut the start": _cut_start,
     "drop": _drop,
     "sharpen": _sharpen,
+    "flatten": _flatten,
     "straighten": _straighten,
     "level": _level,
     "round": _round,
