@@ -197,6 +197,7 @@ class EmbeddedSimulator(StartingPlace):
         n = kernels.rollout(
             road.table,
             road.sub_step,
+            road.slopes,
             road.lane_width,
             rules_array(self.rules, road.length),
             self._car,
@@ -223,7 +224,7 @@ class EmbeddedSimulator(StartingPlace):
             return Drive.of(Trajectory.empty(), self.car, self.rules, road, Breakdown.of(error))
         if renderer is not None:
             renderer.draw(*road.pose)  # likewise
-        car = _Car(self._start(road), self._parameters, renderer)
+        car = _Car(self._start(road), self._parameters, road, renderer)
         return follow(
             car,
             road,
@@ -245,10 +246,12 @@ class _Car:
     """A car that is moved for a driver in Python."""
 
     def __init__(
-        self, state: FloatArray, parameters: FloatArray, renderer: Renderer | None
+        self, state: FloatArray, parameters: FloatArray, road: Road, renderer: Renderer | None
     ) -> None:
         self._state = state
         self._parameters = parameters
+        self._road = road.table, road.sub_step, road.slopes
+        self._s = 0.0  # a place of the car, on slopes
         self._renderer = renderer
 
     def motion(self) -> list[float]:
@@ -266,7 +269,9 @@ class _Car:
     def advance(self, steering: float, throttle: float, brake: float, seconds: float) -> None:
         """Moves it on."""
         steps = round(seconds / kernels.STEP)
-        kernels.advance_period(self._state, steering, throttle, brake, self._parameters, steps)
+        self._s = kernels.advance_period(
+            self._state, steering, throttle, brake, self._parameters, *self._road, self._s, steps
+        )
 
 
 def _renderer(road: Road, camera: Camera, scene: Scene) -> Renderer:
