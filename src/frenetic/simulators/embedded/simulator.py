@@ -35,6 +35,7 @@ from frenetic.errors import DriverError
 from frenetic.oracle import judge, rules_array
 from frenetic.outcome import Outcome
 from frenetic.road import Road
+from frenetic.simulators.capabilities import check_road
 from frenetic.simulators.checks import Check
 from frenetic.simulators.embedded import rollout as kernels
 from frenetic.simulators.embedded.vehicle import HEADING, Vehicle, X, Y
@@ -69,6 +70,7 @@ class EmbeddedSimulator(StartingPlace):
     """
 
     draws: Final = True
+    lays_slopes: Final = True
     period_step: Final = kernels.STEP
     BEHAVIOUR: ClassVar[int] = 1
     """Raised when its drives change; campaigns record it."""
@@ -182,7 +184,11 @@ class EmbeddedSimulator(StartingPlace):
         return self._steered.setup(self.rules, road, kernels.PERIOD)
 
     def drive(self, road: Road, driver: Driver) -> Drive:
-        """One drive of the driver along the road."""
+        """One drive of the driver along the road.
+
+        Raises:
+            RoadError: the road leans or rises, and the driver has a camera, which sees flat ones.
+        """
         self.check_driver(driver)
         setup = self.setup(road)
         compiled = compiled_form(driver, setup.period)
@@ -215,6 +221,7 @@ class EmbeddedSimulator(StartingPlace):
 
     def _drive_python(self, road: Road, driver: Driver, setup: DriveSetup) -> Drive:
         """The compiled rollout's loop with calls of the driver in between."""
+        check_road(self, driver, road)
         if not isinstance(under_layers(driver), _Rehearsing):
             rehearse()  # not on the driver's time
         try:

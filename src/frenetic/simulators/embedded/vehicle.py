@@ -472,11 +472,16 @@ def axle_forces(
 def _pull(v_x: float, v_y: float, brake: float, p: FloatArray) -> tuple[float, float]:
     """Return gravity's pull along and across the car in m/s², less what its tyres hold.
 
-    Brakes and drag fade out below `DRAG_FADE_SPEED`. As far as they have, they hold against the
-    pull what they could at speed, and so do the tyres across: a car that stands stays.
+    Brakes and drag fade out at walking pace, and so do tyres across that hardly slide. As far as
+    they have, they hold against the pull what they give at speed: a car that stands stays.
     """
-    still = 1.0 - min((abs(v_x) + abs(v_y)) / DRAG_FADE_SPEED, 1.0)
-    brakes = min(brake * p[BRAKE_FORCE] / p[MASS], -p[LEAST_ACCELERATION])
+    asked = brake * p[BRAKE_FORCE] / p[MASS]
+    brakes = min(asked, -p[LEAST_ACCELERATION])
+    rolling = abs(v_x) / DRAG_FADE_SPEED
+    if asked > brakes:
+        rolling *= asked / brakes
+    sliding = abs(v_y) * p[TYRE_B] * p[TYRE_C] / p[CRAWL_SPEED]
+    still = (1.0 - min(rolling, 1.0)) * (1.0 - min(sliding, 1.0))
     ahead = brakes + p[ROLLING_DRAG] / p[MASS]
     left = p[GRIP] * p[ACROSS]
     return (
