@@ -23,15 +23,18 @@ from frenetic import (
     Trajectory,
     Vehicle,
 )
+from frenetic.beamng import BeamngSimulator
 from frenetic.campaign import RoadTester
 from frenetic.drivers import Delayed, Driver, Stanley
 from frenetic.drivers.driver import DRAG_FADE_SPEED
 from frenetic.drivers.loading import load_driver
 from frenetic.errors import RoadError
+from frenetic.metadrive import MetaDriveSimulator
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, profile
 from frenetic.road.geometry import project_near
 from frenetic.search import Candidate, Origin
+from frenetic.simulators import Simulator
 from frenetic.simulators.embedded import vehicle
 from frenetic.simulators.embedded.rollout import advance_period
 from frenetic.simulators.embedded.slopes import lay
@@ -386,14 +389,21 @@ def test_a_road_that_cannot_be_laid_is_not_driven() -> None:
     candidate = Candidate(1, np.zeros(8), 10.0, Origin("random"), grade=np.array([[0.0, 0.05]]))
     assert RoadTester(EmbeddedSimulator(), Planner()).test(candidate).result.outcome is Outcome.PASS
     with_camera = load_driver("marking-follower")
-    for simulator, driver, who in (
+    undriven: tuple[tuple[Simulator, Driver, str], ...] = (
         (DummySimulator(), DummyDriver(), "DummySimulator drives"),
         (Sledge(), DummyDriver(), "Sledge drives"),
         (EmbeddedSimulator(), with_camera, "A camera sees"),
-    ):
+    )
+    for simulator, driver, who in undriven:
         result = RoadTester(simulator, driver).test(candidate).result
         assert result.outcome is Outcome.INVALID
         assert result.reason == f"{who} flat roads only: leave superelevation and grade out"
-    for simulator, driver in ((Sledge(), DummyDriver()), (EmbeddedSimulator(), with_camera)):
+    drives: tuple[tuple[Simulator, Driver], ...] = (
+        (Sledge(), DummyDriver()),
+        (MetaDriveSimulator(), DummyDriver()),
+        (BeamngSimulator(port=1), DummyDriver()),
+        (EmbeddedSimulator(), with_camera),
+    )
+    for simulator, driver in drives:
         with pytest.raises(RoadError, match="flat roads only"):
             simulator.drive(WINDING, driver)
