@@ -43,6 +43,7 @@ from frenetic.simulators.embedded.vehicle import (
     GRAVITY,
     HEADING,
     LATERAL_SPEED,
+    MOST_ACCELERATION,
     PULL_LEFT,
     SPEED,
     STEERING,
@@ -52,6 +53,7 @@ from frenetic.simulators.embedded.vehicle import (
     X,
     Y,
     axle_forces,
+    motion,
     on_map,
 )
 from frenetic.testing import DummyDriver, DummySimulator
@@ -115,8 +117,8 @@ def periods(road: Road, car: Vehicle, state: FloatArray, count: int, **held: flo
 # A mass that nothing holds moves as one on a surface does
 
 
-@pytest.mark.parametrize("spin", [0.0, 0.7, -1.5])
-def test_a_car_without_grip_is_a_mass_on_a_surface(spin: float) -> None:
+@pytest.mark.parametrize(("spin", "within"), [(0.0, 0.001), (0.7, 0.001), (-1.5, 0.01)])
+def test_a_car_without_grip_is_a_mass_on_a_surface(spin: float, within: float) -> None:
     """By Lagrange's equations in x and y, whichever way the car turns meanwhile."""
     road = Road(
         [0.0, 0.0, 0.01, 0.02, 0.02, 0.02, 0.01, 0.0, 0.0, -0.01, -0.02, -0.02],
@@ -151,7 +153,7 @@ def test_a_car_without_grip_is_a_mass_on_a_surface(spin: float) -> None:
     times = 0.05 * np.arange(81, dtype=np.float64)
     expected = solve_ivp(rate, (0.0, times[-1]), start, max_step=0.02, t_eval=times).y[:2]
     path = periods(road, slippery, state, 80)[:, [X, Y]].T
-    assert np.abs(path - expected).max() < 0.02
+    assert np.abs(path - expected).max() < within
     assert np.abs(expected[:, -1] - start[:2] - times[-1] * np.array(start[2:])).max() > 3.0
 
 
@@ -216,6 +218,37 @@ def test_a_crest_unloads_and_a_dip_loads() -> None:
         road = straight(100.0, grade=[(0.0, -most), (100.0, most)])
         found = ground(road, placed(road, speed, s=50.0))[ACROSS]
         assert found == pytest.approx(GRAVITY + sign * speed**2 / radius, rel=1e-9)
+
+
+def test_what_grows_with_the_load() -> None:
+    """At half the weight on a crest: the axles' loads, whatever the pedals do, and rolling drag."""
+    speed = math.sqrt(0.5 * GRAVITY / 0.008)
+    road = straight(100.0, grade=[(0.0, 0.4), (100.0, -0.4)])
+    car = Vehicle(drag_area=0.0)
+    p = ground(road, placed(road, speed, s=50.0), car)
+    for throttle, brake in ((0.0, 1.0), (1.0, 0.0)):
+        _, _, front, _, _, rear = axle_forces(speed, 0.0, 0.0, 1.0, 0.0, throttle, brake, p)
+        assert front + rear == pytest.approx(0.5 * car.mass * GRAVITY, rel=1e-6)
+        shift = throttle * car.engine_acceleration * 15.0 / speed
+        shift -= brake * car.slip_control * car.grip * 0.5 * GRAVITY
+        share = car.rear_axle / car.wheelbase - shift * car.cg_height / (
+            0.5 * GRAVITY * car.wheelbase
+        )
+        assert front / (front + rear) == pytest.approx(share, rel=1e-6)
+    slippery = replace(car, friction=0.3)
+    p = ground(road, placed(road, speed, s=50.0), slippery)
+    full = ground(straight(grade=1e-12), placed(road, speed), slippery)
+    assert p[MOST_ACCELERATION] == pytest.approx(0.5 * full[MOST_ACCELERATION], rel=1e-6)
+    coasting = motion(speed, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, p)[0]
+    assert coasting == pytest.approx(-0.5 * 0.012 * GRAVITY, rel=1e-4)
+
+
+def test_a_road_goes_on_as_steep_beyond_its_ends() -> None:
+    road = Road([0.02] * 5, pose=Pose(0.0, 0.0, 0.0), grade=[(-50.0, 0.2), (50.0, 0.05)])
+    before = placed(road, 20.0, s=-1.0, left=-2.0)
+    after = placed(road, 20.0, s=41.0, left=-2.0)
+    for state, slope in ((before, 0.125), (after, 0.065)):
+        assert ground(road, state)[ACROSS] == pytest.approx(GRAVITY / math.hypot(1.0, slope))
 
 
 def test_a_car_that_would_take_off_cannot_be_steered() -> None:
