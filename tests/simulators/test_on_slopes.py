@@ -209,6 +209,10 @@ def test_a_car_that_nothing_holds_rolls_back() -> None:
     assert states[-1, SPEED] == pytest.approx(-GRAVITY * (0.1 - 0.012) * 3.0, rel=0.02)
     assert states[-1, X] < -3.5
     assert states[-1, HEADING] == 0.0
+    climbing = driven(straight(grade=0.2), throttle=1.0)
+    assert climbing.x.min() == climbing.x[0]
+    expected = (FREE.engine_acceleration - GRAVITY * math.sin(math.atan(0.2))) * 2.0
+    assert climbing.speed[40] == pytest.approx(expected, rel=1e-3)
 
 
 def test_a_crest_unloads_and_a_dip_loads() -> None:
