@@ -105,7 +105,7 @@ def test_a_named_simulator_has_its_capabilities() -> None:
     spec = Spec(simulator=Part("own.py:Simulator", {"friction": 0.7}), driver=Part("own.py:Seeing"))
     driver, simulator = spec.make_parts(isolate=False)
     its = capabilities(simulator)
-    assert (its.wall_limit, its.usual_workers, its.draws) == (7.0, 1, True)
+    assert (its.wall_limit, its.usual_workers, its.draws, its.lays_slopes) == (7.0, 1, True, True)
     assert "friction" in its.variable
     made = SIMULATORS.make("frenetic.simulators:EmbeddedSimulator", friction=0.7)
     assert simulator.car == made.car

@@ -74,7 +74,10 @@ class Rules:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
-    """The records of a drive at a fixed rate: columns of equal length (n,), read-only float64."""
+    """The records of a drive at a fixed rate: columns of equal length (n,), read-only float64.
+
+    Place and heading are those on the map, speeds and yaw rate those in the road's plane.
+    """
 
     time: FloatArray
     """Simulated time since the start, in s; the first record is the start."""

@@ -66,6 +66,21 @@ def test_an_invalid_road_is_driven_only_if_asked_for(frenetic: Frenetic, bent: s
     assert frenetic("drive", "loop.json", "--dry", "--json").json == said
 
 
+def test_a_road_that_leans_or_rises_is_driven_where_it_can_be(frenetic: Frenetic) -> None:
+    Path("hill.json").write_text(json.dumps(BENT | {"grade": [[0, 0.08], [100, -0.08]]}))
+    assert frenetic("drive", "hill.json", "--json").json["outcome"] == "PASS"
+    Path("sledge.py").write_text(
+        "import frenetic\n\nclass Sledge(frenetic.SteppedSimulator):\n    pass\n"
+    )
+    for part, who in (
+        ("--simulator=sledge.py:Sledge", "Sledge drives"),
+        ("--driver=marking-follower", "A camera sees"),
+    ):
+        answer = frenetic("drive", "hill.json", part, "--anyway")
+        why = f"INVALID  {who} flat roads only: leave superelevation and grade out"
+        assert (answer.code, answer.out.splitlines()[0]) == (1, why)
+
+
 @pytest.fixture(scope="session")
 def made(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None]) -> Path:
     """A campaign with a road on which a driver of one's own fails."""

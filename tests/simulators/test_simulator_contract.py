@@ -284,6 +284,17 @@ def test_a_drive_that_does_not_come_back_is_given_up() -> None:
         suite.test_gentle_road_is_passed(gentle_road())
 
 
+def test_a_simulator_that_claims_slopes_and_lays_none_is_found() -> None:
+    def claims(**options: Any) -> Any:
+        simulator = bicycle()(**options)
+        simulator.lays_slopes = True
+        return simulator
+
+    said = failures(claims)
+    assert said.keys() == {"rolls_down_a_slope"}
+    assert "down a slope of 10 % the car does 0.0 m/s after 3.0 s, where" in "".join(said.values())
+
+
 def test_only_a_declared_start_is_at_speed() -> None:
     rolls = bicycle(("road.pose.heading, 0.0", "road.pose.heading, 8.0"))
     assert failures(rolls, start_speed=8.0) == {}

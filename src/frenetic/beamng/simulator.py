@@ -20,6 +20,7 @@ from frenetic.drivers.camera import Image
 from frenetic.drivers.driver import camera_of, check_other_world, under_layers
 from frenetic.errors import DriverError
 from frenetic.road import Pose, Road
+from frenetic.simulators.capabilities import check_road
 from frenetic.simulators.checks import Check, drive_checks
 from frenetic.simulators.following import RECORD_PERIOD, follow
 from frenetic.simulators.observing import wrap
@@ -229,8 +230,10 @@ class BeamngSimulator:
         is entered again before the next one.
 
         Raises:
+            RoadError: the road leans or rises.
             BeamngError: BeamNG.tech broke or is out of reach.
         """
+        check_road(self, driver, road)
         try:
             by_ai = self._drives_itself(driver)
             if by_ai and road.lane_width >= WIDEST_AI_LANE:

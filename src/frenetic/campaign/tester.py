@@ -23,7 +23,7 @@ from frenetic.road import MAP_SIZE, MARGIN, Pose, Road, Verdict, check_validity
 from frenetic.road.classes import RoadClass
 from frenetic.road.road import MAX_COORDINATE, checked_lane_width
 from frenetic.search.records import Candidate
-from frenetic.simulators.capabilities import check_pair
+from frenetic.simulators.capabilities import check_pair, check_road
 from frenetic.simulators.isolated import BrokenDriveError, raised
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import check_conditions, in_conditions
@@ -86,7 +86,10 @@ class RoadTester:
         check_pair(self.simulator, self.driver)
 
     def test(self, candidate: Candidate) -> Attempt:
-        """Drives a candidate's road, in its conditions, if it is one, fits the map and is valid."""
+        """Drives a candidate's road, in its conditions, if it is one, fits the map and is valid.
+
+        A road that the simulator cannot lay is INVALID, too.
+        """
         try:
             if candidate.points is not None:
                 road = self._through(candidate.points)
@@ -95,6 +98,7 @@ class RoadTester:
                 if fitted is None or not verdict.valid:
                     return _refused(candidate.id, verdict.message, fitted.pose if fitted else None)
                 road = fitted
+            check_road(self.simulator, self.driver, road)
         except RoadError as error:
             return _refused(candidate.id, str(error))
         if not candidate.conditions:

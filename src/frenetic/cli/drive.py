@@ -26,6 +26,7 @@ from frenetic.cli.parts import given_options, recorded_options, roads_option
 if TYPE_CHECKING:
     from frenetic.campaign import Test
     from frenetic.drive import Drive
+    from frenetic.drivers import Driver
     from frenetic.oracle import Result
     from frenetic.road import Road, Verdict
     from frenetic.simulators import Simulator
@@ -183,10 +184,12 @@ def _driven(
         is_entered = False
         for asked in roads:
             parts: dict[str, Any] = {"driver": describe(driver), "simulator": describe(simulator)}
-            if not asked.verdict.valid and not anyway:
+            reason = "" if asked.verdict.valid or anyway else asked.verdict.message
+            reason = reason or _cannot_be_driven(simulator, driver, asked.road)
+            if reason:
                 if plot is not None:
-                    _draw_undriven(asked, plot)
-                result = Result(Outcome.INVALID, asked.verdict.message)
+                    _draw_undriven(asked, reason, plot)
+                result = Result(Outcome.INVALID, reason)
                 yield asked, result, parts | _compared(asked, result, None, simulator)
                 continue
             if not is_entered:
@@ -221,11 +224,23 @@ def _compared(
     return {"differs": differs}
 
 
-def _draw_undriven(asked: Asked, plot: Path) -> None:
+def _cannot_be_driven(simulator: Simulator, driver: Driver, road: Road) -> str:
+    """Why a simulator cannot lay a valid road; empty if it can."""
+    from frenetic.errors import RoadError
+    from frenetic.simulators.capabilities import check_road
+
+    try:
+        check_road(simulator, driver, road)
+    except RoadError as error:
+        return str(error)
+    return ""
+
+
+def _draw_undriven(asked: Asked, reason: str, plot: Path) -> None:
     from frenetic.report.picture import draw_road
 
     title = f"{Path(asked.name).name}: INVALID"
-    draw_road(asked.road, plot, title=title, reason=asked.verdict.message)
+    draw_road(asked.road, plot, title=title, reason=reason)
 
 
 def _who(asked: Asked, parts: dict[str, Any]) -> str:

@@ -11,6 +11,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
 from frenetic.road import Road
 from frenetic.road.geometry import frame_at, heading_at
+from frenetic.road.profile import value_at
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +26,10 @@ class Lane:
     """Direction of the lane less the car's, (n,) in rad, positive to the left; continuous."""
     curvatures: FloatArray
     """Curvature of the lane, (n,) in 1/m, positive turns left."""
+    grades: FloatArray
+    """Slope along the road, (n,) in m/m, positive rises; 0 on a flat road, as below."""
+    superelevations: FloatArray
+    """Slope across the road, (n,) in m/m, positive falls to the right."""
 
 
 def lane_of(
@@ -44,9 +49,13 @@ def lane_of(
         float(heading_error),
         distances,
     )
-    for values in (distances, points, headings, curvatures):
+    places = distance + distances
+    grades, superelevations = (
+        value_at(slope, places) for slope in (road.grade, road.superelevation)
+    )
+    for values in (distances, points, headings, curvatures, grades, superelevations):
         values.setflags(write=False)
-    return Lane(distances, points, headings, curvatures)
+    return Lane(distances, points, headings, curvatures, grades, superelevations)
 
 
 @njit()

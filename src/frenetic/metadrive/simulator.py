@@ -25,6 +25,7 @@ from frenetic.metadrive.car import PHYSICS_STEP, VEHICLE, Decision
 from frenetic.metadrive.drawing import check_drawing, drawn_region
 from frenetic.metadrive.drivers import PolicySimulator, metadrive_driver
 from frenetic.road import Road
+from frenetic.simulators.capabilities import check_road
 from frenetic.simulators.following import RECORD_PERIOD, follow
 from frenetic.simulators.observing import wrap
 from frenetic.simulators.simulator import StartingPlace
@@ -166,8 +167,10 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
 
         Raises:
             FreneticError: the simulator has not been entered, or the road is too long to be drawn.
+            RoadError: the road leans or rises.
             ArithmeticError: MetaDrive's physics broke.
         """
+        check_road(self, driver, road)
         world = self._world_for(road, camera_of(driver))
         try:
             own = metadrive_driver(driver)

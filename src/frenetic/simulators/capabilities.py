@@ -13,14 +13,17 @@ from typing import Any, Final
 
 from frenetic._support.bounds import Count, Positive, check
 from frenetic.drivers.driver import Driver, SelectiveDriver, camera_of, period_of, stack_of
-from frenetic.errors import DriverError, FreneticError
+from frenetic.errors import DriverError, FreneticError, RoadError
 from frenetic.recipe import Named
+from frenetic.road import Road
 from frenetic.simulators.checks import Check
 from frenetic.simulators.simulator import Simulator
 
 VARIABLE: Final = ("rules", "friction", "steering_lag", "start_offset", "start_heading")
 """Attributes that may be set between two drives, if a simulator has them; a `steering_lag` of None
 is that of its ``vehicle``."""
+
+_FLAT: Final = "flat roads only: leave superelevation and grade out"
 
 
 def _accept(_: Driver) -> None:
@@ -72,6 +75,8 @@ class Capabilities(Usual):
     """A driver's own period may be any multiple of it, in s; None: it cannot have one."""
     draws: bool = False
     """Whether it gives a driver with a camera its picture."""
+    lays_slopes: bool = False
+    """Whether its roads lean and rise as `Road` says; others are not driven in it."""
     variable: frozenset[str] = frozenset()
     """Those of `VARIABLE` that it has."""
 
@@ -131,6 +136,31 @@ def check_pair(simulator: Simulator, driver: Driver) -> None:
         if isinstance(one, SelectiveDriver):
             one.check_simulator(bare(simulator))
     capabilities(simulator).check_driver(driver)
+
+
+def check_road(simulator: Simulator, driver: Driver, road: Road) -> None:
+    """Checks whether a simulator drives this road with this driver, rather than another one.
+
+    Raises:
+        RoadError: the road leans or rises, and the simulator lays none that does, or the driver has
+            a camera.
+    """
+    if road.is_flat:
+        return
+    if not capabilities(simulator).lays_slopes:
+        raise RoadError(f"{class_name(simulator)} drives {_FLAT}")
+    if camera_of(driver) is not None:
+        check_drawn(road)
+
+
+def check_drawn(road: Road) -> None:
+    """Checks whether a road can be drawn for a camera.
+
+    Raises:
+        RoadError: it leans or rises.
+    """
+    if not road.is_flat:
+        raise RoadError(f"A camera sees {_FLAT}")
 
 
 def _declared(part: object, kind: type[Usual]) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from frenetic.simulators.simulator import Simulator
 
 _VALUES: Final = (
     *("place_options", "preloads", "usual_wall_limit", "usual_workers"),
-    *("wall_limit", "workers_at_most", "period_step", "draws"),
+    *("wall_limit", "workers_at_most", "period_step", "draws", "lays_slopes"),
 )
 _METHODS: Final = ("prepare", "check_driver")
 

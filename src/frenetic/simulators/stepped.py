@@ -10,6 +10,7 @@ from frenetic._support.bounds import Positive, check
 from frenetic.drive import CarBody, Drive, Rules
 from frenetic.drivers.driver import Driver, DriveSetup
 from frenetic.road import Pose, Road
+from frenetic.simulators.capabilities import check_road
 from frenetic.simulators.embedded.rollout import start_state
 from frenetic.simulators.following import RECORD_PERIOD, follow
 from frenetic.simulators.observing import wrap
@@ -127,8 +128,10 @@ class SteppedSimulator(StartingPlace):
         """One drive of the driver along the road.
 
         Raises:
+            RoadError: the road leans or rises, and the simulator lays flat ones.
             ArithmeticError: the car's motion is no longer finite.
         """
+        check_road(self, driver, road)
         setup = self.setup(road)
         place = start_state(road.table, road.lane_width, self.start_offset, self.start_heading)
         pose = Pose(*place[:3].tolist())

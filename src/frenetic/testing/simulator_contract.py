@@ -16,6 +16,7 @@ from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING, Controls
 from frenetic.oracle import LEFT_LANE, REACHED, RUNNING, STUCK, TIMED_OUT, assess, judge
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
+from frenetic.simulators.capabilities import capabilities
 from frenetic.simulators.observing import Observer, wrap
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
@@ -322,6 +323,21 @@ class SimulatorContract:
             f"at {np.mean(t.speed[steady]):.1f} m/s the car drives a curvature of {curvature:.3f}"
             f" 1/m; the recorded steering of {angle:.3f} rad and the wheelbase of"
             f" {watch.setups[-1].wheelbase:.2f} m make {expected:.3f}"
+        )
+
+    def test_rolls_down_a_slope(self) -> None:
+        """A car without pedals rolls down a slope, if the simulator lays any."""
+        self._needs_driver()
+        if not capabilities(self.make(Rules())).lays_slopes:
+            pytest.skip("this simulator drives flat roads only")
+        road = Road(np.zeros(7), pose=Pose(80.0, 50.0, 1.0), grade=-0.1)
+        t = self.drive(road, driver=DummyDriver()).trajectory
+        at = min(int(np.searchsorted(t.time, 3.0)), len(t) - 1)
+        seconds, speed = t.time[at], t.speed[at]
+        free = 9.81 * 0.1 / math.hypot(1.0, 0.1) * seconds
+        assert 0.5 * free <= speed <= 1.05 * free, (
+            f"down a slope of 10 % the car does {speed:.1f} m/s after {seconds:.1f} s, where"
+            f" {free:.1f} m/s, less some drag, are due"
         )
 
     def test_ends_at_the_roads_end(self, road: Road) -> None:

@@ -14,6 +14,7 @@ from frenetic.drivers.elastic_band import MEMORY
 from frenetic.drivers.laws import decide
 from frenetic.drivers.layers import disturb
 from frenetic.oracle import RUNNING
+from frenetic.simulators.embedded.slopes import lay
 from frenetic.simulators.embedded.vehicle import (
     HEADING,
     LATERAL_SPEED,
@@ -81,17 +82,38 @@ def advance_period(
     throttle: float,
     brake: float,
     vehicle: FloatArray,
+    table: FloatArray,
+    ds: float,
+    slopes: FloatArray,
+    s: float,
     steps: int = STEPS_PER_PERIOD,
-) -> None:
-    """Moves the car on by one period, or another number of steps, in place."""
+) -> float:
+    """Moves the car on by one period, or another number of steps, in place.
+
+    Args:
+        state, steering, throttle, brake: see `advance`.
+        vehicle: `Vehicle.to_array()`.
+        table, ds: the road, see `frenetic.road.geometry`.
+        slopes: `Road.slopes`.
+        s: m, a place of the car at most a few periods ago, which matters on slopes.
+        steps: of the integration.
+
+    Returns:
+        Its place before it moved, on slopes.
+    """
+    ground = vehicle
+    if len(slopes):
+        ground, s = lay(vehicle, table, ds, slopes, state, s, steps * STEP)
     for _ in range(steps):
-        advance(state, steering, throttle, brake, vehicle, STEP)
+        advance(state, steering, throttle, brake, ground, STEP)
+    return s
 
 
 @njit()
 def rollout(
     table: FloatArray,
     ds: float,
+    slopes: FloatArray,
     lane_width: float,
     rules: FloatArray,
     car: FloatArray,
@@ -109,6 +131,7 @@ def rollout(
 
     Args:
         table, ds: the road, see `frenetic.road.geometry`.
+        slopes: `Road.slopes`.
         lane_width: m.
         rules, car: see `frenetic.oracle.assess_record`.
         vehicle: `Vehicle.to_array()`.
@@ -179,5 +202,5 @@ def rollout(
             slot = (i + 1) % (delay + 1)
             steering, throttle, brake = waiting[slot, 0], waiting[slot, 1], waiting[slot, 2]
         write_record(records, i, state, steering, throttle, brake)
-        advance_period(state, steering, throttle, brake, vehicle)
+        advance_period(state, steering, throttle, brake, vehicle, table, ds, slopes, s)
     return int(most)

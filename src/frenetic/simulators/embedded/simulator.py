@@ -35,6 +35,7 @@ from frenetic.errors import DriverError
 from frenetic.oracle import judge, rules_array
 from frenetic.outcome import Outcome
 from frenetic.road import Road
+from frenetic.simulators.capabilities import check_road
 from frenetic.simulators.checks import Check
 from frenetic.simulators.embedded import rollout as kernels
 from frenetic.simulators.embedded.vehicle import HEADING, Vehicle, X, Y
@@ -69,6 +70,7 @@ class EmbeddedSimulator(StartingPlace):
     """
 
     draws: Final = True
+    lays_slopes: Final = True
     period_step: Final = kernels.STEP
     BEHAVIOUR: ClassVar[int] = 1
     """Raised when its drives change; campaigns record it."""
@@ -182,7 +184,11 @@ class EmbeddedSimulator(StartingPlace):
         return self._steered.setup(self.rules, road, kernels.PERIOD)
 
     def drive(self, road: Road, driver: Driver) -> Drive:
-        """One drive of the driver along the road."""
+        """One drive of the driver along the road.
+
+        Raises:
+            RoadError: the road leans or rises, and the driver has a camera, which sees flat ones.
+        """
         self.check_driver(driver)
         setup = self.setup(road)
         compiled = compiled_form(driver, setup.period)
@@ -197,6 +203,7 @@ class EmbeddedSimulator(StartingPlace):
         n = kernels.rollout(
             road.table,
             road.sub_step,
+            road.slopes,
             road.lane_width,
             rules_array(self.rules, road.length),
             self._car,
@@ -214,6 +221,7 @@ class EmbeddedSimulator(StartingPlace):
 
     def _drive_python(self, road: Road, driver: Driver, setup: DriveSetup) -> Drive:
         """The compiled rollout's loop with calls of the driver in between."""
+        check_road(self, driver, road)
         if not isinstance(under_layers(driver), _Rehearsing):
             rehearse()  # not on the driver's time
         try:
@@ -223,7 +231,7 @@ class EmbeddedSimulator(StartingPlace):
             return Drive.of(Trajectory.empty(), self.car, self.rules, road, Breakdown.of(error))
         if renderer is not None:
             renderer.draw(*road.pose)  # likewise
-        car = _Car(self._start(road), self._parameters, renderer)
+        car = _Car(self._start(road), self._parameters, road, renderer)
         return follow(
             car,
             road,
@@ -245,10 +253,12 @@ class _Car:
     """A car that is moved for a driver in Python."""
 
     def __init__(
-        self, state: FloatArray, parameters: FloatArray, renderer: Renderer | None
+        self, state: FloatArray, parameters: FloatArray, road: Road, renderer: Renderer | None
     ) -> None:
         self._state = state
         self._parameters = parameters
+        self._road = road.table, road.sub_step, road.slopes
+        self._s = 0.0  # a place of the car, on slopes
         self._renderer = renderer
 
     def motion(self) -> list[float]:
@@ -266,7 +276,9 @@ class _Car:
     def advance(self, steering: float, throttle: float, brake: float, seconds: float) -> None:
         """Moves it on."""
         steps = round(seconds / kernels.STEP)
-        kernels.advance_period(self._state, steering, throttle, brake, self._parameters, steps)
+        self._s = kernels.advance_period(
+            self._state, steering, throttle, brake, self._parameters, *self._road, self._s, steps
+        )
 
 
 def _renderer(road: Road, camera: Camera, scene: Scene) -> Renderer:

@@ -5,7 +5,11 @@ and pitch appear only as the load that driving and braking shift between the axl
 forces follow the Magic Formula, limited by a friction circle that cornering shares with driving and
 braking.
 
-A state is a float64 vector (7,), in SI units, positive to the left:
+The plane is the road's under the car. Where it is not flat, `frenetic.simulators.embedded.slopes`
+says how gravity pulls in it and loads the tyres.
+
+A state is a float64 vector (7,), in SI units, positive to the left; place and heading are those on
+the map, all else is in the plane:
 
     ===== ================= ==================================================
     index constant          meaning
@@ -21,7 +25,7 @@ A state is a float64 vector (7,), in SI units, positive to the left:
 
 The inputs are held over a control period: the angle asked of the front wheels [rad], throttle and
 brake [0..1]; all three are clipped to their range. There is no reverse gear: ``SPEED`` is negative
-only while a car that has spun round slides backwards.
+only while a car that has spun round slides backwards, or one that nothing holds rolls down a slope.
 
 Sources: M. Althoff, G. Würsching, "CommonRoad: Vehicle Models", 2020 (the parameters of vehicle 2
 and of its tyres, and the single-track model); H. B. Pacejka, "Tire and Vehicle Dynamics" (Magic
@@ -90,7 +94,19 @@ ROLLING_DRAG: Final = 18  # N
 LEAST_ACCELERATION: Final = 19  # m/s², negative: all that the tyres can brake
 MOST_ACCELERATION: Final = 20  # m/s², all that the rear axle can drive
 FRONT_TYRE_B: Final = 21  # 1/rad, TYRE_B of the front axle
-PARAMETER_COUNT: Final = 22
+ACROSS: Final = 22  # m/s², load on the tyres per mass: gravity's, on flat ground
+# The rest are of tilted ground alone.
+IS_TILTED: Final = 23  # 1, or 0
+PULL_AHEAD: Final = 24  # m/s², gravity's part along the car
+PULL_LEFT: Final = 25  # m/s², and across it
+# The velocity on the map is AHEAD v_x - SKEW v_y ahead and LEFT v_y to the left; there the car
+# turns by TURN r + TWIST.
+AHEAD: Final = 26
+SKEW: Final = 27
+LEFT: Final = 28
+TURN: Final = 29
+TWIST: Final = 30  # rad/s
+PARAMETER_COUNT: Final = 31
 
 _PositiveShare: TypeAlias = Annotated[float, Meta(gt=0.0, le=1.0)]
 _STABLE_STEP: Final = 2.0
@@ -275,7 +291,7 @@ class Vehicle:
 
     def to_array(self) -> FloatArray:
         """Return the parameters as the kernels take them: a (PARAMETER_COUNT,) vector."""
-        p = np.empty(PARAMETER_COUNT)
+        p = np.zeros(PARAMETER_COUNT)
         p[MASS] = self.mass
         p[YAW_INERTIA] = self.yaw_inertia
         p[FRONT] = self.front_axle
@@ -297,6 +313,7 @@ class Vehicle:
         p[AIR_DRAG] = 0.5 * AIR_DENSITY * self.drag_area
         p[ROLLING_DRAG] = self.rolling_resistance * self.mass * GRAVITY
         usable = self.slip_control * self.grip
+        p[ACROSS] = GRAVITY
         p[LEAST_ACCELERATION] = -usable * GRAVITY
         # The rear axle drives with μ F_z, and the acceleration a adds to its load:
         # m a = μ m (g l_f + a h) / l.
@@ -428,8 +445,8 @@ def axle_forces(
     acceleration = _clip(
         (engine - braking * rear_fade) / p[MASS], p[LEAST_ACCELERATION], p[MOST_ACCELERATION]
     )
-    weight = p[MASS] * GRAVITY
-    front_share = (p[REAR] - acceleration / GRAVITY * p[HEIGHT]) / (p[FRONT] + p[REAR])
+    weight = p[MASS] * p[ACROSS]
+    front_share = (p[REAR] - acceleration / p[ACROSS] * p[HEIGHT]) / (p[FRONT] + p[REAR])
     front_z = weight * front_share
     rear_z = weight - front_z
 
@@ -452,6 +469,28 @@ def axle_forces(
 
 
 @njit(error_model="numpy")
+def _pull(v_x: float, v_y: float, brake: float, p: FloatArray) -> tuple[float, float]:
+    """Return gravity's pull along and across the car in m/s², less what its tyres hold.
+
+    Brakes and drag fade out at walking pace, and so do tyres across that hardly slide. As far as
+    they have, they hold against the pull what they give at speed: a car that stands stays.
+    """
+    asked = brake * p[BRAKE_FORCE] / p[MASS]
+    brakes = min(asked, -p[LEAST_ACCELERATION])
+    rolling = abs(v_x) / DRAG_FADE_SPEED
+    if asked > brakes:
+        rolling *= asked / brakes
+    sliding = abs(v_y) * p[TYRE_B] * p[TYRE_C] / p[CRAWL_SPEED]
+    still = (1.0 - min(rolling, 1.0)) * (1.0 - min(sliding, 1.0))
+    ahead = brakes + p[ROLLING_DRAG] / p[MASS]
+    left = p[GRIP] * p[ACROSS]
+    return (
+        p[PULL_AHEAD] - still * _clip(p[PULL_AHEAD], -ahead, ahead),
+        p[PULL_LEFT] - still * _clip(p[PULL_LEFT], -left, left),
+    )
+
+
+@njit(error_model="numpy")
 def motion(
     v_x: float,
     v_y: float,
@@ -467,6 +506,8 @@ def motion(
     m (dv_x/dt - v_y r) = F_xr + F_xf cos δ - F_yf sin δ - drag
     m (dv_y/dt + v_x r) = F_yr + F_xf sin δ + F_yf cos δ
     I_z dr/dt           = l_f (F_xf sin δ + F_yf cos δ) - l_r F_yr
+
+    On tilted ground gravity's pull comes on top, less what holds a car that stands.
     """
     cos_d = math.cos(delta)
     sin_d = math.sin(delta)
@@ -478,9 +519,15 @@ def motion(
     rolling_drag = p[ROLLING_DRAG] * _clip(v_x / DRAG_FADE_SPEED, -1.0, 1.0)
     drag = p[AIR_DRAG] * v_x * abs(v_x) + rolling_drag
     wanted = _clip(steering, -p[STEERING_LIMIT], p[STEERING_LIMIT])
+    a_x = (rear_x + front_ahead - drag) / p[MASS] + v_y * r
+    a_y = (rear_y + front_left) / p[MASS] - v_x * r
+    if p[IS_TILTED]:
+        pull_ahead, pull_left = _pull(v_x, v_y, brake, p)
+        a_x += pull_ahead
+        a_y += pull_left
     return (
-        (rear_x + front_ahead - drag) / p[MASS] + v_y * r,
-        (rear_y + front_left) / p[MASS] - v_x * r,
+        a_x,
+        a_y,
         (p[FRONT] * front_left - p[REAR] * rear_y) / p[YAW_INERTIA],
         _clip((wanted - delta) / p[STEERING_LAG], -p[STEERING_RATE], p[STEERING_RATE]),
     )
@@ -493,6 +540,14 @@ def _turned(v_x: float, v_y: float, angle: float) -> tuple[float, float]:
     cos_a = 1.0 - square * (0.5 - square / 24.0)
     sin_a = angle * (1.0 - square * (1.0 / 6.0 - square / 120.0))
     return v_x * cos_a - v_y * sin_a, v_x * sin_a + v_y * cos_a
+
+
+@njit(error_model="numpy")
+def on_map(v_x: float, v_y: float, r: float, p: FloatArray) -> tuple[float, float, float]:
+    """Return the velocities ahead and to the left on the map, and how fast the heading turns."""
+    if p[IS_TILTED]:
+        return p[AHEAD] * v_x - p[SKEW] * v_y, p[LEFT] * v_y, p[TURN] * r + p[TWIST]
+    return v_x, v_y, r
 
 
 @njit(error_model="numpy")
@@ -519,33 +574,37 @@ def advance(
 
     # Each stage: its velocities, the heading since the start, and the derivatives there.
     a_x1, a_y1, a_r1, rate1 = motion(v_x, v_y, r, delta, steering, throttle, brake, p)
+    east1, north1, turn1 = on_map(v_x, v_y, r, p)
 
     v_x2, v_y2, r2 = v_x + half * a_x1, v_y + half * a_y1, r + half * a_r1
-    east2, north2 = _turned(v_x2, v_y2, half * r)
+    ahead2, left2, turn2 = on_map(v_x2, v_y2, r2, p)
+    east2, north2 = _turned(ahead2, left2, half * turn1)
     a_x2, a_y2, a_r2, rate2 = motion(
         v_x2, v_y2, r2, delta + half * rate1, steering, throttle, brake, p
     )
 
     v_x3, v_y3, r3 = v_x + half * a_x2, v_y + half * a_y2, r + half * a_r2
-    east3, north3 = _turned(v_x3, v_y3, half * r2)
+    ahead3, left3, turn3 = on_map(v_x3, v_y3, r3, p)
+    east3, north3 = _turned(ahead3, left3, half * turn2)
     a_x3, a_y3, a_r3, rate3 = motion(
         v_x3, v_y3, r3, delta + half * rate2, steering, throttle, brake, p
     )
 
     v_x4, v_y4, r4 = v_x + dt * a_x3, v_y + dt * a_y3, r + dt * a_r3
-    east4, north4 = _turned(v_x4, v_y4, dt * r3)
+    ahead4, left4, turn4 = on_map(v_x4, v_y4, r4, p)
+    east4, north4 = _turned(ahead4, left4, dt * turn3)
     a_x4, a_y4, a_r4, rate4 = motion(
         v_x4, v_y4, r4, delta + dt * rate3, steering, throttle, brake, p
     )
 
     sixth = dt / 6.0
-    ahead = sixth * (v_x + 2.0 * (east2 + east3) + east4)
-    left = sixth * (v_y + 2.0 * (north2 + north3) + north4)
+    ahead = sixth * (east1 + 2.0 * (east2 + east3) + east4)
+    left = sixth * (north1 + 2.0 * (north2 + north3) + north4)
     cos_h = math.cos(state[HEADING])
     sin_h = math.sin(state[HEADING])
     state[X] += ahead * cos_h - left * sin_h
     state[Y] += ahead * sin_h + left * cos_h
-    state[HEADING] += sixth * (r + 2.0 * (r2 + r3) + r4)
+    state[HEADING] += sixth * (turn1 + 2.0 * (turn2 + turn3) + turn4)
     state[SPEED] += sixth * (a_x1 + 2.0 * (a_x2 + a_x3) + a_x4)
     state[LATERAL_SPEED] += sixth * (a_y1 + 2.0 * (a_y2 + a_y3) + a_y4)
     state[YAW_RATE] += sixth * (a_r1 + 2.0 * (a_r2 + a_r3) + a_r4)

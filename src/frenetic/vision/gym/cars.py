@@ -27,6 +27,7 @@ from frenetic.oracle import REACHED, RUNNING, TIMED_OUT, rules_array
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.simulators import Drive, EmbeddedSimulator, Trajectory
+from frenetic.simulators.capabilities import check_drawn
 from frenetic.simulators.embedded.rollout import (
     PERIOD,
     advance_period,
@@ -61,6 +62,7 @@ def step_cars(
     tasks: npt.NDArray[np.int64],
     actions: FloatArray,
     tables: FloatArray,
+    slopes: FloatArray,
     rows: npt.NDArray[np.int64],
     roads: FloatArray,
     rules: FloatArray,
@@ -81,8 +83,9 @@ def step_cars(
     Args:
         tasks: (n,) WAIT, START or STEP.
         actions: (n, 2) see `frenetic.vision.policy.controls_of`.
-        tables: (n, m, 6) the roads, see `frenetic.road.geometry`, of which row k has ``rows[k]``.
-        rows: (n,).
+        tables: (n, m, 6) the roads, see `frenetic.road.geometry`.
+        slopes: (n, m, 2) theirs, see `Road.slopes`.
+        rows: (n, 2) rows of each road's table and slopes.
         roads: (n, 2) sub-step and lane width of each road in m.
         rules: (n, 5) see `frenetic.oracle.rules_array`.
         setups: (n, 9) see `frenetic.drivers.laws.setup_array`.
@@ -101,7 +104,7 @@ def step_cars(
     for k in range(len(tasks)):
         if tasks[k] == WAIT:
             continue
-        table = tables[k][: rows[k]]
+        table = tables[k][: rows[k, 0]]
         ds, lane_width = roads[k, 0], roads[k, 1]
         state = states[k]
         rows_of = records[k]
@@ -114,7 +117,10 @@ def step_cars(
         else:
             steering, throttle, brake = controls_of(actions[k, 0], actions[k, 1], setups[k])
             write_record(rows_of, steps[k], state, steering, throttle, brake)
-            advance_period(state, steering, throttle, brake, vehicle)
+            advance_period(
+                *(state, steering, throttle, brake, vehicle),
+                *(table, ds, slopes[k][: rows[k, 1]], places[k, 0]),
+            )
             steps[k] += 1
         i = steps[k]
         write_record(rows_of, i, state, steering, throttle, brake)
@@ -197,7 +203,9 @@ class Cars:
         self._on: list[Road | None] = [None] * count
         self._tables = np.empty((count, 0, 6))
         self._tables_seen = _read_only(self._tables)
-        self._rows = np.zeros(count, np.int64)
+        self._slopes = np.empty((count, 0, 2))
+        self._slopes_seen = _read_only(self._slopes)
+        self._rows = np.zeros((count, 2), np.int64)
         self._roads = np.empty((count, 2))
         self._rules = np.empty((count, 5))
         self._setups = np.empty((count, 9))
@@ -215,12 +223,22 @@ class Cars:
         """Observations, (n, 26)."""
 
     def place(self, k: int, road: Road) -> None:
-        """Gives car ``k`` a road, on which it has to be started."""
+        """Gives car ``k`` a road, on which it has to be started.
+
+        Raises:
+            RoadError: it leans or rises, and the car has a camera.
+        """
+        if self._camera is not None:
+            check_drawn(road)
         if self._tables.shape[1] < len(road.table):
             self._tables = _longer(self._tables, 1, len(road.table))
             self._tables_seen = _read_only(self._tables)
+        if self._slopes.shape[1] < len(road.slopes):
+            self._slopes = _longer(self._slopes, 1, len(road.slopes))
+            self._slopes_seen = _read_only(self._slopes)
         self._tables[k, : len(road.table)] = road.table
-        self._rows[k] = len(road.table)
+        self._slopes[k, : len(road.slopes)] = road.slopes
+        self._rows[k] = len(road.table), len(road.slopes)
         self._roads[k] = road.sub_step, road.lane_width
         self._rules[k] = rules_array(self.simulator.rules, road.length)
         self._setups[k] = setup_array(self.simulator.setup(road))
@@ -265,6 +283,7 @@ class Cars:
             tasks,
             actions,
             self._tables_seen,
+            self._slopes_seen,
             self._rows,
             self._roads,
             self._rules,
