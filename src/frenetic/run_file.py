@@ -120,6 +120,7 @@ class RunFile(DriveFile, kw_only=True):
     """s, or a text such as ``"8h"``."""
     failures: Count | None = None
     start_from: list[str] = field(name="from", default_factory=list)
+    from_roads: str | None = None
     seed: Index | None = None
     lookahead: Index | None = None
     """Roads that are proposed ahead in an ordered campaign; 0 for an unordered one."""
@@ -135,13 +136,24 @@ class RunFile(DriveFile, kw_only=True):
         }
         others: dict[str, Any] = {
             name: value
-            for name in ("margin", "lane_width", "seed")
+            for name in ("margin", "lane_width", "from_roads", "seed")
             if (value := getattr(self, name)) is not None
         }
         if any(limits.values()):
             others["budget"] = Budget(**limits)
         others["start_from"] = tuple(EarlierCampaign(folder) for folder in self.start_from)
-        return replace(DriveFile.spec(self, usual), **others, lookahead=self.lookahead or None)
+        spec = DriveFile.spec(self, usual)
+        if self.from_roads is not None and self.roads is None:
+            from frenetic.road.stretches import shown_class  # numba takes its time
+
+            spec = spec.replaced(
+                {
+                    "road_class": shown_class(self.from_roads),
+                    "speed_limit": self.speed_limit,
+                    "map_size": self.map_size,
+                }
+            )
+        return replace(spec, **others, lookahead=self.lookahead or None)
 
 
 AnyFile = TypeVar("AnyFile", bound=DriveFile)
@@ -210,6 +222,7 @@ def write_run_file(spec: Spec, folder: Path) -> None:
         "lane_width": spec.lane_width,
         **asdict(spec.budget),
         "from": [earlier.folder for earlier in spec.start_from],
+        "from_roads": spec.from_roads,
         "seed": spec.seed,
         "lookahead": spec.lookahead or 0,
         "workers": spec.cluster or spec.workers,

@@ -240,6 +240,8 @@ class Spec:
     """Name of what the strategy minimises, see `frenetic.campaign.objective`."""
     start_from: tuple[EarlierCampaign, ...] = ()
     """Earlier campaigns that the search starts from."""
+    from_roads: str | None = None
+    """Folder of real roads that it starts from."""
     budget: Budget | None = None
     """Budget, None without a search."""
     workers: int = 1
@@ -987,6 +989,7 @@ def _record_type() -> Any:
         ("lookahead", Count | None, None),
         ("objective", str, "moobd"),
         ("start_from", tuple[EarlierCampaign, ...], ()),
+        ("from_roads", str | None, None),
         ("versions", dict[str, str]),
         ("behaviours", dict[str, str], {}),
         ("command", _command_type(*_PARTS) | None, None),

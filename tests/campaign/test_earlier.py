@@ -136,7 +136,7 @@ def test_several_campaigns_do_not_give_a_road_twice(
 
 @pytest.mark.parametrize("strategy", [RandomSearch(seed=1), Frenetic2021(seed=1)])
 def test_strategies_that_cannot_start_so_are_refused(strategy: Any, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="starts from no earlier campaign: give none"):
+    with pytest.raises(ValueError, match="starts from no earlier campaign or real road: give none"):
         search(tmp_path / "v2", tmp_path, strategy=strategy)
 
 

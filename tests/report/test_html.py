@@ -368,7 +368,7 @@ def test_operators_are_counted_by_hand() -> None:
 
 def test_every_operator_is_explained(searched: Path) -> None:
     listing_1 = {*PASS_OPERATORS, *FAIL_OPERATORS, "C1", "C2"}
-    others = {"random", "rest", "earlier", "screened"}
+    others = {"random", "rest", "given", "earlier", "screened"}
     assert {*others, *listing_1, *variation.OPERATORS} == DOES.keys()
     report, sections = report_of(searched)
     assert report.data["operators"].items() <= DOES.items()

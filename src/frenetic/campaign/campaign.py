@@ -30,7 +30,13 @@ from frenetic.campaign.asking import (
     require_fresh,
     start,
 )
-from frenetic.campaign.earlier import fact_of, read_earlier, stored_earlier, take_earlier
+from frenetic.campaign.earlier import (
+    fact_of,
+    read_earlier,
+    stored_earlier,
+    take_earlier,
+    take_roads,
+)
 from frenetic.campaign.log import CampaignLog, LogEvent
 from frenetic.campaign.loop import Dispatcher
 from frenetic.campaign.objective import MOOBD, Objective, objectives
@@ -146,6 +152,8 @@ class Campaign(Shown):
         start_from: folders of earlier campaigns, such as those of the driver's last version. The
             strategy, which has `start_from`, drives again what failed there. What
             is taken from them is kept in the new campaign, and a resumed one goes on with that.
+        from_roads: folder of real roads, which are driven first and then changed; kept likewise.
+            The ``road_class`` that they show is `frenetic.road.stretches.shown_class`.
         description: other facts for the campaign's configuration.
 
     Raises:
@@ -172,6 +180,7 @@ class Campaign(Shown):
         drive_limit: float | None = None,
         objective: str = MOOBD,
         start_from: Iterable[Path | str] = (),
+        from_roads: Path | str | None = None,
         description: Mapping[str, JSONValue] | None = None,
     ) -> None:
         workers = require_count("workers", workers)
@@ -200,14 +209,17 @@ class Campaign(Shown):
         if isinstance(strategy, ObservingStrategy) and (workers > 1 or cluster is not None):
             raise ValueError("the strategy observes drives: it needs one worker, in this process")
         start_from = require_list("start_from", start_from)
-        if start_from and not has_own(strategy, "start_from"):
+        has_start = bool(start_from) or from_roads is not None
+        if has_start and not has_own(strategy, "start_from"):
             raise ValueError(
-                f"the strategy {type(strategy).__name__} starts from no earlier campaign: give"
-                " none, or choose a strategy with start_from, such as frenetic"
+                f"the strategy {type(strategy).__name__} starts from no earlier campaign or real"
+                " road: give none, or choose a strategy with start_from, such as frenetic"
             )
         self.strategy = strategy
         self.start_from = tuple(EarlierCampaign(str(folder)) for folder in start_from)
         """Earlier campaigns that it starts from, read when it runs."""
+        self.from_roads = None if from_roads is None else str(from_roads)
+        """Folder of real roads that it starts from, read when it runs."""
         road_class = road_class or strategy.road_class
         if strategy.road_class not in (None, road_class):
             raise ValueError("the strategy was made for another road_class: they have to agree")
@@ -286,6 +298,7 @@ class Campaign(Shown):
             drive_limit=drive_limit,
             objective=spec.objective,
             start_from=[earlier.folder for earlier in spec.start_from],
+            from_roads=spec.from_roads,
         )
         campaign.named, campaign.isolate = spec, isolate
         return campaign
@@ -313,6 +326,7 @@ class Campaign(Shown):
             lookahead=self.lookahead,
             objective=self.objective.name,
             start_from=self.start_from,
+            from_roads=self.from_roads,
             versions=package_versions(),
             behaviours=describe_terms() | self._objective_version(),
         )
@@ -363,6 +377,10 @@ class Campaign(Shown):
         folders = [earlier.folder for earlier in self.start_from]
         step = (options_of(self.strategy) or {}).get("step")
         self.start_from, taken = take_earlier(folders, self.tester, self.objective, step)
+        starts = [str(earlier) for earlier in self.start_from]
+        if self.from_roads is not None:
+            words, roads = take_roads(self.from_roads, self.tester, step)
+            starts, taken = [words, *starts], [*roads, *taken]
         configuration = self.configuration()
         facts: dict[str, JSONValue] = {SOURCES: self._sources(), STARTED_IN: str(Path.cwd())}
         with ExitStack() as stack:
@@ -374,7 +392,7 @@ class Campaign(Shown):
             self.started = True
             summary = Summary(seed=self.seed, folder=self.folder)
             _log_start(log, LogEvent.STARTED, summary, configuration)
-            self.notes = tuple(f"starts from {earlier}" for earlier in self.start_from)
+            self.notes = tuple(f"starts from {one}" for one in starts)
             for note in self.notes:
                 log.write(LogEvent.LOG, note, logger=__name__)
             start(self.strategy, read_earlier(store), summary)

@@ -1,4 +1,4 @@
-"""Earlier campaigns from which a search starts: what is taken from them.
+"""Earlier campaigns, and real roads, from which a search starts: what is taken from them.
 
 Taken are roads that failed or came near failing, with their drives, as far as they fit the new
 campaign. Their results are those of another driver, or of another version of it, so a strategy
@@ -8,41 +8,43 @@ earlier campaign is needed no more.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 from msgspec import Struct, convert, to_builtins
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.bounds import Count, Finite, NotNegative, Positive
+from frenetic._support.bounds import Finite, Index, NotNegative, Positive
 from frenetic._support.json_value import JSONValue
 from frenetic._support.words import counted
 from frenetic.campaign.objective import Objective, evaluation_of
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester
-from frenetic.errors import CampaignError
+from frenetic.errors import CampaignError, RoadError
 from frenetic.oracle import Side
 from frenetic.outcome import Outcome
+from frenetic.road.files import PROFILES, find_roads
+from frenetic.road.stretches import fitting, step_of, stretches_of
 from frenetic.search.approach import nearest_square
 from frenetic.search.archive import places_of
-from frenetic.search.random_search import EARLIER
+from frenetic.search.random_search import EARLIER, GIVEN
 from frenetic.search.records import Candidate, Evaluation, Origin, Trace
 from frenetic.spec import EarlierCampaign, earlier_of
 
 
 @dataclass(frozen=True, eq=False)
 class EarlierTest:
-    """Test of an earlier campaign that a search starts from."""
+    """Test of an earlier campaign, or stretch of a real road, that a search starts from."""
 
     campaign: int
-    """Number from 1 of the campaign among those that it starts from."""
+    """Number from 1 of the campaign among those that it starts from; 0 for a real road."""
     test: int
-    """Id of the test there."""
+    """Id of the test there; 0 for a real road."""
     evaluation: Evaluation
     """Result, as the strategy is told it; its candidate counts from 1 in this order."""
 
@@ -56,6 +58,50 @@ _APART: Final = 1.0
 """Least difference of two taken tests, in m."""
 _MOST: Final = {Outcome.FAIL: (500, 5000), Outcome.PASS: (100, 1000)}
 """Most tests that are taken, and that are looked at for it, of each campaign."""
+
+
+def take_roads(
+    folder: Path | str, tester: RoadTester, step: float | None
+) -> tuple[str, list[EarlierTest]]:
+    """The stretches of the roads in a folder, see `frenetic.road.stretches`, in words and as tests.
+
+    They are fitted to the rules of the new campaign's road class. Those that are not valid in it
+    are left out.
+
+    Args:
+        folder: of road files, see `frenetic.road.files.find_roads`.
+        tester: of the new campaign.
+        step: m between two curvatures that the roads need, None for any.
+
+    Raises:
+        FreneticError: there is no road that fits.
+    """
+    found = find_roads([folder])
+    stretches = stretches_of(found.roads, step_of(found.roads) if step is None else step)
+    tests: list[EarlierTest] = []
+    for name, road in stretches.items():
+        if tester.road_class is not None:
+            road = fitting(road, tester.road_class)
+        candidate = Candidate(
+            len(tests) + 1,
+            road.curvatures,
+            road.step,
+            Origin(GIVEN),
+            notes={GIVEN: name},
+            superelevation=road.superelevation,
+            grade=road.grade,
+        )
+        if tester.fitted(candidate)[1].valid:
+            tests.append(EarlierTest(0, 0, Evaluation(candidate, Outcome.DROPPED, None, 0.0)))
+    if not tests:
+        raise RoadError(
+            f"nothing can be taken from {folder}: none of {counted(len(found.roads), 'road')} there"
+            f" is 50 m long and fits the map of {tester.map_size:g} m"
+        )
+    refused = len(stretches) - len(tests)
+    left_out = f", {refused} left out that are not valid" if refused else ""
+    unread = f", {counted(len(found.skipped), 'file')} hold none" if found.skipped else ""
+    return f"{folder}: {counted(len(tests), 'real road')} taken{left_out}{unread}", tests
 
 
 def take_earlier(
@@ -154,12 +200,12 @@ def still_failing(store: CampaignStore) -> str:
 class _Row(Struct):
     """An `EarlierTest` in the fact; arrays are float64, in base64."""
 
-    campaign: Count
-    test: Count
+    campaign: Index
+    test: Index
     step: Positive
     curvatures: bytes
-    outcome: Literal["PASS", "FAIL"]
-    moobd: Finite
+    outcome: Literal["PASS", "FAIL", "DROPPED"]
+    moobd: Finite | None
     objective: Finite | None
     place: Finite | None
     side: Side | None
@@ -167,12 +213,21 @@ class _Row(Struct):
     distance: bytes
     lateral_offset: bytes
     speed: bytes
+    superelevation: bytes | None = None
+    grade: bytes | None = None
+    name: str | None = None
+    """Of a real road."""
 
 
 FACT: Final = "earlier"
 """Name of the fact with the tests that were taken."""
 _OF_EVALUATION: Final = ("objective", "place", "side", "duration")
 _OF_TRACE: Final = ("distance", "lateral_offset", "speed")
+_OUTCOMES: Final[Mapping[Outcome, Literal["FAIL", "DROPPED"]]] = {
+    Outcome.FAIL: "FAIL",
+    Outcome.DROPPED: "DROPPED",
+}
+_NO_TRACE: Final = Trace(*(np.empty(0) for _ in _OF_TRACE))
 
 
 def fact_of(tests: Sequence[EarlierTest]) -> dict[str, JSONValue]:
@@ -182,18 +237,24 @@ def fact_of(tests: Sequence[EarlierTest]) -> dict[str, JSONValue]:
 
 def _row_of(test: EarlierTest) -> _Row:
     told = test.evaluation
-    candidate, trace = told.candidate, told.trace
-    assert trace is not None
-    assert told.moobd is not None
+    candidate, trace = told.candidate, told.trace or _NO_TRACE
+    arrays: dict[str, Any] = {name: getattr(trace, name) for name in _OF_TRACE}
+    arrays |= {name: getattr(candidate, name) for name in PROFILES}
+    packed: dict[str, Any] = {
+        name: np.ascontiguousarray(values, np.float64).tobytes()
+        for name, values in arrays.items()
+        if values is not None
+    }
     return _Row(
-        test.campaign,
-        test.test,
-        float(candidate.step),
-        candidate.curvatures.tobytes(),
-        "FAIL" if told.outcome is Outcome.FAIL else "PASS",
-        float(told.moobd),
-        *(getattr(told, name) for name in _OF_EVALUATION),
-        *(np.ascontiguousarray(getattr(trace, name), np.float64).tobytes() for name in _OF_TRACE),
+        campaign=test.campaign,
+        test=test.test,
+        step=float(candidate.step),
+        curvatures=candidate.curvatures.tobytes(),
+        outcome=_OUTCOMES.get(told.outcome, "PASS"),
+        moobd=None if told.moobd is None else float(told.moobd),
+        **{name: getattr(told, name) for name in _OF_EVALUATION},
+        **packed,
+        name=candidate.notes.get(GIVEN),
     )
 
 
@@ -214,16 +275,31 @@ def read_earlier(store: CampaignStore) -> list[EarlierTest]:
 
 def _test_of(number: int, row: _Row) -> EarlierTest:
     trace = Trace(*(np.frombuffer(getattr(row, name)) for name in _OF_TRACE))
-    if not 0 < len(trace.distance) == len(trace.lateral_offset) == len(trace.speed):
+    is_driven = row.outcome != "DROPPED"
+    if not int(is_driven) <= len(trace.distance) == len(trace.lateral_offset) == len(trace.speed):
         raise ValueError("a drive has not as many offsets and speeds as distances")
-    candidate = Candidate(number, np.frombuffer(row.curvatures), row.step, Origin(EARLIER))
+    if is_driven and row.moobd is None:
+        raise ValueError("a drive has no MOOBD")
+    slopes: dict[str, Any] = {
+        name: np.frombuffer(packed).reshape(-1, 2)
+        for name in PROFILES
+        if (packed := getattr(row, name)) is not None
+    }
+    candidate = Candidate(
+        number,
+        np.frombuffer(row.curvatures),
+        row.step,
+        Origin(EARLIER if is_driven else GIVEN),
+        notes={} if row.name is None else {GIVEN: row.name},
+        **slopes,
+    )
     told = Evaluation(
         candidate,
         Outcome(row.outcome),
         row.moobd,
         0.0,
         **{name: getattr(row, name) for name in _OF_EVALUATION},
-        read_trace=lambda: trace,
+        read_trace=lambda: trace if is_driven else None,
     )
     return EarlierTest(row.campaign, row.test, told)
 
@@ -247,7 +323,8 @@ def _worth_taking(
 def _numbered(told: Evaluation, number: int) -> Evaluation:
     """The same result of a candidate with another number, which needs its campaign no more."""
     road, trace = told.candidate, told.trace
-    candidate = Candidate(number, road.curvatures, road.step, Origin(EARLIER))
+    slopes: dict[str, Any] = {name: getattr(road, name) for name in PROFILES}
+    candidate = Candidate(number, road.curvatures, road.step, Origin(EARLIER), **slopes)
     return replace(told, candidate=candidate, budget_spent=0.0, read_trace=lambda: trace)
 
 

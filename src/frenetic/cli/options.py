@@ -196,8 +196,7 @@ objective_option = click.option(
     default="moobd",
     show_default=True,
     metavar="NAME",
-    help="What a search makes worse: moobd, another of 'frenetic list objectives', or a"
-    " file.py:function.",
+    help="What a search makes worse ('frenetic list objectives'), or file.py:function.",
 )
 workers_option = click.option(
     "--workers",

@@ -50,6 +50,12 @@ DEFAULT_SIMULATIONS: Final = 1000
     metavar="CAMPAIGN",
     help="Start from an earlier campaign: what failed there is driven first; may be repeated.",
 )
+@click.option(
+    "--from-roads",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Start from real roads, .xodr or .json, and keep to the class that they show.",
+)
 @click.option("--seed", type=click.IntRange(0), help="Repeats a search. [default: a new one]")
 @folder_option("Folder for the results. [default: a new one under campaigns/]")
 @fail_on_failure_option
@@ -74,6 +80,11 @@ def run(
     """
     from frenetic.campaign import new_folder
 
+    from_roads = context.params["from_roads"]
+    if from_roads is not None and context.params["road_class"] is None:
+        from frenetic.road.stretches import shown_class  # too slow for help
+
+        context.params["road_class"] = shown_class(from_roads)
     if file is None:
         spec, lookahead = asked_spec(context), None
         spec = replace(spec, objective=context.params["objective"])
@@ -99,6 +110,8 @@ def _of_file(context: click.Context, path: Path) -> tuple[Spec, int | None, int 
 
     spec, entries = read_run_file(path)
     given = given_options(context)
+    if context.params["from_roads"] is not None:
+        given["road_class"] = context.params["road_class"]
     for name in ("strategy", "strategy_options"):
         if was_given(context, name):
             given[name] = context.params[name]
@@ -135,6 +148,7 @@ def _with_search(
     usual = getattr(STRATEGIES.load(spec.strategy.name), "usual_lookahead", None)
     if lookahead is None and (seed is not None or (usual == 1 and not is_parallel)):
         lookahead = usual or LOOKAHEAD
+    from_roads = context.params["from_roads"]
     earlier = tuple(EarlierCampaign(str(folder)) for folder in context.params["start_from"])
     return replace(
         spec,
@@ -142,4 +156,5 @@ def _with_search(
         seed=secrets.randbelow(2**31) if seed is None else seed,
         lookahead=lookahead or None,
         start_from=earlier or spec.start_from,
+        from_roads=str(from_roads) if from_roads is not None else spec.from_roads,
     )

@@ -41,8 +41,8 @@ LEAST_TIME: Final = 30.0
 workers_option = click.option(
     "--workers",
     type=Workers(),
-    help="Drive on N roads at once, in processes of their own, or on the workers of a running Dask"
-    " cluster, such as tcp://10.0.0.1:8786. [default: the cores]",
+    help="Drive on N roads at once, or on the workers of a Dask cluster, tcp://10.0.0.1:8786."
+    " [default: the cores]",
 )
 fail_on_failure_option = click.option(
     "--fail-on-failure",

@@ -289,7 +289,7 @@ def _show_test(store: CampaignStore, test_id: int, plot: Path | None, as_json: b
     )
     from frenetic.report.minimised import minimised_drives, minimised_road
     from frenetic.report.picture import draw_test
-    from frenetic.search.random_search import EARLIER
+    from frenetic.search.random_search import EARLIER, GIVEN
 
     record = store.test(test_id)
     test = record
@@ -316,6 +316,8 @@ def _show_test(store: CampaignStore, test_id: int, plot: Path | None, as_json: b
         campaigns, _ = stored_earlier(store)
         folder = campaigns[earlier.campaign - 1].folder
         source = f", the road of test {earlier.test} of {folder}"
+    if GIVEN in record.candidate.notes:
+        source = f", {record.candidate.notes[GIVEN]}"
     parents = f" of {', '.join(map(str, origin.parents))}" if origin.parents else ""
     facts = [
         ("test", f"{test_id}" if record.told == test_id else f"{test_id}, result {record.told}"),

@@ -348,6 +348,19 @@ class RoadClass:
         return ""
 
 
+def design_speed_of(curvature: float, superelevation: float) -> float:
+    """Largest design speed in km/h, in steps of 10, for bends of a curvature in 1/m that lean so.
+
+    The slowest is 20 km/h, the fastest 130.
+    """
+    fitting = [
+        speed
+        for speed, friction in zip(_SPEEDS, _FRICTION, strict=True)
+        if speed**2 / 127.0 * curvature <= superelevation + friction
+    ]
+    return float(max(fitting, default=_SPEEDS[0]))
+
+
 class _Stretch(NamedTuple):
     """Values of one curvature between two clothoids, or the one at which clothoids meet."""
 

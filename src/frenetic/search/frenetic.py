@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections import deque
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, ClassVar
 
@@ -17,6 +18,7 @@ from frenetic.search.archive import LEFT, RIGHT, Archive, places_of
 from frenetic.search.operators import MIN_VALUES
 from frenetic.search.random_search import (
     EARLIER,
+    GIVEN,
     LENGTH_JITTER,
     MAX_LENGTH,
     RANDOM,
@@ -86,6 +88,8 @@ class Frenetic(Strategy):
     driven again, severe and unlike each other first, each with a chance that is the share of new
     failures among those before it, and at least one half in place of the first random roads. What
     they do now counts, not what they did. The speed model learns from their earlier drives.
+
+    *Real roads* (`start_from`, too): stretches of them are driven first, as they are.
 
     *Road classes*: roads are as long as the class says; behind a place where the car left its lane
     the drive goes on, see `frenetic.search.random_search.Rests`.
@@ -184,6 +188,7 @@ class Frenetic(Strategy):
         self._earlier = Archive()  # of earlier campaigns, none of it believed
         self._earlier_left = 0  # roads of it that were not proposed
         self._driven_again, self._brought_again = 0, 0.0
+        self._given: deque[Candidate] = deque()  # stretches of real roads
 
     def keep_margin(self, margin: float) -> None:
         """Take only roads for valid that keep so many m from the map's edge.
@@ -196,6 +201,8 @@ class Frenetic(Strategy):
         """Take roads of earlier campaigns, see `Strategy.start_from`."""
         for evaluation in earlier:
             candidate, severity = evaluation.candidate, evaluation.severity
+            if evaluation.outcome is Outcome.DROPPED:
+                self._given.append(candidate)
             if not evaluation.outcome.is_driven or severity is None:
                 continue
             worst = places_of(evaluation, candidate, severity)[0]
@@ -203,7 +210,8 @@ class Frenetic(Strategy):
             if self._model is not None and evaluation.trace is not None:
                 self._model.learn(candidate.curvatures, candidate.step, evaluation.trace)
         self._earlier_left = len(self._earlier)
-        longest = max((len(one.curvatures) for one in self._earlier.candidates), default=0)
+        roads = [*self._earlier.candidates, *self._given]
+        longest = max((len(road.curvatures) for road in roads), default=0)
         self._room = np.empty(max(len(self._room), longest))
 
     def ask(self) -> Candidate:
@@ -211,6 +219,8 @@ class Frenetic(Strategy):
         rest = self._rests.issue(self._ledger)
         if rest is not None:
             return rest
+        if self._given:
+            return self._given_road(self._given.popleft())
         if self._earlier_left and self._spent_when_told < self._random_budget:
             share = (self._brought_again + _TRIED) / (self._driven_again + _TRIED)
             if self._in_random_phase:
@@ -319,6 +329,13 @@ class Frenetic(Strategy):
         grade = self._roads.grade(self._rng, curvatures)
         return self._ledger.issue(curvatures, self._roads.step, Origin(RANDOM), grade=grade)
 
+    def _given_road(self, road: Candidate) -> Candidate:
+        """A stretch of a real road, as it is."""
+        self._proposed.add(fingerprint(road.curvatures))
+        names = ("notes", "superelevation", "grade")
+        own = {name: getattr(road, name) for name in names}
+        return self._ledger.issue(road.curvatures, road.step, Origin(GIVEN), **own)
+
     def _earlier_road(self) -> Candidate:
         """The best road of earlier campaigns that was not proposed: severe, and unlike others."""
         places, squares = self._earlier.places, self._earlier.squares
@@ -332,7 +349,11 @@ class Frenetic(Strategy):
         road = self._earlier.candidates[row]
         self._proposed.add(fingerprint(road.curvatures))
         return self._ledger.issue(
-            road.curvatures, self._roads.step, Origin(EARLIER), grade=road.grade
+            road.curvatures,
+            self._roads.step,
+            Origin(EARLIER),
+            superelevation=road.superelevation,
+            grade=road.grade,
         )
 
     def _choose_pool(self) -> None:

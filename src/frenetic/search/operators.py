@@ -259,6 +259,7 @@ DOES: Mapping[str, str] = MappingProxyType(
         "mirror": "mirrors the road: left becomes right",
         "straight": "puts a straight before the place",
         "rest": "goes on behind the place where the car left its lane",
+        "given": "drives a stretch of a real road",
         "earlier": "drives a road of an earlier campaign again",
         "screened": "takes what failed in the twin, or came near it",
     }

@@ -39,6 +39,8 @@ REST = "rest"
 """The operator of what is left of a road behind the place where the car left its lane."""
 EARLIER = "earlier"
 """The operator of a road that an earlier campaign drove."""
+GIVEN = "given"
+"""The operator of a stretch of a real road, from which the search starts."""
 
 RoadCheck: TypeAlias = Callable[[FloatArray, float], bool]
 """Says whether a road is valid, from its curvatures, (N,) 1/m, and its step, m.

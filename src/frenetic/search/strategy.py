@@ -129,8 +129,9 @@ class Strategy(ABC):
 
         A campaign calls it once, before it asks for a road, also when it is resumed. The results
         are those of another driver, or of another version of it: what a road does now has to be
-        seen again. All roads fit the map and have the step of the strategy's option ``step``, if
-        there is one. The candidates are none that the strategy asked.
+        seen again. Stretches of real roads, which nobody has driven, come first and are DROPPED.
+        All roads fit the map and have the step of the strategy's option ``step``, if there is one.
+        The candidates are none that the strategy asked.
         """
         raise NotImplementedError(f"{type(self).__name__} starts from no earlier campaign")
 

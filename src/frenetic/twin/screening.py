@@ -24,7 +24,8 @@ from frenetic.twin.screened import Screened
 from frenetic.twin.twin import Twin
 from frenetic.versions import SHORT
 
-_OF_THE_RUN: Final = ("seed", "map_size", "road_class")  # which the spec gives to the other strategy, too
+_OF_THE_RUN: Final = ("seed", "map_size", "road_class")
+"""Options that the spec gives to the other strategy, too."""
 
 
 def screened(

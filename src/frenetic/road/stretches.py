@@ -1,0 +1,200 @@
+"""Stretches: roads that exist, made ready for a search to start from, and the class they show."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from frenetic._support.arrays import FloatArray
+from frenetic.errors import FreneticError
+from frenetic.road import profile
+from frenetic.road.classes import RoadClass, design_speed_of
+from frenetic.road.files import find_roads
+from frenetic.road.road import Road
+
+_STEPS: Final = (2.0, 25.0)
+"""Shortest and longest step of roads that keep it, in m."""
+_USUAL_STEP: Final = 10.0  # m
+_SHORTEST: Final = 50.0
+"""Length of the shortest stretch, in m."""
+_LONGEST: Final = 3000.0
+"""Length of the longest stretch, in m."""
+
+
+def shown_class(folder: Path | str) -> RoadClass:
+    """The class that the roads in a folder show, see `class_of`; it has the folder's name.
+
+    Raises:
+        FreneticError: there is no road of 50 m, or a bend is too sharp for its lanes.
+    """
+    roads = find_roads([folder]).roads
+    stretches = stretches_of(roads, step_of(roads))
+    if not stretches:
+        raise FreneticError(f"no road in {folder} is 50 m long")
+    return class_of(stretches, Path(folder).resolve().name)
+
+
+def step_of(roads: Mapping[str, Road]) -> float:
+    """Step for stretches of these roads, in m: theirs if they have one in common, else 10."""
+    steps = {road.step for road in roads.values()}
+    step = steps.pop()
+    return step if not steps and _STEPS[0] <= step <= _STEPS[1] else _USUAL_STEP
+
+
+def stretches_of(roads: Mapping[str, Road], step: float) -> dict[str, Road]:
+    """Name of a stretch -> it, with one curvature every ``step`` m.
+
+    A curvature is the mean over the step around it, so bends turn as far as before. A road of more
+    than 3 km is cut into equal parts; one of less than 50 m is left out.
+
+    Args:
+        roads: by name.
+        step: m.
+    """
+    found: dict[str, Road] = {}
+    for name, road in roads.items():
+        whole = resampled(road, step)
+        if whole is None:
+            continue
+        last = len(whole.curvatures) - 1
+        count = math.ceil(whole.length / _LONGEST - 1e-9)
+        ends = [round(k * last / count) for k in range(count + 1)]
+        if count == 1:
+            found[name] = whole
+            continue
+        for k in range(count):
+            found[f"{name}, part {k + 1}"] = whole.piece(ends[k], ends[k + 1])
+    return found
+
+
+def resampled(road: Road, step: float) -> Road | None:
+    """A road with one curvature every ``step`` m; None if it is less than 50 m long.
+
+    It is up to a step shorter, since its length is whole steps.
+    """
+    if road.length < _SHORTEST:
+        return None
+    if road.step == step:
+        return road
+    places = np.arange(int(road.length / step + 1e-9) + 1) * step
+    edges = np.concatenate([places - 0.5 * step, [places[-1] + 0.5 * step]])
+    edges = np.clip(edges, 0.0, road.length)
+    along = np.arange(len(road.table)) * road.sub_step
+    headings = np.interp(edges, along, road.table[:, 2])
+    curvatures = np.diff(headings) / np.diff(edges)
+    return replace(road, curvatures=curvatures, step=step)
+
+
+def fitting(road: Road, road_class: RoadClass) -> Road:
+    """A stretch that keeps the rules of a class, and follows the given one as far as these let it.
+
+    One that keeps them stays as it is.
+    """
+    if not road_class.breach(replace(road, lane_width=road_class.lane_width)):
+        return road
+    curvatures = road_class.conformed(road.curvatures, road.step)
+    places = np.arange(len(curvatures)) * road.step
+    grades = road_class.conformed_grades(profile.value_at(road.grade, places), road.step)
+    return replace(
+        road,
+        curvatures=curvatures,
+        superelevation=road_class.superelevation(curvatures, road.step),
+        grade=profile.thinned(np.column_stack([places, grades])),
+    )
+
+
+def class_of(stretches: Mapping[str, Road], name: str) -> RoadClass:
+    """The class that stretches show: its limits are the utmost that they reach.
+
+    Its design speed is the largest, in steps of 10 km/h, for which AASHTO's least radius is not
+    above theirs. Arcs and straights may have any length.
+
+    Args:
+        stretches: by name, of the same step.
+        name: of the class.
+
+    Raises:
+        FreneticError: a bend is too sharp for its lanes.
+    """
+    shown = {key: _utmost(road) for key, road in stretches.items()}
+    sources: dict[str, str] = {}
+
+    def utmost(entry: str, rule: str) -> float:
+        value, key = max((one[entry], key) for key, one in shown.items())
+        sources[rule] = f"shown by {key}"
+        return value
+
+    values: dict[str, Any] = {}
+    for entry, rule in (("fall", "min_crest"), ("rise", "min_sag"), ("change", "min_clothoid")):
+        if (rate := utmost(entry, rule)) > 0.0:
+            values[rule] = _below(rate ** (-0.5 if entry == "change" else -1.0))
+    lean, curvature = (
+        _above(utmost("lean", "max_superelevation")),
+        utmost("curvature", "min_radius"),
+    )
+    speed = design_speed_of(curvature, lean)
+    # Bends that lean less than in proportion to their curvature ask for more side friction.
+    square = speed**2 / 127.0
+    friction = max(float(np.abs(square * k + e).max()) for k, e in map(_bends, stretches.values()))
+    curvature = max(curvature, (friction + lean) / square)
+    if curvature > 0.0:
+        values["min_radius"] = _below(1.0 / curvature)
+    lengths = sorted(road.length for road in stretches.values())
+    values |= {
+        "name": name,
+        "about": "As real roads are.",
+        "design_speed": speed,
+        "lane_width": min(road.lane_width for road in stretches.values()),
+        "length": lengths[len(lengths) // 2],
+        "map_size": 100.0 * math.ceil(lengths[-1] / 100.0 + 1.0),
+        "step": next(iter(stretches.values())).step,
+        "max_superelevation": lean,
+        "max_grade": _above(utmost("grade", "max_grade")),
+        "min_arc": 0.0,
+        "min_straight": 0.0,
+    }
+    told = {rule: source for rule, source in sources.items() if rule in values}
+    told |= dict.fromkeys(("min_arc", "min_straight"), "any length")
+    try:
+        return RoadClass.made(values | {"sources": told})
+    except ValueError as error:
+        key = sources["min_radius"].removeprefix("shown by ")
+        raise FreneticError(f"no road class is like {key}: {error}") from None
+
+
+def _utmost(road: Road) -> dict[str, float]:
+    """Largest curvature, change of it, slopes and changes of grade of a road."""
+    curvatures, leans = _bends(road)
+    grades = profile.cut(road.grade, 0.0, road.length)
+    bends = np.diff(grades[:, 1]) / np.diff(grades[:, 0])
+    return {
+        "curvature": float(np.abs(curvatures).max()),
+        "change": float(np.abs(np.diff(road.curvatures)).max()) / road.step,
+        "lean": float(np.abs(leans).max()),
+        "grade": float(np.abs(grades[:, 1]).max(initial=0.0)),
+        "fall": float((-bends).max(initial=0.0)),
+        "rise": float(bends.max(initial=0.0)),
+    }
+
+
+def _bends(road: Road) -> tuple[FloatArray, FloatArray]:
+    """Curvatures in 1/m and superelevations wherever one of them changes its slope."""
+    samples = np.arange(len(road.curvatures)) * road.step
+    stations = np.unique(np.concatenate([samples, road.superelevation[:, 0]]))
+    stations = stations[(stations >= 0.0) & (stations <= road.length)]
+    return road.curvature_at(stations), profile.value_at(road.superelevation, stations)
+
+
+def _above(value: float) -> float:
+    """A slope rounded up to 0.01 %, so that what shows it keeps it."""
+    return math.ceil(1e4 * value - 1e-6) / 1e4
+
+
+def _below(value: float) -> float:
+    """A limit in m, rounded down to 0.1 m, so that what shows it keeps it."""
+    return math.floor(10.0 * value + 1e-6) / 10.0
