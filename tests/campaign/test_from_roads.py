@@ -42,7 +42,7 @@ def drawn(road_class: RoadClass, count: int, seed: int = 1) -> list[Road]:
                 road_class.step,
                 lane_width=road_class.lane_width,
                 superelevation=road_class.superelevation(values, road_class.step),
-                grade=roads.grade(rng, values),
+                grade=() if (grade := roads.grade(rng, values)) is None else grade,
             )
         )
     return found

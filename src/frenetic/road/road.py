@@ -14,12 +14,17 @@ from frenetic.errors import RoadError
 from frenetic.road import geometry, profile
 from frenetic.road.fitting import MARGIN, fit_to_map
 from frenetic.road.recovery import curvature_from_points
-from frenetic.road.validity import MAP_SIZE, Verdict, as_points, check_layout, check_validity
+from frenetic.road.validity import (
+    MAP_SIZE,
+    RoadRules,
+    Verdict,
+    as_points,
+    check_layout,
+    check_validity,
+)
 
 if TYPE_CHECKING:
     import numpy.typing as npt
-
-    from frenetic.road.classes import RoadClass
 
 
 BEHAVIOUR = 1
@@ -313,7 +318,7 @@ class Road:
         self,
         map_size: float = MAP_SIZE,
         margin: float = MARGIN,
-        road_class: RoadClass | None = None,
+        road_class: RoadRules | None = None,
     ) -> tuple[Road | None, Verdict]:
         """This road fitted into the map, and the verdict on it there.
 
@@ -351,7 +356,7 @@ class Road:
         return made, (self.curvatures, self.step, tuple(self.pose))
 
     def check_validity(
-        self, map_size: float = MAP_SIZE, road_class: RoadClass | None = None
+        self, map_size: float = MAP_SIZE, road_class: RoadRules | None = None
     ) -> Verdict:
         """The verdict on this road where it lies: the competition's, or that of a road class."""
         if road_class is None:

@@ -133,10 +133,8 @@ def class_of(stretches: Mapping[str, Road], name: str) -> RoadClass:
     for entry, rule in (("fall", "min_crest"), ("rise", "min_sag"), ("change", "min_clothoid")):
         if (rate := utmost(entry, rule)) > 0.0:
             values[rule] = _below(rate ** (-0.5 if entry == "change" else -1.0))
-    lean, curvature = (
-        _above(utmost("lean", "max_superelevation")),
-        utmost("curvature", "min_radius"),
-    )
+    curvature = utmost("curvature", "min_radius")
+    lean = _above(utmost("lean", "max_superelevation"))
     speed = design_speed_of(curvature, lean)
     # Bends that lean less than in proportion to their curvature ask for more side friction.
     square = speed**2 / 127.0

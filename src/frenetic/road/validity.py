@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 
@@ -68,6 +68,13 @@ class Verdict:
 
     def __bool__(self) -> bool:
         return self.valid
+
+
+class RoadRules(Protocol):
+    """Rules in place of the competition's, see `frenetic.road.classes.RoadClass`."""
+
+    def verdict(self, road: Any) -> Verdict:
+        """Whether a `frenetic.road.Road` keeps them."""
 
 
 _VERDICTS: Final = tuple(
