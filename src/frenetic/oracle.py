@@ -20,6 +20,7 @@ from frenetic.errors import Fault
 from frenetic.outcome import Outcome
 from frenetic.road.geometry import heading_at, project_global, project_near, reach_of
 from frenetic.road.overlap import share_outside
+from frenetic.road.profile import value_at
 
 if TYPE_CHECKING:
     from frenetic.drive import Drive, Rules
@@ -239,7 +240,10 @@ def assess(road: Road, drive: Drive) -> Assessment:
     )
     half = 0.5 * road.lane_width
     offset = rows[:, OFFSET] + half
-    return Assessment(end, rows[:, DISTANCE], offset, half - np.abs(offset), rows[:, OOB_SHARE])
+    oob_distance = half - np.abs(offset)
+    if len(road.widening):
+        oob_distance += np.where(offset < 0.0, value_at(road.widening, rows[:, DISTANCE]), 0.0)
+    return Assessment(end, rows[:, DISTANCE], offset, oob_distance, rows[:, OOB_SHARE])
 
 
 def _rounded_up(share: float) -> str:

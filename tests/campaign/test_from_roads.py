@@ -41,7 +41,7 @@ def drawn(road_class: RoadClass, count: int, seed: int = 1) -> list[Road]:
                 values,
                 road_class.step,
                 lane_width=road_class.lane_width,
-                superelevation=road_class.superelevation(values, road_class.step),
+                **road_class.profiles(values, road_class.step),
                 grade=() if (grade := roads.grade(rng, values)) is None else grade,
             )
         )

@@ -129,6 +129,7 @@ FULL = Test(
         notes={"screening": {"role": "control", "drawn": 20, "moobd": None}, "kinds": [1, "x"]},
         superelevation=np.array([[0.0, 0.025], [30.0, -0.06]]),
         grade=np.array([[-0.0, np.nextafter(0.04, 1.0)]]),
+        widening=np.array([[5.0, 0.25]]),
     ),
     attempt=Attempt(
         1,

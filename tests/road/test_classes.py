@@ -7,6 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,9 +28,8 @@ STRATEGIES: list[Callable[..., Strategy]] = [RandomSearch, Frenetic, Frenetic202
 
 
 def road_of(road_class: RoadClass, values: np.ndarray, **more: object) -> Road:
-    lean = road_class.superelevation(values, road_class.step)
-    lane_width = road_class.lane_width
-    return Road(values, road_class.step, lane_width=lane_width, **{"superelevation": lean, **more})  # type: ignore[arg-type]
+    profiles = road_class.profiles(values, road_class.step)
+    return Road(values, road_class.step, lane_width=road_class.lane_width, **profiles | more)
 
 
 def test_the_least_radius_is_the_published_one() -> None:
@@ -90,7 +90,7 @@ def test_wishes_become_roads_that_keep_the_rules(
     wished = np.repeat(np.array(values) * 86.0 / road_class.min_radius, repeat)
     kept = road_class.conformed(wished, road_class.step)
     road = road_of(road_class, kept)
-    assert not violations(name, kept, road_class.step, road.superelevation, None)
+    assert not violations(name, kept, road_class.step, road.superelevation, None, road.widening)
     assert road_class.breach(road) == ""
     assert np.array_equal(road_class.conformed(kept, road_class.step), kept)
 
@@ -106,7 +106,7 @@ def test_strategies_stay_in_their_class(name: str, strategy: Callable[..., Strat
         assert candidate is not None
         road = candidate.road(road_class.lane_width, road_class=road_class)
         values = candidate.curvatures, candidate.step, road.superelevation, candidate.grade
-        assert not violations(name, *values), candidate
+        assert not violations(name, *values, road.widening), candidate
         if i < 50:
             assert road_class.breach(road) == ""
         length = (len(candidate.curvatures) - 1) * candidate.step
@@ -171,15 +171,15 @@ BENDS = np.array([0.0, 0.0012, 0.0024, 0.0036, 0.0036, 0.0036, 0.0036, 0.0036, 0
         ({"grade": 0.07}, r"A grade of 7.0 % at 0 m: .* at most 6.5 %"),
         ({"grade": [(0.0, 0.02), (50.0, 0.0)]}, r"A crest of 2500 m radius at 0 m: .* 5000 m"),
         ({"grade": [(0.0, 0.0), (50.0, 0.02)]}, r"A sag of 2500 m radius at 0 m: .* 3000 m"),
+        ({"widening": ()}, ""),
         ({"lane_width": 3.0}, "The lanes are 3 m wide: rural-80 needs at least 3.5 m"),
     ],
 )
-def test_a_broken_rule_is_told(change: dict[str, object], message: str) -> None:
+def test_a_broken_rule_is_told(change: dict[str, Any], message: str) -> None:
     values = np.asarray(change.get("values", BENDS))
     more = {name: value for name, value in change.items() if name != "values"}
     lane_width = more.pop("lane_width", CLASS.lane_width)
-    lean = CLASS.superelevation(values, 16.0)
-    road = Road(values, 16.0, lane_width=lane_width, **{"superelevation": lean, **more})  # type: ignore[arg-type]
+    road = Road(values, 16.0, lane_width=lane_width, **CLASS.profiles(values, 16.0) | more)
     verdict = road.placed(CLASS.map_size, road_class=CLASS)[1]
     assert bool(verdict) is not bool(message)
     assert re.search(message, verdict.message), verdict.message
@@ -198,3 +198,15 @@ def test_a_road_of_a_class_keeps_clear_of_itself_and_the_edge() -> None:
 
 def test_every_class_is_named_in_the_rules() -> None:
     assert set(RULES) == set(classes())
+
+
+def test_lanes_widen_in_narrow_bends() -> None:
+    urban = RoadClass.of("urban-50")
+    assert urban.widening == 50.0  # 10 m squared, halved
+    assert CLASS.widening == 0.0  # 50 / 240 is less than 0.25 m
+    values = urban.conformed(np.repeat([0.0, 0.02, 0.0], 20), urban.step)
+    road = road_of(urban, values)
+    assert road.widening[:, 1].max() == pytest.approx(50.0 / urban.min_radius)
+    narrow = Road(values, urban.step, lane_width=3.25, superelevation=road.superelevation)
+    broken = "A lane of 3.25 m in a radius of 258 m at 200 m: urban-50 needs at least 3.44 m (RAS-L"
+    assert urban.breach(narrow).startswith(broken)

@@ -34,7 +34,12 @@ RULES: Mapping[str, Mapping[str, float]] = {
 
 
 def violations(
-    name: str, curvatures: Array, step: float, lean: Array, grade: Array | None
+    name: str,
+    curvatures: Array,
+    step: float,
+    lean: Array,
+    grade: Array | None,
+    wider: Array,
 ) -> list[str]:
     """The rules of a class that a road breaks; empty if it keeps them."""
     rules = RULES[name]
@@ -62,6 +67,10 @@ def violations(
         found.append("side friction")
     if (kappa * slope > 1e-12).any():
         found.append("leans outwards")
+    wide = np.interp(dense, *wider.T) if len(wider) else np.zeros_like(dense)
+    # What a vehicle of 10 m needs more, unless that is little even in the sharpest bend.
+    if (needs := 10.0**2 / 2.0) / radius >= 0.25 and (wide < needs * np.abs(kappa) - 1e-9).any():
+        found.append("widening")
     # Runs of one curvature, apart from those that touch the road's ends.
     flat = np.abs(np.diff(curvatures)) < 1e-13
     runs, i = [], 0

@@ -31,7 +31,6 @@ from frenetic.drive import Rules
 from frenetic.errors import ENDS_ITS_PROCESS, HANGS, CampaignError, Fault, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.road import Road, profile
-from frenetic.road.files import PROFILES
 from frenetic.search.archive import places_of
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.strategy import Ledger, SearchEnded, Strategy
@@ -146,7 +145,7 @@ class Minimising(Strategy):
         stations = np.arange(len(values)) * shape.step
         profiles: dict[str, FloatArray] = {
             name: profile.thinned(np.column_stack([stations, column]))
-            for name, column in zip(PROFILES, zip(*shape.slopes, strict=True), strict=False)
+            for name, column in zip(profile.NAMES, zip(*shape.slopes, strict=True), strict=False)
             if any(column)
         }
         origin = Origin(OPERATOR)
@@ -285,7 +284,7 @@ def _shape_of(road: Candidate) -> Shape:
     stations = np.arange(len(road.curvatures)) * road.step
     columns = [
         () if values is None else profile.value_at(values, stations).tolist()
-        for values in (road.superelevation, road.grade)
+        for values in (getattr(road, name) for name in profile.NAMES)
     ]
     slopes = tuple(zip_longest(*columns, fillvalue=0.0))
     return Shape(tuple(road.curvatures), road.step, slopes)
@@ -333,16 +332,20 @@ def minimise(
             f"the road's lanes are {road.lane_width:g} m wide, those of the tester"
             f" {tester.lane_width:g} m: they have to agree"
         )
-    # A road class says itself how a road leans.
-    leaning = None if tester.road_class is not None else road.superelevation
+    profiles = {name: getattr(road, name) for name in profile.NAMES}
+    if tester.road_class is not None:
+        # It says itself how a shorter road leans and widens.
+        usual = tester.road_class.profiles(road.curvatures, road.step)
+        for name, values in usual.items():
+            if np.array_equal(profiles[name], values):
+                profiles[name] = None
     start = _shape_of(
         Candidate(
             1,
             road.curvatures,
             road.step,
             Origin(OPERATOR),
-            superelevation=leaning,
-            grade=road.grade,
+            **profiles,
         )
     )
     strategy = Minimising(start, tester.simulator.rules, guard)

@@ -46,7 +46,7 @@ class Answer(StrEnum):
 
 @dataclass(frozen=True)
 class Shape:
-    """A road without a place: curvature samples, their step, and the slopes at them."""
+    """A road without a place: curvature samples, their step, and its profiles' values at them."""
 
     values: Values
     """Values, (N,) in 1/m, positive turns left."""
@@ -263,8 +263,8 @@ def _sharpen(shrinker: Shrinker) -> Trials[None]:
 
 
 def _flatten(shrinker: Shrinker) -> Trials[None]:
-    """Takes both slopes away, or else one of them."""
-    for kept in ((), (0,), (1,)):
+    """Takes slopes and widening away, or else all but one of them."""
+    for kept in ((), (0,), (1,), (2,)):
         slopes = (
             tuple(value if k in kept else 0.0 for k, value in enumerate(pair))
             for pair in shrinker.best.slopes

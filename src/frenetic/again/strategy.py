@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Final
 
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
+from frenetic.road import profile
 from frenetic.search.records import Candidate, Evaluation, Origin, Source
 from frenetic.search.strategy import Ledger, SearchEnded, Strategy
 from frenetic.simulators.worlds import check_conditions
@@ -74,8 +75,7 @@ class Again(Strategy):
             conditions=conditions,
             repeat=repeat,
             source=Source(self._campaign, road.id),
-            superelevation=road.superelevation,
-            grade=road.grade,
+            **{name: getattr(road, name) for name in profile.NAMES},
         )
 
     def tell(self, evaluation: Evaluation) -> None:

@@ -28,7 +28,8 @@ from frenetic.campaign.tester import RoadTester
 from frenetic.errors import CampaignError, RoadError
 from frenetic.oracle import Side
 from frenetic.outcome import Outcome
-from frenetic.road.files import PROFILES, find_roads
+from frenetic.road import profile
+from frenetic.road.files import find_roads
 from frenetic.road.stretches import fitting, step_of, stretches_of
 from frenetic.search.approach import nearest_square
 from frenetic.search.archive import places_of
@@ -88,8 +89,7 @@ def take_roads(
             road.step,
             Origin(GIVEN),
             notes={GIVEN: name},
-            superelevation=road.superelevation,
-            grade=road.grade,
+            **{name: getattr(road, name) for name in profile.NAMES},
         )
         if tester.fitted(candidate)[1].valid:
             tests.append(EarlierTest(0, 0, Evaluation(candidate, Outcome.DROPPED, None, 0.0)))
@@ -215,6 +215,7 @@ class _Row(Struct):
     speed: bytes
     superelevation: bytes | None = None
     grade: bytes | None = None
+    widening: bytes | None = None
     name: str | None = None
     """Of a real road."""
 
@@ -239,7 +240,7 @@ def _row_of(test: EarlierTest) -> _Row:
     told = test.evaluation
     candidate, trace = told.candidate, told.trace or _NO_TRACE
     arrays: dict[str, Any] = {name: getattr(trace, name) for name in _OF_TRACE}
-    arrays |= {name: getattr(candidate, name) for name in PROFILES}
+    arrays |= {name: getattr(candidate, name) for name in profile.NAMES}
     packed: dict[str, Any] = {
         name: np.ascontiguousarray(values, np.float64).tobytes()
         for name, values in arrays.items()
@@ -282,7 +283,7 @@ def _test_of(number: int, row: _Row) -> EarlierTest:
         raise ValueError("a drive has no MOOBD")
     slopes: dict[str, Any] = {
         name: np.frombuffer(packed).reshape(-1, 2)
-        for name in PROFILES
+        for name in profile.NAMES
         if (packed := getattr(row, name)) is not None
     }
     candidate = Candidate(
@@ -323,7 +324,7 @@ def _worth_taking(
 def _numbered(told: Evaluation, number: int) -> Evaluation:
     """The same result of a candidate with another number, which needs its campaign no more."""
     road, trace = told.candidate, told.trace
-    slopes: dict[str, Any] = {name: getattr(road, name) for name in PROFILES}
+    slopes: dict[str, Any] = {name: getattr(road, name) for name in profile.NAMES}
     candidate = Candidate(number, road.curvatures, road.step, Origin(EARLIER), **slopes)
     return replace(told, candidate=candidate, budget_spent=0.0, read_trace=lambda: trace)
 

@@ -332,6 +332,7 @@ ASKED: Final = (
         "superelevation", "candidate.superelevation", "PAIRS", "distance in m and slope across it"
     ),
     Column("grade", "candidate.grade", "PAIRS", "distance in m and slope along it"),
+    Column("widening", "candidate.widening", "PAIRS", "distance in m and m by which lanes widen"),
     Column("conditions", "candidate.conditions", "JSON", "what differs from the campaign's drives"),
     Column("repeat", "candidate.repeat", "INTEGER", "counts the drives of one road from 0"),
     Column("source", "candidate.source", "JSON", "campaign and test whose road it is"),

@@ -20,6 +20,7 @@ UNITS: Final = {
     "design_speed": "km/h",
     "speed_limit": "km/h",
     "lane_width": "m",
+    "widening": "m²",
     "length": "m",
     "min_radius": "m",
     "max_superelevation": "%",

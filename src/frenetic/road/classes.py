@@ -16,10 +16,12 @@ design speed V in km/h:
 ``min_crest``      100 S² / 658, S = 0.278 V 2.5 s + 0.039 V² / 3.4 m/s² the stopping
                    sight distance (AASHTO, crest vertical curves)
 ``min_sag``        100 V² / 395 (AASHTO, sag vertical curves: comfort)
+``widening``       D² / 2 for each lane, with D = 10 m from a long vehicle's rear axle to
+                   its front (RAS-L 1995); 0 where that widens no lane by 0.25 m
 ================== ==================================================================
 
 Straights are level, and bends lean in proportion to their curvature up to ``max_superelevation`` at
-the least radius (AASHTO's method 1), so they lean along the clothoids.
+the least radius (AASHTO's method 1), so they lean along the clothoids. Lanes widen likewise.
 """
 
 from __future__ import annotations
@@ -55,6 +57,9 @@ _FRICTION: Final = (0.35, 0.28, 0.23, 0.19, 0.17, 0.15, 0.14, 0.13, 0.12, 0.11, 
 _GRADIENT: Final = (0.80, 0.75, 0.70, 0.65, 0.60, 0.55, 0.50, 0.47, 0.44, 0.41, 0.38, 0.35)
 """Largest slope of a lane's edge against its centre line for them, in % (AASHTO)."""
 _JERK: Final = 1.2  # m/s³
+_LONG_VEHICLE: Final = 50.0
+"""Half the square of the 10 m from a long vehicle's rear axle to its front, in m²."""
+_LEAST_WIDENING: Final = 0.25  # m
 _FORMULA: Final = "AASHTO Green Book, for {:g} km/h"
 _SAME: Final = 1e-9  # share and 1/m by which values may miss a limit
 _NO_CHANGE: Final = 1e-12  # 1/m
@@ -79,6 +84,8 @@ class RoadClass:
     """km/h."""
     lane_width: Positive
     """m."""
+    widening: NotNegative
+    """What a lane is wider in a bend, times its radius, in m²."""
     length: Positive
     """Usual length of a road that a search proposes, in m."""
     map_size: Positive
@@ -163,6 +170,7 @@ class RoadClass:
             "length": 2000.0,
             "max_superelevation": 0.06,
             "max_grade": 0.06,
+            "widening": 0.0,
             "step": float(max(round(speed / 5.0), 5)),
             **given,
         }
@@ -177,6 +185,8 @@ class RoadClass:
             (radius / 3.0) ** 2,
         )
         sight = 0.278 * speed * 2.5 + 0.039 * speed**2 / 3.4
+        if _LONG_VEHICLE / radius >= _LEAST_WIDENING:
+            values = {**values, "widening": given.get("widening", _LONG_VEHICLE)}
         derived = {
             "min_radius": radius,
             "min_clothoid": math.sqrt(square),
@@ -192,6 +202,7 @@ class RoadClass:
         sources = {name: _FORMULA.format(speed) for name in derived} | {
             "min_arc": "RAL, RAA: the way of 2 s",
             "min_straight": "RAS-L 1995: 6 V" if speed >= 60.0 else "the way of 2 s",
+            "widening": "RAS-L 1995: D² / 2, D = 10 m; none below 0.25 m",
         }
         sources |= dict(given.get("sources", {}))
         sources |= {name: "as given" for name in changed or {} if name in known}
@@ -232,13 +243,17 @@ class RoadClass:
         conform(values, self.limits(step), np.empty_like(values))
         return values
 
-    def superelevation(self, curvatures: FloatArray, step: float) -> FloatArray:
-        """The profile, (k, 2), of a road of (N,) curvatures in 1/m that are ``step`` m apart."""
-        if self.max_superelevation == 0.0:
-            return profile.NOTHING
+    def profiles(self, curvatures: FloatArray, step: float) -> dict[str, Any]:
+        """Superelevation and widening, (k, 2), of a road of (N,) curvatures, 1/m, each step m."""
         # To the inside of the bend: a left bend, of positive curvature, rises to the right.
-        slopes = -self.max_superelevation * self.min_radius * curvatures
-        return profile.thinned(np.column_stack([np.arange(len(curvatures)) * step, slopes]))
+        leaning = -self.max_superelevation * self.min_radius * curvatures
+        columns = {"superelevation": leaning, "widening": self.widening * np.abs(curvatures)}
+        stations = np.arange(len(curvatures)) * step
+        return {
+            name: profile.thinned(np.column_stack([stations, values]))
+            for name, values in columns.items()
+            if values.any()
+        }
 
     # Grade
 
@@ -255,10 +270,10 @@ class RoadClass:
     def breach(self, road: Road) -> str:
         """The first rule that a road breaks, in words; empty if it keeps them."""
         for text in (
-            self._breach_of_width(road),
             self._breach_of_bends(road),
             self._breach_of_lean(road),
             self._breach_of_grade(road),
+            self._breach_of_width(road),
         ):
             if text:
                 return text
@@ -274,10 +289,20 @@ class RoadClass:
         return f"{what}: {self.name} needs {needed}" + (f" ({source})" if source else "")
 
     def _breach_of_width(self, road: Road) -> str:
-        if road.lane_width >= self.lane_width * (1.0 - _SAME):
-            return ""
-        what = f"The lanes are {road.lane_width:g} m wide"
-        return self._told("lane_width", what, f"at least {self.lane_width:g} m")
+        stations, curvatures = knots(road, road.widening)
+        wider = profile.value_at(road.widening, stations)
+        if road.lane_width < self.lane_width * (1.0 - _SAME):
+            what = f"The lanes are {road.lane_width:g} m wide"
+            return self._told("lane_width", what, f"at least {self.lane_width:g} m")
+        needed = self.lane_width + self.widening * np.abs(curvatures)
+        narrow = np.flatnonzero(road.lane_width + wider < needed * (1.0 - _SAME))
+        if len(narrow):
+            i = int(narrow[0])
+            radius = 1.0 / abs(curvatures[i])
+            what = f"A lane of {road.lane_width + wider[i]:.2f} m in a radius of {radius:.0f} m"
+            what += f" at {stations[i]:.0f} m"
+            return self._told("widening", what, f"at least {needed[i]:.2f} m")
+        return ""
 
     def _breach_of_bends(self, road: Road) -> str:
         values, step = road.curvatures, road.step
@@ -306,10 +331,7 @@ class RoadClass:
         return ""
 
     def _breach_of_lean(self, road: Road) -> str:
-        stations = np.unique(
-            np.concatenate([np.arange(len(road.curvatures)) * road.step, road.superelevation[:, 0]])
-        )
-        stations = stations[(stations >= 0.0) & (stations <= road.length + _SAME)]
+        stations, curvatures = knots(road, road.superelevation)
         slopes = profile.value_at(road.superelevation, stations)
         steep = np.flatnonzero(np.abs(slopes) > self.max_superelevation * (1.0 + _SAME) + _SAME)
         if len(steep):
@@ -318,12 +340,12 @@ class RoadClass:
             needed = f"at most {100.0 * self.max_superelevation:g} %"
             return self._told("max_superelevation", what, needed)
         # What the side friction has to hold at the design speed, as V²/(127 R) says it.
-        demand = self.design_speed**2 / 127.0 * road.curvature_at(stations) + slopes
+        demand = self.design_speed**2 / 127.0 * curvatures + slopes
         most = self.design_speed**2 / 127.0 * self.max_curvature - self.max_superelevation
         short = np.flatnonzero(np.abs(demand) > max(most, 0.0) + 1e-6)
         if len(short):
             i = int(short[0])
-            radius = 1.0 / max(abs(float(road.curvature_at(stations[i]))), 1e-9)
+            radius = 1.0 / max(abs(float(curvatures[i])), 1e-9)
             what = (
                 f"A side friction of {abs(demand[i]):.2f} at {stations[i]:.0f} m, in a radius of"
                 f" {radius:.0f} m with {100.0 * abs(slopes[i]):.1f} % of superelevation"
@@ -346,6 +368,14 @@ class RoadClass:
                 what = f"A {word} of {1.0 / abs(bend):.0f} m radius at {at:.0f} m"
                 return self._told(rule, what, f"at least {least:g} m")
         return ""
+
+
+def knots(road: Road, pairs: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Stations where the curvature or a profile bends, in m, and the curvatures there."""
+    samples = np.arange(len(road.curvatures)) * road.step
+    stations = np.unique(np.concatenate([samples, pairs[:, 0]]))
+    stations = stations[(stations >= 0.0) & (stations <= road.length + _SAME)]
+    return stations, road.curvature_at(stations)
 
 
 def design_speed_of(curvature: float, superelevation: float) -> float:

@@ -8,18 +8,16 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 from msgspec import Struct, ValidationError, convert
 
 from frenetic._support.files import require_list
 from frenetic.errors import RoadError
+from frenetic.road import profile
 from frenetic.road.classes import RoadClass
 from frenetic.road.opendrive import from_opendrive
 from frenetic.road.road import START, Road
 from frenetic.road.validity import MAP_SIZE, Verdict, check_validity
 
-PROFILES: Final = ("superelevation", "grade")
-"""What a road may have along it beside its curvature, see `Road`."""
 MAX_BYTES: Final = 8 * 2**20
 """Largest road file that is read; a competition's test file of a long drive has about 1 MiB."""
 _SUFFIXES: Final = {".json", ".xodr"}
@@ -52,6 +50,8 @@ class RoadEntries(Struct):
     """Pairs of m and m/m."""
     grade: list[tuple[float, float]] = []
     """Pairs of m and m/m."""
+    widening: list[tuple[float, float]] = []
+    """Pairs of m and m."""
 
 
 @dataclass(frozen=True)
@@ -76,8 +76,7 @@ class RoadFile:
             else:
                 pose = given.pose or START
                 road = Road(given.curvatures, given.step, pose, lane_width=given.lane_width)
-            leaning, rising = (np.array(getattr(given, name)) for name in PROFILES)
-            return replace(road, superelevation=leaning, grade=rising)
+            return replace(road, **{name: getattr(given, name) for name in profile.NAMES})
         except RoadError as error:
             raise RoadError(f"{self.path}: {error}") from None
 
@@ -111,7 +110,8 @@ def read_road(path: Path | str, *, lane: int | None = None) -> RoadFile:
     A JSON file holds an object with ``curvatures`` (1/m) and optionally ``step`` (m, 10), ``pose``
     ([x, y, heading] in m, m, rad) and ``lane_width`` (m, 4); or one with ``road_points`` ([x, y] or
     {"x": x, "y": y} in m each), which a test file of the competition is; or just a list of points.
-    Either may have ``superelevation`` and ``grade``, pairs of m along the road and m/m, see `Road`.
+    Either may have ``superelevation`` and ``grade``, pairs of m along the road and m/m, and
+    ``widening``, of m and m, see `Road`.
     An OpenDRIVE file, known by its suffix ``.xodr`` or by being XML, holds one road, see
     `from_opendrive`; ``lane`` is the id of the lane to drive on there.
 
@@ -145,7 +145,7 @@ def read_road(path: Path | str, *, lane: int | None = None) -> RoadFile:
 
 def entries_of(road: Road) -> dict[str, Any]:
     """The entries of a road's file; profiles only if it has some."""
-    profiles = {name: getattr(road, name) for name in PROFILES}
+    profiles = {name: getattr(road, name) for name in profile.NAMES}
     return {
         "curvatures": road.curvatures.tolist(),
         "step": road.step,

@@ -26,7 +26,8 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
 
-X, Y, HEADING, CURVATURE, COS, SIN = range(6)
+X, Y, HEADING, CURVATURE, COS, SIN, WIDENING = range(7)
+"""Columns of a table; only a road whose lanes widen has the last."""
 
 SUB_STEP = 1.0
 """Longest sub-step of a table, in m."""
@@ -119,6 +120,18 @@ def build_table(
     table[last, 4] = math.cos(heading)
     table[last, 5] = math.sin(heading)
     return table
+
+
+@njit()
+def widening_at(table: FloatArray, ds: float, s: float) -> float:
+    """What a lane is wider than usual at ``s``, in m."""
+    if table.shape[1] <= 6:
+        return 0.0
+    last = len(table) - 1
+    i = min(max(int(s / ds), 0), last - 1)
+    share = min(max(s / ds - i, 0.0), 1.0)
+    wider: float = table[i, 6] + share * (table[i + 1, 6] - table[i, 6])
+    return wider
 
 
 @njit()

@@ -8,7 +8,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
-from frenetic.road.geometry import frame_at
+from frenetic.road.geometry import frame_at, widening_at
 
 SECTION = 0.5
 """Distance between the cross-sections that cut the lane into quadrilaterals, in m.
@@ -73,7 +73,8 @@ def share_outside(
 
     Args:
         table, ds: the road, see `frenetic.road.geometry`.
-        left, right: m, lateral offsets of the lane's edges, left > right.
+        left, right: m, lateral offsets of the lane's edges, left > right; the right one is further
+            out where the lanes are wider.
         s, d, road_heading: the centre of mass projected onto the road, the road's heading there.
         x, y, heading: m, m, rad, centre of mass and heading of the car.
         length, width, centre_ahead: m, the car's box, see `CarBody`.
@@ -114,7 +115,8 @@ def share_outside(
     for k in range(sections + 1):
         px, py, cosine, sine, _ = frame_at(table, ds, s - along + k * SECTION)
         lx1, ly1 = px - left * sine - x, py + left * cosine - y
-        rx1, ry1 = px - right * sine - x, py + right * cosine - y
+        edge = right - widening_at(table, ds, s - along + k * SECTION)
+        rx1, ry1 = px - edge * sine - x, py + edge * cosine - y
         if k > 0:
             # The quadrilateral right0 -> right1 -> left1 -> left0 runs counter-clockwise.
             m = _clip(box, 4, rx0, ry0, rx1, ry1, first)

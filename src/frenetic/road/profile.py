@@ -17,6 +17,8 @@ from frenetic.errors import RoadError
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+NAMES: Final = ("superelevation", "grade", "widening")
+"""Profiles that a road has."""
 NOTHING: Final = np.empty((0, 2))
 """The profile that is 0 everywhere."""
 NOTHING.setflags(write=False)

@@ -51,6 +51,8 @@ MAX_SUPERELEVATION = 1.0
 """Steepest slope across a road in either direction; a race track's may be 0.6."""
 MAX_GRADE = 0.5
 """Steepest slope along a road in either direction."""
+MAX_WIDENING = 100.0
+"""Largest widening of a lane, in m."""
 POINT_SPACING = 2.0
 """Spacing of a road's points for validity, files and other simulators, in m."""
 
@@ -76,7 +78,9 @@ class Road:
 
     The curvature is linear between samples, so every piece is a clothoid. The car drives on the
     right-hand lane, the ego lane, from the first sample to the last. All distances are those on the
-    map. Above it the road may lean to a side and rise: by profiles, see `frenetic.road.profile`.
+    map. By profiles, see `frenetic.road.profile`, the road may lean to a side, rise above the map
+    and widen. Each lane then widens at its outer edge; the middle of a lane, from which lateral
+    offsets count, stays half of `lane_width` from the centre line.
 
     Raises:
         RoadError: fewer than 2 or more than 10000 samples, values that are not finite numbers or
@@ -96,6 +100,8 @@ class Road:
     """Slope across the road, (k, 2) in m and m/m, positive falls to the right, as in OpenDRIVE."""
     grade: FloatArray = field(default_factory=lambda: profile.NOTHING)
     """Slope along the road, (k, 2) in m and m/m, positive rises."""
+    widening: FloatArray = field(default_factory=lambda: profile.NOTHING)
+    """What each lane is wider than `lane_width`, (k, 2) in m and m."""
 
     def __init__(
         self,
@@ -106,6 +112,7 @@ class Road:
         lane_width: float = 4.0,
         superelevation: npt.ArrayLike = (),
         grade: npt.ArrayLike = (),
+        widening: npt.ArrayLike = (),
     ) -> None:
         try:
             values = np.array(curvatures, dtype=np.float64)
@@ -135,8 +142,11 @@ class Road:
         for name, given, most in (
             ("superelevation", superelevation, MAX_SUPERELEVATION),
             ("grade", grade, MAX_GRADE),
+            ("widening", widening, MAX_WIDENING),
         ):
             object.__setattr__(self, name, profile.checked(given, name, most))
+        if (self.widening[:, 1] < 0.0).any():
+            raise RoadError(f"widening is {self.widening[:, 1].min():g} m: at least 0 is needed")
 
     @classmethod
     def from_points(cls, points: npt.ArrayLike, *, lane_width: float = 4.0) -> Road:
@@ -193,6 +203,9 @@ class Road:
         table: FloatArray = geometry.build_table(
             self.curvatures, self.step, *self.pose, round(self.step / self.sub_step)
         )
+        if len(self.widening):
+            places = np.arange(len(table)) * self.sub_step
+            table = np.column_stack([table, profile.value_at(self.widening, places)])
         table.setflags(write=False)
         return table
 
@@ -200,6 +213,11 @@ class Road:
     def is_flat(self) -> bool:
         """Whether it neither leans nor rises anywhere."""
         return not len(self.superelevation) and not len(self.grade)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether it is flat and its lanes have one width."""
+        return self.is_flat and not len(self.widening)
 
     @cached_property
     def slopes(self) -> FloatArray:
@@ -235,8 +253,7 @@ class Road:
             self.step,
             self.pose if first == 0 else Pose(x, y, float(self.headings[first])),
             lane_width=self.lane_width,
-            superelevation=profile.cut(self.superelevation, start, end),
-            grade=profile.cut(self.grade, start, end),
+            **{name: profile.cut(getattr(self, name), start, end) for name in profile.NAMES},
         )
 
     @property
@@ -347,12 +364,8 @@ class Road:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # What it was made of; everything else follows from it.
-        made = partial(
-            Road,
-            lane_width=self.lane_width,
-            superelevation=self.superelevation,
-            grade=self.grade,
-        )
+        profiles = {name: getattr(self, name) for name in profile.NAMES}
+        made = partial(Road, lane_width=self.lane_width, **profiles)
         return made, (self.curvatures, self.step, tuple(self.pose))
 
     def check_validity(

@@ -13,7 +13,7 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.errors import FreneticError
 from frenetic.road import profile
-from frenetic.road.classes import RoadClass, design_speed_of
+from frenetic.road.classes import RoadClass, design_speed_of, knots
 from frenetic.road.files import find_roads
 from frenetic.road.road import Road
 
@@ -103,8 +103,8 @@ def fitting(road: Road, road_class: RoadClass) -> Road:
     return replace(
         road,
         curvatures=curvatures,
-        superelevation=road_class.superelevation(curvatures, road.step),
         grade=profile.thinned(np.column_stack([places, grades])),
+        **road_class.profiles(curvatures, road.step),
     )
 
 
@@ -153,6 +153,7 @@ def class_of(stretches: Mapping[str, Road], name: str) -> RoadClass:
         "step": next(iter(stretches.values())).step,
         "max_superelevation": lean,
         "max_grade": _above(utmost("grade", "max_grade")),
+        "widening": 0.0,
         "min_arc": 0.0,
         "min_straight": 0.0,
     }
@@ -181,11 +182,9 @@ def _utmost(road: Road) -> dict[str, float]:
 
 
 def _bends(road: Road) -> tuple[FloatArray, FloatArray]:
-    """Curvatures in 1/m and superelevations wherever one of them changes its slope."""
-    samples = np.arange(len(road.curvatures)) * road.step
-    stations = np.unique(np.concatenate([samples, road.superelevation[:, 0]]))
-    stations = stations[(stations >= 0.0) & (stations <= road.length)]
-    return road.curvature_at(stations), profile.value_at(road.superelevation, stations)
+    """Curvatures in 1/m and superelevations wherever one of them bends."""
+    stations, curvatures = knots(road, road.superelevation)
+    return curvatures, profile.value_at(road.superelevation, stations)
 
 
 def _above(value: float) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.errors import Fault
 from frenetic.outcome import Outcome
+from frenetic.road import profile
 from frenetic.search.approach import SIZE, lower_squares
 from frenetic.search.archive import LEFT, RIGHT, Archive, places_of
 from frenetic.search.operators import MIN_VALUES
@@ -332,8 +333,7 @@ class Frenetic(Strategy):
     def _given_road(self, road: Candidate) -> Candidate:
         """A stretch of a real road, as it is."""
         self._proposed.add(fingerprint(road.curvatures))
-        names = ("notes", "superelevation", "grade")
-        own = {name: getattr(road, name) for name in names}
+        own = {name: getattr(road, name) for name in ("notes", *profile.NAMES)}
         return self._ledger.issue(road.curvatures, road.step, Origin(GIVEN), **own)
 
     def _earlier_road(self) -> Candidate:
@@ -348,13 +348,8 @@ class Frenetic(Strategy):
         lower_squares(squares, places["side"], vectors, side, vectors[row])
         road = self._earlier.candidates[row]
         self._proposed.add(fingerprint(road.curvatures))
-        return self._ledger.issue(
-            road.curvatures,
-            self._roads.step,
-            Origin(EARLIER),
-            superelevation=road.superelevation,
-            grade=road.grade,
-        )
+        own = {name: getattr(road, name) for name in profile.NAMES}
+        return self._ledger.issue(road.curvatures, self._roads.step, Origin(EARLIER), **own)
 
     def _choose_pool(self) -> None:
         """Choose the places that may become parents until the next choice."""

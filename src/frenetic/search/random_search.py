@@ -278,7 +278,7 @@ class Rests:
         start = first * road.step
         profiles = {
             name: profile.cut(values, start)
-            for name in ("superelevation", "grade")
+            for name in profile.NAMES
             if (values := getattr(road, name)) is not None
         }
         origin = Origin(REST, (road.id,), road.origin.generation)

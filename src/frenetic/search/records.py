@@ -70,10 +70,12 @@ class Candidate:
     the campaign's road class."""
     grade: FloatArray | None = None
     """Likewise, (k, 2); None for a road that neither rises nor falls."""
+    widening: FloatArray | None = None
+    """Likewise, (k, 2); None for lanes of one width, or as the campaign's road class has it."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "curvatures", _read_only(self.curvatures))
-        for name in ("points", "superelevation", "grade"):
+        for name in ("points", "superelevation", "grade", "widening"):
             if (values := getattr(self, name)) is not None:
                 object.__setattr__(self, name, _read_only(values))
 
@@ -88,23 +90,26 @@ class Candidate:
         Args:
             lane_width: m.
             pose: of its start.
-            road_class: says how the road leans if the candidate does not.
+            road_class: says how the road leans and widens where the candidate does not.
 
         Raises:
             RoadError: they make none.
         """
-        from frenetic.road.road import START, Road  # a strategy's records need no compiled code
+        from frenetic.road import profile  # a strategy's records need no compiled code
+        from frenetic.road.road import START, Road
 
-        leaning = self.superelevation
-        if leaning is None and road_class is not None:
-            leaning = road_class.superelevation(self.curvatures, self.step)
+        profiles: dict[str, FloatArray] = {}
+        if road_class is not None:
+            profiles = road_class.profiles(self.curvatures, self.step)
+        for name in profile.NAMES:
+            if (own := getattr(self, name)) is not None:
+                profiles[name] = own
         return Road(
             self.curvatures,
             self.step,
             START if pose is None else pose,
             lane_width=lane_width,
-            superelevation=() if leaning is None else leaning,
-            grade=() if self.grade is None else self.grade,
+            **profiles,
         )
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -23,7 +23,7 @@ VARIABLE: Final = ("rules", "friction", "steering_lag", "start_offset", "start_h
 """Attributes that may be set between two drives, if a simulator has them; a `steering_lag` of None
 is that of its ``vehicle``."""
 
-_FLAT: Final = "flat roads only: leave superelevation and grade out"
+_FLAT: Final = "flat roads of one width only: leave superelevation, grade and widening out"
 
 
 def _accept(_: Driver) -> None:
@@ -76,7 +76,7 @@ class Capabilities(Usual):
     draws: bool = False
     """Whether it gives a driver with a camera its picture."""
     lays_slopes: bool = False
-    """Whether its roads lean and rise as `Road` says; others are not driven in it."""
+    """Whether its roads lean, rise and widen as `Road` says; others are not driven in it."""
     variable: frozenset[str] = frozenset()
     """Those of `VARIABLE` that it has."""
 
@@ -142,10 +142,10 @@ def check_road(simulator: Simulator, driver: Driver, road: Road) -> None:
     """Checks whether a simulator drives this road with this driver, rather than another one.
 
     Raises:
-        RoadError: the road leans or rises, and the simulator lays none that does, or the driver has
-            a camera.
+        RoadError: the road leans, rises or widens, and the simulator lays none that does, or the
+            driver has a camera.
     """
-    if road.is_flat:
+    if road.is_plain:
         return
     if not capabilities(simulator).lays_slopes:
         raise RoadError(f"{class_name(simulator)} drives {_FLAT}")
@@ -157,9 +157,9 @@ def check_drawn(road: Road) -> None:
     """Checks whether a road can be drawn for a camera.
 
     Raises:
-        RoadError: it leans or rises.
+        RoadError: it leans, rises or widens.
     """
-    if not road.is_flat:
+    if not road.is_plain:
         raise RoadError(f"A camera sees {_FLAT}")
 
 
