@@ -7,7 +7,8 @@ sub-steps of ``ds`` <= 1 m, aligned with the samples.
 ==========  =======  ==============================================================
 symbol      shape    meaning
 ==========  =======  ==============================================================
-``table``   (M, 6)   rows x [m], y [m], heading [rad], curvature [1/m], cos, sin
+``table``   (M, 6)   rows x [m], y [m], heading [rad], curvature [1/m], cos, sin; (M, 7) of a
+                     road that widens, with the m by which it does
 ``ds``      scalar   m of centre line from one row to the next
 ``s``       scalar   m along the centre line from the road's start
 ``d``       scalar   m to the left of the centre line (lateral offset)

@@ -26,6 +26,7 @@ from frenetic.errors import FreneticError
 from frenetic.oracle import REACHED, RUNNING, TIMED_OUT, rules_array
 from frenetic.outcome import Outcome
 from frenetic.road import Road
+from frenetic.road.geometry import WIDENING, widening_at
 from frenetic.simulators import Drive, EmbeddedSimulator, Trajectory
 from frenetic.simulators.capabilities import check_drawn
 from frenetic.simulators.embedded.rollout import (
@@ -83,7 +84,7 @@ def step_cars(
     Args:
         tasks: (n,) WAIT, START or STEP.
         actions: (n, 2) see `frenetic.vision.policy.controls_of`.
-        tables: (n, m, 6) the roads, see `frenetic.road.geometry`.
+        tables: (n, m, 7) the roads, see `frenetic.road.geometry`.
         slopes: (n, m, 2) theirs, see `Road.slopes`.
         rows: (n, 2) rows of each road's table and slopes.
         roads: (n, 2) sub-step and lane width of each road in m.
@@ -163,7 +164,8 @@ def step_cars(
         )
         ends[k] = end
         places[k, 0] = s
-        places[k, 1] = min(places[k, 1], 0.5 * lane_width - abs(offset))
+        wider = widening_at(table, ds, s) if offset < 0.0 else 0.0
+        places[k, 1] = min(places[k, 1], 0.5 * lane_width - abs(offset) + wider)
         if tasks[k] == START:
             rewards[k] = 0.0
             continue
@@ -201,7 +203,7 @@ class Cars:
         self._vehicle = simulator.vehicle.to_array()
         self._start = np.array([simulator.start_offset, simulator.start_heading])
         self._on: list[Road | None] = [None] * count
-        self._tables = np.empty((count, 0, 6))
+        self._tables = np.empty((count, 0, WIDENING + 1))
         self._tables_seen = _read_only(self._tables)
         self._slopes = np.empty((count, 0, 2))
         self._slopes_seen = _read_only(self._slopes)
@@ -236,7 +238,8 @@ class Cars:
         if self._slopes.shape[1] < len(road.slopes):
             self._slopes = _longer(self._slopes, 1, len(road.slopes))
             self._slopes_seen = _read_only(self._slopes)
-        self._tables[k, : len(road.table)] = road.table
+        self._tables[k, : len(road.table), WIDENING] = 0.0
+        self._tables[k, : len(road.table), : road.table.shape[1]] = road.table
         self._slopes[k, : len(road.slopes)] = road.slopes
         self._rows[k] = len(road.table), len(road.slopes)
         self._roads[k] = road.sub_step, road.lane_width
