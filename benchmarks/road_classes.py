@@ -1,0 +1,136 @@
+"""Failures of drivers on the roads of each class, and what roads of a class cost.
+
+    python benchmarks/road_classes.py [--seeds 10] [--simulations 200] [--workers 2]
+
+Every driver drives at the class's speed limit. Each cell is the mean over the seeds of the
+failures, and in brackets of the distinct ones. The second table is the time to draw a random road,
+to place it on its map and to check it there, per metre of road.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from itertools import product
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from frenetic import (
+    Budget,
+    Campaign,
+    Driver,
+    EmbeddedSimulator,
+    Frenetic,
+    Planner,
+    RandomSearch,
+    Rules,
+    Stanley,
+)
+from frenetic.analysis.failures import distinct_failures
+from frenetic.campaign import CampaignStore
+from frenetic.outcome import Outcome
+from frenetic.road import Road
+from frenetic.road.classes import RoadClass, classes
+from frenetic.search.random_search import RandomRoads
+from frenetic.spec import COMPETITION
+
+README = Path(__file__).parents[1] / "README.md"
+STRATEGIES = {"random": RandomSearch, "frenetic": Frenetic}
+
+
+def readme_driver() -> Driver:
+    """The driver that README shows."""
+    code = README.read_text(encoding="utf-8").split("# file: my_driver.py\n")[1].split("```")[0]
+    names: dict[str, Any] = {}
+    exec(code, names)
+    driver: Driver = names["MyDriver"]()
+    return driver
+
+
+CASES: dict[str, tuple[Callable[[], Driver], dict[str, Any]]] = {
+    "planner, aggression 1": (Planner, {}),
+    "planner, aggression 1.3": (partial(Planner, aggression=1.3), {}),
+    "planner, aggression 1.6": (partial(Planner, aggression=1.6), {}),
+    "stanley": (Stanley, {}),
+    "README's driver": (readme_driver, {}),
+    "planner, friction 0.4": (Planner, {"friction": 0.4}),
+    "stanley, steering lag 0.4 s": (Stanley, {"steering_lag": 0.4}),
+}
+"""The driver, and what differs in the simulator."""
+
+
+def search(name: str, case: str, strategy: str, seed: int, simulations: int) -> tuple[int, int]:
+    """Failures and distinct failures of a search."""
+    road_class = RoadClass.of(name)
+    driver, simulator = CASES[case]
+    with TemporaryDirectory() as temporary:
+        rules = Rules(speed_limit=road_class.speed_limit)
+        campaign = Campaign(
+            strategy=STRATEGIES[strategy](seed=seed, road_class=road_class),
+            simulator=EmbeddedSimulator(rules=rules, **simulator),
+            driver=driver(),
+            budget=Budget(simulations=simulations),
+            folder=Path(temporary) / "campaign",
+            ordered=True,
+        )
+        campaign.run()
+        with CampaignStore.open(campaign.folder) as store:
+            return store.by_outcome()[Outcome.FAIL], len(distinct_failures(store))
+
+
+def micros_per_metre(road_class: RoadClass | None, count: int = 300) -> float:
+    """Time to draw a road, to place it on its map and to check it there, in µs per metre."""
+    map_size = 200.0 if road_class is None else road_class.map_size
+    roads = RandomRoads(map_size=map_size, max_redraws=0, road_class=road_class)
+    rng = np.random.default_rng(1)
+    metres, seconds = 0.0, 0.0
+    for _ in range(count):
+        began = time.perf_counter()
+        values = roads.draw(rng)
+        if road_class is None:
+            road = Road(values, roads.step)
+        else:
+            profiles = road_class.profiles(values, roads.step)
+            road = Road(values, roads.step, lane_width=road_class.lane_width, **profiles)
+        road.placed(map_size, road_class=road_class)
+        seconds += time.perf_counter() - began
+        metres += road.length
+    return 1e6 * seconds / metres
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--simulations", type=int, default=200)
+    parser.add_argument("--workers", type=int, default=2)
+    asked = parser.parse_args()
+    seeds = range(1, asked.seeds + 1)
+    cells = list(product(CASES, classes(), STRATEGIES, seeds))
+    with ProcessPoolExecutor(asked.workers) as pool:
+        tasks = [
+            pool.submit(search, name, case, strategy, seed, asked.simulations)
+            for case, name, strategy, seed in cells
+        ]
+        results = dict(zip(cells, (task.result() for task in tasks), strict=True))
+    print(f"| driver | search | {' | '.join(classes())} |\n|---|---|{'---|' * len(classes())}")
+    for case, strategy in product(CASES, STRATEGIES):
+        row = []
+        for name in classes():
+            failures, distinct = np.mean([results[case, name, strategy, s] for s in seeds], axis=0)
+            row.append(f"{failures:.1f} ({distinct:.1f})")
+        print(f"| {case} | {strategy} | {' | '.join(row)} |")
+    print("\n| roads | µs per metre |\n|---|---|")
+    for name in (COMPETITION, *classes()):
+        road_class = None if name == COMPETITION else RoadClass.of(name)
+        micros_per_metre(road_class, 20)  # compiled and warm
+        print(f"| {name} | {micros_per_metre(road_class):.2f} |")
+
+
+if __name__ == "__main__":
+    main()
