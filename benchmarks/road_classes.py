@@ -59,8 +59,9 @@ CASES: dict[str, tuple[Callable[[], Driver], dict[str, Any]]] = {
     "planner, aggression 1.6": (partial(Planner, aggression=1.6), {}),
     "stanley": (Stanley, {}),
     "README's driver": (readme_driver, {}),
-    "planner, friction 0.4": (Planner, {"friction": 0.4}),
-    "stanley, steering lag 0.4 s": (Stanley, {"steering_lag": 0.4}),
+    "planner, friction 0.45": (Planner, {"friction": 0.45}),
+    "planner, friction 0.3": (Planner, {"friction": 0.3}),
+    "stanley, steering lag 0.3 s": (Stanley, {"steering_lag": 0.3}),
 }
 """The driver, and what differs in the simulator."""
 
