@@ -163,7 +163,7 @@ def test_the_command_keeps_to_the_class_and_its_file_says_so(
     words = ["run", "--from-roads", str(folder), "--seed", "1", "--simulations", "6"]
     ended = frenetic(*words, "--out", str(tmp_path / "out"))
     assert ended.code == 0, ended.out
-    assert f"starts from {folder}: {COUNT} real roads taken" in ended.err
+    assert f"starts from {folder}: {COUNT} stretches of {COUNT} real roads" in ended.err
     again = frenetic("run", str(tmp_path / "out" / "campaign.toml"), "--out", str(tmp_path / "b"))
     assert again.code == 0, again.out
     with CampaignStore.open(tmp_path / "out") as one, CampaignStore.open(tmp_path / "b") as other:

@@ -22,7 +22,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic.road import Road
+from frenetic.road import Road, profile
 from frenetic.road.opendrive import from_opendrive, to_opendrive
 from frenetic.search.operators import (
     FAIL_OPERATORS,
@@ -83,7 +83,17 @@ def varied_roads() -> dict[str, Road]:
         "elsewhere": Road(father, pose=(812.5, -341.25, -2.5), lane_width=3.5),
         "far away": Road(father, pose=(5000.0, 5000.0, 9.0)),
     }
+    crest = [(0.0, 0.06), (60.0, 0.06), (180.0, -0.05)]
+    roads |= {
+        "over a crest": Road(mother, grade=crest),
+        "banked": Road([0.0, 0.02, 0.02, 0.0, -0.02, 0.0], 20.0, superelevation=BANK),
+        "in space": Road(father, superelevation=BANK, grade=crest, widening=WIDER),
+    }
     return roads
+
+
+BANK: Final = [(0.0, 0.0), (20.0, -0.07), (40.0, -0.07), (80.0, 0.07), (100.0, 0.0)]
+WIDER: Final = [(20.0, 0.0), (60.0, 0.6), (100.0, 0.0)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +106,8 @@ class ReadLane:
     """m."""
     speed: float | None = None
     """m/s, the speed limit, if the program says."""
+    height: FloatArray | None = None
+    """(n,) m, of the centre, if the program says."""
 
 
 def read_with_carla(text: str, road: Road) -> ReadLane:
@@ -107,7 +119,8 @@ def read_with_carla(text: str, road: Road) -> ReadLane:
     places = [carla_map.get_waypoint_xodr(1, -1, s) for s in distances.tolist()]
     # CARLA's y points to the right.
     centre = [(w.transform.location.x, -w.transform.location.y) for w in places]
-    return ReadLane(np.array(centre), places[0].lane_width)
+    height = np.array([w.transform.location.z for w in places])
+    return ReadLane(np.array(centre), places[0].lane_width, height=height)
 
 
 def read_with_sumo(texts: Mapping[str, str], *options: str) -> dict[str, ReadLane]:
@@ -145,11 +158,21 @@ def away_at_places(road: Road, lane: ReadLane) -> float:
     """M, largest distance of the lane's points from where they belong along the road."""
     distances = np.clip(road.distances(SPACING), 1e-3, road.length - 1e-3)
     poses = [road.pose_at(s) for s in distances.tolist()]
-    half = 0.5 * road.lane_width
-    right = [[p.x + half * math.sin(p.heading), p.y - half * math.cos(p.heading)] for p in poses]
+    halves = 0.5 * (road.lane_width + profile.value_at(road.widening, distances))
+    right = [
+        [p.x + half * math.sin(p.heading), p.y - half * math.cos(p.heading)]
+        for p, half in zip(poses, halves.tolist(), strict=True)
+    ]
     away = np.hypot(*(lane.centre - np.array(right)).T)
     assert np.isfinite(away).all()
     return float(away.max())
+
+
+def away_in_height(road: Road, lane: ReadLane) -> float:
+    """M, largest difference in height from the road's centre line."""
+    distances = np.clip(road.distances(SPACING), 1e-3, road.length - 1e-3)
+    assert lane.height is not None
+    return float(np.abs(lane.height - road.heights(distances)).max())
 
 
 def away_from_line(road: Road, lane: ReadLane) -> float:
@@ -162,7 +185,8 @@ def away_from_line(road: Road, lane: ReadLane) -> float:
     ]
     track = road.track(np.concatenate([*pieces, corners[-1:]]))
     ends = (abs(float(track[0, 0])), abs(float(track[-1, 0]) - road.length))
-    return max(*ends, float(np.abs(track[:, 1] + 0.5 * road.lane_width).max()))
+    half = 0.5 * (road.lane_width + profile.value_at(road.widening, track[:, 0]))
+    return max(*ends, float(np.abs(track[:, 1] + half).max()))
 
 
 def away_when_read_back(road: Road) -> float:

@@ -317,8 +317,9 @@ def test_any_lane_can_be_chosen() -> None:
         assert ends[0] == pytest.approx([0.0, shift], abs=0.005)
         mean = float(road.curvature_at(0.5 * road.length))
         assert mean == pytest.approx(math.copysign(1.0 / (radius - shift), -lane), rel=0.01)
+    assert from_opendrive(data).points == pytest.approx(from_opendrive(data, lane=-2).points)
     with pytest.raises(RoadError, match=r"lane -1.*'median'.*chosen as 'lane': -2, -3, 2, 1\)"):
-        from_opendrive(data)
+        from_opendrive(data, lane=-1)
     with pytest.raises(RoadError, match="lane -4, right of the centre, is missing"):
         from_opendrive(data, lane=-4)
     with pytest.raises(RoadError, match="lane 0 is the centre"):
@@ -386,9 +387,8 @@ def joint(text: str, other: str) -> bytes:
         (b'<?xml version="1.0" encoding="klingon"?><a/>', "not XML"),
         (b"<a/>", "no OpenDRIVE: its root is <a>"),
         (foreign(header='<header revMajor="2"/>'), "revMajor '2', but only OpenDRIVE 1.x"),
-        (b'<OpenDRIVE><header revMajor="1"/></OpenDRIVE>', "it has 0 roads"),
-        (foreign(after="<road/>"), "it has 2 roads .* a single road is read"),
-        (foreign(after='<junction id="1"/>'), "it has 1 roads and 1 junctions"),
+        (b'<OpenDRIVE><header revMajor="1"/></OpenDRIVE>', "it has no road"),
+        (foreign(after='<road id="x y"/>'), "it has 2 roads, .* as 'road': 7 .30 m., x y .0 m."),
         (foreign(attributes='rule="LHT"'), "rule is 'LHT'"),
         (foreign(attributes='rule="a&#10;b"'), r"rule is 'a\\nb'"),
         (foreign(""), "has no geometry"),
@@ -407,21 +407,21 @@ def joint(text: str, other: str) -> bytes:
         (place('x="0"', 'x="1e200"'), r"x='1e200': a number of at most 1e\+07"),
         (joint('"30"', '"31"'), "jumps by 1.000 m 30.00 m along"),
         (joint('hdg="0"', 'hdg="0.1"'), "kink of 5.7 degrees 30.00 m along"),
-        (profile('<elevation s="0" b="0.01"/>', "elevationProfile"), "rises or falls"),
+        (profile('<elevation s="0" b="0.6"/>', "elevationProfile"), "grade is 0.6 at 0 m"),
         (
             profile('<elevation s="0" a="1"/><elevation s="9" a="2"/>', "elevationProfile"),
-            "rises or falls",
+            "jumps in height 8.9",
         ),
-        (profile('<superelevation s="0" a="0.05"/>'), r"leans .* \(superelevation\)"),
-        (profile('<crossfall side="both" s="0" a="-0.02"/>'), r"leans .* \(crossfall\)"),
-        (profile('<shape s="0" t="0" a="0" b="0.02"/>'), "not level across"),
+        (profile('<superelevation s="0" a="1.3"/>'), "superelevation is 3.60"),
+        (profile('<crossfall side="both" s="0" a="-0.02"/>'), r"shaped across \(crossfall\)"),
+        (profile('<shape s="0" t="0" a="0" b="0.02"/>'), r"shaped across \(shape\)"),
         (foreign(sections=""), "has no lanes"),
-        (foreign(sections='<laneSection s="0"/>'), "lane -1, right of the centre, is missing"),
-        (lane("driving", "biking"), "is of type 'biking'"),
-        (lane("type", 'direction="reversed" type'), "driven against the road"),
+        (foreign(sections='<laneSection s="0"/>'), "has no driving lane"),
+        (lane("driving", "biking"), "has no driving lane"),
+        (lane("type", 'direction="reversed" type'), "has no driving lane"),
         (lane(WIDTH, ""), "has no width"),
-        (lane('b="0"', 'b="0.02"'), "3.5 to 4.1 m wide"),
-        (lane("3.5", "-3.5"), "lane_width is -3.5"),
+        (lane('b="0"', 'b="-0.1"'), "its lane is 0.50 m wide at 30 m: at least 2 m"),
+        (lane("3.5", "-3.5"), "its lane is -3.50 m wide at 0 m: at least 2 m"),
         (lane("3.5", "1e308"), "a='1e308': a number of at most"),
         (
             foreign(
@@ -432,11 +432,11 @@ def joint(text: str, other: str) -> bytes:
         ),
         (foreign(offsets='<laneOffset s="0"/><laneOffset s="10" a="3"/>'), "no road can"),
         (b'<!DOCTYPE OpenDRIVE SYSTEM "file:///etc/passwd">' + foreign(), "DOCTYPE"),
-        (foreign(after="<a/>" * 200_000), "more than 200000 elements"),
-        (foreign(after="<a>" * 1_000_000), "more than 200000 elements"),
+        (foreign(after="<a/>" * 1_000_000), "more than 1000000 elements"),
+        (foreign(after="<a>" * 1_000_000), "more than 1000000 elements"),
     ],
 )
-def test_what_is_no_single_flat_road_gets_one_line(data: bytes, complaint: str) -> None:
+def test_what_cannot_be_read_gets_one_line(data: bytes, complaint: str) -> None:
     with pytest.raises(RoadError, match=complaint) as caught:
         from_opendrive(data)
     assert "\n" not in str(caught.value)

@@ -45,6 +45,8 @@ def test_carla_finds_the_lane_within_a_centimetre(name: str) -> None:
     lane = readers.read_with_carla(to_opendrive(road), road)
     assert lane.width == pytest.approx(road.lane_width)
     assert readers.away_at_places(road, lane) < 0.01
+    # It reads superelevation and leaves it out: its lanes are level across.
+    assert readers.away_in_height(road, lane) < 0.01
 
 
 @carla_has_a_wheel
@@ -83,7 +85,8 @@ def test_netconvert_makes_the_lane_within_15_centimetres(
     name: str, netconverted: dict[str, readers.ReadLane]
 ) -> None:
     road, lane = ROADS[name], netconverted[name]
-    assert lane.width == pytest.approx(road.lane_width)
+    widest = road.lane_width + float(road.widening[:, 1].max(initial=0.0))
+    assert lane.width == pytest.approx(widest)
     assert readers.away_from_line(road, lane) < 0.15
 
 
@@ -118,7 +121,7 @@ def test_the_asam_checker_finds_nothing(
         answers = environments.answers(python, script, "qc_opendrive", *files)
         complaint = answers.pop(str(bad))
         assert len(complaint["check_asam_xodr_xml_valid_schema"]) > 1
-        assert len(answers) == 60
+        assert len(answers) == len(files) - 1
         for file, answer in answers.items():
             skipped = {name for name, (status, *_) in answer.items() if status == "skipped"}
             assert skipped == {GONE_IN_1_8 if file.endswith("-8.xodr") else NEW_IN_1_8}
@@ -168,7 +171,7 @@ def test_commonroad_finds_the_lane_within_3_centimetres_and_places_it(
             return
         python = environments.python_with(environments.COMMONROAD, request)
         answers = environments.answers(python, HERE / LANELETS, *files, east, elsewhere)
-        assert len(answers) == 53 + 1
+        assert len(answers) == len(files) + 1
         for path, road in files.items():
             lanes = answers[str(path)]
             assert isinstance(lanes, list), lanes

@@ -12,9 +12,9 @@ from typing import Any, Final
 from frenetic._support.json_value import plain
 
 
-def counted(number: int, what: str) -> str:
+def counted(number: int, what: str, several: str | None = None) -> str:
     """A number with its noun, such as "1 failure" and "2 failures"."""
-    return f"{number} {what}{'' if number == 1 else 's'}"
+    return f"{number} {what if number == 1 else several or f'{what}s'}"
 
 
 def capitalised(text: str) -> str:

@@ -96,12 +96,12 @@ def take_roads(
     if not tests:
         raise RoadError(
             f"nothing can be taken from {folder}: none of {counted(len(found.roads), 'road')} there"
-            f" is 50 m long and fits the map of {tester.map_size:g} m"
+            f" is 50 m long, with bends as wide as two lanes, and fits the map of"
+            f" {tester.map_size:g} m"
         )
-    refused = len(stretches) - len(tests)
-    left_out = f", {refused} left out that are not valid" if refused else ""
-    unread = f", {counted(len(found.skipped), 'file')} hold none" if found.skipped else ""
-    return f"{folder}: {counted(len(tests), 'real road')} taken{left_out}{unread}", tests
+    taken = f"{folder}: {counted(len(tests), 'stretch', 'stretches')} of"
+    unread = f", {len(found.skipped)} could not be read" if found.skipped else ""
+    return f"{taken} {counted(len(found.roads), 'real road')}{unread}", tests
 
 
 def take_earlier(

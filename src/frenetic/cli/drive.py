@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from frenetic.cli.options import (
     file_option,
     json_option,
     lane_option,
+    road_option,
     source_arguments,
 )
 from frenetic.cli.parts import given_options, recorded_options, roads_option
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
     from frenetic.drivers import Driver
     from frenetic.oracle import Result
     from frenetic.road import Road, Verdict
+    from frenetic.road.opendrive import Stretch
     from frenetic.simulators import Simulator
     from frenetic.spec import Spec
 
@@ -45,6 +48,8 @@ class Asked:
     """The campaign's."""
     recorded: object = None
     """Its driver, in a road's file."""
+    behind: Callable[[float], Asked | None] | None = None
+    """What is left of a map's stretch behind a place in m along it; None if it is no such road."""
 
 
 @click.command()
@@ -56,6 +61,7 @@ class Asked:
     "--plot", "Draw the drive into this PNG, SVG or PDF file.", type=NewFile(is_picture=True)
 )
 @lane_option
+@road_option
 @click.option("--anyway", is_flag=True, help="Drive the road even if it is invalid.")
 @json_option
 @click.pass_context
@@ -68,6 +74,7 @@ def drive(
     plot: Path | None,
     anyway: bool,
     lane: int | None,
+    map_roads: str | None,
     as_json: bool,
     **_: Any,
 ) -> None:
@@ -76,19 +83,25 @@ def drive(
     The tests of a CAMPAIGN are driven as it drove them, and it is said whether they end as they did
     there; the file of a failing road is driven so, too. Options change that. A ROAD is JSON with
     curvatures (1/m) or road_points, a test file of the competition, or OpenDRIVE. A road that lies
-    elsewhere is moved into the map; an invalid one is not driven. The exit code is 1 if a road is
-    INVALID or the simulator broke (ERROR).
+    elsewhere is moved into the map; an invalid one is not driven. With --road the roads of a map
+    are driven where they lie, valid or not; where the car leaves its lane the drive goes on behind
+    that place as another one. The exit code is 1 if a road is INVALID or the simulator broke
+    (ERROR).
     """
     if plot is not None and dry:
         raise click.UsageError("--plot draws a drive: leave it out with --dry")
     if plot is not None and len(test_ids) > 1:
         raise click.UsageError("--plot is for one road: leave it out where there are several")
     if source.is_dir():
-        if lane is not None:
-            raise click.UsageError("--lane is for an OpenDRIVE file, not for a campaign's test")
+        if lane is not None or map_roads is not None:
+            raise click.UsageError("--lane and --road are for OpenDRIVE, not for a campaign's test")
         spec, roads = _of_campaign(context, source, test_ids, dry=dry)
     elif test_ids:
         raise click.UsageError(f"{source} is no folder: an ID needs that of a campaign")
+    elif map_roads is not None:
+        spec, roads = _of_map(context, source, map_roads, lane)
+        if plot is not None and len(roads) > 1:
+            raise click.UsageError("--plot is for one road: leave it out where there are several")
     elif dry:
         _judge({str(source): _verdict_on(context, source, lane)}, as_json=as_json)
         return
@@ -106,7 +119,8 @@ def drive(
         else:
             _print_drive(result, asked, plot, _who(asked, parts), parts.get("differs"))
     if as_json:
-        click.echo(json.dumps(documents if len(test_ids) > 1 else documents[0]))
+        several = len(test_ids) > 1 or map_roads is not None
+        click.echo(json.dumps(documents if several else documents[0]))
     if not is_whole:
         raise click.exceptions.Exit(1)
 
@@ -158,6 +172,37 @@ def _of_file(context: click.Context, path: Path, lane: int | None) -> tuple[Spec
     return spec, [Asked(str(path), fitted or loaded, verdict, recorded=recorded)]
 
 
+def _of_map(
+    context: click.Context, path: Path, map_roads: str, lane: int | None
+) -> tuple[Spec, list[Asked]]:
+    """The same for the roads of a map, where they lie."""
+    from frenetic.cli.parts import asked_spec
+    from frenetic.errors import RoadError
+    from frenetic.road import Verdict
+    from frenetic.road.files import read_stretches
+    from frenetic.search.random_search import TO_GO_ON
+
+    spec = asked_spec(context)
+    road_map, stretches = read_stretches(path, map_roads, lane=lane)
+
+    def asked(stretch: Stretch) -> Asked:
+        def behind(place: float) -> Asked | None:
+            if stretch.road.length - place < TO_GO_ON * spec.rules.speed_limit / 3.6:
+                return None
+            try:
+                (rest,) = road_map.stretches(stretch.behind(place), lane=lane)
+            except RoadError:
+                return None
+            return asked(rest)
+
+        verdict = Verdict(True, "")
+        if spec.road_class is not None:
+            verdict = spec.road_class.verdict(stretch.road)
+        return Asked(f"{path} --road {stretch.name}", stretch.road, verdict, behind=behind)
+
+    return spec, [asked(stretch) for stretch in stretches]
+
+
 def _verdict_on(context: click.Context, path: Path, lane: int | None) -> Verdict:
     """The verdict on a file's road: points are judged where they lie, curvatures where they fit."""
     from frenetic.road.files import read_road
@@ -182,7 +227,9 @@ def _driven(
     with ExitStack() as entered:
         compiled = entered.enter_context(announced_compilation(Log()))
         is_entered = False
-        for asked in roads:
+        waiting = deque(roads)
+        while waiting:
+            asked = waiting.popleft()
             parts: dict[str, Any] = {"driver": describe(driver), "simulator": describe(simulator)}
             reason = "" if asked.verdict.valid or anyway else asked.verdict.message
             reason = reason or _cannot_be_driven(simulator, driver, asked.road)
@@ -206,6 +253,9 @@ def _driven(
                 title = f"{Path(asked.name).name}: {result.outcome}"
                 draw_drive(asked.road, the_drive, plot, title=title)
             yield asked, result, parts | _compared(asked, result, the_drive, simulator)
+            if asked.behind is not None and result.departure is not None and plot is None:
+                rest = asked.behind(result.departure.distance)
+                waiting.extendleft([] if rest is None else [rest])
 
 
 def _compared(

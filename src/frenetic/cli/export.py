@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,6 +18,7 @@ from frenetic.cli.options import (
     file_option,
     json_option,
     lane_option,
+    road_option,
     source_arguments,
 )
 from frenetic.outcome import Outcome
@@ -67,6 +69,7 @@ EXPORTS: Final = "exports"
     help="Of a campaign, only tests with this outcome; may be repeated. [default: all]",
 )
 @lane_option
+@road_option
 @json_option
 def export(
     source: Path,
@@ -75,6 +78,7 @@ def export(
     out: Path | None,
     outcomes: tuple[str, ...],
     lane: int | None,
+    map_roads: str | None,
     as_json: bool,
 ) -> None:
     """Write a campaign, or single roads, for other tools.
@@ -86,8 +90,8 @@ def export(
     """
     is_campaign = source.is_dir() and not test_ids
     formats = TABLES if is_campaign else ROADS
-    if is_campaign and (lane is not None or str(out) == "-"):
-        raise click.UsageError("--lane and --out - are for a road: name the ID of a test")
+    if is_campaign and (lane is not None or map_roads is not None or str(out) == "-"):
+        raise click.UsageError("--lane, --road and --out - are for a road: name the ID of a test")
     if outcomes and not is_campaign:
         raise click.UsageError("--outcome is for a whole campaign: leave out the ID of a test")
     try:
@@ -112,7 +116,7 @@ def export(
     if is_campaign:
         _export_campaign(source, name, options, out, outcomes, as_json)
     else:
-        _export_roads(source, test_ids, name, options, out, lane, as_json)
+        _export_roads(source, test_ids, name, options, out, as_json, lane=lane, roads=map_roads)
 
 
 def _named_by(out: Path | None, *, is_campaign: bool) -> str:
@@ -162,22 +166,27 @@ def _export_roads(
     name: str,
     options: dict[str, Any],
     out: Path | None,
-    lane: int | None,
     as_json: bool,
+    *,
+    lane: int | None,
+    roads: str | None,
 ) -> None:
     from frenetic.export import road_format, write_road
 
     if as_json and str(out) == "-":
         raise click.UsageError("--json and --out - exclude each other: both write to stdout")
-    if lane is not None and test_ids:
-        raise click.UsageError("--lane is for an OpenDRIVE file, not for a campaign's test")
+    if test_ids and (lane is not None or roads is not None):
+        raise click.UsageError("--lane and --road are for OpenDRIVE, not for a campaign's test")
     if out is not None and len(test_ids) > 1:
         raise click.UsageError("--out is for one road: leave it out where there are several")
     the_format = road_format(name)
     with as_usage_error():
-        roads = [_exported(source, number, lane, options) for number in test_ids or (None,)]
+        written = [
+            _exported(source, number, options, lane=lane, roads=roads)
+            for number in test_ids or (None,)
+        ]
     documents = []
-    for exported, default in roads:
+    for exported, default in written:
         if out is not None and str(out) == "-":
             # As bytes, so that every platform writes the same.
             sys.stdout.buffer.write(the_format.render(exported).encode("utf-8"))
@@ -195,7 +204,12 @@ def _export_roads(
 
 
 def _exported(
-    source: Path, test_id: int | None, lane: int | None, options: dict[str, Any]
+    source: Path,
+    test_id: int | None,
+    options: dict[str, Any],
+    *,
+    lane: int | None,
+    roads: str | None,
 ) -> tuple[ExportedRoad, Path]:
     """The road, and the path of its file without the suffix."""
     from frenetic.export import ExportedRoad
@@ -203,8 +217,11 @@ def _exported(
     if test_id is None:
         from frenetic.road.files import read_road
 
-        road = read_road(source, lane=lane).road()
-        return ExportedRoad(road, source.stem, **options), source.with_suffix("")
+        road = read_road(source, lane=lane, roads=roads).road()
+        name = source.stem
+        if roads is not None:
+            name += "-" + re.sub(r"[^\w.]+", "-", roads)
+        return ExportedRoad(road, name, **options), source.with_name(name)
     from frenetic.campaign import CampaignStore
     from frenetic.report.failures import file_stem
     from frenetic.simulators import Rules

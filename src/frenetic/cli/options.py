@@ -189,7 +189,14 @@ lane_option = click.option(
     type=int,
     metavar="ID",
     help="OpenDRIVE: lane to drive on; one on the left (above 0) is driven against the road."
-    " [default: -1]",
+    " [default: the innermost driving lane, on the right if possible]",
+)
+road_option = click.option(
+    "--road",
+    "map_roads",
+    metavar="ID[,ID..]",
+    help="OpenDRIVE: roads of a map, where they lie. One that continues the road before it makes a"
+    " stretch with it; ID@240 begins 240 m on.",
 )
 objective_option = click.option(
     "--objective",

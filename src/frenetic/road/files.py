@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
@@ -14,12 +15,14 @@ from frenetic._support.files import require_list
 from frenetic.errors import RoadError
 from frenetic.road import profile
 from frenetic.road.classes import RoadClass
-from frenetic.road.opendrive import from_opendrive
+from frenetic.road.opendrive import RoadMap, Stretch
 from frenetic.road.road import START, Road
 from frenetic.road.validity import MAP_SIZE, Verdict, check_validity
 
 MAX_BYTES: Final = 8 * 2**20
 """Largest road file that is read; a competition's test file of a long drive has about 1 MiB."""
+MAX_MAP_BYTES: Final = 64 * 2**20
+"""Largest OpenDRIVE file that is read."""
 _SUFFIXES: Final = {".json", ".xodr"}
 """Of the files that are looked into in a folder."""
 
@@ -104,7 +107,7 @@ class RoadFile:
         return [(p.x, p.y) if isinstance(p, Point) else p for p in points]
 
 
-def read_road(path: Path | str, *, lane: int | None = None) -> RoadFile:
+def read_road(path: Path | str, *, lane: int | None = None, roads: str | None = None) -> RoadFile:
     """Reads a road from a JSON or an OpenDRIVE file.
 
     A JSON file holds an object with ``curvatures`` (1/m) and optionally ``step`` (m, 10), ``pose``
@@ -112,23 +115,35 @@ def read_road(path: Path | str, *, lane: int | None = None) -> RoadFile:
     {"x": x, "y": y} in m each), which a test file of the competition is; or just a list of points.
     Either may have ``superelevation`` and ``grade``, pairs of m along the road and m/m, and
     ``widening``, of m and m, see `Road`.
-    An OpenDRIVE file, known by its suffix ``.xodr`` or by being XML, holds one road, see
-    `from_opendrive`; ``lane`` is the id of the lane to drive on there.
+
+    An OpenDRIVE file is known by its suffix ``.xodr`` or by being XML.
+
+    Args:
+        path: of the file.
+        lane: OpenDRIVE only, id of the lane to drive on, see `RoadMap.road`.
+        roads: OpenDRIVE only, ids of the roads that make the stretch, see `RoadMap.stretches`; None
+            for the only road.
 
     Raises:
         RoadError: the file is missing, unreadable, too large, neither JSON nor OpenDRIVE, or holds
-            no road.
+            no such road.
     """
     path = Path(path)
     data = _load(path)
-    if path.suffix.lower() == ".xodr" or data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
-        try:
-            road = from_opendrive(data, lane=-1 if lane is None else lane)
-        except RoadError as error:
-            raise RoadError(f"{path} cannot be read as OpenDRIVE: {error}") from None
+    if _is_opendrive(path, data):
+        with _naming(path):
+            road_map = RoadMap(data)
+            if roads is None:
+                road = road_map.road(lane=lane)
+            else:
+                first, *others = road_map.stretches(roads, lane=lane)
+                if others:
+                    raise RoadError(f"{others[0].name} does not begin where {first.name} ends")
+                road = first.road
         return RoadFile(path, convert(entries_of(road), RoadEntries))
-    if lane is not None:
-        raise RoadError(f"{path} is no OpenDRIVE file: a lane can be chosen in those only")
+    if lane is not None or roads is not None:
+        what = "lane" if roads is None else "road"
+        raise RoadError(f"{path} is no OpenDRIVE file: a {what} can be chosen in those only")
     try:
         content = json.loads(data.decode("utf-8-sig"))
     except (RecursionError, ValueError) as error:
@@ -141,6 +156,36 @@ def read_road(path: Path | str, *, lane: int | None = None) -> RoadFile:
             " or a list of points, is needed"
         )
     return road_file(path, content)
+
+
+def read_stretches(
+    path: Path | str, roads: str, *, lane: int | None = None
+) -> tuple[RoadMap, list[Stretch]]:
+    """An OpenDRIVE file, and stretches of its roads, see `RoadMap.stretches`.
+
+    Raises:
+        RoadError: as for `read_road`.
+    """
+    path = Path(path)
+    data = _load(path)
+    if not _is_opendrive(path, data):
+        raise RoadError(f"{path} is no OpenDRIVE file: a road can be chosen in those only")
+    with _naming(path):
+        road_map = RoadMap(data)
+        return road_map, road_map.stretches(roads, lane=lane)
+
+
+def _is_opendrive(path: Path, data: bytes) -> bool:
+    return path.suffix.lower() == ".xodr" or data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<")
+
+
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Names the OpenDRIVE file in errors."""
+    try:
+        yield
+    except RoadError as error:
+        raise RoadError(f"{path} cannot be read as OpenDRIVE: {error}") from None
 
 
 def entries_of(road: Road) -> dict[str, Any]:
@@ -176,19 +221,19 @@ def road_file(path: Path, content: Mapping[str, Any]) -> RoadFile:
 
 
 def _load(path: Path) -> bytes:
+    most = MAX_MAP_BYTES if path.suffix.lower() == ".xodr" else MAX_BYTES
     try:
         if path.is_dir():
             raise RoadError(f"{path} is a folder: a JSON or OpenDRIVE file is needed")
         with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
+            data = file.read(most + 1)
     except FileNotFoundError:
         raise RoadError(f"there is no file {path}") from None
     except OSError as error:
         raise RoadError(f"{path} cannot be read: {error.strerror or error}") from None
-    if len(data) > MAX_BYTES:
+    if len(data) > most:
         raise RoadError(
-            f"{path} has more than {MAX_BYTES} bytes ({MAX_BYTES // 2**20} MiB): no road file is"
-            " that large"
+            f"{path} has more than {most} bytes ({most // 2**20} MiB): no road file is that large"
         )
     return data
 
@@ -211,8 +256,9 @@ class FoundRoads:
 def find_roads(places: Iterable[Path | str], *, lane: int | None = None) -> FoundRoads:
     """The roads in files, see `read_road`, and in folders.
 
-    In a folder every file that ends in .json or .xodr is read, and in the folders below it. One
-    that holds no road, or not the lane, is skipped there, since folders hold other files, too.
+    In a folder every file that ends in .json or .xodr is read, and in the folders below it; of an
+    OpenDRIVE file there with several roads each that is not within a junction. What holds no road,
+    or not the lane, is skipped there, since folders hold other files, too.
 
     Args:
         places: files and folders.
@@ -230,7 +276,10 @@ def find_roads(places: Iterable[Path | str], *, lane: int | None = None) -> Foun
         for path in _files_in(place) if is_folder else [place]:
             chosen = lane if not is_folder or path.suffix.lower() == ".xodr" else None
             try:
-                roads[str(path)] = read_road(path, lane=chosen).road()
+                if is_folder and path.suffix.lower() == ".xodr":
+                    skipped += _add_map(roads, path, chosen)
+                else:
+                    roads[str(path)] = read_road(path, lane=chosen).road()
             except RoadError as error:
                 (skipped if is_folder else faults).append(str(error))
     if not roads:
@@ -241,6 +290,27 @@ def find_roads(places: Iterable[Path | str], *, lane: int | None = None) -> Foun
         )
         raise RoadError([*faults, *skipped, nothing][0])
     return FoundRoads(roads, tuple(faults), tuple(skipped))
+
+
+def _add_map(roads: dict[str, Road], path: Path, lane: int | None) -> list[str]:
+    """Adds the roads of an OpenDRIVE file outside junctions; gives what cannot be read, in words.
+
+    Raises:
+        RoadError: the file cannot be read.
+    """
+    with _naming(path):
+        road_map = RoadMap(_load(path))
+    skipped = []
+    lengths = road_map.lengths
+    for road_id in lengths:
+        try:
+            with _naming(path):
+                road = road_map.road(road_id, lane=lane)
+        except RoadError as error:
+            skipped.append(f"{error} (road {road_id})")
+        else:
+            roads[str(path) if len(lengths) == 1 else f"{path} road {road_id}"] = road
+    return skipped
 
 
 def _files_in(folder: Path) -> list[Path]:

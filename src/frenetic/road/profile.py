@@ -120,3 +120,20 @@ def thinned(profile: FloatArray) -> FloatArray:
                 continue
         kept.append(i)
     return profile[kept]
+
+
+def simplified(profile: FloatArray, error: float) -> FloatArray:
+    """A profile of some of the stations, whose values are within ``error`` of the others'."""
+    kept = {0, len(profile) - 1}
+    spans = [(0, len(profile) - 1)]
+    while spans:
+        first, last = spans.pop()
+        if last - first < 2:
+            continue
+        piece = profile[first : last + 1]
+        away = np.abs(piece[:, 1] - np.interp(piece[:, 0], *piece[[0, -1]].T))
+        if away.max() > error:
+            middle = first + int(np.argmax(away))
+            kept.add(middle)
+            spans += [(first, middle), (middle, last)]
+    return profile[sorted(kept)]

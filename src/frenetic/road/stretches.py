@@ -30,12 +30,12 @@ def shown_class(folder: Path | str) -> RoadClass:
     """The class that the roads in a folder show, see `class_of`; it has the folder's name.
 
     Raises:
-        FreneticError: there is no road of 50 m, or a bend is too sharp for its lanes.
+        FreneticError: there is no road that can be one of a class.
     """
     roads = find_roads([folder]).roads
     stretches = stretches_of(roads, step_of(roads))
     if not stretches:
-        raise FreneticError(f"no road in {folder} is 50 m long")
+        raise FreneticError(f"no road in {folder} is 50 m long, with bends as wide as two lanes")
     return class_of(stretches, Path(folder).resolve().name)
 
 
@@ -50,7 +50,8 @@ def stretches_of(roads: Mapping[str, Road], step: float) -> dict[str, Road]:
     """Name of a stretch -> it, with one curvature every ``step`` m.
 
     A curvature is the mean over the step around it, so bends turn as far as before. A road of more
-    than 3 km is cut into equal parts; one of less than 50 m is left out.
+    than 3 km is cut into equal parts. Those of less than 50 m are left out, and those with bends
+    that no class allows, of a radius of less than twice the lane.
 
     Args:
         roads: by name.
@@ -59,7 +60,7 @@ def stretches_of(roads: Mapping[str, Road], step: float) -> dict[str, Road]:
     found: dict[str, Road] = {}
     for name, road in roads.items():
         whole = resampled(road, step)
-        if whole is None:
+        if whole is None or np.abs(whole.curvatures).max() * 2.0 * road.lane_width > 1.0:
             continue
         last = len(whole.curvatures) - 1
         count = math.ceil(whole.length / _LONGEST - 1e-9)
@@ -115,11 +116,8 @@ def class_of(stretches: Mapping[str, Road], name: str) -> RoadClass:
     above theirs. Arcs and straights may have any length.
 
     Args:
-        stretches: by name, of the same step.
+        stretches: by name, of the same step, as `stretches_of` gives them.
         name: of the class.
-
-    Raises:
-        FreneticError: a bend is too sharp for its lanes.
     """
     shown = {key: _utmost(road) for key, road in stretches.items()}
     sources: dict[str, str] = {}
@@ -159,11 +157,7 @@ def class_of(stretches: Mapping[str, Road], name: str) -> RoadClass:
     }
     told = {rule: source for rule, source in sources.items() if rule in values}
     told |= dict.fromkeys(("min_arc", "min_straight"), "any length")
-    try:
-        return RoadClass.made(values | {"sources": told})
-    except ValueError as error:
-        key = sources["min_radius"].removeprefix("shown by ")
-        raise FreneticError(f"no road class is like {key}: {error}") from None
+    return RoadClass.made(values | {"sources": told})
 
 
 def _utmost(road: Road) -> dict[str, float]:

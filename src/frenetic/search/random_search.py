@@ -30,7 +30,8 @@ MOST_JITTER = 1000  # that may be asked for
 MAX_LENGTH = 30
 MAX_REDRAWS = 10
 _MOST_REFUSED = 1000  # roads in a row
-_TO_GO_ON = 10.0  # s of driving at the design speed that the rest of a road has to last
+TO_GO_ON = 10.0
+"""s of driving at the design speed that the rest of a road has to last."""
 _STRAIGHTEST = 10  # values of the longest straight at the start of a class's road
 
 RANDOM = "random"
@@ -267,7 +268,7 @@ class Rests:
             return
         first = max(math.ceil(place / candidate.step), 1)
         left = (len(candidate.curvatures) - 1 - first) * candidate.step
-        if left >= _TO_GO_ON * self._road_class.design_speed / 3.6:
+        if left >= TO_GO_ON * self._road_class.design_speed / 3.6:
             self._waiting.append((candidate, first))
 
     def issue(self, ledger: Ledger) -> Candidate | None:

@@ -105,13 +105,13 @@ def trace(geometries: Sequence[Geometry]) -> FloatArray:
             distance = np.linspace(0.0, length, parts + 1)
             part = np.column_stack([distance, table[:, : HEADING + 1]])
         if traced:
-            _join(traced[-1][-1], part)
+            join(traced[-1][-1], part)
             part = part[1:]
         traced.append(part)
     return np.concatenate(traced)
 
 
-def _join(end: FloatArray, part: FloatArray) -> None:
+def join(end: FloatArray, part: FloatArray) -> None:
     """Continues a part's distances and headings where the one before ended, if they meet."""
     place = f"{end[DISTANCE]:.2f} m along the road"
     gap = math.hypot(part[0, X] - end[X], part[0, Y] - end[Y])

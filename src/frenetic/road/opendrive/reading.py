@@ -1,16 +1,16 @@
-"""Reading an OpenDRIVE file that holds a single road.
+"""Reading roads of an OpenDRIVE file.
 
-What is read is one lane, by default lane -1, the innermost one on the right: its width, and its
-edge on the side of the road's centre, which becomes the centre line of the road that is returned.
-Other lanes, road marks, signals and objects are left out. Anything that would make another road (a
-junction, a slope, a lane of changing width) is refused.
+What is read of a road is one lane: its width, its slopes, and its edge on the side of the road's
+centre, which becomes the centre line of the road that is returned. Other lanes, road marks, signals
+and objects are left out.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final
+from dataclasses import dataclass, replace
+from typing import Any, Final
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -18,17 +18,32 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.errors import RoadError
+from frenetic.road import profile
 from frenetic.road.opendrive.line import (
-    SPACING,
+    DIRECTION,
+    DISTANCE,
+    KINK,
+    TOLERANCE,
     Cubic,
     Geometry,
     Polynomial,
+    X,
+    Y,
     backwards,
     follow,
+    join,
     shifted,
     trace,
 )
-from frenetic.road.opendrive.writing import ROAD_CODE, Clothoid, clothoids
+from frenetic.road.opendrive.writing import (
+    PROFILE_CODE,
+    ROAD_CODE,
+    Clothoid,
+    clothoids,
+    elevations,
+    superelevations,
+    widths,
+)
 from frenetic.road.road import (
     MAX_COORDINATE,
     MAX_CURVATURE,
@@ -39,58 +54,295 @@ from frenetic.road.road import (
     Road,
 )
 
-FLAT: Final = 0.01
-"""Largest rise or fall of a flat road, and largest change of a lane's width, in m."""
 LEVEL: Final = 1e-3
-"""Largest lean of a level road to a side, in rad."""
-MAX_ELEMENTS: Final = 200_000
-"""Most elements of a file; a road has two per geometry."""
+"""Largest coefficient of a crossfall or shape that counts as none."""
+JUMP: Final = 0.1
+"""Largest step of a road's height, in m."""
+SAME_WIDTH: Final = 0.01
+"""Largest change of a lane's width that counts as none, in m."""
+MIN_WIDTH: Final = 2.0
+"""Width of the narrowest lane that is driven, in m."""
+MAX_ELEMENTS: Final = 1_000_000
+"""Most elements of a file; a map of a town has 200,000."""
 MAX_NUMBER: Final = MAX_COORDINATE
 """Largest number in a file, in m or its own unit, unless another limit is given."""
+SPACING: Final = 1.0
+"""Distance between the places at which slopes and widths are read, in m."""
+SLOPE_ERROR: Final = 1e-4
+"""Largest error of a slope that is read, in m/m."""
+WIDTH_ERROR: Final = 1e-3
+"""Largest error of a width that is read, in m."""
 
+_DRIVEN: Final = frozenset(
+    [
+        *("driving", "entry", "exit", "onRamp", "offRamp", "connectingRamp", "slipLane"),
+        *("mwyEntry", "mwyExit", "bidirectional", "restricted", "bus", "taxi", "HOV"),
+    ]
+)
+"""Types of lanes that a user may choose."""
+_LISTED: Final = 8  # roads in a message
 _SAME: Final = 1e-8  # m, rad and 1/m by which a geometry may differ from what we would write
 
 
-def from_opendrive(data: bytes, *, lane: int = -1) -> Road:
-    """The road in an OpenDRIVE file.
-
-    A file that `to_opendrive` wrote gives the same road: curvatures, step, pose and lane width bit
-    for bit. Of any other file, the road is at most 1 cm away from the line in it; see
-    `frenetic.road.opendrive.line`.
+def from_opendrive(data: bytes, *, lane: int | None = None) -> Road:
+    """The road in an OpenDRIVE file that holds one; see `RoadMap` for those that hold several.
 
     Args:
         data: the file's content.
-        lane: id of the lane that becomes the ego lane, where its drive begins. One on the left (a
-            positive id) is driven against the road, from its end to its start.
+        lane: as for `RoadMap.road`.
 
     Raises:
-        RoadError: it is no such file, or the road in it has something that a `Road` has not; the
-            message does not name the file.
+        RoadError: as for `RoadMap`; or it holds several roads.
+    """
+    return RoadMap(data).road(lane=lane)
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A stretch of a map's roads, one after the other."""
+
+    ids: tuple[str, ...]
+    """Of the roads."""
+    start: float
+    """m along the first road, or beyond it, at which the stretch begins."""
+    road: Road
+
+    @property
+    def name(self) -> str:
+        """The text for `RoadMap.stretches` that gives it."""
+        return self.behind(0.0)
+
+    def behind(self, place: float) -> str:
+        """The text of what is left behind a place in m along it, from the next whole metre on."""
+        start = math.ceil(self.start + place - 1e-9)
+        first, *others = self.ids
+        return ",".join([f"{first}@{start}" if start else first, *others])
+
+
+class RoadMap:
+    """The roads in an OpenDRIVE file.
+
+    Args:
+        data: the file's content.
+
+    Raises:
+        RoadError: it is no such file; no message names the file.
+    """
+
+    def __init__(self, data: bytes) -> None:
+        root = _parse(data)
+        if root.tag != "OpenDRIVE":
+            raise RoadError(f"it is XML, but no OpenDRIVE: its root is <{root.tag:.40}>")
+        header = root.find("header")
+        major = None if header is None else header.get("revMajor")
+        if major != "1":
+            raise RoadError(
+                f"its header says revMajor {major!r:.40}, but only OpenDRIVE 1.x is read"
+            )
+        self._roads = {road.get("id", "")[:40]: road for road in root.findall("road")}
+        if not self._roads:
+            raise RoadError("it has no road")
+
+    @property
+    def lengths(self) -> dict[str, float]:
+        """Id of each road that is not within a junction -> its length in m, the longest first."""
+        lengths = {
+            road_id: _number(road, "length", 0.0, most=math.inf)
+            for road_id, road in self._roads.items()
+            if road.get("junction", "-1") == "-1"
+        }
+        return dict(sorted(lengths.items(), key=lambda item: -item[1]))
+
+    def road(self, road_id: str | None = None, *, lane: int | None = None) -> Road:
+        """A road of it, where it lies.
+
+        One that `to_opendrive` wrote is the same road: curvatures, profiles, step, pose and lane
+        width bit for bit. Any other is at most 1 cm away from the line in the file (see
+        `frenetic.road.opendrive.line`), its slopes within 0.01 % and its width within 1 mm.
+
+        Args:
+            road_id: of the road; None for the only one.
+            lane: id of the lane that becomes the ego lane, where its drive begins. One on the left
+                (a positive id) is driven against the road, from its end to its start. None: the
+                driving lane nearest to the centre, one on the right if there is one.
+
+        Raises:
+            RoadError: there is no such road or lane, or it has something that a `Road` has not.
+        """
+        element = self._element(road_id)
+        lane = _first_lane(element) if lane is None else lane
+        noted = _noted_road(element, lane)
+        return _road_along(_lane_line(element, lane)) if noted is None else noted
+
+    def stretches(self, roads: str, *, lane: int | None = None) -> list[Stretch]:
+        """Stretches of it, where they lie.
+
+        Args:
+            roads: ids of roads with commas. A road that starts where the one before ends continues
+                that; another one begins a stretch of its own. ``12@240`` begins 240 m along the
+                stretch that road 12 begins.
+            lane: of the first road of each stretch, as for `road`. Another road continues it with
+                the lane that begins where the lane before ends.
+
+        Raises:
+            RoadError: as for `road`, or a stretch is not as long.
+        """
+        found: list[tuple[list[str], str, _LaneLine]] = []
+        for given in roads.split(","):
+            road_id, _, start = given.strip().partition("@")
+            element = self._element(road_id)
+            onward = _continuation(element, found[-1][2]) if found and not start else None
+            if onward is None:
+                first = _first_lane(element) if lane is None else lane
+                found.append(([road_id], start, _lane_line(element, first)))
+            else:
+                ids, start, line = found[-1]
+                found[-1] = [*ids, road_id], start, line.joined(onward)
+        stretches = []
+        for ids, start, line in found:
+            skipped = _station(start, line.length) if start else 0.0
+            stretches.append(Stretch(tuple(ids), skipped, _road_along(line.after(skipped))))
+        return stretches
+
+    def _element(self, road_id: str | None) -> Element:
+        """The element of a road.
+
+        Raises:
+            RoadError: there is none of that id, or none is given and there are several.
+        """
+        road = next(iter(self._roads.values())) if road_id is None else self._roads.get(road_id)
+        if road is None or (road_id is None and len(self._roads) > 1):
+            longest = list(self.lengths.items())[:_LISTED]
+            listed = ", ".join(f"{name} ({length:.0f} m)" for name, length in longest)
+            listed += ", .." if len(self._roads) > len(longest) else ""
+            if road_id is None:
+                raise RoadError(
+                    f"it has {len(self._roads)} roads, one of which has to be chosen as 'road': {listed}"
+                )
+            raise RoadError(f"it has no road {road_id!r:.40}, but {listed}")
+        if road.get("rule", "RHT") != "RHT":
+            raise RoadError(
+                f"its rule is {road.get('rule')!r:.40}: only right-hand traffic (RHT) is read"
+            )
+        return road
+
+
+@dataclass(frozen=True)
+class _LaneLine:
+    """The inner edge of a lane in the direction of travel, and what is along it."""
+
+    line: FloatArray
+    """(n, 4) points: m along, x, y, heading."""
+    along: FloatArray
+    """(n, 3) width of the lane in m, height in m, slope to the right in m/m."""
+
+    @property
+    def length(self) -> float:
+        return float(self.line[-1, DISTANCE])
+
+    def after(self, start: float) -> _LaneLine:
+        """The part behind ``start`` m."""
+        first = int(np.searchsorted(self.line[:, DISTANCE], start - 1e-9))
+        line = self.line[first:].copy()
+        line[:, DISTANCE] -= line[0, DISTANCE]
+        return _LaneLine(line, self.along[first:])
+
+    def joined(self, onward: _LaneLine) -> _LaneLine:
+        """It and one that starts where it ends."""
+        line = onward.line.copy()
+        join(self.line[-1], line)
+        return _LaneLine(
+            np.concatenate([self.line, line[1:]]), np.concatenate([self.along, onward.along[1:]])
+        )
+
+
+def _lane_line(road: Element, lane: int) -> _LaneLine:
+    """The line of a lane.
+
+    Raises:
+        RoadError: there is no such lane, or the road is none that is read.
     """
     if lane == 0:
         raise RoadError("lane 0 is the centre of a road: choose a lane to drive on")
-    road = _single_road(_parse(data))
-    geometries = _geometries(road)
-    length = sum(geometry.length for geometry in geometries)
-    places = np.linspace(0.0, length, max(2, math.ceil(length / SPACING)) + 1)
-    _require_flat(road, places)
-    width, shift, _ = _lane(road, lane, places)
-    if not np.ptp(width) <= FLAT:
-        raise RoadError(
-            f"its lane {lane} is {width.min():.3g} to {width.max():.3g} m wide: only a lane of"
-            " constant width is read"
-        )
-    lane_width = float(width[0])
-    is_shifted = np.abs(shift).max() > MIN_DISTANCE
-    if lane < 0 and not is_shifted:
-        noted = _noted_road(road, geometries, lane_width)
-        if noted is not None:
-            return noted
-    line = trace(geometries)
-    if is_shifted:
-        _, shift, slope = _lane(road, lane, line[:, 0])
+    line = trace(_geometries(road))
+    places = line[:, DISTANCE]
+    width, shift, slope = _lane(road, lane, places)
+    for kind in ("crossfall", "shape"):
+        shapes = (_cubic(one) for one in road.findall(f"lateralProfile/{kind}"))
+        if any(abs(value) > LEVEL for shape in shapes for value in shape):
+            raise RoadError(f"its road is shaped across ({kind}): only superelevation is read")
+    height, _ = _profile(road.findall("elevationProfile/elevation"), "s", places)
+    high = np.flatnonzero(np.abs(np.diff(height)) > JUMP)
+    if len(high):
+        raise RoadError(f"its road jumps in height {places[high[0]]:.2f} m along the road")
+    lean, _ = _profile(road.findall("lateralProfile/superelevation"), "s", places)
+    lean = np.tan(np.clip(lean, -1.5, 1.5))
+    along = np.column_stack([width, height + shift * lean, lean])
+    if np.abs(shift).max() > MIN_DISTANCE:
         line = shifted(line, shift, slope)
-    return follow(backwards(line) if lane > 0 else line, lane_width)
+    if lane > 0:
+        line, along = backwards(line), along[::-1] * (1.0, 1.0, -1.0)
+    return _LaneLine(line, along)
+
+
+def _continuation(road: Element, before: _LaneLine) -> _LaneLine | None:
+    """The lane of a road that begins where a lane ends; None if there is none."""
+    for section, side in ((0, "right"), (-1, "left")):
+        sections = road.findall("lanes/laneSection")
+        for element in sections[section].findall(f"{side}/lane") if sections else ():
+            try:
+                line = _lane_line(road, int(_number(element, "id")))
+            except RoadError:
+                continue
+            gap = np.hypot(*(line.line[0, X : Y + 1] - before.line[-1, X : Y + 1]))
+            turn = math.remainder(line.line[0, DIRECTION] - before.line[-1, DIRECTION], math.tau)
+            if gap <= TOLERANCE and abs(turn) <= KINK:
+                return line
+    return None
+
+
+def _station(text: str, length: float) -> float:
+    """The m along its roads at which a stretch begins.
+
+    Raises:
+        RoadError: it is none.
+    """
+    try:
+        start = float(text)
+    except ValueError:
+        start = math.nan
+    if not 0.0 <= start < length - SPACING:
+        raise RoadError(f"@{text[:40]} is no place on a stretch of {length:.0f} m")
+    return start
+
+
+def _road_along(lane: _LaneLine) -> Road:
+    """The road of a lane's line.
+
+    Raises:
+        RoadError: its lane is too narrow, or no road stays near it.
+    """
+    places = np.append(np.arange(0.0, lane.length, SPACING), lane.length)
+    width, height, lean = (np.interp(places, lane.line[:, DISTANCE], v) for v in lane.along.T)
+    narrowest = int(np.argmin(width))
+    lane_width = float(width[narrowest])
+    if lane_width < MIN_WIDTH:
+        raise RoadError(
+            f"its lane is {lane_width:.2f} m wide at {places[narrowest]:.0f} m: at least"
+            f" {MIN_WIDTH:g} m are needed; choose another lane, or a part of the road"
+        )
+    wider = width - lane_width if np.ptp(width) > SAME_WIDTH else np.zeros_like(width)
+    columns = (
+        ("superelevation", lean, SLOPE_ERROR),
+        ("grade", np.gradient(height, places), SLOPE_ERROR),
+        ("widening", wider, WIDTH_ERROR),
+    )
+    profiles: dict[str, Any] = {
+        name: profile.simplified(np.column_stack([places, values]), error)
+        for name, values, error in columns
+        if np.abs(values).max() > error
+    }
+    return replace(follow(lane.line, lane_width), **profiles)
 
 
 class _Tree(ElementTree.TreeBuilder):
@@ -109,7 +361,7 @@ class _Tree(ElementTree.TreeBuilder):
         self.elements += 1
         if self.elements > MAX_ELEMENTS:
             raise RoadError(
-                f"it has more than {MAX_ELEMENTS} elements: no file of a single road is that large"
+                f"it has more than {MAX_ELEMENTS} elements: take the part of the map that you need"
             )
         return super().start(tag.rpartition("}")[2], attrs)  # any namespace
 
@@ -177,39 +429,6 @@ def _profile(
     return a + p * (b + p * (c + p * d)), b + p * (2.0 * c + p * 3.0 * d)
 
 
-def _single_road(root: Element) -> Element:
-    if root.tag != "OpenDRIVE":
-        raise RoadError(f"it is XML, but no OpenDRIVE: its root is <{root.tag:.40}>")
-    header = root.find("header")
-    major = None if header is None else header.get("revMajor")
-    if major != "1":
-        raise RoadError(f"its header says revMajor {major!r:.40}, but only OpenDRIVE 1.x is read")
-    roads = root.findall("road")
-    if len(roads) != 1 or root.find("junction") is not None:
-        raise RoadError(
-            f"it has {len(roads)} roads and {len(root.findall('junction'))} junctions: a file with"
-            " a single road is read"
-        )
-    (road,) = roads
-    if road.get("rule", "RHT") != "RHT":
-        raise RoadError(
-            f"its rule is {road.get('rule')!r:.40}: only right-hand traffic (RHT) is read"
-        )
-    return road
-
-
-def _require_flat(road: Element, places: FloatArray) -> None:
-    height, _ = _profile(road.findall("elevationProfile/elevation"), "s", places)
-    if np.ptp(height) > FLAT:
-        raise RoadError("its road rises or falls (elevation): only a flat road is read")
-    for kind in ("superelevation", "crossfall"):
-        lean, _ = _profile(road.findall(f"lateralProfile/{kind}"), "s", places)
-        if np.abs(lean).max() > LEVEL:
-            raise RoadError(f"its road leans to a side ({kind}): only a level road is read")
-    if any(any(_cubic(shape)) for shape in road.findall("lateralProfile/shape")):
-        raise RoadError("its road is not level across (shape): only a level road is read")
-
-
 def _lane(
     road: Element, lane: int, places: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -255,8 +474,30 @@ def _width(lane: Element, places: FloatArray) -> tuple[FloatArray, FloatArray]:
     return _profile(elements, "sOffset", places)
 
 
+def _first_lane(road: Element) -> int:
+    """Id of the driving lane nearest to the centre, where it is entered; on the right if possible.
+
+    Raises:
+        RoadError: there is none.
+    """
+    sections = road.findall("lanes/laneSection")
+    if not sections:
+        raise RoadError("its road has no lanes")
+    kinds: tuple[frozenset[str], ...] = (frozenset(["driving"]), _DRIVEN)
+    for driven in kinds:
+        for section, side in ((sections[0], "right"), (sections[-1], "left")):
+            ids = [
+                int(_number(lane, "id"))
+                for lane in section.findall(f"{side}/lane")
+                if lane.get("type") in driven and lane.get("direction", "standard") == "standard"
+            ]
+            if ids:
+                return min(ids, key=abs)
+    raise RoadError("its road has no driving lane")
+
+
 def _lane_of(section: Element, lane: int, *, is_driven: bool = True) -> Element:
-    """A section's lane with an id, which is a driving lane for right-hand traffic if it is driven.
+    """A section's lane with an id, which is for cars and right-hand traffic if it is driven.
 
     Raises:
         RoadError: there is none; the message lists the driving lanes.
@@ -265,7 +506,7 @@ def _lane_of(section: Element, lane: int, *, is_driven: bool = True) -> Element:
     element = section.find(f"{side}/lane[@id='{lane}']")
     if element is None:
         what = "is missing"
-    elif is_driven and element.get("type") != "driving":
+    elif is_driven and element.get("type") not in _DRIVEN:
         what = f"is of type {element.get('type')!r:.40}: a driving lane is needed there"
     elif is_driven and element.get("direction", "standard") != "standard":
         what = "is driven against the road's rule (direction)"
@@ -279,20 +520,46 @@ def _lane_of(section: Element, lane: int, *, is_driven: bool = True) -> Element:
     raise RoadError(f"{text} (driving lanes, to be chosen as 'lane': {', '.join(ids[:8])})")
 
 
-def _noted_road(road: Element, geometries: Sequence[Geometry], lane_width: float) -> Road | None:
-    """The road that `to_opendrive` noted, if the geometries are still those of it."""
-    note = road.find(f"userData[@code='{ROAD_CODE}']")
+def _noted_road(road: Element, lane: int) -> Road | None:
+    """The road that `to_opendrive` noted, if what is drawn is still that."""
+    geometries = _geometries(road)
     drawn = [geometry for geometry in geometries if isinstance(geometry, Clothoid)]
-    if note is None or len(drawn) < len(geometries):
+    note = road.find(f"userData[@code='{ROAD_CODE}']")
+    if note is None or lane != -1 or len(drawn) < len(geometries):
         return None
+    widths_drawn = road.findall("lanes/laneSection/right/lane[@id='-1']/width")
     try:
         step, *values = map(float, note.get("value", "").split())
-        noted = Road(values, step, Pose(*drawn[0][:3]), lane_width=lane_width)
+        pairs = {name: _noted_profile(road, name) for name in profile.NAMES}
+        narrowest = min(_cubic(one)[0] for one in widths_drawn)
+        pose = Pose(*drawn[0][:3])
+        noted = Road(values, step, pose, lane_width=narrowest, **pairs)
     except (ValueError, RoadError):
         return None
-    ours = clothoids(noted)
-    same = len(ours) == len(drawn) and np.allclose(ours, drawn, rtol=0.0, atol=_SAME)
+    elevation = road.findall("elevationProfile/elevation")
+    leaning = road.findall("lateralProfile/superelevation")
+    shapes: tuple[tuple[Sequence[Sequence[float]], Sequence[Sequence[float]]], ...] = (
+        (clothoids(noted), drawn),
+        (elevations(noted), _cubics(elevation, "s")),
+        (superelevations(noted) if leaning else [], _cubics(leaning, "s")),
+        (widths(noted), _cubics(widths_drawn, "sOffset")),
+        ([(0.0,) * 5], _cubics(road.findall("lanes/laneOffset"), "s")),
+    )
+    same = all(
+        len(ours) == len(theirs) and np.allclose(ours, theirs, rtol=0.0, atol=_SAME)
+        for ours, theirs in shapes
+    )
     return noted if same else None
+
+
+def _noted_profile(road: Element, name: str) -> FloatArray:
+    note = road.find(f"userData[@code='{PROFILE_CODE.format(name)}']")
+    values = [] if note is None else [float(value) for value in note.get("value", "").split()]
+    return np.array(values).reshape(-1, 2)
+
+
+def _cubics(elements: Sequence[Element], start: str) -> list[tuple[float, ...]]:
+    return [(_number(one, start), *_cubic(one)) for one in elements]
 
 
 def _geometries(road: Element) -> list[Geometry]:

@@ -16,10 +16,13 @@ from xml.etree import ElementTree
 import numpy as np
 
 from frenetic.errors import RoadError
+from frenetic.road import profile
 from frenetic.road.road import Road
 
 ROAD_CODE: Final = "frenetic:road"
 """``userData`` of the road's step and curvatures, which its geometries may only come near."""
+PROFILE_CODE: Final = "frenetic:{}"
+"""``userData`` of a profile's stations and values."""
 ORIGIN: Final = (49.0, 8.4)
 """Latitude and longitude of a road's (0, 0), in degrees, unless others are given.
 
@@ -73,7 +76,7 @@ def to_opendrive(
     Lane -1 is the ego lane, driven from the road's start to its end.
 
     Args:
-        road: becomes road 1, without elevation.
+        road: becomes road 1.
         name: of the file and the road; characters that XML cannot hold are replaced.
         speed_limit: km/h.
         origin: latitude and longitude in degrees (WGS 84) of the point (0, 0), for converters to
@@ -92,7 +95,8 @@ def to_opendrive(
             " -180 to 180 degrees are needed"
         )
     name = "".join(letter if letter.isprintable() else "?" for letter in name)
-    edges = [road.sample(road.sub_step, side * road.lane_width) for side in (1.0, -1.0)]
+    widest = road.lane_width + float(road.widening[:, 1].max(initial=0.0))
+    edges = [road.sample(road.sub_step, side * widest) for side in (1.0, -1.0)]
     (west, south), (east, north) = (
         [round(value, 3) for value in extreme(np.concatenate(edges), axis=0).tolist()]
         for extreme in (np.min, np.max)
@@ -126,11 +130,17 @@ def to_opendrive(
         else:
             _add(geometry, "line")
         s += length
-    _add(_add(element, "elevationProfile"), "elevation", s=0.0, a=0.0, **_CONSTANT)
-    _add(element, "lateralProfile")
-    _add_lanes(element, road.lane_width, speed_limit)
+    _add_cubics(_add(element, "elevationProfile"), "elevation", "s", elevations(road))
+    lateral = _add(element, "lateralProfile")
+    if len(road.superelevation):
+        _add_cubics(lateral, "superelevation", "s", superelevations(road))
+    _add_lanes(element, road, speed_limit)
     noted = " ".join(map(repr, [road.step, *road.curvatures.tolist()]))
     _add(element, "userData", code=ROAD_CODE, value=noted)
+    for kind in profile.NAMES:
+        if len(pairs := getattr(road, kind)):
+            noted = " ".join(map(repr, pairs.ravel().tolist()))
+            _add(element, "userData", code=PROFILE_CODE.format(kind), value=noted)
     ElementTree.indent(root)
     text = ElementTree.tostring(root, encoding="unicode")
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
@@ -145,6 +155,54 @@ def _add(
         for key, value in attributes.items()
     }
     return ElementTree.SubElement(parent, tag, texts)
+
+
+def _add_cubics(
+    parent: ElementTree.Element, tag: str, start: str, cubics: list[tuple[float, ...]]
+) -> None:
+    for s, a, b, c, d in cubics:
+        _add(parent, tag, **{start: s, "a": a, "b": b, "c": c, "d": d})
+
+
+def _knots(road: Road, name: str) -> list[tuple[float, float, float, float]]:
+    """(start, length, value, slope) of the pieces of a profile, m and 1/m; exact."""
+    pairs = getattr(road, name)
+    if not len(pairs):
+        return [(0.0, road.length, 0.0, 0.0)]
+    inner = pairs[(pairs[:, 0] > 0.0) & (pairs[:, 0] < road.length), 0]
+    places = [0.0, *inner.tolist(), road.length]
+    values = profile.value_at(pairs, places).tolist()
+    return [
+        (s, end - s, value, (after - value) / (end - s))
+        for (s, value), (end, after) in itertools.pairwise(zip(places, values, strict=True))
+    ]
+
+
+def elevations(road: Road) -> list[tuple[float, ...]]:
+    """(s, a, b, c, d) of a road's height above its start: parabolas, since its grade is linear."""
+    return [
+        (s, float(road.heights(s)), value, 0.5 * slope, 0.0)
+        for s, _, value, slope in _knots(road, "grade")
+    ]
+
+
+def superelevations(road: Road) -> list[tuple[float, ...]]:
+    """(s, a, b, c, d) of the angle in rad by which a road leans, cubics with its ends' slopes."""
+    found: list[tuple[float, ...]] = []
+    for s, length, value, slope in _knots(road, "superelevation"):
+        end = value + slope * length
+        a, b = math.atan(value), slope / (1.0 + value * value)
+        rise, last = math.atan(end) - a, slope / (1.0 + end * end)
+        c = (3.0 * rise / length - 2.0 * b - last) / length
+        d = (b + last - 2.0 * rise / length) / length**2
+        found.append((s, a, b, c, d))
+    return found
+
+
+def widths(road: Road) -> list[tuple[float, ...]]:
+    """(s, a, b, c, d) of the width of either lane."""
+    pieces = _knots(road, "widening")
+    return [(s, road.lane_width + value, slope, 0.0, 0.0) for s, _, value, slope in pieces]
 
 
 def clothoids(road: Road) -> list[Clothoid]:
@@ -176,7 +234,7 @@ def clothoids(road: Road) -> list[Clothoid]:
     return geometries
 
 
-def _add_lanes(element: ElementTree.Element, lane_width: float, speed_limit: float) -> None:
+def _add_lanes(element: ElementTree.Element, road: Road, speed_limit: float) -> None:
     lanes = _add(element, "lanes")
     _add(lanes, "laneOffset", s=0.0, a=0.0, **_CONSTANT)
     section = _add(lanes, "laneSection", s=0.0)
@@ -186,7 +244,7 @@ def _add_lanes(element: ElementTree.Element, lane_width: float, speed_limit: flo
         kind = "driving" if number else "none"
         lane = _add(_add(section, side), "lane", id=str(number), type=kind, level="false")
         if number:
-            _add(lane, "width", sOffset=0.0, a=lane_width, **_CONSTANT)
+            _add_cubics(lane, "width", "sOffset", widths(road))
         mark, width, change = solid if number else broken
         _add(
             lane,
