@@ -224,5 +224,5 @@ def test_opendrive_of_others_is_driven_and_what_is_not_supported_said(frenetic: 
     refused(frenetic("drive", "lanes.xodr", "--lane", "-3"), "lane -3", "is missing", "-1, -2")
     road = write("bend.json", {"curvatures": [0, 0.03, 0]})
     refused(frenetic("drive", road, "--lane", "-2", "--dry"), "no OpenDRIVE file")
-    Path("city.xodr").write_text(text.replace("</OpenDRIVE>", '<junction id="3"/></OpenDRIVE>'))
-    refused(frenetic("drive", "city.xodr"), "city.xodr cannot be read as OpenDRIVE", "junction")
+    Path("city.xodr").write_text(text.replace("</OpenDRIVE>", '<road id="3"/></OpenDRIVE>'))
+    refused(frenetic("drive", "city.xodr"), "city.xodr cannot be read as OpenDRIVE", "2 roads")

@@ -216,9 +216,8 @@ class RoadMap:
             listed = ", ".join(f"{name} ({length:.0f} m)" for name, length in longest)
             listed += ", .." if len(self._roads) > len(longest) else ""
             if road_id is None:
-                raise RoadError(
-                    f"it has {len(self._roads)} roads, one of which has to be chosen as 'road': {listed}"
-                )
+                count = len(self._roads)
+                raise RoadError(f"it has {count} roads, to be chosen as 'road': {listed}")
             raise RoadError(f"it has no road {road_id!r:.40}, but {listed}")
         if road.get("rule", "RHT") != "RHT":
             raise RoadError(
@@ -524,17 +523,17 @@ def _noted_road(road: Element, lane: int) -> Road | None:
     """The road that `to_opendrive` noted, if what is drawn is still that."""
     geometries = _geometries(road)
     drawn = [geometry for geometry in geometries if isinstance(geometry, Clothoid)]
-    note = road.find(f"userData[@code='{ROAD_CODE}']")
-    if note is None or lane != -1 or len(drawn) < len(geometries):
+    if lane != -1 or len(drawn) < len(geometries):
         return None
     widths_drawn = road.findall("lanes/laneSection/right/lane[@id='-1']/width")
     try:
-        step, *values = map(float, note.get("value", "").split())
-        pairs = {name: _noted_profile(road, name) for name in profile.NAMES}
-        narrowest = min(_cubic(one)[0] for one in widths_drawn)
-        pose = Pose(*drawn[0][:3])
-        noted = Road(values, step, pose, lane_width=narrowest, **pairs)
-    except (ValueError, RoadError):
+        step, *values = _noted(road, ROAD_CODE)
+        pairs = {name: _noted(road, PROFILE_CODE.format(name)) for name in profile.NAMES}
+        widening = pairs["widening"]
+        lane_width = widening.pop(0) if widening else _cubic(widths_drawn[0])[0]
+        profiles = {name: np.array(one).reshape(-1, 2) for name, one in pairs.items()}
+        noted = Road(values, step, Pose(*drawn[0][:3]), lane_width=lane_width, **profiles)
+    except (IndexError, ValueError, RoadError):
         return None
     elevation = road.findall("elevationProfile/elevation")
     leaning = road.findall("lateralProfile/superelevation")
@@ -552,10 +551,10 @@ def _noted_road(road: Element, lane: int) -> Road | None:
     return noted if same else None
 
 
-def _noted_profile(road: Element, name: str) -> FloatArray:
-    note = road.find(f"userData[@code='{PROFILE_CODE.format(name)}']")
-    values = [] if note is None else [float(value) for value in note.get("value", "").split()]
-    return np.array(values).reshape(-1, 2)
+def _noted(road: Element, code: str) -> list[float]:
+    """The numbers of a note; none if there is no such note."""
+    note = road.find(f"userData[@code='{code}']")
+    return [] if note is None else [float(value) for value in note.get("value", "").split()]
 
 
 def _cubics(elements: Sequence[Element], start: str) -> list[tuple[float, ...]]:

@@ -22,7 +22,7 @@ from frenetic.road.road import Road
 ROAD_CODE: Final = "frenetic:road"
 """``userData`` of the road's step and curvatures, which its geometries may only come near."""
 PROFILE_CODE: Final = "frenetic:{}"
-"""``userData`` of a profile's stations and values."""
+"""``userData`` of a profile's stations and values; those of widening follow the lane's width."""
 ORIGIN: Final = (49.0, 8.4)
 """Latitude and longitude of a road's (0, 0), in degrees, unless others are given.
 
@@ -139,7 +139,11 @@ def to_opendrive(
     _add(element, "userData", code=ROAD_CODE, value=noted)
     for kind in profile.NAMES:
         if len(pairs := getattr(road, kind)):
-            noted = " ".join(map(repr, pairs.ravel().tolist()))
+            values = pairs.ravel().tolist()
+            # Lanes that widen everywhere do not show their own width.
+            noted = " ".join(
+                map(repr, [road.lane_width, *values] if kind == "widening" else values)
+            )
             _add(element, "userData", code=PROFILE_CODE.format(kind), value=noted)
     ElementTree.indent(root)
     text = ElementTree.tostring(root, encoding="unicode")

@@ -1,0 +1,288 @@
+"""OpenDRIVE files of many roads, and roads in space: what is read is what is there."""
+
+from __future__ import annotations
+
+import math
+import re
+import subprocess
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from frenetic.errors import RoadError
+from frenetic.road import Road, profile
+from frenetic.road.files import find_roads, read_road
+from frenetic.road.opendrive import RoadMap, from_opendrive, to_opendrive
+
+if TYPE_CHECKING:
+    from command_line import Frenetic
+
+pytest_plugins = ["command_line"]
+
+SPACE = Road(
+    [0.0, 0.01, 0.02, 0.0, -0.01, 0.0, 0.0, 0.01],
+    20.0,
+    (30.0, -20.0, 0.4),
+    lane_width=3.25,
+    superelevation=[(0.0, 0.0), (40.0, -0.06), (60.0, 0.0), (80.0, 0.03), (130.0, 0.0)],
+    grade=[(10.0, 0.04), (60.0, 0.04), (120.0, -0.05)],
+    widening=[(20.0, 0.0), (40.0, 0.5), (60.0, 0.0)],
+)
+LANE = '<lane id="{}" type="{}"><width sOffset="0" a="{}" b="{}"/></lane>'
+
+
+def foreign(*roads: str) -> bytes:
+    return f'<OpenDRIVE><header revMajor="1"/>{"".join(roads)}</OpenDRIVE>'.encode()
+
+
+def road(
+    number: int,
+    x: float,
+    heading: float,
+    length: float,
+    *,
+    shape: str = "<line/>",
+    right: str = LANE.format(-1, "driving", 3.5, 0),
+    left: str = "",
+    profiles: str = "",
+    junction: int = -1,
+) -> str:
+    """A road that begins at (x, 0)."""
+    place = f'<geometry s="0" x="{x}" y="0" hdg="{heading}" length="{length}">{shape}</geometry>'
+    lanes = f'<laneSection s="0"><left>{left}</left><right>{right}</right></laneSection>'
+    return (
+        f'<road id="{number}" length="{length}" junction="{junction}"><planView>{place}</planView>'
+        f"{profiles}<lanes>{lanes}</lanes></road>"
+    )
+
+
+def without_notes(text: str) -> bytes:
+    """As a stranger's file."""
+    return re.sub(r"<userData.*?/>", "", text).encode()
+
+
+def assert_same(one: Road, other: Road) -> None:
+    assert np.array_equal(one.curvatures, other.curvatures)
+    assert (one.step, one.pose, one.lane_width) == (other.step, other.pose, other.lane_width)
+    for name in profile.NAMES:
+        assert np.array_equal(getattr(one, name), getattr(other, name)), name
+
+
+def test_our_own_file_gives_the_same_road() -> None:
+    assert_same(from_opendrive(to_opendrive(SPACE).encode()), SPACE)
+
+
+@given(
+    st.lists(st.tuples(st.floats(1.0, 60.0), st.floats(-0.15, 0.15)), max_size=6),
+    st.lists(st.tuples(st.floats(1.0, 60.0), st.floats(0.0, 2.0)), max_size=4),
+)
+def test_whatever_the_profiles(
+    slopes: list[tuple[float, float]], widths: list[tuple[float, float]]
+) -> None:
+    def ascending(pairs: list[tuple[float, float]]) -> np.ndarray:
+        gaps, values = np.array(pairs).reshape(-1, 2).T
+        return np.column_stack([np.cumsum(gaps), values])
+
+    made = Road(
+        [0.0, 0.02, 0.0, -0.01],
+        30.0,
+        superelevation=ascending(slopes),
+        grade=ascending(slopes[::-1]),
+        widening=ascending(widths),
+    )
+    read = from_opendrive(to_opendrive(made).encode())
+    assert_same(read, made)
+
+
+def test_a_strangers_slopes_are_read_within_the_bound() -> None:
+    read = from_opendrive(without_notes(to_opendrive(SPACE)))
+    places = np.linspace(0.0, SPACE.length, 1000)
+    for name, error in (("superelevation", 4e-4), ("grade", 4e-4), ("widening", 0.01)):
+        ours, theirs = (profile.value_at(getattr(one, name), places) for one in (SPACE, read))
+        assert theirs == pytest.approx(ours, abs=error), name
+    assert read.heights(places) == pytest.approx(SPACE.heights(places), abs=0.02)
+    assert read.lane_width == pytest.approx(3.25)
+    assert len(read.grade) < 30
+    assert len(read.superelevation) < 30
+
+
+def test_a_file_that_was_changed_is_read_as_it_is_drawn() -> None:
+    text = to_opendrive(Road([0.0] * 9, grade=0.04))
+    assert 'b="0.04"' in text
+    changed = from_opendrive(text.replace('b="0.04"', 'b="0.02"').encode())
+    assert changed.grade == pytest.approx(np.array([[0.0, 0.02], [80.0, 0.02]]))
+
+
+def test_the_other_direction_falls_where_this_one_rises() -> None:
+    data = without_notes(to_opendrive(replace(SPACE, widening=profile.NOTHING)))
+    there, back = (from_opendrive(data, lane=i) for i in (-1, 1))
+    places = np.linspace(5.0, there.length - 5.0, 50)
+    for name, sign in (("grade", -1.0), ("superelevation", -1.0), ("curvatures", -1.0)):
+        if name == "curvatures":
+            one, other = there.curvature_at(places), back.curvature_at(back.length - places)
+        else:
+            one = profile.value_at(getattr(there, name), places)
+            other = profile.value_at(getattr(back, name), back.length - places)
+        assert other == pytest.approx(sign * one, abs=2e-3), name
+
+
+def test_a_lane_beside_the_centre_lies_higher_or_lower() -> None:
+    # The inner lane is 3 m wide, so the outer one begins 3 m to the right, on a road that leans by
+    # ever more to the right: 0.1 rad in 100 m.
+    lean = '<lateralProfile><superelevation s="0" a="0" b="0.001"/></lateralProfile>'
+    lanes = LANE.format(-1, "driving", 3, 0) + LANE.format(-2, "driving", 3.5, 0)
+    data = foreign(road(1, 0.0, 0.0, 100.0, right=lanes, profiles=lean))
+    outer = from_opendrive(data, lane=-2)
+    assert outer.heights(100.0) == pytest.approx(-3.0 * math.tan(0.1), abs=0.01)
+    assert not len(from_opendrive(data).grade)
+
+
+def test_a_lane_that_widens_is_as_wide_as_it_is() -> None:
+    lane = LANE.format(-1, "driving", 3, 0.01)
+    read = from_opendrive(foreign(road(1, 0.0, 0.0, 100.0, right=lane)))
+    assert read.lane_width == pytest.approx(3.0)
+    assert profile.value_at(read.widening, [0.0, 50.0, 100.0]) == pytest.approx([0.0, 0.5, 1.0])
+
+
+TOWN = foreign(
+    road(1, 0.0, 0.0, 60.0),
+    # Road 2 leads back to the end of road 1, so its left lane goes on there.
+    road(2, 100.0, math.pi, 40.0, right="", left=LANE.format(1, "driving", 3.5, 0)),
+    road(3, 100.0, 0.0, 50.0, junction=9, right=LANE.format(-1, "entry", 3.5, 0)),
+    road(4, 500.0, 0.0, 80.0),
+)
+
+
+def test_roads_that_continue_each_other_make_a_stretch(tmp_path: Path) -> None:
+    first, second = RoadMap(TOWN).stretches("1,2,3,4")
+    assert first.name == "1,2,3"
+    assert first.road.length == pytest.approx(150.0)
+    assert first.road.points[-1] == pytest.approx([150.0, 0.0], abs=1e-6)
+    assert first.road.pose == pytest.approx((0.0, 0.0, 0.0))
+    assert (second.name, second.road.pose.x) == ("4", 500.0)
+    (tmp_path / "town.xodr").write_bytes(TOWN)
+    with pytest.raises(RoadError, match="4 does not begin where 1 ends"):
+        read_road(tmp_path / "town.xodr", roads="1,4")
+
+
+def test_a_stretch_may_begin_anywhere_on_it() -> None:
+    town = RoadMap(TOWN)
+    (stretch,) = town.stretches("1@20,2")
+    assert stretch.road.pose.x == pytest.approx(20.0)
+    assert stretch.road.length == pytest.approx(80.0)
+    assert stretch.name == "1@20,2"
+    assert stretch.behind(49.2) == "1@70,2"
+    (rest,) = town.stretches(stretch.behind(49.2))
+    assert rest.road.pose.x == pytest.approx(70.0)
+    for wrong in ("1@100,2", "1@-1", "1@x", "1@nan"):
+        with pytest.raises(RoadError, match="is no place on a stretch of"):
+            town.stretches(wrong)
+
+
+def test_the_lane_is_one_for_cars_if_none_is_named() -> None:
+    lanes = LANE.format(-1, "median", 2, 0) + LANE.format(-2, "driving", 3.5, 0)
+    data = foreign(road(1, 0.0, 0.0, 60.0, right=lanes))
+    assert from_opendrive(data).pose.y == pytest.approx(-2.0)
+    only_left = foreign(road(1, 0.0, 0.0, 60.0, right="", left=LANE.format(1, "driving", 3, 0)))
+    assert from_opendrive(only_left).pose.x == pytest.approx(60.0)
+
+
+def test_a_folder_with_a_map_has_its_roads_but_for_junctions(tmp_path: Path) -> None:
+    (tmp_path / "town.xodr").write_bytes(TOWN)
+    found = find_roads([tmp_path])
+    names = [name.removeprefix(str(tmp_path / "town.xodr")) for name in found.roads]
+    assert names == [" road 4", " road 1", " road 2"]
+
+
+def test_a_map_is_no_single_road() -> None:
+    with pytest.raises(RoadError) as caught:
+        from_opendrive(TOWN)
+    assert str(caught.value) == (
+        "it has 4 roads, to be chosen as 'road': 4 (80 m), 1 (60 m), 2 (40 m), .."
+    )
+    with pytest.raises(RoadError, match=r"has no road '7', but 4 \(80 m\), 1"):
+        RoadMap(TOWN).road("7")
+
+
+# On the command line
+
+
+def test_the_roads_of_a_map_are_driven_where_they_lie(frenetic: Frenetic, tmp_path: Path) -> None:
+    path = tmp_path / "town.xodr"
+    path.write_bytes(TOWN)
+    driven = frenetic("drive", str(path), "--road", "1,2,4", "--json").json
+    assert [one["outcome"] for one in driven] == ["PASS", "PASS"]
+    assert [one["road"] for one in driven] == [f"{path} --road 1,2", f"{path} --road 4"]
+    assert frenetic("drive", str(path)).refuses("4 roads", "4 (80 m)")
+    assert frenetic("drive", str(path), "--road", "9").refuses("has no road '9'")
+    assert frenetic("drive", str(tmp_path), "--road", "1").refuses("--road")
+    judged = frenetic("drive", str(path), "--road", "1", "--roads", "rural-80", "--dry")
+    assert judged.code == 0
+    narrow = frenetic("drive", str(path), "--road", "1", "--roads", "motorway-130", "--dry")
+    assert (narrow.code, "The lanes are 3.5 m wide" in narrow.out) == (1, True)
+    out = tmp_path / "stretch.json"
+    assert (
+        frenetic("export", str(path), "--road", "1,2", "--format", "json", "--out", str(out)).code
+        == 0
+    )
+    assert read_road(out).road().length == pytest.approx(100.0)
+
+
+def test_a_drive_goes_on_behind_each_departure(frenetic: Frenetic, tmp_path: Path) -> None:
+    bends = np.tile(np.repeat([0.0, 0.04, 0.0, 0.0, -0.04, 0.0], 3), 5)
+    path = tmp_path / "winding.xodr"
+    path.write_text(to_opendrive(Road(bends, 10.0)))
+    words = ("drive", str(path), "--driver", "planner,aggression=2")
+    driven = frenetic(*words, "--road", "1", "--json").json
+    failed = [one for one in driven if one["outcome"] == "FAIL"]
+    assert len(failed) > 2
+    for one in failed[1:3]:
+        roads = one["road"].split(" --road ")[1]
+        (again, *_) = frenetic(*words, "--road", roads, "--json").json
+        assert again == one
+
+
+# Maps that a package ships
+
+
+@pytest.fixture(scope="module")
+def shipped(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Makes an OpenDRIVE file of a net that SUMO ships, with SUMO's own program."""
+    import sumo
+
+    folder, home = tmp_path_factory.mktemp("maps"), Path(sumo.SUMO_HOME)
+
+    def made(net: str) -> Path:
+        path = folder / f"{Path(net).name.partition('.')[0]}.xodr"
+        source = home / "tools" / "game" / net
+        words = ["-s", str(source), "--opendrive-output", str(path)]
+        subprocess.run([str(home / "bin" / "netconvert"), *words], check=True, capture_output=True)
+        return path
+
+    return made
+
+
+@pytest.mark.parametrize(
+    ("net", "count", "longest"),
+    [("A10KW/osm.net.xml", 1739, 1995.0), ("racing/spreewaldring.net.xml", 45, 1636.0)],
+)
+def test_maps_of_real_places_are_read(
+    shipped: Callable[[str], Path], frenetic: Frenetic, net: str, count: int, longest: float
+) -> None:
+    path = shipped(net)
+    road_map = RoadMap(path.read_bytes())
+    lengths = road_map.lengths
+    assert next(iter(lengths.values())) == pytest.approx(longest, abs=1.0)
+    found = find_roads([path.parent])
+    of_this = [name for name in found.roads if name.startswith(str(path))]
+    assert len(of_this) > 0.7 * len(lengths)
+    assert f"it has {count} roads" in frenetic("drive", str(path)).err
+    drivable = next(name for name in of_this if found.roads[name].length > 900.0)
+    driven = frenetic("drive", str(path), "--road", drivable.split(" road ")[1], "--json").json
+    assert driven[0]["outcome"] in ("PASS", "FAIL")
