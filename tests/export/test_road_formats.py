@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -86,6 +87,25 @@ def test_csv_has_centre_line_lane_and_edges_every_metre(tmp_path: Path, step: fl
         track = road.track(table[:, columns])
         assert track[:, 1] == pytest.approx(offset, abs=1e-5)
         assert track[:, 0] == pytest.approx(distance, abs=1e-5)
+
+
+def test_csv_and_nodes_have_what_is_in_space(tmp_path: Path) -> None:
+    road = replace(
+        ROAD,
+        grade=np.array([[0.0, 0.05]]),
+        superelevation=np.array([[0.0, 0.03]]),
+        widening=np.array([[0.0, 0.0], [ROAD.length, 1.0]]),
+    )
+    table = np.loadtxt(written(tmp_path, "csv", road), delimiter=",", skiprows=1)
+    distance = table[:, 0]
+    wider = 3.5 + distance / road.length
+    for columns, side in ((slice(7, 9), 1.0), (slice(9, 11), -1.0)):
+        assert road.track(table[:, columns])[:, 1] == pytest.approx(side * wider, abs=1e-5)
+    assert table[:, 11] == pytest.approx(0.05 * distance, abs=1e-6)
+    assert set(table[:, 12]) == {0.03}
+    nodes = np.array(json.loads(written(tmp_path, "beamng", road).read_text()))
+    assert nodes[-1, 2] == pytest.approx(-28.0 + 0.05 * road.length)
+    assert nodes[-1, 3] == pytest.approx(9.0)
 
 
 def test_beamng_nodes_follow_the_centre_line(tmp_path: Path) -> None:

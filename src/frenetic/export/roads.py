@@ -18,7 +18,7 @@ from frenetic.campaign.record import Test
 from frenetic.errors import FreneticError, UnknownNameError
 from frenetic.export.competition import GROUND, competition_document, stored_test_document
 from frenetic.export.openscenario import to_openscenario
-from frenetic.road import MAP_SIZE, Road
+from frenetic.road import MAP_SIZE, Road, profile
 from frenetic.road.files import entries_of
 from frenetic.road.geometry import CURVATURE
 from frenetic.road.opendrive import ORIGIN, to_opendrive
@@ -36,11 +36,14 @@ CSV_COLUMNS: Final = (
     "left_edge_y_m",
     "right_edge_x_m",
     "right_edge_y_m",
+    "height_m",
+    "superelevation",
 )
 """Columns of the CSV format.
 
 Distance along, place, heading and curvature of the centre line; centre of the ego lane; left edge
-and right edge of the road. The ego lane lies between the centre line and the right edge.
+and right edge of the road; height of the centre line above its start, slope to the right. The ego
+lane lies between the centre line and the right edge.
 """
 
 
@@ -109,12 +112,19 @@ def _competition(exported: ExportedRoad) -> str:
 def _csv(exported: ExportedRoad) -> str:
     road = exported.road
     table = road.table
-    width = road.lane_width
+    places = np.arange(len(table)) * road.sub_step
+    wider = profile.value_at(road.widening, places)[:, None]
+    middle, left, right = (
+        road.sample(road.sub_step, share * road.lane_width) for share in (-0.5, 1.0, -1.0)
+    )
+    outwards = (left - right) / (2.0 * road.lane_width) * wider
     columns = np.column_stack(
         [
-            np.arange(len(table)) * road.sub_step,
+            places,
             table[:, : CURVATURE + 1],
-            *(road.sample(road.sub_step, offset) for offset in (-0.5 * width, width, -width)),
+            *(middle, left + outwards, right - outwards),
+            road.heights(places),
+            profile.value_at(road.superelevation, places),
         ]
     )
     lines = [",".join(CSV_COLUMNS)]
@@ -128,8 +138,10 @@ def _json(exported: ExportedRoad) -> str:
 
 def _beamng(exported: ExportedRoad) -> str:
     road = exported.road
-    width = 2.0 * road.lane_width
-    nodes = [[x, y, GROUND, width] for x, y in road.road_points.round(6).tolist()]
+    places = road.distances()
+    height = GROUND + road.heights(places).round(6)
+    width = 2.0 * (road.lane_width + profile.value_at(road.widening, places))
+    nodes = np.column_stack([road.road_points.round(6), height, width]).tolist()
     return "[\n" + ",\n".join(map(json.dumps, nodes)) + "\n]\n"
 
 
