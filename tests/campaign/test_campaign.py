@@ -95,7 +95,7 @@ def test_campaign_that_only_proposes_refused_roads_gives_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("frenetic.campaign.loop.MAX_INVALID_IN_A_ROW", 25)
-    with refused(r"last 25 roads were refused.*self-intersecting"):
+    with refused(r"last 25 roads were refused.*self-intersecting; 25 results"):
         scripted(tmp_path, Budget(simulations=1), strategy=Scripted(LOOP)).run()
 
 

@@ -66,7 +66,9 @@ def test_an_invalid_road_is_driven_only_if_asked_for(frenetic: Frenetic, bent: s
     assert frenetic("drive", "loop.json", "--dry", "--json").json == said
 
 
-def test_a_road_that_leans_or_rises_is_driven_where_it_can_be(frenetic: Frenetic) -> None:
+def test_a_road_that_leans_or_rises_is_driven_where_it_can_be(
+    frenetic: Frenetic, bent: str
+) -> None:
     Path("hill.json").write_text(json.dumps(BENT | {"grade": [[0, 0.08], [100, -0.08]]}))
     assert frenetic("drive", "hill.json", "--json").json["outcome"] == "PASS"
     Path("sledge.py").write_text(
@@ -76,9 +78,13 @@ def test_a_road_that_leans_or_rises_is_driven_where_it_can_be(frenetic: Frenetic
         ("--simulator=sledge.py:Sledge", "Sledge drives"),
         ("--driver=marking-follower", "A camera sees"),
     ):
-        answer = frenetic("drive", "hill.json", part, "--anyway")
-        why = f"INVALID  {who} flat roads only: leave superelevation and grade out"
-        assert (answer.code, answer.out.splitlines()[0]) == (1, why)
+        why = f"INVALID  {who} flat roads of one width only: leave superelevation, grade and"
+        for how in ("--anyway", "--dry"):
+            answer = frenetic("drive", "hill.json", part, how)
+            assert answer.code == 1
+            assert why in answer.out.splitlines()[0]
+    assert frenetic("drive", "hill.json", "--dry").out == "hill.json: valid\n"
+    assert frenetic("drive", bent, part, "--dry").code == 0
 
 
 @pytest.fixture(scope="session")

@@ -111,12 +111,33 @@ def test_classes_are_listed(frenetic: Frenetic) -> None:
         (("run", "--roads", "length=3"), ("names no road class",)),
         (("run", "--roads", "nowhere.toml"), ("nowhere.toml",)),
         (("drive", "c", "1", "--roads", "rural-80"), ("a campaign has its own road class",)),
+        (
+            ("run", "--roads", "urban-50", "--driver", "marking-follower"),
+            ("choose --roads urban-50,max_superelevation=0,max_grade=0,widening=0",),
+        ),
     ],
 )
 def test_mistakes(
     frenetic: Frenetic, copied: str, arguments: tuple[str, ...], words: tuple[str, ...]
 ) -> None:
     assert frenetic(*arguments).refuses(*words)
+
+
+def test_roads_that_a_simulator_cannot_lay_are_refused_before_the_first(frenetic: Frenetic) -> None:
+    Path("sledge.py").write_text(
+        "import frenetic\n\nclass Sledge(frenetic.SteppedSimulator):\n    pass\n"
+    )
+    Path("lane.toml").write_text("design_speed = 80")
+    run = ("run", "--simulator", "sledge.py:Sledge", "--out", "c", "--roads")
+    one_width = "Sledge drives flat roads of one width only: choose --roads "
+    for road_class, better in (("rural-80", "rural-80"), ("lane.toml", "CLASS")):
+        better += ",max_superelevation=0,max_grade=0"
+        answer = frenetic(*run, road_class)
+        assert (answer.code, answer.err) == (2, f"frenetic: {one_width}{better}\n")
+        assert not Path("c").exists()
+    flat = ("--roads", "rural-80,max_superelevation=0,max_grade=0", "--driver", "marking-follower")
+    found = frenetic("run", *flat, "--simulations", "1", "--seed", "1", "--out", "flat", "--json")
+    assert found.json["simulations"] == 1
 
 
 def test_a_strategy_of_ones_own_is_told_what_breaks_a_rule(frenetic: Frenetic) -> None:

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib as mpl
@@ -18,6 +19,7 @@ from frenetic.errors import FreneticError
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.report import draw_drive, draw_gallery, draw_road
+from frenetic.report.orientation import edges_of
 from frenetic.road import Pose, Road
 
 RATE = 20.0  # records per s
@@ -103,6 +105,31 @@ def test_a_failure_says_what_happened(tmp_path: Path) -> None:
     figures.add(f"{result.moobd:.2f} m".replace("-", "−"))
     assert labels | figures | {"Test 123: FAIL", result.reason} <= set(texts)
     assert any(text.startswith("MOOBD −") for text in texts)
+
+
+def test_slopes_are_shown_where_a_road_has_them(tmp_path: Path) -> None:
+    grade, lean = [[0.0, 0.06], [130.0, -0.03]], [[0.0, 0.0], [60.0, -0.07]]
+    slopes = {"height (m), with the grade", "superelevation (%), + falls to the right"}
+    for road, wanted in (
+        (HAIRPIN, set()),
+        (replace(HAIRPIN, grade=grade, superelevation=lean), slopes | {"+5.4 %", "−2.4 %"}),
+        (replace(HAIRPIN, grade=grade), slopes - {"superelevation (%), + falls to the right"}),
+    ):
+        draw_drive(road, drive_along(road, drift=5.0), tmp_path / "a.svg")
+        draw_road(road, tmp_path / "b.svg")
+        for name in ("a.svg", "b.svg"):
+            texts = {*svg_texts(tmp_path / name)}
+            assert wanted <= texts
+            assert not (slopes - wanted) & texts
+
+
+def test_drawn_lanes_widen() -> None:
+    road = Road([0.0] * 11, pose=Pose(0.0, 0.0, 0.0), widening=[[0.0, 0.0], [100.0, 1.0]])
+    left, right = np.split(edges_of(road, 10.0), 2)
+    wanted = 4.0 + np.arange(11) / 10.0
+    assert left[:, 1] == pytest.approx(wanted)
+    assert right[:, 1] == pytest.approx(-wanted)
+    assert left[:, 0] == pytest.approx(np.arange(11) * 10.0)
 
 
 def test_a_pass_has_no_departure(tmp_path: Path) -> None:

@@ -55,7 +55,7 @@ from frenetic.road.classes import RoadClass
 from frenetic.run_file import next_command, write_run_file
 from frenetic.search.records import Candidate
 from frenetic.search.strategy import Strategy, has_own
-from frenetic.simulators.capabilities import bare, capabilities
+from frenetic.simulators.capabilities import bare, capabilities, check_class
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.isolated import IsolatedSimulator, is_named
 from frenetic.simulators.simulator import Simulator
@@ -158,7 +158,8 @@ class Campaign(Shown):
 
     Raises:
         ValueError: an option is out of range.
-        FreneticError: the objective cannot be loaded, or `start_from` is a single folder.
+        FreneticError: the objective cannot be loaded, `start_from` is a single folder, or the
+            simulator does not lay the roads of the class.
     """
 
     def __init__(
@@ -226,6 +227,8 @@ class Campaign(Shown):
         if lane_width is None:
             lane_width = 4.0 if road_class is None else road_class.lane_width
         self.tester = RoadTester(simulator, driver, map_size, margin, lane_width, road_class)
+        if road_class is not None:
+            check_class(simulator, driver, road_class)
         self.objective = Objective.load(objective)
         self.budget = budget
         self.workers = workers

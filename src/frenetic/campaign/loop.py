@@ -366,7 +366,7 @@ class Dispatcher:
         if self._refused >= MAX_INVALID_IN_A_ROW:
             raise StrategyError(
                 f"the last {self._refused} roads were refused, so the campaign gives up:"
-                f" {test.reason}; is the map too small?"
+                f" {test.reason}"
             )
 
     def _has_only_crashed(self, test: Test) -> bool:

@@ -26,6 +26,11 @@ from frenetic.errors import FreneticError
 __all__ = ["cli", "main"]
 
 BLAS_THREADS: Final = "OPENBLAS_NUM_THREADS"
+_CHOICES: Final = (
+    ("--out", "choose another place", "choose another place with --out"),
+    ("--roads", "choose the road class ", "choose --roads "),
+)
+"""Option of a command, what the library says where it knows no options, and the words with it."""
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
@@ -100,14 +105,16 @@ class CommandTable(click.Group):
         return command
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Runs the command; the library's words for a place to write get the name of the option."""
+        """Runs the command; the library's words for what to choose get the name of the option."""
         try:
             return super().invoke(ctx)
         except FreneticError as error:
             command = self.get_command(ctx, ctx.invoked_subcommand or "")
-            if command is not None and any("--out" in one.opts for one in command.params):
-                place = "choose another place"
-                error.args = (str(error).replace(place, f"{place} with --out"),)
+            text = str(error)
+            for option, words, better in _CHOICES:
+                if command is not None and any(option in one.opts for one in command.params):
+                    text = text.replace(words, better)
+            error.args = (text,)
             raise
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002

@@ -108,7 +108,8 @@ def drive(
     else:
         spec, roads = _of_file(context, source, lane)
     if dry:
-        _judge({asked.name: asked.verdict for asked in roads}, as_json=as_json)
+        verdicts = {one.name: _with_parts(spec, one.road, one.verdict) for one in roads}
+        _judge(verdicts, as_json=as_json)
         return
     is_whole, documents = True, []
     for asked, result, parts in _driven(spec, roads, plot, anyway=anyway):
@@ -151,8 +152,9 @@ def _of_campaign(
             f"{folder} is a folder: say which tests of the campaign, or name a road file"
         )
     with CampaignStore.open(folder) as store:
-        spec = recorded_spec(store, given_options(context), checked=not dry)
         tests = [store.test(number) for number in dict.fromkeys(test_ids)]
+        is_made = not dry or any(not test.road.is_plain for test in tests)
+        spec = recorded_spec(store, given_options(context), checked=is_made)
     roads = []
     for test in tests:
         fitted, verdict = test.road.placed(spec.map_size, spec.margin, spec.road_class)
@@ -204,13 +206,31 @@ def _of_map(
 
 
 def _verdict_on(context: click.Context, path: Path, lane: int | None) -> Verdict:
-    """The verdict on a file's road: points are judged where they lie, curvatures where they fit."""
+    """The verdict on a file's road: points are judged where they lie, curvatures where they fit.
+
+    Where the road leans, rises or widens, the simulator and driver have a say, too.
+    """
     from frenetic.road.files import read_road
 
     file = read_road(path, lane=lane)
     spec = file_spec(context, file, checked=False)
     check_map_size(spec.map_size)
-    return file.check_validity(spec.map_size, spec.road_class)
+    verdict = file.check_validity(spec.map_size, spec.road_class)
+    if not verdict or file.road().is_plain:
+        return verdict
+    return _with_parts(file_spec(context, file), file.road(), verdict)
+
+
+def _with_parts(spec: Spec, road: Road, verdict: Verdict) -> Verdict:
+    """The verdict on a road after that of the simulator and driver, if it leans, rises or widens.
+
+    Only then they are made.
+    """
+    if not verdict or road.is_plain:
+        return verdict
+    driver, simulator = spec.make_parts(isolate=False)
+    reason = _cannot_be_driven(simulator, driver, road)
+    return replace(verdict, valid=not reason, message=reason)
 
 
 def _driven(

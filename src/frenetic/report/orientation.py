@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic.road import Road
+from frenetic.road import Road, profile
 
 _SPACING: Final = 4.0  # [m]
 _MOST_POINTS: Final = 2000
@@ -22,9 +22,22 @@ def turned(points: FloatArray, turn: float) -> FloatArray:
     return result
 
 
+def edge_of(road: Road, spacing: float, side: float) -> FloatArray:
+    """Points of an outer edge of a road, the left one (side 1) or the right one (-1), (n, 2) in m.
+
+    They are about ``spacing`` m apart.
+    """
+    if not len(road.widening):
+        return road.sample(spacing, side * road.lane_width)
+    middle, beside = road.sample(spacing), road.sample(spacing, side)
+    widths = road.lane_width + profile.value_at(road.widening, road.distances(spacing))
+    points: FloatArray = middle + widths[:, None] * (beside - middle)
+    return points
+
+
 def edges_of(road: Road, spacing: float) -> FloatArray:
     """Points of both outer edges of a road, about so many m apart, (n, 2) in m."""
-    return np.vstack([road.sample(spacing, side * road.lane_width) for side in (1.0, -1.0)])
+    return np.vstack([edge_of(road, spacing, side) for side in (1.0, -1.0)])
 
 
 def turn_of(road: Road) -> float:

@@ -68,7 +68,7 @@ from frenetic.report.style import (
     wrapped,
     write_figure,
 )
-from frenetic.road import Road
+from frenetic.road import Road, profile
 
 MAX_SHEET: Final = 400
 """Most pictures on one contact sheet."""
@@ -230,7 +230,9 @@ def _page(
     focus = None if seen is None else focus_of(seen)
     facts = facts_of_road(road) if seen is None else facts_of_drive(road, seen)
     lines = wrapped(reason, 118, 3)
-    profiles = [one for one in _PROFILES if focus is not None or one[0] == "curvature"]
+    there = {"curvature"} if focus is None else {"oob", "curvature", "speed"}
+    there |= {name for name in ("grade", "superelevation") if len(getattr(road, name))}
+    profiles = [one for one in _PROFILES if one[0] in there]
 
     turn = turn_of(road)
     wide = box_of(road, seen, turn)
@@ -376,9 +378,41 @@ def _draw_speed(axes: Axes, road: Road, seen: SeenDrive | None) -> None:
     axes.plot(seen.distance, seen.speed, color=_LINE, lw=1.4, zorder=3)
 
 
+def _draw_height(axes: Axes, road: Road, _: SeenDrive | None) -> None:
+    """The height, and in writing the grade in the middle of every eighth of the road."""
+    places = road.distances()
+    heights = road.heights(places)
+    low, high = float(heights.min()), float(heights.max())
+    reach = max(high - low, 1.0)
+    low -= 0.55 * reach  # room for the grades
+    axes.set_ylim(low, high + 0.15 * reach)
+    axes.yaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
+    axes.fill_between(places, heights, low, color=EGO_LANE, lw=0.0, alpha=0.75, zorder=1.2)
+    axes.plot(places, heights, color=_LINE, lw=1.4, zorder=3)
+    middles = road.length * (np.arange(8) + 0.5) / 8.0
+    for place, grade in zip(middles, profile.value_at(road.grade, middles), strict=True):
+        axes.text(
+            place, 0.08, f"{'+' if grade > 0.0 else ''}{signed(100.0 * grade, 1)} %", size=7.5,
+            color=QUIET, ha="center", transform=axes.get_xaxis_transform(), zorder=5,
+        )  # fmt: skip
+
+
+def _draw_superelevation(axes: Axes, road: Road, _: SeenDrive | None) -> None:
+    places = road.distances()
+    slopes = 100.0 * profile.value_at(road.superelevation, places)
+    most = max(0.1, round(float(np.abs(slopes).max()), 1))
+    axes.set_ylim(-1.3 * most, 1.3 * most)
+    axes.set_yticks([-most, 0.0, most])
+    axes.fill_between(places, slopes, color=EGO_LANE, lw=0.0, alpha=0.75, zorder=1.2)
+    axes.axhline(0.0, color=FAINT, lw=0.8, zorder=1.3)
+    axes.plot(places, slopes, color=_LINE, lw=1.4, zorder=3)
+
+
 _PROFILES: Final[Sequence[tuple[str, str, float, _Draw]]] = (
     ("oob", "oob distance (m)", 1.35, _draw_oob_distance),
     ("curvature", "curvature (1/m)", 0.85, _draw_curvature),
+    ("superelevation", "superelevation (%), + falls to the right", 0.6, _draw_superelevation),
+    ("grade", "height (m), with the grade", 0.85, _draw_height),
     ("speed", "speed (km/h)", 0.85, _draw_speed),
 )
 """Values along the road: name, title, inches of height, and what draws them."""

@@ -18,7 +18,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic.drive import Drive, Trajectory
 from frenetic.oracle import Assessment, Result, assess, judge
 from frenetic.outcome import Outcome
-from frenetic.report.orientation import edges_of, turned
+from frenetic.report.orientation import edge_of, edges_of, turned
 from frenetic.report.style import INK, MARGIN, PANEL, POINT, QUIET, WIDTH, Paper
 from frenetic.road import Road
 
@@ -26,6 +26,7 @@ _MAX_POINTS: Final = 4000  # more of a path or road than that is not seen
 
 # Sizes in inches.
 CLOSE_UP: Final = 3.2
+_THINNEST: Final = 2.0  # points, lane with room for what is painted on it
 ACROSS: Final = 26.0  # m, width of what the close-up shows
 HIGHEST: Final = 5.7  # the road seen from above
 
@@ -348,7 +349,8 @@ def draw_scene(
 def draw_surface(view: View, road: Road) -> None:
     """Both lanes, with an edge around what they cover together."""
     spacing = max(0.5, road.length / _MAX_POINTS)
-    left, middle, right = (view.at(road.sample(spacing, k * road.lane_width)) for k in (1, 0, -1))
+    left, right = (view.at(edge_of(road, spacing, side)) for side in (1.0, -1.0))
+    middle = view.at(road.sample(spacing))
     how: Any
     for one, other, how in (
         (left, right, {"fc": _CASING, "ec": _CASING, "lw": 1.8, "zorder": 1.0}),
@@ -356,6 +358,8 @@ def draw_surface(view: View, road: Road) -> None:
         (middle, right, {"fc": EGO_LANE, "lw": 0.0, "zorder": 1.2}),
     ):
         view.axes.add_artist(Polygon(np.vstack([one, other[::-1]]), joinstyle="round", **how))
+    if road.lane_width * view.scale < _THINNEST:
+        return
     width = max(0.9, 0.15 * view.scale)
     dash = max(3.0 * view.scale, 3.0) / width
     view.axes.plot(*middle.T, color="white", lw=width, zorder=1.3, dashes=(dash, dash))

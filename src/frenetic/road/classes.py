@@ -212,6 +212,14 @@ class RoadClass:
         """Its values, which `made` takes."""
         return asdict(self)
 
+    @property
+    def plain(self) -> str:
+        """The class with flat roads of one width, ``rural-80,max_grade=0``; empty if this is it."""
+        rules = ("max_superelevation", "max_grade", "widening")
+        zeros = [f"{name}=0" for name in rules if getattr(self, name)]
+        name = self.name if self.name in classes() else "CLASS"
+        return ",".join([name, *zeros]) if zeros else ""
+
     # Curvature
 
     @property

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 from importlib.util import find_spec
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from frenetic._support.bounds import Count, Positive, check
 from frenetic.drivers.driver import Driver, SelectiveDriver, camera_of, period_of, stack_of
@@ -19,11 +19,15 @@ from frenetic.road import Road
 from frenetic.simulators.checks import Check
 from frenetic.simulators.simulator import Simulator
 
+if TYPE_CHECKING:
+    from frenetic.road.classes import RoadClass
+
 VARIABLE: Final = ("rules", "friction", "steering_lag", "start_offset", "start_heading")
 """Attributes that may be set between two drives, if a simulator has them; a `steering_lag` of None
 is that of its ``vehicle``."""
 
-_FLAT: Final = "flat roads of one width only: leave superelevation, grade and widening out"
+_FLAT: Final = "flat roads of one width only"
+_REMEDY: Final = "leave superelevation, grade and widening out"
 
 
 def _accept(_: Driver) -> None:
@@ -145,12 +149,25 @@ def check_road(simulator: Simulator, driver: Driver, road: Road) -> None:
         RoadError: the road leans, rises or widens, and the simulator lays none that does, or the
             driver has a camera.
     """
-    if road.is_plain:
-        return
+    if not road.is_plain and (reason := _lays_only(simulator, driver)):
+        raise RoadError(f"{reason}: {_REMEDY}")
+
+
+def check_class(simulator: Simulator, driver: Driver, road_class: RoadClass) -> None:
+    """Checks whether a simulator drives the roads of a class with this driver.
+
+    Raises:
+        FreneticError: they lean, rise or widen, and `check_road` refuses such roads.
+    """
+    if road_class.plain and (reason := _lays_only(simulator, driver)):
+        raise FreneticError(f"{reason}: choose the road class {road_class.plain}")
+
+
+def _lays_only(simulator: Simulator, driver: Driver) -> str:
+    """What a simulator with this driver is limited to, in words; empty if it lays every road."""
     if not capabilities(simulator).lays_slopes:
-        raise RoadError(f"{class_name(simulator)} drives {_FLAT}")
-    if camera_of(driver) is not None:
-        check_drawn(road)
+        return f"{class_name(simulator)} drives {_FLAT}"
+    return f"A camera sees {_FLAT}" if camera_of(driver) is not None else ""
 
 
 def check_drawn(road: Road) -> None:
@@ -160,7 +177,7 @@ def check_drawn(road: Road) -> None:
         RoadError: it leans, rises or widens.
     """
     if not road.is_plain:
-        raise RoadError(f"A camera sees {_FLAT}")
+        raise RoadError(f"A camera sees {_FLAT}: {_REMEDY}")
 
 
 def _declared(part: object, kind: type[Usual]) -> dict[str, Any]:
