@@ -3,8 +3,8 @@
     python benchmarks/road_classes.py [--seeds 10] [--simulations 200] [--workers 2]
 
 Every driver drives at the class's speed limit. Each cell is the mean over the seeds of the
-failures, and in brackets of the distinct ones. The second table is the time to draw a random road,
-to place it on its map and to check it there, per metre of road.
+failures, and in brackets of the distinct ones. The second table is time per metre of road: to draw
+a random one, place it on its map and check it there; and what the search `frenetic` takes for it.
 """
 
 from __future__ import annotations
@@ -53,6 +53,7 @@ def readme_driver() -> Driver:
     return driver
 
 
+SLIPPERY = "planner, friction 0.3"
 CASES: dict[str, tuple[Callable[[], Driver], dict[str, Any]]] = {
     "planner, aggression 1": (Planner, {}),
     "planner, aggression 1.3": (partial(Planner, aggression=1.3), {}),
@@ -60,18 +61,20 @@ CASES: dict[str, tuple[Callable[[], Driver], dict[str, Any]]] = {
     "stanley": (Stanley, {}),
     "README's driver": (readme_driver, {}),
     "planner, friction 0.45": (Planner, {"friction": 0.45}),
-    "planner, friction 0.3": (Planner, {"friction": 0.3}),
+    SLIPPERY: (Planner, {"friction": 0.3}),
     "stanley, steering lag 0.3 s": (Stanley, {"steering_lag": 0.3}),
 }
 """The driver, and what differs in the simulator."""
 
 
-def search(name: str, case: str, strategy: str, seed: int, simulations: int) -> tuple[int, int]:
-    """Failures and distinct failures of a search."""
-    road_class = RoadClass.of(name)
+def search(
+    name: str, case: str, strategy: str, seed: int, simulations: int
+) -> tuple[int, int, float]:
+    """Failures and distinct failures of a search, and its own time in µs per metre of road."""
+    road_class = None if name == COMPETITION else RoadClass.of(name)
     driver, simulator = CASES[case]
     with TemporaryDirectory() as temporary:
-        rules = Rules(speed_limit=road_class.speed_limit)
+        rules = Rules() if road_class is None else Rules(speed_limit=road_class.speed_limit)
         campaign = Campaign(
             strategy=STRATEGIES[strategy](seed=seed, road_class=road_class),
             simulator=EmbeddedSimulator(rules=rules, **simulator),
@@ -80,9 +83,11 @@ def search(name: str, case: str, strategy: str, seed: int, simulations: int) -> 
             folder=Path(temporary) / "campaign",
             ordered=True,
         )
-        campaign.run()
+        seconds = campaign.run().strategy_seconds
         with CampaignStore.open(campaign.folder) as store:
-            return store.by_outcome()[Outcome.FAIL], len(distinct_failures(store))
+            metres = sum(test.road.length for test in store.tests())
+            failures = store.by_outcome()[Outcome.FAIL]
+            return failures, len(distinct_failures(store)), 1e6 * seconds / metres
 
 
 def micros_per_metre(road_class: RoadClass | None, count: int = 300) -> float:
@@ -123,14 +128,16 @@ def main() -> None:
     for case, strategy in product(CASES, STRATEGIES):
         row = []
         for name in classes():
-            failures, distinct = np.mean([results[case, name, strategy, s] for s in seeds], axis=0)
+            runs = [results[case, name, strategy, s] for s in seeds]
+            failures, distinct, _ = np.mean(runs, axis=0)
             row.append(f"{failures:.1f} ({distinct:.1f})")
         print(f"| {case} | {strategy} | {' | '.join(row)} |")
-    print("\n| roads | µs per metre |\n|---|---|")
+    print("\n| roads | draw, place, check (µs/m) | search (µs/m) |\n|---|---|---|")
     for name in (COMPETITION, *classes()):
         road_class = None if name == COMPETITION else RoadClass.of(name)
         micros_per_metre(road_class, 20)  # compiled and warm
-        print(f"| {name} | {micros_per_metre(road_class):.2f} |")
+        searched = search(name, SLIPPERY, "frenetic", 1, 300)[2]
+        print(f"| {name} | {micros_per_metre(road_class):.2f} | {searched:.2f} |")
 
 
 if __name__ == "__main__":

@@ -1,17 +1,45 @@
-"""Makes the picture of two strategies in the docs: ``python docs/make_pictures.py``."""
+"""Makes pictures in the docs: ``python docs/make_pictures.py``."""
 
 from __future__ import annotations
 
 import tempfile
 from pathlib import Path
 
-from frenetic import Budget, Campaign, EmbeddedSimulator, Frenetic, Planner, RandomSearch
+from frenetic import Budget, Campaign, EmbeddedSimulator, Frenetic, Planner, RandomSearch, Rules
 from frenetic.analysis import compare
+from frenetic.campaign import CampaignStore
 from frenetic.report.comparison import draw_comparison
+from frenetic.report.picture import draw_test
+from frenetic.road.classes import RoadClass
+
+IMAGES = Path(__file__).parent / "images"
+FRICTIONS = {"urban-50": 0.25, "rural-80": 0.3, "rural-100": 0.4, "motorway-130": 0.45}
+"""Road class -> friction at which the planner leaves its lane on some of its roads."""
+
+
+def draw_classes() -> None:
+    """Draws the longest drive among the 20 most severe failures in each road class."""
+    for name, friction in FRICTIONS.items():
+        road_class = RoadClass.of(name)
+        rules = Rules(speed_limit=road_class.speed_limit)
+        with tempfile.TemporaryDirectory() as folder:
+            campaign = Campaign(
+                strategy=Frenetic(seed=1, road_class=road_class),
+                simulator=EmbeddedSimulator(rules=rules, friction=friction),
+                driver=Planner(),
+                budget=Budget(simulations=100),
+                folder=Path(folder) / "campaign",
+            )
+            campaign.run()
+            with CampaignStore.open(campaign.folder) as store:
+                worst = store.tests("FAIL", "moobd", 20)
+                test = store.test(max(worst, key=lambda test: test.result.duration).id)
+                draw_test(test, IMAGES / f"road-{name}.png", f"{name}, friction {friction:g}")
 
 
 def main() -> None:
-    """Runs both six times and draws their comparison."""
+    """Draws failures in road classes; runs two strategies six times and draws their comparison."""
+    draw_classes()
     with tempfile.TemporaryDirectory() as folder:
         groups: dict[str, list[Path]] = {"frenetic": [], "random": []}
         for name, strategy in (("frenetic", Frenetic), ("random", RandomSearch)):
@@ -24,7 +52,7 @@ def main() -> None:
                     budget=Budget(simulations=250),
                     folder=groups[name][-1],
                 ).run()
-        draw_comparison(compare(groups), Path(__file__).parent / "images" / "comparison.svg")
+        draw_comparison(compare(groups), IMAGES / "comparison.svg")
 
 
 if __name__ == "__main__":

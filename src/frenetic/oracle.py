@@ -242,7 +242,8 @@ def assess(road: Road, drive: Drive) -> Assessment:
     offset = rows[:, OFFSET] + half
     oob_distance = half - np.abs(offset)
     if len(road.widening):
-        oob_distance += np.where(offset < 0.0, value_at(road.widening, rows[:, DISTANCE]), 0.0)
+        right = half + offset + value_at(road.widening, rows[:, DISTANCE])
+        oob_distance = np.minimum(half - offset, right)
     return Assessment(end, rows[:, DISTANCE], offset, oob_distance, rows[:, OOB_SHARE])
 
 

@@ -66,6 +66,9 @@ def test_the_widened_part_of_a_lane_belongs_to_it() -> None:
     seen = assess(replace(road, widening=WIDENING), replace(beside, rules=Rules(oob_tolerance=1.0)))
     at = np.searchsorted(seen.distance, [10.0, 30.0, 50.0])
     assert seen.oob_distance[at] == pytest.approx([-0.2, 0.3, 0.8])
+    # The nearest edge counts: with the car to the right of the usual middle it is the left one.
+    middle = assess(wide, along(road, -2.2))
+    assert middle.oob_distance == pytest.approx(2.2)
     # A metre of it is outside where the lane is as usual, and none where it is a metre wider.
     assert seen.oob_share[at] == pytest.approx([1.1 / 1.8, 0.6 / 1.8, 0.1 / 1.8], abs=0.01)
 

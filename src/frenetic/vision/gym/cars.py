@@ -164,8 +164,8 @@ def step_cars(
         )
         ends[k] = end
         places[k, 0] = s
-        wider = widening_at(table, ds, s) if offset < 0.0 else 0.0
-        places[k, 1] = min(places[k, 1], 0.5 * lane_width - abs(offset) + wider)
+        right = 0.5 * lane_width + offset + widening_at(table, ds, s)
+        places[k, 1] = min(places[k, 1], 0.5 * lane_width - offset, right)
         if tasks[k] == START:
             rewards[k] = 0.0
             continue
