@@ -256,9 +256,9 @@ class FoundRoads:
 def find_roads(places: Iterable[Path | str], *, lane: int | None = None) -> FoundRoads:
     """The roads in files, see `read_road`, and in folders.
 
-    In a folder every file that ends in .json or .xodr is read, and in the folders below it; of an
-    OpenDRIVE file there with several roads each that is not within a junction. What holds no road,
-    or not the lane, is skipped there, since folders hold other files, too.
+    In a folder every file that ends in .json or .xodr is read, and in the folders below it. What
+    holds no road, or not the lane, is skipped there, since folders hold other files, too. Of a map
+    (.xodr) each road counts that is not within a junction and can be read.
 
     Args:
         places: files and folders.
@@ -276,7 +276,7 @@ def find_roads(places: Iterable[Path | str], *, lane: int | None = None) -> Foun
         for path in _files_in(place) if is_folder else [place]:
             chosen = lane if not is_folder or path.suffix.lower() == ".xodr" else None
             try:
-                if is_folder and path.suffix.lower() == ".xodr":
+                if path.suffix.lower() == ".xodr":
                     skipped += _add_map(roads, path, chosen)
                 else:
                     roads[str(path)] = read_road(path, lane=chosen).road()
@@ -296,12 +296,15 @@ def _add_map(roads: dict[str, Road], path: Path, lane: int | None) -> list[str]:
     """Adds the roads of an OpenDRIVE file outside junctions; gives what cannot be read, in words.
 
     Raises:
-        RoadError: the file cannot be read.
+        RoadError: the file, or its only road, cannot be read.
     """
     with _naming(path):
         road_map = RoadMap(_load(path))
     skipped = []
     lengths = road_map.lengths
+    if len(lengths) < 2:
+        roads[str(path)] = read_road(path, lane=lane).road()
+        return []
     for road_id in lengths:
         try:
             with _naming(path):
@@ -309,7 +312,7 @@ def _add_map(roads: dict[str, Road], path: Path, lane: int | None) -> list[str]:
         except RoadError as error:
             skipped.append(f"{error} (road {road_id})")
         else:
-            roads[str(path) if len(lengths) == 1 else f"{path} road {road_id}"] = road
+            roads[f"{path} road {road_id}"] = road
     return skipped
 
 
