@@ -523,8 +523,10 @@ def _noted_road(road: Element, lane: int) -> Road | None:
     """The road that `to_opendrive` noted, if what is drawn is still that."""
     geometries = _geometries(road)
     drawn = [geometry for geometry in geometries if isinstance(geometry, Clothoid)]
-    if lane != -1 or len(drawn) < len(geometries):
+    sections = road.findall("lanes/laneSection")
+    if lane != -1 or len(sections) != 1 or len(drawn) < len(geometries):
         return None
+    _lane_of(sections[0], lane)
     widths_drawn = road.findall("lanes/laneSection/right/lane[@id='-1']/width")
     try:
         step, *values = _noted(road, ROAD_CODE)
