@@ -103,7 +103,7 @@ MISTAKES: Final = [
     ("run --with noise=1e308", "noise is 1e+308: 0 to 10 m is needed"),
     ("run --with friction=0.7", "set it by --simulator embedded,friction="),
     ("run --strategy seed=5", "the option seed of the strategy is not allowed"),
-    ("run --strategy random --from c", "starts from no earlier campaign: give none"),
+    ("run --strategy random --from c", "starts from no earlier campaign or real road: give none"),
     ("run --from nowhere", "nowhere does not exist"),
     ("run --simulator friction=-1", "friction is -1"),
     ("run --workers nowhere", "neither a number nor the address of a Dask scheduler"),

@@ -108,8 +108,10 @@ def test_a_failure_says_what_happened(tmp_path: Path) -> None:
 
 
 def test_slopes_are_shown_where_a_road_has_them(tmp_path: Path) -> None:
-    grade, lean = [[0.0, 0.06], [130.0, -0.03]], [[0.0, 0.0], [60.0, -0.07]]
+    grade = np.array([[0.0, 0.06], [130.0, -0.03]])
+    lean = np.array([[0.0, 0.0], [60.0, -0.07]])
     slopes = {"height (m), with the grade", "superelevation (%), + falls to the right"}
+    wanted: set[str]
     for road, wanted in (
         (HAIRPIN, set()),
         (replace(HAIRPIN, grade=grade, superelevation=lean), slopes | {"+5.4 %", "−2.4 %"}),

@@ -211,7 +211,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
         }
         click.echo(json.dumps(document))
         return
-    rules = config.get("rules")
+    rules, road_class = config.get("rules"), store.setting.road_class
     limits = rules if isinstance(rules, Mapping) else {}
     budget = facts.get("budget", config.get("budget"))
     limited = budget if isinstance(budget, Mapping) else {}
@@ -232,6 +232,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
                 f"{limits.get('speed_limit')} km/h, {limits.get('oob_tolerance')} of the car may"
                 f" be out, map of {config.get('map_size')} m",
             ),
+            *([] if road_class is None else [("roads", road_class.in_words())]),
             ("objective", in_words(config, objectives(store))),
             *(("starts from", str(earlier)) for earlier in earlier_of(config)),
             ("budget", spent),
@@ -324,7 +325,7 @@ def _show_test(store: CampaignStore, test_id: int, plot: Path | None, as_json: b
         ("outcome", f"{record.outcome}  {record.reason}"),
         ("origin", f"{origin.operator}{parents}{source}, generation {origin.generation}"),
         *([("cause", cause)] if (cause := _cause(record)) else []),
-        ("road", f"{test.road.length:.1f} m, {len(test.road.curvatures)} curvatures"),
+        ("road", test.road.in_words()),
         *(
             ("minimised", f"{short.road.length:.1f} m, {minimised_road(store.folder, test_id)}")
             for short in minimised_drives(store, [test_id]).values()

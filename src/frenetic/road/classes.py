@@ -212,6 +212,10 @@ class RoadClass:
         """Its values, which `made` takes."""
         return asdict(self)
 
+    def in_words(self) -> str:
+        """Its name and design speed."""
+        return f"{self.name}, {self.design_speed:g} km/h"
+
     @property
     def plain(self) -> str:
         """The class with flat roads of one width, ``rural-80,max_grade=0``; empty if this is it."""

@@ -354,6 +354,22 @@ class Road:
             )
         return fitted, fitted.check_validity(map_size, road_class)
 
+    def in_words(self) -> str:
+        """Its length, its least radius, and how far it rises, leans and widens."""
+        sharpest = float(np.abs(self.curvatures).max())
+        radius = "straight" if sharpest < 1e-4 else f"sharpest radius {1.0 / sharpest:.0f} m"
+        words = [f"{self.length:.0f} m", radius]
+        ends = [profile.cut(getattr(self, name), 0.0, self.length) for name in profile.NAMES]
+        lean, grade, wider = (pairs[:, 1] for pairs in ends)
+        if len(grade):
+            steepest = 100.0 * float(grade[np.abs(grade).argmax()])
+            words.append(f"grade up to {steepest:+.1f} %".replace("-", "−"))
+        if len(lean):
+            words.append(f"superelevation up to {100.0 * np.abs(lean).max():.1f} %")
+        if len(wider):
+            words.append(f"lanes up to {wider.max():.2f} m wider")
+        return ", ".join(words)
+
     def __repr__(self) -> str:
         """The road at a glance."""
         sharpest = float(np.abs(self.curvatures).max())

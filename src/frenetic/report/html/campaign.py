@@ -107,12 +107,14 @@ def campaign_report(
     shown = _to_show(tests, found, [test.id for one in there for test in one.tests])
     drives, measured = _look(store, shown, [test.id for test in choose_mapped(tests)])
     moobds = {test.id: test.moobd for test in tests if test.moobd is not None}
+    road_class = store.setting.road_class
     top = headline(
         config,
         facts,
         counts,
         clusters,
         folder=str(store.folder),
+        roads="" if road_class is None else road_class.in_words(),
         elapsed=store.elapsed(),
         objectives=objectives(store),
         known=still_failing(store),

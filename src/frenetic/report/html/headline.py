@@ -28,6 +28,7 @@ def headline(
     *,
     folder: str,
     elapsed: float,
+    roads: str = "",
     known: str = "",
     objectives: Mapping[int, float] = MappingProxyType({}),
     caution: str = "",
@@ -43,6 +44,7 @@ def headline(
         folder: of the campaign.
         elapsed: s of its spent time.
         known: what became of the failures of earlier campaigns.
+        roads: their class, in words.
         objectives: value of the objective by test, if it is not the MOOBD.
         caution: what the counts alone may lead to believe wrongly.
         trouble: other warnings for the reader.
@@ -95,6 +97,7 @@ def headline(
     own = versions.items() if isinstance(versions, Mapping) else ()
     told = {
         "campaign": folder,
+        "roads": roads,
         "budget": _limits(budget),
         "objective": in_words(config, objectives),
         "starts from": "; ".join(map(str, start_from)),

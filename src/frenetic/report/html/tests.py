@@ -18,7 +18,7 @@ from frenetic.outcome import Outcome
 from frenetic.report.failures import FAILURES, file_stem
 from frenetic.report.minimised import MINIMISED, minimised_drives
 from frenetic.report.orientation import turn_of
-from frenetic.road import Road
+from frenetic.road import Road, profile
 from frenetic.search.records import Origin
 
 RATE: Final = 10.0
@@ -115,14 +115,18 @@ class Film:
 def road_data(road: Road) -> dict[str, Any]:
     """A road as its curvatures, which give its shape: its end moves by less than 5 cm.
 
-    ``turn`` is the angle in rad by which pictures turn it counter-clockwise, see `turn_of`.
+    ``turn`` is the angle in rad by which pictures turn it counter-clockwise, see `turn_of`. Of its
+    profiles it has those that are not 0 everywhere.
     """
     x, y, heading = road.pose
+    profiles = {name: getattr(road, name).round(5).tolist() for name in profile.NAMES}
     return {
         "step": road.step,
         "curvatures": road.curvatures.round(6).tolist(),
         "pose": (round(x, 3), round(y, 3), round(heading, 5)),
         "turn": round(turn_of(road), 3),
+        "words": road.in_words(),
+        **{name: pairs for name, pairs in profiles.items() if pairs},
     }
 
 

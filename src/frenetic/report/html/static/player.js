@@ -3,6 +3,9 @@
 const SPEEDS = [0.5, 1, 2, 4, 8];
 const CLOSE_UP = 28; // m across
 const CLOSE_UP_PHONE = 16;
+const GENTLE = 0.02; // 1/m, range of curvatures that need more digits
+const TO_SCALE = 500; // m across, up to which the car is drawn to scale; beyond, CAR_SHARE of them
+const CAR_SHARE = 1 / 60;
 
 /** What is shown along the road: each a plot with one line or more, of records or of the road. */
 const PROFILES = [
@@ -12,7 +15,19 @@ const PROFILES = [
   { title: "steering", side: true, unit: "°", digits: 1, scale: 180 / Math.PI, lines: ["steering"] },
   { title: "throttle, brake", unit: "%", digits: 0, scale: 100, most: 100, lines: ["throttle", "brake"] },
   { title: "curvature", side: true, unit: "1/\u2060m", digits: 3, lines: ["curvature"] },
+  { title: "height", unit: "m", digits: 1, lines: ["height"] },
+  { title: "grade", unit: "%", digits: 1, scale: 100, lines: ["grade"] },
+  { title: "superelevation", falls: true, unit: "%", digits: 1, scale: 100, lines: ["superelevation"] },
 ];
+
+/** Values of the road at a distance; of a road that has them. */
+const OF_ROAD = {
+  curvature: curvatureAt,
+  height: heightAt,
+  grade: (road, distance) => profileAt(road.grade, distance),
+  superelevation: (road, distance) => profileAt(road.superelevation, distance),
+};
+const NEEDED = { height: "grade", grade: "grade", superelevation: "superelevation" };
 
 const player = (() => {
   const dialog = document.getElementById("player");
@@ -260,12 +275,13 @@ const player = (() => {
   }
 
   function scene(drive, line, records, view, state, isMain) {
-    const car = carShape(drive, isMain ? { class: "car", id: "car" } : { class: "car" });
+    const scale = isMain && view.box[2] > TO_SCALE ? (CAR_SHARE * view.box[2]) / drive.car[0] : 1;
+    const car = carShape(drive, isMain ? { class: "car", id: "car" } : { class: "car" }, scale);
     state.cars.push(car);
     const parts = [...roadShapes(line, view), ...pathShapes(records, view)];
     const ghosts = state.others.map((other, i) => {
       parts.push(otherShape(i, other.records, view));
-      const ghost = asOther(i, carShape(drive, { class: "car ghost" }));
+      const ghost = asOther(i, carShape(drive, { class: "car ghost" }, scale));
       other.cars.push(ghost);
       return ghost;
     });
@@ -281,27 +297,31 @@ const player = (() => {
     return svg("svg", { class: "scene", role: "img", "aria-label": label }, parts, ghosts, car);
   }
 
-  function carShape(drive, attributes) {
-    const [length, width, ahead] = drive.car;
+  function carShape(drive, attributes, scale) {
+    const [length, width, ahead] = drive.car.map((size) => scale * size);
     return svg(
       "g",
       attributes,
-      svg("rect", { class: "body", x: ahead - length / 2, y: -width / 2, width: length, height: width, rx: 0.35 }),
+      svg("rect", { class: "body", x: ahead - length / 2, y: -width / 2, width: length, height: width, rx: 0.35 * scale }),
       svg("path", { class: "screen", d: `M${ahead + length * 0.14} ${-width * 0.36}L${ahead + length * 0.26} ${-width * 0.28}V${width * 0.28}L${ahead + length * 0.14} ${width * 0.36}Z` }),
     );
   }
 
   function profilePlots(drive, records, length, state) {
     const { step, curvatures } = drive.road;
-    const own = PROFILES.map((profile) => {
+    const isThere = ({ lines: [name] }) => NEEDED[name] === undefined || drive.road[NEEDED[name]] !== undefined;
+    const places = Array.from({ length: 401 }, (_, i) => (i * length) / 400);
+    const own = PROFILES.filter(isThere).map((profile) => {
       const scale = profile.scale ?? 1;
       const recorded = (of, name) => of[name].map((value, i) => [of.distance[i], scale * value]);
-      const pointsOf = (name) => (name === "curvature" ? curvatures.map((value, i) => [i * step, value]) : recorded(records, name));
+      const isOfRoad = OF_ROAD[profile.lines[0]] !== undefined;
+      const along = (name) => (name === "curvature" ? curvatures.map((value, i) => [i * step, value]) : places.map((place) => [place, scale * OF_ROAD[name](drive.road, place)]));
+      const pointsOf = (name) => (isOfRoad ? along(name) : recorded(records, name));
       return {
         ...profile,
-        now: (at) => profile.lines.map((name) => (name === "curvature" ? curvatureAt(drive.road, at.distance) : scale * at[name])),
+        now: (at) => profile.lines.map((name) => scale * (isOfRoad ? OF_ROAD[name](drive.road, at.distance) : at[name])),
         points: profile.lines.map(pointsOf),
-        others: profile.lines[0] === "curvature" ? [] : state.others.flatMap((other, i) => profile.lines.map((name) => ({ i, name, points: recorded(other.records, name) }))),
+        others: isOfRoad ? [] : state.others.flatMap((other, i) => profile.lines.map((name) => ({ i, name, points: recorded(other.records, name) }))),
         limit: profile.title === "speed" ? drive.speed_limit : null,
       };
     });
@@ -326,12 +346,12 @@ const player = (() => {
       const value = el("span", { class: "now" });
       state.values.push(value);
       const width = profile.range[1] - profile.range[0];
-      const [low, high] = profile.range.map((end) => fixed(end, width < 0.5 ? 2 : width < 8 ? 1 : 0));
+      const [low, high] = profile.range.map((end) => fixed(end, width < GENTLE ? 3 : width < 0.5 ? 2 : width < 8 ? 1 : 0));
       const title = profile.lines.length === 1 ? [profile.title] : profile.lines.flatMap((name, i) => [i ? ", " : "", el("span", { class: `key-${name}` }, name)]);
-      return el("div", { class: "plot-name", title: profile.side ? "Positive to the left" : null }, el("span", {}, ...title), value, el("span", { class: "high" }, high), el("span", { class: "low" }, low));
+      return el("div", { class: "plot-name", title: profile.side ? "Positive to the left" : profile.falls ? "Positive: falls to the right" : null }, el("span", {}, ...title), value, el("span", { class: "high" }, high), el("span", { class: "low" }, low));
     });
     const ticks = el("div", { class: "plot-ticks" });
-    const every = length > 160 ? 50 : length > 60 ? 20 : 10;
+    const every = length > 1600 ? 500 : length > 800 ? 200 : length > 400 ? 100 : length > 160 ? 50 : length > 60 ? 20 : 10;
     for (let place = 0; place <= length; place += every) {
       const tick = el("span", {}, place === 0 ? "0 m" : String(place));
       tick.style.left = `${(100 * place) / length}%`;
@@ -352,6 +372,7 @@ const player = (() => {
     let high = Math.max(...values, 0, profile.limit ?? -Infinity, profile.most ?? -Infinity);
     if (profile.lines[0] === "oob_distance") high = Math.max(high, report.lane_width / 2);
     profile.range = [low, high];
+    if (high - low < GENTLE) profile.digits = 4;
     const room = 0.08 * (high - low) || 1;
     [low, high] = [low - room, high + room];
     const [wide, tall] = [1000, 100];
@@ -413,18 +434,13 @@ function factsOf(drive) {
     ["Largest oob share", percent(drive.max_oob_share)],
     ["Left its lane", drive.departure === null ? "no" : `to the ${drive.departure.side}, at ${fixed(drive.departure.distance, 0, "m")} after ${fixed(drive.departure.time, 1, "s")}`],
     ["Duration", fixed(drive.duration, 1, "s")],
-    ["Road", `${fixed(roadLength(drive.road), 0, "m")}, sharpest radius ${sharpest(drive.road)}`],
+    ["Road", drive.road.words],
     ["Origin", `${test.operator}${parents}${report.operators[test.operator] ? `: ${report.operators[test.operator]}` : ""}; generation ${drive.generation}`],
   ];
   if (causes.has(drive.id)) facts.unshift(["Cause", causes.get(drive.id)]);
   const again = repeats.get(drive.id);
   if (again !== undefined) facts.push([`Driven again: ${again.stability}`, again.text]);
   return el("dl", { class: "facts" }, facts.map(([name, value]) => el("div", {}, el("dt", {}, name), el("dd", {}, value))));
-}
-
-function sharpest(road) {
-  const most = Math.max(...road.curvatures.map(Math.abs));
-  return most < 1e-4 ? "straight" : fixed(1 / most, 0, "m");
 }
 
 function actionsOf(drive) {

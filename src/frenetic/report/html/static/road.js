@@ -31,6 +31,26 @@ function curvatureAt(road, distance) {
   return road.curvatures[i] + (place - i) * (road.curvatures[i + 1] - road.curvatures[i]);
 }
 
+/** A profile's value at a distance: linear between its stations, constant beyond; 0 without any. */
+function profileAt(pairs = [], distance) {
+  if (pairs.length === 0) return 0;
+  const i = pairs.findIndex(([station]) => station > distance);
+  if (i < 1) return pairs.at(i)[1];
+  const [[start, before], [end, after]] = [pairs[i - 1], pairs[i]];
+  return before + ((distance - start) / (end - start)) * (after - before);
+}
+
+/** The centre line's height above its start: the grade is linear between its stations. */
+function heightAt(road, distance) {
+  let [height, at] = [0, 0];
+  for (const [station] of [...road.grade, [Infinity]]) {
+    const to = Math.min(Math.max(station, at), Math.max(distance, 0));
+    height += ((to - at) * (profileAt(road.grade, at) + profileAt(road.grade, to))) / 2;
+    at = to;
+  }
+  return height;
+}
+
 /** A test's drive on its minimised road, or that on its own. */
 function shortest(id) {
   const drive = drives.get(id);
@@ -41,13 +61,14 @@ function roadLength(road) {
   return road.step * (road.curvatures.length - 1);
 }
 
-/** The centre line: {x, y, heading, distance} every POINT_SPACING m or less. */
+/** The centre line: {x, y, heading, distance, wider} every POINT_SPACING m or less. */
 function centreLine(road) {
   const length = roadLength(road);
   const steps = Math.max(1, Math.ceil(length / POINT_SPACING));
   const h = length / steps;
   let [x, y, heading] = road.pose;
-  const line = [{ x, y, heading, distance: 0 }];
+  const widening = (distance) => profileAt(road.widening, distance); // of each lane, at its outer edge
+  const line = [{ x, y, heading, distance: 0, wider: widening(0) }];
   for (let i = 0; i < steps; i++) {
     // Four pieces per step, Simpson's rule over the heading in each.
     const piece = h / 4;
@@ -62,7 +83,7 @@ function centreLine(road) {
       y += (piece / 6) * (Math.sin(heading) + 4 * Math.sin(half) + Math.sin(next));
       heading = next;
     }
-    line.push({ x, y, heading, distance: (i + 1) * h });
+    line.push({ x, y, heading, distance: (i + 1) * h, wider: widening((i + 1) * h) });
   }
   return line;
 }
@@ -79,7 +100,8 @@ function viewOf(points, turn, aspect) {
     top = Math.min(top, v);
     bottom = Math.max(bottom, v);
   }
-  const height = Math.max((right - left + 14) / aspect, bottom - top + 14);
+  const around = Math.max(14, 0.04 * Math.max(right - left, bottom - top)); // m
+  const height = Math.max((right - left + around) / aspect, bottom - top + around);
   const width = height * aspect;
   return { turn, box: [(left + right - width) / 2, (top + bottom - height) / 2, width, height], place };
 }
@@ -88,11 +110,12 @@ function pathText(points) {
   return "M" + points.map(([x, y]) => `${x.toFixed(2)} ${y.toFixed(2)}`).join("L");
 }
 
-/** A line beside the centre line, `offset` m to its left. */
-function besideLine(line, offset, view) {
-  return line.map(({ x, y, heading }) =>
-    view.place(x - offset * Math.sin(heading), y + offset * Math.cos(heading)),
-  );
+/** The road's left edge (side 1), centre line (0) or right edge (-1). */
+function besideLine(line, side, view) {
+  return line.map(({ x, y, heading, wider }) => {
+    const offset = side * (report.lane_width + wider);
+    return view.place(x - offset * Math.sin(heading), y + offset * Math.cos(heading));
+  });
 }
 
 /** Which colour of the path an oob distance has: 0 is half a lane or more outside of the lane. */
@@ -102,8 +125,7 @@ function oobColour(oob) {
 
 /** The lanes and their edges as SVG elements. */
 function roadShapes(line, view) {
-  const lane = report.lane_width;
-  const [left, centre, right] = [lane, 0, -lane].map((offset) => besideLine(line, offset, view));
+  const [left, centre, right] = [1, 0, -1].map((side) => besideLine(line, side, view));
   const between = (one, other) => pathText([...one, ...[...other].reverse()]) + "Z";
   return [
     svg("path", { class: "lane-other", d: between(left, centre) }),
