@@ -560,7 +560,8 @@ def describe(failure: Failure) -> str:
     if failure.is_near_miss:
         beyond = "crosses" if failure.moobd < 0.0 else "comes nearest to"
         what = f"{beyond} the {failure.side} edge"
-    fastest, now = failure.speeds.max() * 3.6, failure.speeds[-1] * 3.6
+    # A car that has spun round may slide backwards.
+    fastest, now = failure.speeds.max() * 3.6, max(failure.speeds[-1], 0.0) * 3.6
     how = f"at {now:.0f} km/h"
     if fastest - now > _SLOWS * 3.6:
         how = f"slowing from {fastest:.0f} to {now:.0f} km/h"
