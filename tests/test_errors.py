@@ -72,13 +72,13 @@ def test_what_is_long_is_cut() -> None:
 def test_a_file_is_named_from_where_it_is_imported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "laws").mkdir()
-    (tmp_path / "laws" / "steering.py").write_text("def steer():\n    return [][1]\n")
+    (tmp_path / "gearing").mkdir()
+    (tmp_path / "gearing" / "steering.py").write_text("def steer():\n    return [][1]\n")
     monkeypatch.syspath_prepend(tmp_path)
-    steering = __import__("laws.steering").steering
-    assert place_of(raised(steering.steer)) == "laws/steering.py:2: return [][1]"
+    steering = __import__("gearing.steering").steering
+    assert place_of(raised(steering.steer)) == "gearing/steering.py:2: return [][1]"
     monkeypatch.setattr(sys, "path", [])
-    assert place_of(raised(steering.steer)).startswith(f"{tmp_path}/laws/steering.py:2: "[-100:])
+    assert place_of(raised(steering.steer)).startswith(f"{tmp_path}/gearing/steering.py:2: "[-100:])
 
 
 def test_an_installed_driver_has_a_place_in_its_package(

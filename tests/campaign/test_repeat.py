@@ -133,6 +133,13 @@ def test_a_drive_that_is_the_same_is_told_from_others_as_the_simulator_can(
 
 def test_in_our_simulator_every_bit_counts(tmp_path: Path) -> None:
     class Trembling(Restless):
+        drives = 0
+
+        def reset(self, setup: DriveSetup) -> None:
+            super().reset(setup)
+            self.drives += 1
+            self._error = 0.1 * self.drives
+
         def act(self, observation: Observation) -> Controls:
             controls = Planner.act(self, observation)
             steering = controls.steering + 1e-6 * self._error

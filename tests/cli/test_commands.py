@@ -185,7 +185,7 @@ MISTAKES: Final = [
     ("drive nonsense.json --dry", "nonsense.json", "is not JSON"),
     ("drive c", "c is a folder", "which tests"),
     ("drive c 9999", "no test of candidate 9999"),
-    ("drive c 1 --lane -2", "--lane is for an OpenDRIVE file"),
+    ("drive c 1 --lane -2", "--lane and --road are for OpenDRIVE"),
     ("drive c 1 --map-size 300", "a campaign has its own map"),
     ("drive c 1 2 --plot p.png", "--plot is for one road"),
     ("drive straight.json --as driver.toml", "code that you have not run"),
