@@ -6,9 +6,11 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 from frenetic.campaign import CampaignStore
+from frenetic.road import Road
 from frenetic.road.classes import RoadClass
 from frenetic.run_file import NAME, read_run_file
 
@@ -59,6 +61,22 @@ def test_its_roads_are_driven_again_as_they_were(frenetic: Frenetic, slippery: P
     assert frenetic("rerun", str(slippery), str(worst), "--times", "1").code == 0
     assert "again/" not in frenetic("check", str(slippery)).out
     assert frenetic("show", str(slippery)).code == 0
+
+
+def test_show_names_the_class_and_says_how_a_road_lies(frenetic: Frenetic, slippery: Path) -> None:
+    assert "roads      rural-80, 80 km/h\n" in frenetic("show", str(slippery)).out
+    assert frenetic("show", str(slippery), "--json").json["config"]["road_class"]["length"] == 800
+    with CampaignStore.open(slippery) as store:
+        road = store.test(1).road
+    radius, lean = (1.0 / abs(road.curvatures).max(), abs(road.superelevation[:, 1]).max())
+    line = f"{road.length:.0f} m, sharpest radius {radius:.0f} m, grade up to "
+    shown = frenetic("show", str(slippery), "1", "--plot", "one.svg").out
+    assert f"road       {line}" in shown
+    assert f" %, superelevation up to {100.0 * lean:.1f} %\n" in shown
+    words = Road([0.0, -0.01, 0.0], grade=0.02, widening=0.5).in_words()
+    assert words == "20 m, sharpest radius 100 m, grade up to +2.0 %, lanes up to 0.50 m wider"
+    words = Road([0.0, 0.0], grade=np.array([[0.0, 0.01], [5.0, -0.04]])).in_words()
+    assert words == "10 m, straight, grade up to −4.0 %"
 
 
 def test_a_file_repeats_it_and_resume_goes_on(frenetic: Frenetic, slippery: Path) -> None:

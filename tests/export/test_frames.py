@@ -13,11 +13,17 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from frenetic.campaign import CampaignStore, Test
+from frenetic.campaign import Budget, Campaign, CampaignStore, Test
+from frenetic.drivers import Planner
 from frenetic.errors import CampaignError, Fault
 from frenetic.export import data_frame
 from frenetic.outcome import Outcome
+from frenetic.road import Road
+from frenetic.road.classes import RoadClass
+from frenetic.road.profile import NAMES
+from frenetic.search import RandomSearch
 from frenetic.search.records import Source
+from frenetic.simulators import EmbeddedSimulator
 
 if TYPE_CHECKING:
     from made_campaign import ToldAnew
@@ -53,6 +59,7 @@ def expected(test: Test, asked_after: int) -> dict[str, Any]:
         "x": x,
         "y": y,
         "heading": heading,
+        **dict.fromkeys(NAMES),
         "moobd": result.moobd,
         "moobd_distance": result.moobd_distance,
         "max_oob_share": result.max_oob_share,
@@ -239,3 +246,30 @@ def test_damage_is_one_line(
 def test_what_there_is_not(campaign: Path) -> None:
     with pytest.raises(ValueError, match="one of tests, trajectories is needed"):
         data_frame(campaign, "roads")  # type: ignore[arg-type]
+
+
+def test_roads_of_a_class_come_with_their_slopes(tmp_path: Path) -> None:
+    road_class = RoadClass.of("urban-50", {"length": 300})
+    campaign = Campaign(
+        strategy=RandomSearch(seed=1, road_class=road_class),
+        simulator=EmbeddedSimulator(),
+        driver=Planner(),
+        budget=Budget(simulations=2),
+        folder=tmp_path / "c",
+    )
+    campaign.run()
+    frame = data_frame(campaign)
+    with CampaignStore.open(campaign.folder) as store:
+        for row, test in zip(frame.to_dict("records"), store.tests(), strict=True):
+            assert (
+                road_class.breach(
+                    Road(
+                        row["curvatures"],
+                        row["step"],
+                        lane_width=3.25,
+                        **{n: row[n] for n in NAMES},
+                    )
+                )
+                == ""
+            )
+            assert row["widening"] == test.road.widening.tolist()

@@ -12,7 +12,8 @@ from frenetic.campaign import Budget, Campaign, CampaignStore, Test
 from frenetic.campaign.record import Attempt
 from frenetic.drivers import Planner
 from frenetic.outcome import Outcome
-from frenetic.search import Candidate, Frenetic2021, Origin
+from frenetic.road.classes import RoadClass
+from frenetic.search import Candidate, Frenetic2021, Origin, RandomSearch
 from frenetic.simulators import EmbeddedSimulator
 
 HOSTILE = (
@@ -29,6 +30,19 @@ def make_searched(folder: Path, simulations: int = 150) -> Path:
         simulator=EmbeddedSimulator(),
         driver=Planner(),
         budget=Budget(simulations=simulations),
+        folder=folder,
+    ).run()
+    return folder
+
+
+def make_sloping(folder: Path) -> Path:
+    """A campaign on icy roads of a class whose lanes widen."""
+    road_class = RoadClass.of("urban-50")
+    Campaign(
+        strategy=RandomSearch(seed=1, road_class=road_class),
+        simulator=EmbeddedSimulator(friction=0.25),
+        driver=Planner(),
+        budget=Budget(simulations=12),
         folder=folder,
     ).run()
     return folder

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from html_campaigns import make_searched
+from html_campaigns import make_searched, make_sloping
 
 from frenetic.report.html import write_report
 
@@ -14,5 +14,13 @@ from frenetic.report.html import write_report
 def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A campaign with its report; nothing in it may be changed."""
     folder = make_searched(tmp_path_factory.mktemp("html") / "searched")
+    write_report(folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def sloping(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same on roads of a class."""
+    folder = make_sloping(tmp_path_factory.mktemp("html") / "sloping")
     write_report(folder)
     return folder

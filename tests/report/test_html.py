@@ -52,7 +52,7 @@ from frenetic.report.html.operators import operator_results, operators_section
 from frenetic.report.html.repeating import repeat_command, repeatability
 from frenetic.report.html.tests import COLUMNS, TestSummary, drive_columns, table_of
 from frenetic.report.html.timeline import POINTS, timeline_of
-from frenetic.road import Road
+from frenetic.road import Road, profile
 from frenetic.search import Origin, RandomSearch, variation
 from frenetic.search.operators import DOES, FAIL_OPERATORS, PASS_OPERATORS
 from frenetic.simulators import EmbeddedSimulator
@@ -253,6 +253,19 @@ def test_drives_come_back_as_they_were_stored(searched: Path) -> None:
             road = drive["road"]
             again = Road(road["curvatures"], road["step"], road["pose"], lane_width=4.0)
             assert np.abs(again.points - test.road.points).max() < 0.05
+
+
+def test_roads_of_a_class_come_with_their_slopes(sloping: Path, searched: Path) -> None:
+    page = page_of(sloping / "report.html")
+    with CampaignStore.open(sloping) as store:
+        for drive in page.data["drives"]:
+            road, shown = store.test(drive["id"]).road, drive["road"]
+            assert shown["words"] == road.in_words()
+            for name in profile.NAMES:
+                assert shown[name] == pytest.approx(getattr(road, name), abs=1e-5)
+    assert "urban-50, 50 km/h" in (sloping / "report.html").read_text(encoding="utf-8")
+    for drive in page_of(searched / "report.html").data["drives"]:
+        assert not drive["road"].keys() & {*profile.NAMES}
 
 
 def test_the_worst_record_of_a_drive_is_kept() -> None:

@@ -39,6 +39,7 @@ from frenetic.report.html import (
     Table,
     write_report,
 )
+from frenetic.road import profile
 from frenetic.search import RandomSearch
 from frenetic.simulators import EmbeddedSimulator
 
@@ -171,6 +172,47 @@ def test_replay_shows_how_the_driver_drove_and_where(page: Page, searched: Path)
     body = page.locator("#car .body")
     sizes = [float(body.get_attribute(name) or 0) for name in ("width", "height")]
     assert sizes == pytest.approx([test.drive.car.length, test.drive.car.width], abs=1e-3)
+
+
+def test_replay_shows_heights_slopes_and_widened_lanes(show: Show, sloping: Path) -> None:
+    page = show(sloping / "report.html")
+    test = open_first(page, sloping)
+    road = test.road
+    page.locator("#scrub").focus()
+    page.keyboard.press("End")
+    shown = {
+        row.locator("> span").first.text_content(): row.locator(".now").text_content() or ""
+        for row in page.locator(".plot-name").all()
+    }
+    assert test.departure is not None
+    at = test.departure.distance
+    for name, value in (
+        ("height", float(road.heights(at))),
+        ("grade", 100.0 * float(profile.value_at(road.grade, at))),
+        ("superelevation", 100.0 * float(profile.value_at(road.superelevation, at))),
+    ):
+        number, unit = shown[name].replace("−", "-").split(" ")
+        assert float(number) == pytest.approx(value, abs=0.06)
+        assert unit == ("m" if name == "height" else "%")
+    edges = [
+        np.array([p.split() for p in (one.get_attribute("d") or "").strip("M").split("L")], float)
+        for one in page.locator("dialog .stage-main .scene .edge").all()
+    ]
+    widths = np.hypot(*(edges[0] - edges[1]).T)
+    places = np.linspace(0.0, road.length, len(widths))
+    wanted = 2.0 * (road.lane_width + profile.value_at(road.widening, places))
+    assert widths == pytest.approx(wanted, abs=0.02)
+    assert np.ptp(widths) > 0.5
+    # A road of a kilometre has room for its ticks, and its car is seen.
+    ticks = [box_of(tick) for tick in page.locator(".plot-ticks span").all()]
+    assert all(a["x"] + a["width"] < b["x"] for a, b in pairwise(ticks))
+    assert float(page.locator("#car .body").get_attribute("width") or 0) > 9.0
+    expect(page.locator("dialog .facts")).to_contain_text(road.in_words())
+
+
+def test_no_two_edges_of_a_map_have_the_same_label(show: Show, sloping: Path) -> None:
+    labels = show(sloping / "report.html").locator(".edges-x span").all_text_contents()
+    assert len({*labels}) == len(labels) > 4
 
 
 def test_keyboard_alone_is_enough(page: Page) -> None:

@@ -27,6 +27,7 @@ from frenetic.drive import Trajectory
 from frenetic.errors import FreneticError
 from frenetic.oracle import Side
 from frenetic.outcome import Outcome
+from frenetic.road import profile
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -53,6 +54,7 @@ _BY_NAME: Final = {column.name: column for column in (*FINISHED, *_DERIVED)}
 _ORDER: Final = """
     id told outcome reason operator parents generation asked_after
     length curvature_count max_curvature curvatures step x y heading
+    superelevation grade widening
     moobd moobd_distance max_oob_share objective duration
     departure_time departure_distance departure_x departure_y departure_side
     seconds elapsed attempts worker budget_spent finished_at
@@ -86,6 +88,7 @@ _DTYPES: Final = {
     "TEXT": "string",
     "JSON": "object",
     "REALS": "object",
+    "PAIRS": "object",
     **dict.fromkeys(("length", "step", "seconds", "elapsed", "budget_spent"), "float64"),
     "finished_at": "datetime64[ms, UTC]",
     "records": "Int64",
@@ -112,7 +115,8 @@ def data_frame(
     The columns are those that ``frenetic export`` writes, see `frenetic.export.TABLES`; of several
     campaigns a column ``campaign`` with their folders comes first. Tests come in the order of
     telling. Outcomes and sides are categories; numbers that may be missing are nullable
-    (``Float64``); curvatures and parents are arrays; conditions, source, notes and fault are
+    (``Float64``); curvatures and parents are arrays; superelevation,
+    grade and widening are lists of pairs; conditions, source, notes and fault are
     dictionaries; ``finished_at`` is a time with its zone, UTC.
 
     Args:
@@ -243,12 +247,22 @@ def _tests(rows: Iterable[_Row]) -> pd.DataFrame:
 
     columns = (CAMPAIGN, *TABLES["tests"])
     values: dict[str, list[Any]] = {column.name: [] for column in columns}
-    paths = [(values[column.name], column.path.split(".")) for column in columns if column.path]
+    paths = [
+        (values[column.name], column.path.split("."))
+        for column in columns
+        if column.path and column.name not in profile.NAMES
+    ]
     for campaign, asked_after, test in rows:
         values["campaign"].append(campaign)
         values["asked_after"].append(asked_after)
         for found, path in paths:
             found.append(value_at(test, path))
+        # Some of a road's profiles follow from its class; what was refused may be no road.
+        is_road = test.attempt.pose is not None and len(test.candidate.curvatures) > 1
+        whole = test.road if is_road else test.candidate
+        for name in profile.NAMES:
+            pairs = getattr(whole, name)
+            values[name].append(None if pairs is None else pairs.tolist() or None)
     roads = values["curvatures"]
     values |= {
         "curvature_count": [len(road) for road in roads],
@@ -331,6 +345,7 @@ def _described(frame: pd.DataFrame, table: Table) -> pa.Table:
     frame = _with_texts(frame, [name for name in _DICTIONARIES if name in frame])
     found = pa.Schema.from_pandas(frame, preserve_index=False)
     lists = {"curvatures": pa.list_(pa.float64()), "parents": pa.list_(pa.int64())}
+    lists |= dict.fromkeys(profile.NAMES, pa.list_(lists["curvatures"]))
     fields = [
         pa.field(
             column.name,

@@ -129,7 +129,7 @@ function axisTitle(axis) {
 }
 
 function edgeText(value) {
-  return fixed(value, 3).replace(/\.?0+$/, "");
+  return fixed(value, 5).replace(/\.?0+$/, "");
 }
 
 function rangeText(axis, bin) {
