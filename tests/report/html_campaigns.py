@@ -35,9 +35,9 @@ def make_searched(folder: Path, simulations: int = 150) -> Path:
     return folder
 
 
-def make_sloping(folder: Path) -> Path:
-    """A campaign on icy roads of a class whose lanes widen."""
-    road_class = RoadClass.of("urban-50")
+def make_sloping(folder: Path, name: str = "urban-50") -> Path:
+    """A campaign on icy roads of a class; those of a town widen in bends."""
+    road_class = RoadClass.of(name)
     Campaign(
         strategy=RandomSearch(seed=1, road_class=road_class),
         simulator=EmbeddedSimulator(friction=0.25),

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from html_browser import background, low_contrast
-from html_campaigns import HOSTILE, make_empty, make_hostile
+from html_campaigns import HOSTILE, make_empty, make_hostile, make_sloping
 from PIL import Image
 from playwright.sync_api import Browser, Locator, Page, expect
 
@@ -210,8 +210,9 @@ def test_replay_shows_heights_slopes_and_widened_lanes(show: Show, sloping: Path
     expect(page.locator("dialog .facts")).to_contain_text(road.in_words())
 
 
-def test_no_two_edges_of_a_map_have_the_same_label(show: Show, sloping: Path) -> None:
-    labels = show(sloping / "report.html").locator(".edges-x span").all_text_contents()
+def test_no_two_edges_of_a_map_have_the_same_label(show: Show, tmp_path: Path) -> None:
+    folder = make_sloping(tmp_path / "c", "rural-100")
+    labels = show(write_report(folder)).locator(".edges-x span").all_text_contents()
     assert len({*labels}) == len(labels) > 4
 
 

@@ -5,7 +5,7 @@ const CLOSE_UP = 28; // m across
 const CLOSE_UP_PHONE = 16;
 const GENTLE = 0.02; // 1/m, range of curvatures that need more digits
 const TO_SCALE = 500; // m across, up to which the car is drawn to scale; beyond, CAR_SHARE of them
-const CAR_SHARE = 1 / 60;
+const CAR_SHARE = 1 / 45;
 
 /** What is shown along the road: each a plot with one line or more, of records or of the road. */
 const PROFILES = [
