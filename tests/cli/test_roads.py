@@ -131,7 +131,7 @@ def test_classes_are_listed(frenetic: Frenetic) -> None:
         (("drive", "c", "1", "--roads", "rural-80"), ("a campaign has its own road class",)),
         (
             ("run", "--roads", "urban-50", "--driver", "marking-follower"),
-            ("choose --roads urban-50,max_superelevation=0,max_grade=0,widening=0",),
+            ("choose another driver, or --roads urban-50,max_superelevation=0,max_grade=0,widen",),
         ),
     ],
 )
@@ -147,7 +147,7 @@ def test_roads_that_a_simulator_cannot_lay_are_refused_before_the_first(frenetic
     )
     Path("lane.toml").write_text("design_speed = 80")
     run = ("run", "--simulator", "sledge.py:Sledge", "--out", "c", "--roads")
-    one_width = "Sledge drives flat roads of one width only: choose --roads "
+    one_width = "Sledge drives flat roads of one width only: choose another simulator, or --roads "
     for road_class, better in (("rural-80", "rural-80"), ("lane.toml", "CLASS")):
         better += ",max_superelevation=0,max_grade=0"
         answer = frenetic(*run, road_class)

@@ -28,7 +28,7 @@ __all__ = ["cli", "main"]
 BLAS_THREADS: Final = "OPENBLAS_NUM_THREADS"
 _CHOICES: Final = (
     ("--out", "choose another place", "choose another place with --out"),
-    ("--roads", "choose the road class ", "choose --roads "),
+    ("--roads", "or the road class ", "or --roads "),
 )
 """Option of a command, what the library says where it knows no options, and the words with it."""
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}

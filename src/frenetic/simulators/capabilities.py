@@ -160,7 +160,10 @@ def check_class(simulator: Simulator, driver: Driver, road_class: RoadClass) -> 
         FreneticError: they lean, rise or widen, and `check_road` refuses such roads.
     """
     if road_class.plain and (reason := _lays_only(simulator, driver)):
-        raise FreneticError(f"{reason}: choose the road class {road_class.plain}")
+        other = "simulator" if not capabilities(simulator).lays_slopes else "driver"
+        raise FreneticError(
+            f"{reason}: choose another {other}, or the road class {road_class.plain}"
+        )
 
 
 def _lays_only(simulator: Simulator, driver: Driver) -> str:
