@@ -49,11 +49,11 @@ class RoadEntries(Struct):
     """m, m and rad."""
     lane_width: float = 4.0
     """m."""
-    superelevation: list[tuple[float, float]] = []
+    superelevation: list[tuple[float, float]] | None = None
     """Pairs of m and m/m."""
-    grade: list[tuple[float, float]] = []
+    grade: list[tuple[float, float]] | None = None
     """Pairs of m and m/m."""
-    widening: list[tuple[float, float]] = []
+    widening: list[tuple[float, float]] | None = None
     """Pairs of m and m."""
 
 
@@ -79,7 +79,8 @@ class RoadFile:
             else:
                 pose = given.pose or START
                 road = Road(given.curvatures, given.step, pose, lane_width=given.lane_width)
-            return replace(road, **{name: getattr(given, name) for name in profile.NAMES})
+            profiles: dict[str, Any] = {name: getattr(given, name) or () for name in profile.NAMES}
+            return replace(road, **profiles)
         except RoadError as error:
             raise RoadError(f"{self.path}: {error}") from None
 
