@@ -14,12 +14,16 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
+from frenetic import Budget, EmbeddedSimulator, Planner, RandomSearch
+from frenetic.campaign import Campaign, CampaignStore
 from frenetic.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.errors import FreneticError
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.report import draw_drive, draw_gallery, draw_road
 from frenetic.report.orientation import edges_of
+from frenetic.report.picture import draw_test
+from frenetic.report.scene import look
 from frenetic.road import Pose, Road
 
 RATE = 20.0  # records per s
@@ -278,3 +282,27 @@ def test_drawing_waits_for_matplotlib_and_touches_no_backend(tmp_path: Path) -> 
     )
     subprocess.run([sys.executable, "-c", code], check=True)
     png_size(path)
+
+
+def test_a_test_is_drawn_with_the_verdict_of_its_campaign(tmp_path: Path) -> None:
+    search = Campaign(
+        strategy=RandomSearch(seed=1),
+        simulator=EmbeddedSimulator(),
+        driver=Planner(aggression=1.6),
+        budget=Budget(failures=1),
+        folder=tmp_path / "c",
+    )
+    search.run()
+    with CampaignStore.open(search.folder) as store:
+        test = store.test(next(store.tests(Outcome.FAIL)).id)
+    # Its last record may be within the tolerance when it was rounded.
+    assert test.trajectory is not None
+    shorter = Trajectory.from_rows(test.trajectory.to_rows()[:-1])
+    test = replace(test, attempt=replace(test.attempt, trajectory=shorter))
+    assert test.drive is not None
+    assert look(test.road, test.drive).result.outcome is Outcome.ERROR
+    assert look(test.road, test).result == test.result
+    draw_test(test, tmp_path / "a.svg", "Test 1")
+    draw_gallery([("Test 1", test.road, test)], tmp_path / "b.svg")
+    assert any(text.startswith("departure to the") for text in svg_texts(tmp_path / "a.svg"))
+    assert any("MOOBD −" in text for text in svg_texts(tmp_path / "b.svg"))

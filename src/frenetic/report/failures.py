@@ -130,7 +130,7 @@ def write_failures(
             short, name = shortened.get(test.id, test), f"Test {test.id}"
             if short is not test:
                 name += f", cut to {short.road.length:.0f} m"
-            drawn.append((name, short.road, short.drive))
+            drawn.append((name, short.road, short))
             if interrupt.requested:
                 return False
         if drawn:

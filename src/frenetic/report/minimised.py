@@ -145,7 +145,7 @@ def write_minimised(
     if not is_compared:
         return
     draw_gallery(
-        [("Before", before.road, before.drive), ("After", after.road, after.drive)],
+        [("Before", before.road, before), ("After", after.road, after)],
         files.comparison,
         title=f"{name}: {minimised.reason}",
     )

@@ -17,7 +17,6 @@ from frenetic.analysis.failures import Clusters
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
-from frenetic.drive import Drive
 from frenetic.errors import CampaignError
 from frenetic.export.tables import opened
 from frenetic.report.comparison import draw_curves
@@ -55,11 +54,11 @@ def _test(test: Test) -> str:
         pass
     else:
         if drive is not None:
-            facts = [*facts_of_drive(road, look(road, drive)), *facts]
+            facts = [*facts_of_drive(road, look(road, test)), *facts]
         else:
             read = [] if moobd is None else [("MOOBD", f"{signed(moobd)} m", "read without drive")]
             facts = [*read, *facts_of_road(road), *facts]
-        picture = _sheet([("", road, drive)], 4.6, title)
+        picture = _sheet([("", road, test)], 4.6, title)
     return _card(title, test.reason, picture, facts)
 
 
@@ -99,7 +98,7 @@ def _comparison(comparison: Comparison) -> str:
     return f"{picture}{table}<ul>{said}</ul>{notes}"
 
 
-def _sheet(items: Sequence[tuple[str, Road, Drive | None]], width: float, text: str) -> str:
+def _sheet(items: Sequence[tuple[str, Road, Test]], width: float, text: str) -> str:
     """Drives from above, as in the report's contact sheet."""
     columns = min(len(items), 3)
     with mpl.rc_context(STYLE):

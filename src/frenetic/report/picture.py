@@ -85,7 +85,7 @@ _LINE: Final = "#48678a"  # of curvature and speed
 
 def draw_drive(
     road: Road,
-    drive: Drive,
+    drive: Drive | Test,
     path: Path | str,
     *,
     title: str | None = None,
@@ -99,7 +99,7 @@ def draw_drive(
 
     Args:
         road: the road that was driven.
-        drive: what the simulator recorded; it is judged with its own rules.
+        drive: what the simulator recorded, judged with its own rules, or a test that was driven.
         path: where the picture goes; an existing file is replaced.
         title: headline; the outcome if None.
         map_size: m, side of the map [0, map_size]^2, whose edge is drawn where it is in sight.
@@ -123,7 +123,7 @@ def draw_test(test: Test, path: Path | str, title: str) -> None:
         FreneticError: see `draw_drive`.
     """
     if test.drive is not None:
-        draw_drive(test.road, test.drive, path, title=title)
+        draw_drive(test.road, test, path, title=title)
     else:
         draw_road(test.road, path, title=title, reason=test.reason, outcome=test.outcome)
 
@@ -157,12 +157,15 @@ def draw_road(
 
 
 def draw_gallery(
-    items: Sequence[tuple[str, Road, Drive | None]], path: Path | str, *, title: str | None = None
+    items: Sequence[tuple[str, Road, Drive | Test | None]],
+    path: Path | str,
+    *,
+    title: str | None = None,
 ) -> None:
     """Write a contact sheet to ``path``: many drives from above, each at its own scale.
 
     Args:
-        items: (caption, road, drive) in reading order, 1 to 400.
+        items: (caption, road, drive or test) in reading order, 1 to 400.
         path: where the picture goes, PNG, SVG or PDF by its suffix; an existing file is replaced.
         title: headline; none if None.
 
@@ -421,7 +424,7 @@ _PROFILES: Final[Sequence[tuple[str, str, float, _Draw]]] = (
 # --- The contact sheet -----------------------------------------------------------------------
 
 
-def _sheet(items: Sequence[tuple[str, Road, Drive | None]], title: str | None) -> Figure:
+def _sheet(items: Sequence[tuple[str, Road, Drive | Test | None]], title: str | None) -> Figure:
     columns = int(np.clip(math.ceil(math.sqrt(1.2 * len(items))), 1, 8))
     columns = max(columns, min(len(items), 3))
     top = 1.1 if title else 0.65
@@ -445,7 +448,7 @@ def _sheet_picture(width: float, columns: int) -> float:
 
 def draw_sheet(
     page: Paper,
-    items: Sequence[tuple[str, Road, Drive | None]],
+    items: Sequence[tuple[str, Road, Drive | Test | None]],
     columns: int,
     *,
     left: float,
@@ -460,7 +463,8 @@ def draw_sheet(
         row, column = divmod(k, columns)
         x = left + column * (picture + _BETWEEN)
         y = top + row * sheet_row(width, columns)
-        seen = None if drive is None else look(road, drive)
+        is_driven = drive is not None and (isinstance(drive, Drive) or drive.drive is not None)
+        seen = look(road, drive) if drive is not None and is_driven else None
         turn = turn_of(road)
         view = View.showing(page.axes(x, y, picture, height), box_of(road, seen, turn), turn)
         focus = None if seen is None else focus_of(seen)

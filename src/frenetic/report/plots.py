@@ -79,11 +79,11 @@ def plot(
             draw_curves(axes, thing)
             axes.legend(loc="upper left", frameon=False, fontsize=8.5)
             return axes
-        if isinstance(thing, Test):
-            thing = thing.drive or thing.road
+        if isinstance(thing, Test) and thing.drive is None:
+            thing = thing.road
         if isinstance(thing, Road):
             return _plot_above(thing, None, ax, map_size)
-        road = road_of(thing, road)
+        road = thing.road if isinstance(thing, Test) else road_of(thing, road)
         return _plot_above(road, look(road, thing), ax, map_size)
 
 
@@ -129,7 +129,7 @@ def _new_axes(width: float, height: float, *, key: float = 0.0) -> tuple[Axes, P
 
 def failures_to_show(
     store: CampaignStore, number: int, limit: int | None = None
-) -> tuple[str, list[tuple[str, Road, Drive]]]:
+) -> tuple[str, list[tuple[str, Road, Test]]]:
     """A title, and the most severe distinct failures with their captions; else near misses.
 
     Args:
@@ -152,7 +152,7 @@ def failures_to_show(
         test = store.test(cluster.most_severe)
         if test.drive is not None:
             more = f", {len(cluster) - 1} more like it" if len(cluster) > 1 else ""
-            items.append((f"Test {test.id}{more}", test.road, test.drive))
+            items.append((f"Test {test.id}{more}", test.road, test))
     return title, items
 
 

@@ -15,6 +15,7 @@ from matplotlib.colors import ListedColormap, Normalize, to_rgb
 from matplotlib.patches import Polygon, Rectangle
 
 from frenetic._support.arrays import FloatArray
+from frenetic.campaign.record import Test
 from frenetic.drive import Drive, Trajectory
 from frenetic.oracle import Assessment, Result, assess, judge
 from frenetic.outcome import Outcome
@@ -84,8 +85,13 @@ def road_of(drive: Drive, road: Road | None) -> Road:
     return found
 
 
-def look(road: Road, drive: Drive) -> SeenDrive:
-    """A drive as its picture shows it."""
+def look(road: Road, thing: Drive | Test) -> SeenDrive:
+    """A drive as its picture shows it; that of a test with the campaign's verdict.
+
+    Stored records are rounded, and judged again a drive at a limit may end otherwise.
+    """
+    drive = thing if isinstance(thing, Drive) else thing.drive
+    assert drive is not None, "what was not driven has no picture of a drive"
     rows = drive.trajectory.to_rows()
     odd = np.flatnonzero(~np.isfinite(rows).all(axis=1))
     if len(odd):  # a simulator that broke may leave records without meaning at the end
@@ -99,7 +105,7 @@ def look(road: Road, drive: Drive) -> SeenDrive:
     n = len(seen.distance)
     return SeenDrive(
         drive=drive,
-        result=judge(road, drive),
+        result=judge(road, drive) if isinstance(thing, Drive) else thing.result,
         distance=seen.distance,
         oob_distance=seen.oob_distance,
         # What is out of any picture is brought near enough to draw.
