@@ -119,6 +119,11 @@ def test_a_file_that_was_changed_is_read_as_it_is_drawn() -> None:
     assert changed.grade == pytest.approx(np.array([[0.0, 0.02], [80.0, 0.02]]))
 
 
+def test_a_lean_that_was_taken_out_is_no_more() -> None:
+    text = re.sub(r"<superelevation .*?/>", "", to_opendrive(SPACE))
+    assert not len(from_opendrive(text.encode()).superelevation)
+
+
 def test_the_other_direction_falls_where_this_one_rises() -> None:
     data = without_notes(to_opendrive(replace(SPACE, widening=profile.NOTHING)))
     there, back = (from_opendrive(data, lane=i) for i in (-1, 1))

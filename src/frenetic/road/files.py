@@ -130,21 +130,19 @@ def read_road(path: Path | str, *, lane: int | None = None, roads: str | None = 
             no such road.
     """
     path = Path(path)
+    if roads is not None:
+        _, (first, *others) = read_stretches(path, roads, lane=lane)
+        if others:
+            with _naming(path):
+                raise RoadError(f"{others[0].name} does not begin where {first.name} ends")
+        return RoadFile(path, convert(entries_of(first.road), RoadEntries))
     data = _load(path)
     if _is_opendrive(path, data):
         with _naming(path):
-            road_map = RoadMap(data)
-            if roads is None:
-                road = road_map.road(lane=lane)
-            else:
-                first, *others = road_map.stretches(roads, lane=lane)
-                if others:
-                    raise RoadError(f"{others[0].name} does not begin where {first.name} ends")
-                road = first.road
+            road = RoadMap(data).road(lane=lane)
         return RoadFile(path, convert(entries_of(road), RoadEntries))
-    if lane is not None or roads is not None:
-        what = "lane" if roads is None else "road"
-        raise RoadError(f"{path} is no OpenDRIVE file: a {what} can be chosen in those only")
+    if lane is not None:
+        raise RoadError(f"{path} is no OpenDRIVE file: a lane can be chosen in those only")
     try:
         content = json.loads(data.decode("utf-8-sig"))
     except (RecursionError, ValueError) as error:
@@ -299,13 +297,13 @@ def _add_map(roads: dict[str, Road], path: Path, lane: int | None) -> list[str]:
     Raises:
         RoadError: the file, or its only road, cannot be read.
     """
+    skipped: list[str] = []
     with _naming(path):
         road_map = RoadMap(_load(path))
-    skipped = []
-    lengths = road_map.lengths
-    if len(lengths) < 2:
-        roads[str(path)] = read_road(path, lane=lane).road()
-        return []
+        lengths = road_map.lengths
+        if len(lengths) < 2:
+            roads[str(path)] = road_map.road(lane=lane)
+            return skipped
     for road_id in lengths:
         try:
             with _naming(path):

@@ -542,7 +542,7 @@ def _noted_road(road: Element, lane: int) -> Road | None:
     shapes: tuple[tuple[Sequence[Sequence[float]], Sequence[Sequence[float]]], ...] = (
         (clothoids(noted), drawn),
         (elevations(noted), _cubics(elevation, "s")),
-        (superelevations(noted) if leaning else [], _cubics(leaning, "s")),
+        (superelevations(noted), _cubics(leaning, "s")),
         (widths(noted), _cubics(widths_drawn, "sOffset")),
         ([(0.0,) * 5], _cubics(road.findall("lanes/laneOffset"), "s")),
     )

@@ -132,8 +132,7 @@ def to_opendrive(
         s += length
     _add_cubics(_add(element, "elevationProfile"), "elevation", "s", elevations(road))
     lateral = _add(element, "lateralProfile")
-    if len(road.superelevation):
-        _add_cubics(lateral, "superelevation", "s", superelevations(road))
+    _add_cubics(lateral, "superelevation", "s", superelevations(road))
     _add_lanes(element, road, speed_limit)
     noted = " ".join(map(repr, [road.step, *road.curvatures.tolist()]))
     _add(element, "userData", code=ROAD_CODE, value=noted)
@@ -191,8 +190,13 @@ def elevations(road: Road) -> list[tuple[float, ...]]:
 
 
 def superelevations(road: Road) -> list[tuple[float, ...]]:
-    """(s, a, b, c, d) of the angle in rad by which a road leans, cubics with its ends' slopes."""
+    """(s, a, b, c, d) of the angle in rad by which a road leans, cubics with its ends' slopes.
+
+    There are none for a level road.
+    """
     found: list[tuple[float, ...]] = []
+    if not len(road.superelevation):
+        return found
     for s, length, value, slope in _knots(road, "superelevation"):
         end = value + slope * length
         a, b = math.atan(value), slope / (1.0 + value * value)
