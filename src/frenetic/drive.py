@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.scalars import take_numpy_scalars
+from frenetic.criteria import JUDGED_BY_LANE, Profile
 from frenetic.errors import Fault, traceback_of
 
 if TYPE_CHECKING:
@@ -55,17 +56,25 @@ class Rules:
     """Time granted to every drive, in s, whatever its length."""
     timeout_speed: float = 2.5
     """Mean speed below which a drive takes too long, in m/s: timeout = base + length / speed."""
+    criteria: Profile = JUDGED_BY_LANE
+    """What a drive has to keep beside its lane; a breach is a FAIL and does not end the drive."""
 
     def __post_init__(self) -> None:
         take_numpy_scalars(self)
         for item in fields(self):
             value = getattr(self, item.name)
+            if item.name == "criteria":
+                continue
             if not (np.isfinite(value) and value > 0.0):
                 raise ValueError(f"{item.name} is {value}: a positive number is needed")
         if self.oob_tolerance > 1.0:
             raise ValueError(
                 f"oob_tolerance is {self.oob_tolerance}: a share above 0 and up to 1 is needed"
             )
+
+    def as_json(self) -> dict[str, Any]:
+        """Its fields, for JSON."""
+        return asdict(self) | {"criteria": self.criteria.as_json()}
 
     def timeout(self, road_length: float) -> float:
         """Simulated seconds after which a drive on a road of `road_length` m has failed."""

@@ -7,6 +7,7 @@ every record to know when to stop, and `judge` calls it over a whole trajectory.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
@@ -16,7 +17,9 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Finite, NotNegative, Share
 from frenetic._support.compiled import njit
 from frenetic._support.words import simulated_time
-from frenetic.errors import Fault
+from frenetic.criteria import DRIVER, LANE, QUANTITIES, Criterion, Profile, quantity
+from frenetic.errors import Fault, FreneticError
+from frenetic.measures import Measured, Seen, measure, worst
 from frenetic.outcome import Outcome
 from frenetic.road.geometry import heading_at, project_global, project_near, reach_of
 from frenetic.road.overlap import share_outside
@@ -43,13 +46,13 @@ class Finding:
     """One breach of a criterion in a drive."""
 
     criterion: str
-    """Name of the criterion, such as `LANE`."""
+    """`LANE`, `DRIVER` or the name of a quantity, see `frenetic.criteria`."""
     value: Finite
     """Value that breached it."""
     limit: Finite
     """Limit of that value."""
     side: Side | None
-    """Side of the ego lane, in driving direction; None if the criterion knows none."""
+    """Side of the ego lane, or to which the value is; None if the criterion knows none."""
     time: NotNegative
     """Simulated time, in s."""
     distance: Finite
@@ -58,12 +61,6 @@ class Finding:
     """Coordinate of the centre of mass, in m."""
     y: Finite
     """Coordinate of the centre of mass, in m."""
-
-
-LANE: Final = "lane"
-"""Criterion of leaving the lane: the share of the car's box outside it."""
-DRIVER: Final = "driver"
-"""Criterion of the driver's own faults, of which none is allowed."""
 
 
 @dataclass(frozen=True)
@@ -88,8 +85,9 @@ class Result:
 
     @property
     def finding(self) -> Finding | None:
-        """The first breach, which ended the drive; None if there is none."""
-        return self.findings[0] if self.findings else None
+        """The gravest breach: what ended the drive, or else the first; None if there is none."""
+        ends = (one for one in self.findings if one.criterion in (LANE, DRIVER))
+        return next(ends, self.findings[0] if self.findings else None)
 
     @property
     def departure(self) -> Finding | None:
@@ -302,6 +300,14 @@ def judge(road: Road, drive: Drive) -> Result:
     else:
         reason = f"The simulator stopped after {duration:.1f} s, before the drive had ended"
         return Result(Outcome.ERROR, reason, duration=duration)
+    if rules.criteria:
+        try:
+            breaches = _breaches(road, drive, seen)
+        except FreneticError as error:
+            return broken(str(error), duration=duration)
+        findings = tuple(sorted((*breaches, *findings), key=lambda one: one.time))
+        if breaches and outcome is Outcome.PASS:
+            outcome, reason = Outcome.FAIL, breach_in_words(breaches, rules.criteria)
     return Result(
         outcome,
         reason,
@@ -312,6 +318,88 @@ def judge(road: Road, drive: Drive) -> Result:
         findings,
         fault,
     )
+
+
+def seen_by_criteria(road: Road, drive: Drive, assessment: Assessment | None = None) -> Seen:
+    """A drive as its criteria see it."""
+    seen = assess(road, drive) if assessment is None else assessment
+    return Seen.of(road, drive, seen.distance, seen.lateral_offset)
+
+
+def measured(road: Road, drive: Drive, criteria: Iterable[Criterion]) -> list[Measured]:
+    """The worst values in a drive; a criterion whose window is longer than the drive has none.
+
+    Raises:
+        FreneticError: a quantity cannot be measured.
+    """
+    seen = seen_by_criteria(road, drive)
+    return [found for one in criteria if (found := measure(one, seen)) is not None]
+
+
+def measures_json(road: Road, drive: Drive) -> list[dict[str, Any]]:
+    """The worst value of every quantity in a drive, for JSON, with the limits that it was given.
+
+    Raises:
+        FreneticError: a quantity cannot be measured.
+    """
+    seen = seen_by_criteria(road, drive)
+    limits = {one.quantity: one for one in drive.rules.criteria.criteria}
+    rows = []
+    for name in {**QUANTITIES, **limits}:
+        found, limit, what = worst(name, seen), limits.get(name), quantity(name)
+        if found is None:
+            continue
+        rows.append(
+            {
+                "quantity": name,
+                "unit": what.unit,
+                "value": found.value,
+                "side": found.side,
+                "time": simulated_time(float(seen.path.time[found.record])),
+                "distance": found.distance,
+                "window": found.criterion.window,
+                "limit": None if limit is None else limit.limit,
+                "clause": "" if limit is None else limit.clause,
+                "kept": None if limit is None else found.margin >= 0.0,
+            }
+        )
+    return rows
+
+
+def _breaches(road: Road, drive: Drive, assessment: Assessment) -> list[Finding]:
+    """Findings of the criteria beside the lane, each where its value is worst.
+
+    Raises:
+        FreneticError: a quantity cannot be measured.
+    """
+    seen = seen_by_criteria(road, drive, assessment)
+    if not np.isfinite(seen.path.to_rows()).all():
+        raise FreneticError(
+            "The simulator recorded values that are no numbers: they cannot be judged"
+        )
+    findings = []
+    for criterion in drive.rules.criteria.criteria:
+        found = measure(criterion, seen)
+        if found is not None and found.margin < 0.0:
+            i, path = found.record, seen.path
+            time, x, y = (float(column[i]) for column in (path.time, path.x, path.y))
+            name, limit, place = criterion.quantity, criterion.limit, found.distance
+            findings.append(Finding(name, found.value, limit, found.side, time, place, x, y))
+    return findings
+
+
+def breach_in_words(findings: Sequence[Finding], criteria: Profile) -> str:
+    """The breaches of criteria beside the lane, in a sentence; empty without any."""
+    limits = {one.quantity: one for one in criteria.criteria}
+    texts = []
+    for one in findings:
+        if one.criterion in limits:
+            what = quantity(one.criterion)
+            side = f" {'to' if what.has_sides else 'on'} the {one.side}" if one.side else ""
+            text = f"{what.words} {what.told(one.value)}{side} at {one.distance:.0f} m"
+            texts.append(f"{text} ({limits[one.criterion].told()})")
+    text = "; ".join(texts)
+    return text[:1].upper() + text[1:]
 
 
 def is_drivers(fault: Fault | None) -> bool:

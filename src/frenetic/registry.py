@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any, Final, Protocol, runtime_checkable
 
 from frenetic._support.entry_points import Entry, installed
+from frenetic.criteria import QUANTITIES
 from frenetic.errors import FreneticError, UnknownNameError, describe_raised, place_of
 
 USER_MODULE: Final = "frenetic_user_"
@@ -459,10 +460,18 @@ OBJECTIVES: Final = Registry(
             "frenetic.campaign.objective:oob_share",
             "largest share of the car outside its lane, higher is worse",
         ),
-        "lateral-acceleration": (
-            "frenetic.campaign.objective:lateral_acceleration",
-            "largest speed times yaw rate, higher is worse",
+        "criteria": (
+            "frenetic.campaign.objective:criteria",
+            "least distance from the limits of the criteria, in shares, lower is worse; the default"
+            " with --criteria",
         ),
+        **{
+            one.name.replace("_", "-"): (
+                f"frenetic.campaign.objective:{one.name}",
+                f"{one.about}, in {one.unit}, {'lower' if one.is_least else 'higher'} is worse",
+            )
+            for one in QUANTITIES.values()
+        },
     },
     (),
     target="function",

@@ -22,6 +22,7 @@ from msgspec import Struct, convert, field
 from frenetic._support.bounds import Count, Finite, Index, NotNegative, Positive, Share
 from frenetic._support.files import read_bounded, write_file
 from frenetic._support.words import parse_duration, part_word, read_part
+from frenetic.criteria import Profile
 from frenetic.errors import FreneticError
 from frenetic.spec import COMPETITION, Budget, EarlierCampaign, Part, Spec
 from frenetic.trust import REGISTRIES
@@ -43,6 +44,8 @@ class DriveFile(Struct, forbid_unknown_fields=True, omit_defaults=True, kw_only=
     conditions: dict[str, Finite] = field(name="with", default_factory=dict)
     speed_limit: Positive | None = None
     oob_tolerance: Share | None = None
+    criteria: str | dict[str, Any] | None = None
+    """Criteria as on the command line, or a file's entries with a ``name``."""
     wall_limit: Positive | None = None
     """s of wall time that a drive may take; a worker is replaced after 1.5 times that and 10 s."""
     roads: str | dict[str, Any] | None = None
@@ -64,6 +67,7 @@ class DriveFile(Struct, forbid_unknown_fields=True, omit_defaults=True, kw_only=
             "layers": self.conditions,
             "speed_limit": self.speed_limit,
             "oob_tolerance": self.oob_tolerance,
+            "criteria": None if self.criteria is None else read_criteria(self.criteria),
             "wall_limit": self.wall_limit,
             "map_size": self.map_size,
             "road_class": None if self.roads is None else read_class(self.roads),
@@ -96,6 +100,19 @@ def read_class(roads: str | Mapping[str, Any]) -> RoadClass | str:
     if name == COMPETITION and not options:
         return COMPETITION
     return RoadClass.of(name, options)
+
+
+def read_criteria(text: str | Mapping[str, Any]) -> Profile:
+    """The criteria of a text such as ``after-iso-11270,lateral_jerk=4``, or of entries.
+
+    Raises:
+        ValueError: they are wrong.
+        FreneticError: there are no such ones.
+    """
+    if not isinstance(text, str):
+        return Profile.made(str(text.get("name", "own")), {k: text[k] for k in text if k != "name"})
+    name, options = read_part(text)
+    return Profile.of(name or COMPETITION, options)
 
 
 def class_entry(road_class: RoadClass | None) -> str | dict[str, Any] | None:
@@ -239,6 +256,7 @@ def drive_entries(spec: Spec) -> dict[str, Any]:
         "with": dict(spec.layers),
         "speed_limit": spec.rules.speed_limit,
         "oob_tolerance": spec.rules.oob_tolerance,
+        "criteria": spec.rules.criteria.entry() if spec.rules.criteria else None,
         "wall_limit": spec.wall_limit,
         "roads": class_entry(spec.road_class),
         "map_size": spec.map_size,

@@ -93,7 +93,7 @@ class Number:
 
 NUMBERS: Final = (
     Number("speed_limit", 70.0, "km/h."),
-    Number("oob_tolerance", 0.95, "Share of the car that may leave its lane, above 0 up to 1."),
+    Number("oob_tolerance", 0.95, "Share of the car that may be out."),
     Number("map_size", 200.0, "m, side of the map."),
 )
 """The numbers for driving roads, beside the layers of the driver."""
@@ -420,14 +420,16 @@ class Spec:
             terms = ("map_size", "lane_width", "road_class")
             spec = replace(self, **{name: getattr(other, name) for name in terms})
         spec = replace(spec, layers={}, driver=replace(spec.driver, made={}))
-        command = other.command() or {}
+        command: dict[str, Any] = other.command() or {}
         driven = {name: command[name] for name in drive_options() if name in command}
+        if driven:
+            driven["criteria"] = other.rules.criteria
         return spec.replaced(driven).replaced(asked)
 
     def to_json(self) -> dict[str, JSONValue]:
         """The campaign's record in its database."""
         names = [item.name for item in fields(self) if item.name not in ("layers", "wall_limit")]
-        values = {name: getattr(self, name) for name in names}
+        values = {name: getattr(self, name) for name in names} | {"rules": self.rules.as_json()}
         record = {
             name: value.made if isinstance(value, Part) else to_builtins(value, enc_hook=plain)
             for name, value in values.items()
@@ -448,6 +450,7 @@ class Spec:
             "layers": dict(self.layers),
             "speed_limit": self.rules.speed_limit,
             "oob_tolerance": self.rules.oob_tolerance,
+            "criteria": self.rules.criteria.as_json(),
             "wall_limit": self.wall_limit,
         }
 
@@ -559,6 +562,8 @@ class Spec:
         for number in NUMBERS:
             value = getattr(self, number.name, getattr(self.rules, number.name, None))
             words += [number.option, number_word(value)]
+        if self.rules.criteria and isinstance(entry := self.rules.criteria.entry(), str):
+            words += ["--criteria", entry]
         return words
 
 
@@ -630,7 +635,8 @@ def _usual_of_class(factory: Callable[..., Any]) -> Usual:
 def drive_options() -> list[str]:
     """Names of the options that say how roads are driven, as `Spec.from_options` takes them."""
     parts = ("driver", "driver_options", "simulator", "simulator_options")
-    return [*parts, "layers", "wall_limit", "road_class", *(number.name for number in NUMBERS)]
+    own = ("layers", "wall_limit", "road_class", "criteria")
+    return [*parts, *own, *(number.name for number in NUMBERS)]
 
 
 def _of_class(given: Mapping[str, Any]) -> dict[str, Any]:
@@ -665,7 +671,7 @@ def _with_rules(rules: Rules, given: Mapping[str, Any]) -> Rules:
     """The rules, replaced by given ones."""
     known = {item.name for item in fields(rules)}
     try:
-        return replace(rules, **{k: v for k, v in given.items() if k in known})
+        return replace(rules, **{k: v for k, v in given.items() if k in known and v is not None})
     except ValueError as error:
         raise FreneticError(str(error)) from None
 
@@ -949,12 +955,19 @@ def _driving() -> list[tuple[str, Any, Any]]:
     return [*parts, ("layers", dict[str, Finite], field(default_factory=dict))]
 
 
+def _judged_by() -> tuple[str, Any, Any]:
+    """The entry of a command line that says the criteria."""
+    from frenetic.criteria import JUDGED_BY_LANE, Profile  # numpy takes its time
+
+    return "criteria", Profile, JUDGED_BY_LANE
+
+
 def _command_type(*needed: str) -> Any:
     """The type of a record's ``command``, with the parts that it has to name."""
     optional = str | None
     names: list[Any] = [(k, str) if k in needed else (k, optional, None) for k in _PARTS]
     limits = [("speed_limit", Positive), ("oob_tolerance", Share), ("wall_limit", Positive)]
-    return defstruct("Command", [*names, *limits, *_driving()], kw_only=True)
+    return defstruct("Command", [*names, *limits, _judged_by(), *_driving()], kw_only=True)
 
 
 def _driven_type() -> Any:
@@ -963,7 +976,13 @@ def _driven_type() -> Any:
 
     named = [("driver", str), ("simulator", str), ("map_size", Positive)]
     limits = [("speed_limit", Positive), ("oob_tolerance", Share), ("wall_limit", Positive)]
-    entries: list[Any] = [*named, *limits, *_driving(), ("road_class", RoadClass | None, None)]
+    entries: list[Any] = [
+        *named,
+        *limits,
+        _judged_by(),
+        *_driving(),
+        ("road_class", RoadClass | None, None),
+    ]
     return defstruct("Driven", entries, kw_only=True, forbid_unknown_fields=True)
 
 

@@ -32,7 +32,7 @@ def driven(**columns: FloatArray) -> Drive:
 
 
 def test_a_cause_is_told_in_bends_to_its_side_or_to_either() -> None:
-    assert cause(driven()) == (Kind.TOO_FAST, "left")
+    assert cause(driven()) == Cause(Kind.TOO_FAST, "left")
     assert in_words(*cause(driven())) == "takes left-hand bends too fast"
     assert in_words(Kind.TOO_FAST) == "takes bends too fast"
     assert in_words(Kind.OSCILLATES) == "oscillates from side to side"

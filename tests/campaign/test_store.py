@@ -39,7 +39,12 @@ from frenetic.search.records import Candidate, Origin, Source
 pytest_plugins = ["campaign_fixtures"]
 
 SETTING = Setting(4.0, 200.0, 1.0, Rules(), CarBody())
-CONFIG: dict[str, JSONValue] = {"strategy": "frenetic", "seed": 7, **to_builtins(SETTING)}
+CONFIG: dict[str, JSONValue] = {
+    "strategy": "frenetic",
+    "seed": 7,
+    **to_builtins(SETTING),
+    "rules": Rules().as_json(),
+}
 
 
 def make_candidate(id: int, samples: int = 25) -> Candidate:  # noqa: A002

@@ -190,16 +190,16 @@ def test_it_is_said_whether_a_campaigns_test_ends_as_it_did_there(
 ) -> None:
     number = str(int(road.stem.removeprefix("test-")))
     again = frenetic("drive", "c", number)
-    assert (again.code, again.out.splitlines()[-1].split()[0]) == (0, "result")
-    assert again.out.endswith(" as in the campaign\n")
+    assert again.code == 0
+    assert " as in the campaign\n" in again.out
     slow = ("drive", "c", number, "--driver", "planner", "--speed-limit", "20")
     answer = frenetic(*slow)
     assert answer.code == 0, "a driver that differs is no mistake"
-    assert answer.out.endswith(" differs from the campaign: PASS, not FAIL\n")
+    assert " differs from the campaign: PASS, not FAIL\n" in answer.out
     assert frenetic(*slow, "--json").json["differs"] == "PASS, not FAIL"
     nearly = frenetic("drive", "c", number, "--simulator", "friction=0.9999", "--json").json
     assert nearly["differs"].startswith("a MOOBD ")
-    assert "result" not in frenetic("drive", str(road)).out, "a file holds no drive"
+    assert "result " not in frenetic("drive", str(road)).out, "a file holds no drive"
 
 
 def test_a_test_of_a_rerun_is_driven_in_its_own_conditions(frenetic: Frenetic, road: Path) -> None:

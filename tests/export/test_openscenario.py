@@ -11,8 +11,9 @@ import os
 import platform
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
 import environments
@@ -43,8 +44,10 @@ carla_has_a_wheel = pytest.mark.skipif(
 )
 
 
-def scenario(road: Road, **rules: float) -> ElementTree.Element:
-    return ElementTree.fromstring(to_openscenario(road, "road.xodr", rules=Rules(**rules)))
+def scenario(road: Road, **rules: Any) -> ElementTree.Element:
+    return ElementTree.fromstring(
+        to_openscenario(road, "road.xodr", rules=replace(Rules(), **rules))
+    )
 
 
 def places(root: ElementTree.Element) -> list[float]:

@@ -13,8 +13,9 @@ from frenetic.analysis.failures import distinct_failures, representative_failure
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.counts import Counts
 from frenetic.cli.console import print_failures
+from frenetic.criteria import LANE
 from frenetic.errors import CampaignError
-from frenetic.oracle import LANE, Finding, Result, judge
+from frenetic.oracle import Finding, Result, judge
 from frenetic.outcome import Outcome
 from frenetic.report.failures import road_document, verdict_entries, write_failures
 from frenetic.road.files import read_road

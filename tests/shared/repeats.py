@@ -10,8 +10,9 @@ import numpy as np
 from frenetic.again.verdicts import Repeat
 from frenetic.campaign import CampaignStore
 from frenetic.campaign.record import Attempt, Test
+from frenetic.criteria import LANE
 from frenetic.drivers import Driver
-from frenetic.oracle import LANE, Finding, Result, Side
+from frenetic.oracle import Finding, Result, Side
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.search import Candidate, Origin

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final, TypedDict
 
@@ -71,7 +70,7 @@ def campaign_again(
         ValueError: an option is out of range.
     """
     simulator, driver = tester.simulator, tester.driver
-    parts = describe(driver), describe(simulator), asdict(simulator.rules)
+    parts = describe(driver), describe(simulator), simulator.rules.as_json()
     text = json.encode([what, terms, parts], order="sorted", enc_hook=plain)
     digest = hashlib.sha256(text).hexdigest()[:SHORT]
     place = Path(how.get("out") or Path(folder) / FOLDER / digest)

@@ -27,6 +27,7 @@ from frenetic.campaign.record import Test
 from frenetic.campaign.repeat import Match
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester
+from frenetic.criteria import LANE
 from frenetic.drive import Rules
 from frenetic.errors import ENDS_ITS_PROCESS, HANGS, CampaignError, Fault, FreneticError
 from frenetic.outcome import Outcome
@@ -62,6 +63,7 @@ class FailureReason(StrEnum):
     LEFT_LANE_RIGHT = "left the lane to the right"
     STOOD_STILL = "stood still"
     RAN_OUT_OF_TIME = "ran out of time"
+    BROKE_A_LIMIT = "broke a limit"
     DRIVER_BROKE = "the driver broke"
 
     @classmethod
@@ -71,6 +73,7 @@ class FailureReason(StrEnum):
         duration: float | None,
         timeout: float,
         fault: Fault | None = None,
+        criterion: str | None = None,
     ) -> FailureReason:
         """The reason of a failed drive.
 
@@ -79,9 +82,12 @@ class FailureReason(StrEnum):
             duration: simulated time in s.
             timeout: s that the road's drive may take.
             fault: the driver's, if it ended the drive.
+            criterion: that it broke, if any.
         """
         if fault is not None:
             return cls.DRIVER_BROKE
+        if criterion not in (None, LANE):
+            return cls.BROKE_A_LIMIT
         if side is not None:
             return cls.LEFT_LANE_LEFT if side == "left" else cls.LEFT_LANE_RIGHT
         return cls.RAN_OUT_OF_TIME if (duration or 0.0) > timeout else cls.STOOD_STILL
@@ -167,7 +173,7 @@ class Minimising(Strategy):
                 self.shrinker = Shrinker(
                     _shape_of(candidate),
                     self._neighbours,
-                    place=evaluation.place if evaluation.side or evaluation.fault else None,
+                    place=evaluation.place if evaluation.criterion else None,
                 )
                 self._run = self.shrinker.run()
                 self._advance(None)
@@ -196,7 +202,8 @@ class Minimising(Strategy):
         length = (len(candidate.curvatures) - 1) * candidate.step
         timeout = self._rules.timeout(length)
         fault = evaluation.fault
-        reason = FailureReason.of(evaluation.side, evaluation.duration, timeout, fault)
+        side, criterion = evaluation.side, evaluation.criterion
+        reason = FailureReason.of(side, evaluation.duration, timeout, fault, criterion)
         approach = places_of(evaluation, candidate, 0.0)[0].vector
         return _Found(reason, approach, evaluation.objective, fault)
 
@@ -274,9 +281,11 @@ class Minimised:
         """Reason why the drives on both roads failed."""
         result, setting = self.smallest.result, self.smallest.setting
         assert setting is not None
-        side = None if result.departure is None else result.departure.side
+        side, criterion = None, None
+        if (finding := result.finding) is not None:
+            side, criterion = finding.side, finding.criterion
         timeout = setting.rules.timeout(self.road.length)
-        return FailureReason.of(side, result.duration, timeout, result.fault)
+        return FailureReason.of(side, result.duration, timeout, result.fault, criterion)
 
 
 def _shape_of(road: Candidate) -> Shape:

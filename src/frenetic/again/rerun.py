@@ -110,7 +110,7 @@ class Rerun:
     @cached_property
     def key(self) -> str:
         """Digits for simulator, driver and rules, with their options."""
-        parts = comparison_key(self.simulator, self.driver, asdict(self.rules))
+        parts = comparison_key(self.simulator, self.driver, self.rules.as_json())
         return hashlib.sha256(parts.encode()).hexdigest()[:SHORT]
 
     @cached_property
@@ -143,7 +143,7 @@ class Rerun:
             "folder": None if self.folder is None else str(self.folder),
             "driver": dict(self.driver),
             "simulator": dict(self.simulator),
-            "rules": asdict(self.rules),
+            "rules": self.rules.as_json(),
             "car": asdict(self.car),
             "seed": self.seed,
             "variations": [asdict(variation) for variation in self.variations],

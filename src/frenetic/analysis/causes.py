@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis.segments import Segment, segment_of
+from frenetic.criteria import DRIVER, EDGE_DISTANCE, LANE, quantity
 from frenetic.drive import Drive
 from frenetic.oracle import TIMED_OUT, Side, judge
 from frenetic.outcome import Outcome
@@ -47,6 +48,7 @@ _STEERS: Final = 4.0  # [m/s]
 _HELD: Final = 0.3  # [s]
 _AHEAD: Final = 15.0  # [m] of road that a car may cut
 _FEWEST: Final = 5  # records
+_STRAIGHT: Final = 1e-4  # [1/m]
 
 
 class Kind(StrEnum):
@@ -63,6 +65,7 @@ class Kind(StrEnum):
     ASTRAY = "steers out of its lane on straights"
     HELD = "holds its steering at a limit, too little for {}bends"
     TOO_LITTLE = "steers too little in {}bends"
+    EXCEEDS = "exceeds the limit of {}"
 
 
 class Cause(NamedTuple):
@@ -70,10 +73,15 @@ class Cause(NamedTuple):
 
     kind: Kind
     bends: Side | None = None
+    criterion: str = ""
+    """Quantity whose limit it exceeds, if that is all it does wrong."""
 
 
-def in_words(kind: Kind, bends: Side | None = None) -> str:
+def in_words(kind: Kind, bends: Side | None = None, criterion: str = "") -> str:
     """A kind of cause in words, in bends to this side or to either."""
+    if kind is Kind.EXCEEDS:
+        text = kind.value.format(quantity(criterion).words)
+        return text if bends is None else f"{text} in {bends}-hand bends"
     return kind.value.format("" if bends is None else f"{bends}-hand ")
 
 
@@ -85,12 +93,20 @@ def kind_number(road: Road, drive: Drive) -> float:
     result = judge(road, drive)
     if result.outcome is not Outcome.FAIL or not len(drive.trajectory):
         return 0.0
-    return 1.0 + list(Kind).index(cause_of(segment_of(road, drive, result.finding)).kind)
+    cause = cause_of(segment_of(road, drive, result.finding))
+    limited = [one.quantity for one in drive.rules.criteria.criteria]
+    which = limited.index(cause.criterion) if cause.criterion else 0
+    return 1.0 + list(Kind).index(cause.kind) + which
 
 
 def cause_of(segment: Segment) -> Cause:
     """The cause of a failure, from its segment; see this module's text."""
     seen, path = segment.assessment, segment.drive.trajectory
+    if segment.criterion not in (None, LANE, DRIVER, EDGE_DISTANCE):
+        curvature = float(segment.road.curvature_at(np.array([segment.place]))[0])
+        bends: Side | None = "left" if curvature > 0.0 else "right"
+        is_bend = abs(curvature) > _STRAIGHT
+        return Cause(Kind.EXCEEDS, bends if is_bend else None, segment.criterion)
     if segment.side is None:
         return Cause(Kind.SLOW if seen.end == TIMED_OUT else Kind.STANDS)
     n = len(seen.distance)

@@ -34,7 +34,7 @@ import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.words import counted
-from frenetic.analysis.causes import Cause, cause_of, in_words
+from frenetic.analysis.causes import Cause, Kind, cause_of, in_words
 from frenetic.analysis.segments import (
     PROFILE_SPACING,
     REACH,
@@ -48,6 +48,7 @@ from frenetic.analysis.segments import (
 from frenetic.campaign.earlier import EarlierTest, read_earlier
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
+from frenetic.criteria import EDGE_DISTANCE
 from frenetic.drive import Drive
 from frenetic.errors import Fault
 from frenetic.oracle import Result, Side
@@ -114,6 +115,8 @@ class Failure:
     """Fault of the driver that ended the drive. Without a record of it, all arrays hold zeros."""
     cause: Cause | None = None
     """What the driver did wrong; None for a fault or a near miss."""
+    criterion: str | None = None
+    """Criterion that the drive broke, see `frenetic.oracle.Finding`; None if it stood still."""
 
     @classmethod
     def of(
@@ -144,6 +147,7 @@ class Failure:
             road.lane_width,
             fault,
             None if is_near_miss or fault is not None else cause_of(segment),
+            segment.criterion,
         )
 
     @classmethod
@@ -277,7 +281,7 @@ class Clusters:
         """The causes of the failures: faults of the driver first, then by number of failures."""
         groups: dict[object, list[Cluster]] = {}
         for one in self.clusters:
-            if what := one.cause.kind if one.cause else one.fault:
+            if what := one.cause._replace(bends=None) if one.cause else one.fault:
                 groups.setdefault(what, []).append(one)
         found = [CauseGroup(_cause_words(group), tuple(group)) for group in groups.values()]
         return tuple(sorted(found, key=lambda one: (one.fault is None, -one.failures)))
@@ -304,14 +308,17 @@ def _cause_words(clusters: list[Cluster]) -> str:
     first, *_ = clusters
     if first.cause is None:
         return str(first.fault)
-    kind, sides = first.cause.kind, Counter[Side | None]()
+    kind, _, criterion = first.cause
+    sides = Counter[Side | None]()
     for one in clusters:
         sides[one.cause and one.cause.bends] += len(one)
     side, most = sides.most_common(1)[0]
     share = most / sides.total()
     if side is None or share < _MOSTLY:
-        return in_words(kind)
-    return in_words(kind, side) if share > _NEARLY_ALL else f"{in_words(kind)}, mostly {side}-hand"
+        return in_words(kind, None, criterion)
+    if share > _NEARLY_ALL:
+        return in_words(kind, side, criterion)
+    return f"{in_words(kind, None, criterion)}, mostly {side}-hand"
 
 
 def failures_of(store: CampaignStore, limit: int | None = None) -> list[Failure]:
@@ -460,8 +467,8 @@ def cluster_failures(failures: Iterable[Failure], *, threshold: float = THRESHOL
         if one.id == other.id:
             raise ValueError(f"failure {one.id} is there twice: give each failure once")
     clusters: list[Cluster] = []
-    for kind in dict.fromkeys((failure.side, failure.fault) for failure in listed):
-        members = [one for one in listed if (one.side, one.fault) == kind]
+    for kind in dict.fromkeys((one.side, one.fault, one.criterion) for one in listed):
+        members = [one for one in listed if (one.side, one.fault, one.criterion) == kind]
         vectors = np.array([failure.vector() for failure in members])
         moobds = np.array([failure.moobd for failure in members])
         is_fault = kind[1] is not None
@@ -557,6 +564,10 @@ def describe(failure: Failure) -> str:
     if failure.fault is not None:
         return str(failure.fault)
     what = "fails in its lane" if failure.side is None else f"leaves to the {failure.side}"
+    if failure.cause is not None and failure.cause.kind is Kind.EXCEEDS:
+        what = in_words(Kind.EXCEEDS, None, failure.cause.criterion)
+    if failure.criterion == EDGE_DISTANCE:
+        what = f"comes too near to the {failure.side} edge"
     if failure.is_near_miss:
         beyond = "crosses" if failure.moobd < 0.0 else "comes nearest to"
         what = f"{beyond} the {failure.side} edge"

@@ -36,6 +36,8 @@ class Segment:
     """Place where the car left its lane, or else was furthest off, in m along the road."""
     side: Side | None
     """The side of the lane on which it left, None if it did not."""
+    criterion: str | None
+    """What the drive broke there, see `frenetic.oracle.Finding`; None if it broke nothing."""
     start: float
     """Distance along the road, in m."""
     end: float
@@ -121,6 +123,7 @@ def segment_of(road: Road, drive: Drive, finding: Finding | None) -> Segment:
         drive=drive,
         place=place,
         side=None if finding is None else finding.side,
+        criterion=None if finding is None else finding.criterion,
         start=start,
         end=end,
         assessment=seen,

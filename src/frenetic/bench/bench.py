@@ -7,7 +7,7 @@ import os
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -245,7 +245,7 @@ class Bench:
             "sources": {one.name: one.source() for one in self.entrants},
             "simulator": describe(terms.simulator),
             "driver": describe(terms.driver),
-            "rules": asdict(terms.simulator.rules),
+            "rules": terms.simulator.rules.as_json(),
         }
 
     def _require_new_folder(self) -> None:

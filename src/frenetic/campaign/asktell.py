@@ -36,10 +36,11 @@ from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Event, Summary
 from frenetic.campaign.tester import RoadTester, road_through
 from frenetic.campaign.workers import Workers
+from frenetic.criteria import LANE
 from frenetic.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
 from frenetic.errors import CampaignError, RoadError
-from frenetic.oracle import LANE, Finding, Result, Side
+from frenetic.oracle import Finding, Result, Side
 from frenetic.outcome import Outcome
 from frenetic.road import Road, check_validity
 from frenetic.road.files import entries_of

@@ -15,6 +15,7 @@ from frenetic.campaign.database import DATABASE
 from frenetic.campaign.log import told_in_log
 from frenetic.campaign.record import Setting, Test
 from frenetic.campaign.store import CampaignStore
+from frenetic.criteria import Criterion, Profile, quantity
 from frenetic.drive import Drive, Rules
 from frenetic.errors import CampaignError, RoadError
 from frenetic.oracle import Result, judge
@@ -37,6 +38,8 @@ x and y are stored to within 0.05 mm each, which moves a car by at most 0.071 mm
 """
 SHARE_TOLERANCE: Final = 2e-4
 """Largest difference of oob shares: a point of the car's box moves by less than 0.1 mm."""
+CRITERIA_TOLERANCE: Final = 0.03
+"""Share of a quantity's scale, as derivatives of rounded records differ by more than these."""
 TIME_TOLERANCE: Final = 1e-4
 """Largest difference of times, in s; they are stored to within 0.05 ms."""
 DISTANCE_TOLERANCE: Final = 1e-3
@@ -210,7 +213,19 @@ def _rules(rules: Rules) -> Iterator[Rules]:
             stuck_distance=rules.stuck_distance - 2.0 * sign * MOOBD_TOLERANCE,
             stuck_time=rules.stuck_time + sign * TIME_TOLERANCE,
             timeout_base=rules.timeout_base + sign * TIME_TOLERANCE,
+            criteria=_moved(rules.criteria, sign),
         )
+
+
+def _moved(profile: Profile, sign: float) -> Profile:
+    """The criteria with limits that are a little tighter, for a sign of -1, or looser."""
+
+    def moved(one: Criterion) -> Criterion:
+        what = quantity(one.quantity)
+        slack = (-sign if what.is_least else sign) * CRITERIA_TOLERANCE * what.scale
+        return replace(one, limit=one.limit + slack)
+
+    return replace(profile, criteria=tuple(map(moved, profile.criteria)))
 
 
 def _difference(stored: Result, verdict: Result) -> str:
@@ -227,6 +242,10 @@ def _difference(stored: Result, verdict: Result) -> str:
         if before is None or now is None or not abs(before - now) <= tolerance:
             old, new = (_number(number, unit) for number in (before, now))
             return f"{what} is stored as {old}, judged again it is {new}"
+    broken = [{finding.criterion for finding in one.findings} for one in (stored, verdict)]
+    if broken[0] != broken[1]:
+        before, now = (" and ".join(sorted(names)) or "nothing" for names in broken)
+        return f"it broke {before}, judged again {now}"
     sides: list[Any] = [one.departure and one.departure.side for one in (stored, verdict)]
     if sides[0] != sides[1]:
         return f"it left to the {sides[0]}, judged again to the {sides[1]}"

@@ -1,7 +1,8 @@
 """Objectives: what a search minimises, and in which order; and evaluations of tests by them.
 
 An objective is a function of a drive along its road. Lower values are worse for the driver, unless
-it has an attribute ``higher_is_worse`` that is true. Your own is named ``module:function``::
+it has an attribute ``higher_is_worse`` that is true. An attribute ``place_of``, a function of the
+same, may say where along the road the value comes from. Your own is named ``module:function``::
 
     def jerk(road, drive):
         return float(abs(np.diff(drive.trajectory.lateral_speed, 2)).max())
@@ -25,9 +26,11 @@ import numpy as np
 from frenetic import trust
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
+from frenetic.criteria import QUANTITIES, quantity
 from frenetic.drive import Drive, Trajectory
 from frenetic.errors import CampaignError, describe_raised
-from frenetic.oracle import Result, assess, judge
+from frenetic.measures import Measured, worst
+from frenetic.oracle import Result, assess, judge, measured, seen_by_criteria
 from frenetic.outcome import Outcome
 from frenetic.registry import OBJECTIVES
 from frenetic.road import Road
@@ -72,6 +75,11 @@ class Objective:
     def worse(self, one: float, other: float) -> float:
         """The value of two that is worse for the driver."""
         return max(one, other) if self.higher_is_worse else min(one, other)
+
+    def place(self, road: Road, drive: Drive) -> float | None:
+        """Where along the road its value comes from, in m; None if the function does not say."""
+        place_of = getattr(self.measure, "place_of", None)
+        return None if place_of is None else place_of(road, drive)
 
     def severity(self, road: Road, drive: Drive) -> float | None:
         """What a strategy minimises, if that is not the MOOBD.
@@ -143,15 +151,60 @@ def oob_share(road: Road, drive: Drive) -> float:
     return float(assess(road, drive).oob_share.max())
 
 
-def lateral_acceleration(road: Road, drive: Drive) -> float:
-    """Largest speed times yaw rate in either direction, in m/s²; higher is worse."""
-    seen = len(assess(road, drive).distance)
-    path = drive.trajectory
-    return float(np.abs(path.speed[:seen] * path.yaw_rate[:seen]).max())
+oob_share.higher_is_worse = True  # type: ignore[attr-defined]
 
 
-for _measure in (oob_share, lateral_acceleration):
-    _measure.higher_is_worse = True  # type: ignore[attr-defined]
+def criteria(road: Road, drive: Drive) -> float:
+    """Least distance from a limit of the drive's criteria, in shares of their quantities' scales.
+
+    The lane counts as one, with the MOOBD in m.
+    """
+    return _nearest(road, drive)[0]
+
+
+def _nearest(road: Road, drive: Drive) -> tuple[float, float]:
+    """That distance, and where it is along the road, in m."""
+    seen = assess(road, drive)
+    least = int(np.argmin(seen.oob_distance))
+    nearest = float(seen.oob_distance[least]), float(seen.distance[least])
+    for one in measured(road, drive, drive.rules.criteria.criteria):
+        nearest = min(nearest, (one.share, one.distance))
+    return nearest
+
+
+criteria.place_of = lambda road, drive: _nearest(road, drive)[1]  # type: ignore[attr-defined]
+
+
+class Worst:
+    """An objective: the worst value of a quantity, see `frenetic.criteria`.
+
+    It is by the drive's criterion for it, or else in the quantity's usual window; 0 for a drive
+    that is shorter than that.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.higher_is_worse = not quantity(name).is_least
+
+    def _measured(self, road: Road, drive: Drive) -> Measured | None:
+        return worst(self.name, seen_by_criteria(road, drive))
+
+    def __call__(self, road: Road, drive: Drive) -> float:
+        """Its value in a drive."""
+        found = self._measured(road, drive)
+        return 0.0 if found is None else found.value
+
+    def place_of(self, road: Road, drive: Drive) -> float | None:
+        """Where it is along the road, in m."""
+        found = self._measured(road, drive)
+        return None if found is None else found.distance
+
+
+def __getattr__(name: str) -> Measure:
+    """The objective of a quantity of ours."""
+    if name in QUANTITIES:
+        return Worst(name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 # Evaluations of tests, as a strategy is told them, live and when its campaign is resumed
@@ -187,8 +240,14 @@ def evaluate(
         return Evaluation(candidate, result.outcome, None, budget_spent, duration=result.duration)
     minimised = objective if isinstance(objective, Objective) else Objective.load(objective)
     severity, path = minimised.severity(road, drive), drive.trajectory
+    place = None if severity is None else minimised.place(road, drive)
     return _told(
-        candidate, result, budget_spent, severity, lambda: _trace_of(road, path, result.duration)
+        candidate,
+        result,
+        budget_spent,
+        severity,
+        place,
+        lambda: _trace_of(road, path, result.duration),
     )
 
 
@@ -207,16 +266,19 @@ def evaluation_of(
     Raises:
         CampaignError: the objective has no value for it.
     """
-    severity = None
+    severity = place = None
     if test.outcome.is_driven and objective.name != MOOBD:
         attempt = replace(test.attempt, trajectory=read_trajectory())
         drive = replace(test, attempt=attempt).drive
-        severity = None if drive is None else objective.severity(test.road, drive)
+        if drive is not None:
+            severity = objective.severity(test.road, drive)
+            place = objective.place(test.road, drive)
     return _told(
         test.candidate,
         test.result,
         test.budget_spent,
         severity,
+        place,
         lambda: _trace(test, read_trajectory()),
     )
 
@@ -226,16 +288,22 @@ def _told(
     result: Result,
     budget_spent: float,
     severity: float | None,
+    place: float | None,
     read_trace: Callable[[], Trace | None],
 ) -> Evaluation:
     first = result.finding
+    if first is not None:
+        place = first.distance
+    elif place is None:
+        place = result.moobd_distance
     return Evaluation(
         candidate,
         result.outcome,
         result.moobd,
         budget_spent,
-        place=result.moobd_distance if first is None else first.distance,
+        place=place,
         side=None if first is None else first.side,
+        criterion=None if first is None else first.criterion,
         duration=result.duration,
         fault=result.fault,
         objective=severity,

@@ -37,7 +37,7 @@ class Match(StrEnum):
     """The same place, side and mechanism."""
     OTHER_MECHANISM = "other mechanism"
     """The same place and side, but road, offsets and speeds before it differ by more than
-    `frenetic.search.approach.ALIKE`, or only one of both left its lane."""
+    `frenetic.search.approach.ALIKE`, or the drives broke other criteria."""
     OTHER_SIDE = "other side"
     """The same place, but on the other side of the lane."""
     ELSEWHERE = "elsewhere"
@@ -60,8 +60,8 @@ class Match(StrEnum):
         if fault is not None or again.result.fault is not None:
             is_like = fault is not None and fault.is_like(again.result.fault)
             return cls.SAME if is_like else cls.OTHER_MECHANISM
-        here, there = again.departure, recorded.departure
-        if (here is None) != (there is None):
+        here, there = again.result.finding, recorded.result.finding
+        if (here and here.criterion) != (there and there.criterion):
             return cls.OTHER_MECHANISM
         if here is not None and there is not None:
             if abs(here.distance - there.distance) > BEHIND:

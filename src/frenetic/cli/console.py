@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from frenetic.analysis import Clusters
     from frenetic.campaign import CampaignStore, Summary, Test
     from frenetic.campaign.counts import Counts
+    from frenetic.criteria import Profile
     from frenetic.oracle import Result
 
 ANNOUNCE_AFTER = 1.5  # s of compiling after which it is mentioned
@@ -323,6 +324,26 @@ def facts_of_drive(result: Result, duration: float | None) -> list[tuple[str, st
             )
         )
     return facts
+
+
+def print_measures(rows: Sequence[Mapping[str, Any]], criteria: Profile) -> None:
+    """Prints what was measured in a drive, with the limits of its criteria."""
+    if not rows:
+        return
+    print_table(
+        ("quantity", ">worst", "", "where", f">{criteria.name}", ""),
+        [
+            (
+                row["quantity"].replace("_", " "),
+                f"{round(row['value'], 2) + 0.0:.2f}",
+                row["unit"],
+                f"{row['distance']:.0f} m{f', {side}' if (side := row['side']) else ''}",
+                None if row["limit"] is None else f"{row['limit']:g}",
+                {None: "", True: "kept", False: "broken"}[row["kept"]],
+            )
+            for row in rows
+        ],
+    )
 
 
 def print_facts(facts: Sequence[tuple[str, str]]) -> None:

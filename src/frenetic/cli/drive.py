@@ -13,7 +13,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from frenetic.cli.again import file_spec, recorded_spec
-from frenetic.cli.console import Log, announced_compilation, facts_of_drive, print_facts
+from frenetic.cli.console import (
+    Log,
+    announced_compilation,
+    facts_of_drive,
+    print_facts,
+    print_measures,
+)
 from frenetic.cli.options import (
     NewFile,
     check_map_size,
@@ -119,6 +125,8 @@ def drive(
             documents.append(document | parts | ({} if plot is None else {"plot": str(plot)}))
         else:
             _print_drive(result, asked, plot, _who(asked, parts), parts.get("differs"))
+            if spec.rules.criteria or (len(roads) == 1 and map_roads is None):
+                print_measures(parts.get("measures", []), spec.rules.criteria)
     if as_json:
         several = len(test_ids) > 1 or map_roads is not None
         click.echo(json.dumps(documents if several else documents[0]))
@@ -238,7 +246,7 @@ def _driven(
 ) -> Iterator[tuple[Asked, Result, dict[str, Any]]]:
     """Drives the valid roads; gives each with its result and with what drove it."""
     from frenetic.campaign import RoadTester
-    from frenetic.oracle import Result, judge
+    from frenetic.oracle import Result, judge, measures_json
     from frenetic.outcome import Outcome
     from frenetic.simulators.worlds import in_conditions
     from frenetic.spec import describe
@@ -272,6 +280,8 @@ def _driven(
 
                 title = f"{Path(asked.name).name}: {result.outcome}"
                 draw_drive(asked.road, the_drive, plot, title=title)
+            if result.outcome.is_driven and len(the_drive.trajectory):
+                parts["measures"] = measures_json(asked.road, the_drive)
             yield asked, result, parts | _compared(asked, result, the_drive, simulator)
             if asked.behind is not None and result.departure is not None and plot is None:
                 rest = asked.behind(result.departure.distance)

@@ -224,11 +224,10 @@ def _exported(
         return ExportedRoad(road, name, **options), source.with_name(name)
     from frenetic.campaign import CampaignStore
     from frenetic.report.failures import file_stem
-    from frenetic.simulators import Rules
 
     with CampaignStore.open(source) as store:
         test = store.test(test_id)
-        speed_limit = Rules(**store.config["rules"]).speed_limit  # type: ignore[arg-type]
+        speed_limit = store.setting.rules.speed_limit
     stem = file_stem(test_id)
     exported = ExportedRoad(test.road, stem, speed_limit, test=test, **options)
     return exported, source / EXPORTS / stem

@@ -10,6 +10,8 @@ import click
 
 from frenetic.cli.console import print_table
 from frenetic.cli.options import json_option
+from frenetic.criteria import QUANTITIES, profiles
+from frenetic.criteria import quantity as quantity_of
 from frenetic.quantities import quantities
 from frenetic.registry import DRIVERS, OBJECTIVES, SIMULATORS, STRATEGIES
 
@@ -40,17 +42,18 @@ _REGISTRIES: Final = {
 }
 
 
-_KINDS: Final = [*_REGISTRIES, "quantities", "roads"]
+_KINDS: Final = [*_REGISTRIES, "quantities", "roads", "criteria"]
 
 
 @click.command("list")
 @click.argument("kind", type=click.Choice(_KINDS), required=False)
 @json_option
 def list_parts(kind: str | None, as_json: bool) -> None:
-    """List drivers, strategies, simulators, objectives, quantities, roads: those of a KIND, or all.
+    """List drivers, strategies, simulators, objectives, quantities and more: of a KIND, or all.
 
-    Quantities are for --with and 'frenetic rerun --vary', roads for --roads. Packages add to all
-    but the roads; a class of your own is a TOML file.
+    Quantities are for --with and 'frenetic rerun --vary', roads for --roads, criteria for
+    --criteria. Packages add to all but the roads; a class of your own is a TOML file, and so are
+    criteria.
     """
     kinds = _KINDS if kind is None else [kind]
     if as_json:
@@ -66,6 +69,8 @@ def list_parts(kind: str | None, as_json: bool) -> None:
 def _documents(kind: str) -> list[dict[str, Any]]:
     if kind == "roads":
         return [one.as_json() for one in _classes()]
+    if kind == "criteria":
+        return [one.as_json() for one in profiles().values()]
     if kind != "quantities":
         registry = _REGISTRIES[kind]
         return [{**asdict(one), "summary": registry.about(one)} for one in registry.entries()]
@@ -105,9 +110,35 @@ def _print_classes(title: str | None) -> None:
     )
 
 
+def _print_criteria(title: str | None) -> None:
+    """The profiles side by side, a quantity in each row."""
+    found = profiles()
+    limits = {name: {c.quantity: c for c in one.criteria} for name, one in found.items()}
+    names = dict.fromkeys([*QUANTITIES, *(name for own in limits.values() for name in own)])
+    rows = [
+        (
+            quantity_of(name).words,
+            *(None if name not in own else f"{own[name].limit:g}" for own in limits.values()),
+            quantity_of(name).unit,
+        )
+        for name in names
+    ]
+    print_table(("limit", *found, ""), rows, title=title)
+    for name, one in found.items():
+        left_out = f" Left out: {one.left_out}." if one.left_out else ""
+        click.echo(f"{name}: {one.about}.{left_out}")
+    click.echo(
+        "Each limit's clause and window: frenetic list criteria --json. Leaving the lane fails in"
+        " all; limits of your own: --criteria after-un-r79,lateral_jerk=4."
+    )
+
+
 def _print(kind: str, title: str | None) -> None:
     if kind == "roads":
         _print_classes(title)
+        return
+    if kind == "criteria":
+        _print_criteria(title)
         return
     if kind == "quantities":
         print_table(

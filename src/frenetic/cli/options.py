@@ -201,9 +201,9 @@ road_option = click.option(
 objective_option = click.option(
     "--objective",
     default="moobd",
-    show_default=True,
+    show_default="moobd, or criteria",
     metavar="NAME",
-    help="What a search makes worse ('frenetic list objectives'), or file.py:function.",
+    help="What gets worse ('frenetic list objectives'), or file.py:function.",
 )
 workers_option = click.option(
     "--workers",

@@ -150,13 +150,36 @@ roads_option: Final = click.option(
     help="Roads that may exist: rural-80, say, or FILE.toml ('frenetic list roads')."
     " [default: competition]",
 )
+
+
+class Criteria(click.ParamType):  # type: ignore[type-arg]  # generic in click's newest only
+    """A profile of criteria with limits of one's own."""
+
+    name = "profile"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The profile."""
+        from frenetic.run_file import read_criteria  # too slow for help
+
+        try:
+            return read_criteria(value)
+        except (ValueError, FreneticError) as error:
+            self.fail(str(error), param, ctx)
+
+
+_criteria_option: Final = click.option(
+    "--criteria",
+    type=Criteria(),
+    help="What fails beside leaving the lane, or FILE.toml ('frenetic list criteria').  [default:"
+    " competition]",
+)
 _with_option: Final = click.option(
     "--with",
     "layers",
     type=Amount(),
     multiple=True,
-    help="A condition to drive in, such as delay=0.1 or, for a camera, fog=60; may be repeated"
-    " ('frenetic list quantities').",
+    help="A condition: delay=0.1 or, for a camera, fog=60; may be repeated ('frenetic list"
+    " quantities').",
 )
 as_option: Final = click.option(
     "--as",
@@ -164,7 +187,7 @@ as_option: Final = click.option(
     type=click.Path(path_type=Path),
     metavar="FILE",
     help="Drive as this file says: a campaign's (campaign.toml), its failing road's or a twin's"
-    " profile ('frenetic calibrate'). Other options win.",
+    " profile. Other options win.",
 )
 
 
@@ -210,7 +233,8 @@ def driver_options(command: Callable[P, R], *, is_recorded: bool = False) -> Cal
         )
         for number in NUMBERS
     ]
-    return as_option(part_choices(with_options(numbers, command), is_recorded=is_recorded))
+    options = _criteria_option(with_options(numbers, command))
+    return as_option(part_choices(options, is_recorded=is_recorded))
 
 
 def recorded_options(command: Callable[P, R]) -> Callable[P, R]:

@@ -87,7 +87,7 @@ def run(
         context.params["road_class"] = shown_class(from_roads)
     if file is None:
         spec, lookahead = asked_spec(context), None
-        spec = replace(spec, objective=context.params["objective"])
+        spec = replace(spec, objective=_objective(context, spec, None))
     else:
         spec, lookahead, of_file = _of_file(context, file)
         workers = of_file if workers is None else workers
@@ -117,13 +117,20 @@ def _of_file(context: click.Context, path: Path) -> tuple[Spec, int | None, int 
             given[name] = context.params[name]
     named: list[str] = [kind for kind in ("strategy", "driver", "simulator") if kind in given]
     if was_given(context, "objective"):
-        spec = replace(spec, objective=context.params["objective"])
         named.append("objective")
     if AS in given:
         named += ["driver", "simulator"]
     spec.require_trusted(path, named)
     spec = with_given(spec, given, has_roads=False)
+    spec = replace(spec, objective=_objective(context, spec, entries.objective))
     return spec, entries.lookahead, entries.workers
+
+
+def _objective(context: click.Context, spec: Spec, of_file: str | None) -> str:
+    """The objective: as given, as the file says, or the usual one."""
+    if was_given(context, "objective"):
+        return str(context.params["objective"])
+    return of_file or ("criteria" if spec.rules.criteria else Spec.objective)
 
 
 def _with_search(

@@ -212,6 +212,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
         click.echo(json.dumps(document))
         return
     rules, road_class = config.get("rules"), store.setting.road_class
+    criteria = store.setting.rules.criteria
     limits = rules if isinstance(rules, Mapping) else {}
     budget = facts.get("budget", config.get("budget"))
     limited = budget if isinstance(budget, Mapping) else {}
@@ -232,6 +233,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
                 f"{limits.get('speed_limit')} km/h, {limits.get('oob_tolerance')} of the car may"
                 f" be out, map of {config.get('map_size')} m",
             ),
+            *([("criteria", criteria.in_words())] if criteria else []),
             *([] if road_class is None else [("roads", road_class.in_words())]),
             ("objective", in_words(config, objectives(store))),
             *(("starts from", str(earlier)) for earlier in earlier_of(config)),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -100,7 +100,7 @@ def minimised_document(
         "origin": {"operator": OPERATOR, "parents": parents},
         "driver": describe(tester.driver),
         "simulator": describe(tester.simulator),
-        "rules": asdict(setting.rules),
+        "rules": setting.rules.as_json(),
         **({} if driven is None else {DRIVEN: driven}),
         "minimised": {
             "reason": str(minimised.reason),

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, ClassVar, TypeVar
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
+from frenetic.criteria import LANE
 from frenetic.errors import RoadError
 from frenetic.road import MAP_SIZE, MARGIN, Road, profile
 from frenetic.road.classes import conform
@@ -265,6 +266,8 @@ class Rests:
         """Keep what is left of a road that was told, if it is long enough to drive fast on it."""
         place = evaluation.place
         if self._road_class is None or evaluation.side is None or place is None:
+            return
+        if evaluation.criterion not in (None, LANE):  # which does not end a drive
             return
         first = max(math.ceil(place / candidate.step), 1)
         left = (len(candidate.curvatures) - 1 - first) * candidate.step

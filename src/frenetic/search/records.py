@@ -172,6 +172,8 @@ class Evaluation:
     """Simulated time, in s."""
     fault: Fault | None = None
     """Fault of the driver that ended the drive."""
+    criterion: str | None = None
+    """Name of the criterion that it broke; None if it broke none, or stood still."""
     objective: float | None = None
     """Value to be minimised, if the campaign has another objective than the MOOBD."""
     read_trace: Callable[[], Trace | None] = field(default=_no_trace, compare=False, repr=False)
