@@ -43,6 +43,9 @@ def test_features_of_a_drive_worked_out_by_hand() -> None:
             "std_steering": math.sqrt(6 * 0.01 / 7.0),  # about a mean of 0
             "mean_offset": (0.2 + 0.4 - 1.1 - 0.2) / 7.0,
             "extreme_offset": -1.1,
+            "lateral_acceleration": 0.0,
+            "lateral_jerk": 0.0,
+            "edge_distance": 2.0 - 0.5 * 1.61 - 1.1,  # on the right
         }
     )
 
@@ -91,10 +94,12 @@ def test_an_unknown_feature_is_refused_with_those_there_are() -> None:
 @settings(max_examples=50)
 @given(ROADS)
 def test_features_stay_within_their_bounds_and_mirroring_flips_offsets(values: list[float]) -> None:
-    left = features_of(departing(Road(values), 50.0, "left"))
-    right = features_of(departing(Road(-np.array(values)), 50.0, "right"))
+    left = dict(features_of(departing(Road(values), 50.0, "left")))
+    right = dict(features_of(departing(Road(-np.array(values)), 50.0, "right")))
     assert 0.1 <= left["direction_coverage"] <= 1.0
     assert 0.0 <= left["max_curvature"] <= max(map(abs, values))
     assert left["extreme_offset"] > 2.0
     turned = {name: -left[name] for name in ("mean_offset", "extreme_offset")}
+    # The lane's edges have other radii, and a car's side is straight.
+    assert right.pop("edge_distance") == pytest.approx(left.pop("edge_distance"), abs=0.01)
     assert right == pytest.approx({**left, **turned}, abs=1e-6)

@@ -24,6 +24,9 @@ FEATURES = {
     "std_steering": 0.1,
     "mean_offset": 0.0,
     "extreme_offset": 0.5,
+    "lateral_acceleration": 3.0,
+    "lateral_jerk": 2.0,
+    "edge_distance": 0.2,
 }
 
 

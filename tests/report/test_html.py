@@ -414,6 +414,7 @@ def test_table_keeps_what_it_was_made_of(searched: Path) -> None:
         "outcome": ["INVALID", "FAIL"],
         "moobd": [None, -0.5],
         "side": [None, None],
+        "broke": [None, None],
         "operator": ["random", "F1"],
         "parents": [(), (1,)],
         "length": [0, 0],

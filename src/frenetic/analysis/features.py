@@ -13,7 +13,10 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis.segments import Segment, heading_range
+from frenetic.criteria import quantity
 from frenetic.errors import UnknownNameError
+from frenetic.measures import series
+from frenetic.oracle import seen_by_criteria
 
 HEADING_BINS: Final = 10
 """Bins of 36 degrees in the full circle."""
@@ -74,6 +77,9 @@ FEATURES: Final[Mapping[str, Feature]] = MappingProxyType(
             Feature("std_steering", "Standard deviation of steering", "rad", 0.0, 0.3, 10),
             Feature("mean_offset", "Mean lateral position", "m", -1.5, 1.5, 10),
             Feature("extreme_offset", "Extreme lateral position", "m", -5.0, 5.0, 10),
+            Feature("lateral_acceleration", "Lateral acceleration", "m/s²", 0.0, 12.0, 12),
+            Feature("lateral_jerk", "Lateral jerk", "m/s³", 0.0, 20.0, 10),
+            Feature("edge_distance", "Least distance from the lane's edge", "m", -2.0, 2.0, 10),
         )
     }
 )
@@ -109,7 +115,22 @@ def features_of(segment: Segment) -> Features:
         "std_steering": float(segment.steering.std()),
         "mean_offset": float(offset.mean()),
         "extreme_offset": float(offset[np.argmax(np.abs(offset))]),
+        **_worst_values(segment),
     }
+
+
+def _worst_values(segment: Segment) -> dict[str, float]:
+    """The worst values of quantities of criteria in the segment; 0 where there is none."""
+    seen = seen_by_criteria(segment.road, segment.drive, segment.assessment)
+    of, found = slice(segment.first, segment.last), {}
+    for name in ("lateral_acceleration", "lateral_jerk", "edge_distance"):
+        what = quantity(name)
+        values = series(name, seen, what.window)
+        values = np.abs(values) if what.has_sides else values
+        values = values[of][np.isfinite(values[of])]
+        worst = values.min if what.is_least else values.max
+        found[name] = float(worst()) if len(values) else 0.0
+    return found
 
 
 def _directions(distances: FloatArray, curvatures: FloatArray) -> int:

@@ -186,6 +186,7 @@ def _list_tests(
 
 
 def _show_campaign(store: CampaignStore, as_json: bool) -> None:
+    from frenetic.analysis.coverage import criteria_in_words
     from frenetic.analysis.failures import LISTED, caution, distinct_failures, nearest_misses
     from frenetic.campaign.asking import FACTS
     from frenetic.campaign.earlier import still_failing
@@ -212,7 +213,6 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
         click.echo(json.dumps(document))
         return
     rules, road_class = config.get("rules"), store.setting.road_class
-    criteria = store.setting.rules.criteria
     limits = rules if isinstance(rules, Mapping) else {}
     budget = facts.get("budget", config.get("budget"))
     limited = budget if isinstance(budget, Mapping) else {}
@@ -233,7 +233,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
                 f"{limits.get('speed_limit')} km/h, {limits.get('oob_tolerance')} of the car may"
                 f" be out, map of {config.get('map_size')} m",
             ),
-            *([("criteria", criteria.in_words())] if criteria else []),
+            *([("criteria", text)] if (text := criteria_in_words(store)) else []),
             *([] if road_class is None else [("roads", road_class.in_words())]),
             ("objective", in_words(config, objectives(store))),
             *(("starts from", str(earlier)) for earlier in earlier_of(config)),

@@ -48,6 +48,7 @@ def verdict_entries(result: Result) -> dict[str, Any]:
         "max_oob_share": result.max_oob_share,
         "duration": simulated_time(result.duration),
         "departure": place and asdict(place) | {"time": simulated_time(place.time)},
+        "findings": result.as_json()["findings"],
     }
 
 

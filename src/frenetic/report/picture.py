@@ -24,8 +24,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from frenetic._support.words import signed
+from frenetic._support.words import capitalised, signed
 from frenetic.campaign.record import Test
+from frenetic.criteria import DRIVER, LANE, quantity
 from frenetic.drive import Drive
 from frenetic.errors import FreneticError
 from frenetic.outcome import Outcome
@@ -199,6 +200,15 @@ def facts_of_drive(road: Road, seen: SeenDrive) -> list[Fact]:
             str(left.side) if left else "none" if result.outcome.is_driven else "–",
             "" if left is None else f"at {left.distance:.0f} m",
         ),
+        *(
+            (
+                capitalised(quantity(one.criterion).words),
+                quantity(one.criterion).told(one.value),
+                f"at {one.distance:.0f} m",
+            )
+            for one in result.findings
+            if one.criterion not in (LANE, DRIVER)
+        ),
         ("Duration", f"{result.duration:.1f} s", ""),
         ("Top speed", f"{seen.speed.max():.0f} km/h" if len(seen) else "–", ""),
         ("Road length", f"{road.length:.0f} m", ""),
@@ -283,6 +293,9 @@ def _page(
         axes.grid(visible=True)
         axes.spines["left"].set_visible(False)
         axes.tick_params(labelbottom=name == profiles[-1][0])
+        for one in () if seen is None else seen.result.findings:
+            if one.criterion not in (LANE, DRIVER):
+                axes.axvline(one.distance, color=ALARM, lw=1.0, ls=":", zorder=2)
         if seen is not None and seen.result.departure is not None:
             at = seen.result.departure.distance
             axes.axvline(at, color=ALARM, lw=1.0, zorder=2)

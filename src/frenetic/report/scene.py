@@ -15,7 +15,9 @@ from matplotlib.colors import ListedColormap, Normalize, to_rgb
 from matplotlib.patches import Polygon, Rectangle
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.words import capitalised
 from frenetic.campaign.record import Test
+from frenetic.criteria import DRIVER, quantity
 from frenetic.drive import Drive, Trajectory
 from frenetic.oracle import Assessment, Result, assess, judge
 from frenetic.outcome import Outcome
@@ -133,6 +135,11 @@ def focus_of(seen: SeenDrive) -> Focus | None:
     colour = COLOURS[result.outcome]
     if result.departure is not None:
         return Focus(last, "Departure", f"departure to the {result.departure.side}", colour)
+    if result.finding is not None and result.finding.criterion != DRIVER:
+        times = seen.drive.trajectory.time[: len(seen)]
+        record = int(np.argmin(np.abs(times - result.finding.time)))
+        words = quantity(result.finding.criterion).words
+        return Focus(record, capitalised(words), words, colour)
     if result.outcome is Outcome.PASS:
         worst = int(np.argmin(seen.oob_distance))
         return Focus(worst, "Smallest oob distance", "", colour)

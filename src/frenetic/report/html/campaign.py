@@ -12,6 +12,7 @@ from msgspec.json import encode
 
 from frenetic._support.entry_points import imported, installed
 from frenetic.again.rerun import Rerun, elsewhere, own_repeats, read_reruns
+from frenetic.analysis.coverage import criteria_in_words
 from frenetic.analysis.failures import Clusters, caution, distinct_failures, nearest_misses
 from frenetic.analysis.features import Features
 from frenetic.analysis.segments import segment_of
@@ -114,6 +115,7 @@ def campaign_report(
         counts,
         clusters,
         folder=str(store.folder),
+        criteria=criteria_in_words(store),
         roads="" if road_class is None else road_class.in_words(),
         elapsed=store.elapsed(),
         objectives=objectives(store),

@@ -29,6 +29,7 @@ def headline(
     folder: str,
     elapsed: float,
     roads: str = "",
+    criteria: str = "",
     known: str = "",
     objectives: Mapping[int, float] = MappingProxyType({}),
     caution: str = "",
@@ -45,6 +46,7 @@ def headline(
         elapsed: s of its spent time.
         known: what became of the failures of earlier campaigns.
         roads: their class, in words.
+        criteria: what fails beside leaving the lane, in words.
         objectives: value of the objective by test, if it is not the MOOBD.
         caution: what the counts alone may lead to believe wrongly.
         trouble: other warnings for the reader.
@@ -98,6 +100,7 @@ def headline(
     told = {
         "campaign": folder,
         "roads": roads,
+        "criteria": criteria,
         "budget": _limits(budget),
         "objective": in_words(config, objectives),
         "starts from": "; ".join(map(str, start_from)),
@@ -111,7 +114,8 @@ def headline(
     }
     return Headline(
         title=_title(clusters, counts),
-        lead=f"{strategy} searched for roads on which {driver} leaves its lane in {simulator},"
+        lead=f"{strategy} searched for roads on which {driver} leaves its lane"
+        f"{' or breaks another criterion' if criteria else ''} in {simulator},"
         f" seed {'unknown' if seed is None else seed}.",
         warning=" ".join(filter(None, warnings)),
         tiles=tuple(tiles),

@@ -12,8 +12,9 @@ from frenetic._support.arrays import FloatArray
 from frenetic.analysis.segments import Segment, segment_of
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
+from frenetic.criteria import DRIVER, LANE
 from frenetic.drive import Trajectory
-from frenetic.oracle import Assessment, Result, Side
+from frenetic.oracle import Assessment, Result, Side, breach_in_words
 from frenetic.outcome import Outcome
 from frenetic.report.failures import FAILURES, file_stem
 from frenetic.report.minimised import MINIMISED, minimised_drives
@@ -57,6 +58,8 @@ class TestSummary:
     origin: Origin
     side: Side | None = None
     """Side on which the car left its lane; None if it did not."""
+    broke: str | None = None
+    """What it broke in words, see `frenetic.oracle.Finding`; None if nothing."""
     length: float = 0.0
     """Length of the road, in m."""
     duration: float | None = None
@@ -73,6 +76,7 @@ class TestSummary:
             record.elapsed,
             candidate.origin,
             None if departure is None else departure.side,
+            ", ".join(one.criterion.replace("_", " ") for one in record.result.findings) or None,
             candidate.step * (len(candidate.curvatures) - 1),
             record.result.duration if record.outcome.is_driven else None,
         )
@@ -83,6 +87,7 @@ _TABLE: Final[Mapping[str, Callable[[TestSummary], Any]]] = {
     "outcome": lambda test: test.outcome,
     "moobd": lambda test: _rounded(test.moobd, 2),
     "side": lambda test: test.side,
+    "broke": lambda test: test.broke,
     "operator": lambda test: test.origin.operator,
     "parents": lambda test: test.origin.parents,
     "length": lambda test: round(test.length),
@@ -158,6 +163,14 @@ def drive_data(id: int, result: Result, segment: Segment, generation: int = 0) -
             "side": departure.side,
             **{name: round(getattr(departure, name), 3) for name in ("time", "distance", "x", "y")},
         },
+        "breaches": [
+            {
+                "words": breach_in_words([one], drive.rules.criteria),
+                **{name: round(getattr(one, name), 3) for name in ("time", "distance", "x", "y")},
+            }
+            for one in result.findings
+            if one.criterion not in (LANE, DRIVER)
+        ],
         "columns": drive_columns(drive.trajectory, segment.assessment),
         "film": None,
         "road_file": None,

@@ -293,6 +293,10 @@ const player = (() => {
       const [x, y] = view.place(drive.departure.x, drive.departure.y);
       parts.push(svg("circle", { class: "left-here", cx: x, cy: y, r: isMain ? view.box[2] / 60 : 1.2 }));
     }
+    for (const breach of drive.breaches) {
+      const [x, y] = view.place(breach.x, breach.y);
+      parts.push(svg("circle", { class: "broke-here", cx: x, cy: y, r: isMain ? view.box[2] / 90 : 0.8 }));
+    }
     const label = isMain ? "The road from above, with the car's path and the car" : "The car close up";
     return svg("svg", { class: "scene", role: "img", "aria-label": label }, parts, ghosts, car);
   }
@@ -332,6 +336,11 @@ const player = (() => {
     if (drive.departure !== null) {
       const mark = el("div", { class: "mark", title: "departure" });
       mark.style.left = `${100 * clamp(drive.departure.distance / length, 0, 1)}%`;
+      marks.push(mark);
+    }
+    for (const breach of drive.breaches) {
+      const mark = el("div", { class: "mark broke", title: breach.words });
+      mark.style.left = `${100 * clamp(breach.distance / length, 0, 1)}%`;
       marks.push(mark);
     }
     const area = el("div", { class: "plot-area", id: "profiles" }, own.map((profile) => plotOf(profile, length)), marks, state.cursor);
@@ -433,6 +442,7 @@ function factsOf(drive) {
     ["MOOBD", `${fixed(drive.moobd, 2, "m")}${drive.moobd_distance === null ? "" : `, at ${fixed(drive.moobd_distance, 0, "m")}`}`],
     ["Largest oob share", percent(drive.max_oob_share)],
     ["Left its lane", drive.departure === null ? "no" : `to the ${drive.departure.side}, at ${fixed(drive.departure.distance, 0, "m")} after ${fixed(drive.departure.time, 1, "s")}`],
+    ...drive.breaches.map((breach) => ["Broke a limit", breach.words]),
     ["Duration", fixed(drive.duration, 1, "s")],
     ["Road", drive.road.words],
     ["Origin", `${test.operator}${parents}${report.operators[test.operator] ? `: ${report.operators[test.operator]}` : ""}; generation ${drive.generation}`],

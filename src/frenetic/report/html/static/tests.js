@@ -6,12 +6,13 @@ const TEST_COLUMNS = [
   ["outcome", (test) => test.outcome, (test) => el("span", { class: `outcome-${test.outcome.toLowerCase()}` }, test.outcome)],
   ["MOOBD (m)", (test) => test.moobd, (test) => fixed(test.moobd, 2)],
   ["side", (test) => test.side],
+  ["broke", (test) => test.broke],
   ["operator", (test) => test.operator],
   ["parents", (test) => test.parents[0] ?? null, (test) => test.parents.join(", ") || "–"],
   ["road (m)", (test) => test.length, (test) => fixed(test.length, 0)],
   ["drive (s)", (test) => test.duration, (test) => fixed(test.duration, 1)],
 ];
-const NUMBERS = [0, 2, 6, 7]; // columns of numbers
+const NUMBERS = [0, 2, 7, 8]; // columns of numbers
 
 function drawTests(element) {
   let [sorted, isDown, shown] = [0, false, ROWS];
