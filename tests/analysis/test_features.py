@@ -101,5 +101,5 @@ def test_features_stay_within_their_bounds_and_mirroring_flips_offsets(values: l
     assert left["extreme_offset"] > 2.0
     turned = {name: -left[name] for name in ("mean_offset", "extreme_offset")}
     # The lane's edges have other radii, and a car's side is straight.
-    assert right.pop("edge_distance") == pytest.approx(left.pop("edge_distance"), abs=0.01)
+    assert right.pop("edge_distance") == pytest.approx(left.pop("edge_distance"), abs=0.15)
     assert right == pytest.approx({**left, **turned}, abs=1e-6)
