@@ -1,7 +1,8 @@
-"""Conformance suites for strategies, simulators and drivers, and stand-ins to start from.
+"""Tests of drivers for pytest; conformance suites for strategies, simulators and drivers.
 
-The suites need pytest (``pip install pytest``): subclass one in a test file and make yours in it.
-The stand-ins need nothing.
+`keeps_lane` makes a test of a function that returns a driver. The suites need pytest
+(``pip install pytest``): subclass one in a test file and make yours in it. Stand-ins to start from
+need nothing.
 """
 
 from __future__ import annotations
@@ -13,10 +14,12 @@ from frenetic.testing.dummy import DummyDriver, DummySimulator, converse
 
 if TYPE_CHECKING:
     from frenetic.testing.driver_contract import DriverContract
+    from frenetic.testing.keeping import keeps_lane
     from frenetic.testing.simulator_contract import SimulatorContract
     from frenetic.testing.strategy_contract import StrategyContract
 
-_CONTRACTS = {
+_LATER = {
+    "keeps_lane": "frenetic.testing.keeping",
     "DriverContract": "frenetic.testing.driver_contract",
     "SimulatorContract": "frenetic.testing.simulator_contract",
     "StrategyContract": "frenetic.testing.strategy_contract",
@@ -29,10 +32,11 @@ __all__ = [
     "SimulatorContract",
     "StrategyContract",
     "converse",
+    "keeps_lane",
 ]
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _CONTRACTS:
+    if name not in _LATER:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(_CONTRACTS[name]), name)
+    return getattr(importlib.import_module(_LATER[name]), name)

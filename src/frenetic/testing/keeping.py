@@ -1,0 +1,360 @@
+"""A driver's test for pytest: it keeps its lane on roads that a search looks for.
+
+::
+
+    @keeps_lane(roads="rural-80", criteria="after-iso-11270", simulations=300)
+    def test_my_driver():
+        return MyDriver()
+
+Roads on which it failed once lie beside the test, in `FOLDER`, and are driven first.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import inspect
+import json
+import os
+import re
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+from frenetic._support.files import write_file
+from frenetic._support.words import counted
+from frenetic.again.minimise import minimise_test
+from frenetic.analysis.causes import cause_of, in_words
+from frenetic.analysis.failures import distinct_failures
+from frenetic.analysis.segments import segment_of
+from frenetic.campaign import Budget, Campaign, CampaignStore, Event, RoadTester, Test
+from frenetic.campaign.campaign import LOOKAHEAD
+from frenetic.drive import Drive
+from frenetic.drivers import Driver
+from frenetic.drivers.loading import under
+from frenetic.errors import FreneticError
+from frenetic.oracle import Result, judge
+from frenetic.outcome import Outcome
+from frenetic.road import Road
+from frenetic.road.files import entries_of, read_road
+from frenetic.run_file import RunFile
+from frenetic.spec import Spec, require_count
+
+if TYPE_CHECKING:
+    pass
+
+FOLDER: Final = "failing-roads"
+"""Name of the folder beside a test's file for the roads on which it failed."""
+_FAILURES: Final = 20
+"""Failures that end a search."""
+_CAUSES: Final = 3
+"""Most causes that are told, and minimised."""
+_MINIMISING: Final = 100
+"""Most drives to minimise a road."""
+_REMEDY: Final = "let pytest write there"
+
+TestFunction = TypeVar("TestFunction", bound=Callable[..., Any])
+
+
+class DriverFailedError(AssertionError):
+    """The driver failed on a road; the message says why, on which and how to drive it again."""
+
+
+class _TimeIsUpError(Exception):
+    """The search took longer than its time."""
+
+
+def keeps_lane(
+    *,
+    roads: str | Mapping[str, Any] = "competition",
+    criteria: str | Mapping[str, Any] = "competition",
+    simulations: int = 300,
+    seconds: float = 60.0,
+    seed: int = 0,
+    simulator: str = "embedded",
+    conditions: Mapping[str, float] = MappingProxyType({}),
+    speed_limit: float | None = None,
+    oob_tolerance: float | None = None,
+) -> Callable[[TestFunction], TestFunction]:
+    """Makes a function that returns a driver a test that the driver keeps its lane.
+
+    The function may have fixtures and parameters as any test. Roads on which it failed once are
+    driven first; then a search looks for others, shortens what it finds, and remembers it in
+    `FOLDER` beside the test's file, to be committed. A failure tells the causes in words, the
+    roads' files and pictures, and what drives them again.
+
+    The same seed gives the same result. The time does not change what is driven: it only ends a
+    search early, which then passes unless something failed by then, and says so.
+
+    Args:
+        roads: which roads may exist, as for ``--roads``, or a class's values.
+        criteria: what fails beside leaving the lane, as for ``--criteria``, or a file's entries.
+        simulations: most drives of the search.
+        seconds: wall time after which it ends.
+        seed: of the search.
+        simulator: its name with options, as for ``--simulator``.
+        conditions: amounts of quantities of the driver, as for ``--with``.
+        speed_limit: km/h; by default that of the roads.
+        oob_tolerance: share of the car that may be out; 0.95 by default.
+
+    Raises:
+        ValueError: an argument is out of range.
+        FreneticError: there are no such roads, criteria or simulator.
+    """
+    require_count("simulations", simulations)
+    if not seconds > 0.0:
+        raise ValueError(f"seconds is {seconds}: a positive number is needed")
+    entries = RunFile(
+        roads=dict(roads) if isinstance(roads, Mapping) else roads,
+        criteria=dict(criteria) if isinstance(criteria, Mapping) else criteria,
+        simulator=simulator,
+        conditions=dict(conditions),
+        speed_limit=speed_limit,
+        oob_tolerance=oob_tolerance,
+        simulations=simulations,
+        seed=seed,
+    )
+    spec = entries.spec()
+    if spec.rules.criteria:
+        spec = replace(spec, objective="criteria")
+
+    def decorated(function: TestFunction) -> TestFunction:
+        @functools.wraps(function)
+        def test(*arguments: Any, **named: Any) -> None:
+            __tracebackhide__ = True
+            driver = function(*arguments, **named)
+            if not all(callable(getattr(driver, name, None)) for name in ("reset", "act")):
+                raise TypeError(
+                    f"{function.__name__} returned {driver!r}: a driver with reset and act is"
+                    " needed, see frenetic.Driver"
+                )
+            place = Path(inspect.getfile(function)).parent / FOLDER
+            check = _Check(spec, seconds, driver, place, _name_of(function))
+            if text := check.failure():
+                raise DriverFailedError(text)
+
+        marked: TestFunction = _marked(test)
+        return marked
+
+    return decorated
+
+
+def _marked(test: Callable[..., Any]) -> Any:
+    """The test with pytest's mark, by which ``-m keeps_lane`` finds it, if there is pytest."""
+    try:
+        import pytest
+    except ImportError:
+        return test
+    return pytest.mark.keeps_lane(test)
+
+
+def _name_of(function: Callable[..., Any]) -> str:
+    """The id of the test that runs, as pytest names it; or the function's name."""
+    running = os.environ.get("PYTEST_CURRENT_TEST", "").rpartition(" ")[0]
+    return running if function.__name__ in running else function.__qualname__
+
+
+NOTICES: Final[list[str]] = []
+"""What the tests that ran since it was emptied have to say; the plug-in shows it."""
+
+
+@dataclass(frozen=True)
+class _Told:
+    """A failure, for the message."""
+
+    cause: str
+    result: Result
+    road: Road
+    path: Path
+    """Of the road's file."""
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class _Check:
+    """The check of one driver."""
+
+    spec: Spec
+    seconds: float
+    driver: Driver
+    folder: Path
+    name: str
+
+    def failure(self) -> str:
+        """What failed, in lines; empty if nothing did.
+
+        Raises:
+            FreneticError: the simulator broke, or a remembered road's file is damaged.
+        """
+        driver = under(self.spec.layers, self.driver)
+        with self.spec.make_simulator() as simulator:
+            tester = RoadTester.on(self.spec, simulator, driver)
+            known = list(self._again(tester))
+            if known:
+                title = f"It fails on {counted(len(known), 'road')} on which it failed before"
+                return self._text(title, known)
+            return self._search(tester)
+
+    @property
+    def _stem(self) -> str:
+        """Beginning of the names of its roads' files."""
+        module, _, test = self.name.rpartition("::")
+        text = f"{Path(module).stem}-{test}" if module else test
+        stem = re.sub(r"[^\w.]+", "-", text).strip("-")
+        return stem if len(stem) <= 80 else f"{stem[:70]}-{_digest(stem)}"
+
+    def _again(self, tester: RoadTester) -> Iterable[_Told]:
+        """The remembered roads that fail."""
+        paths = sorted(self.folder.glob(f"{self._stem}-????????.json"))
+        for path in paths:
+            loaded = read_road(path).road()
+            road, verdict = loaded.placed(
+                tester.map_size, tester.margin, road_class=tester.road_class
+            )
+            if road is None or not verdict.valid:
+                self._notice(f"{path} is not driven: {verdict.message}")
+                continue
+            drive = tester.drive(road)
+            result = judge(road, drive)
+            if result.outcome is Outcome.ERROR:
+                raise FreneticError(f"the simulator broke on {path}: {result.reason}")
+            if result.outcome is Outcome.FAIL:
+                self._draw(road, drive, path)
+                yield _Told(_cause(road, drive, result), result, road, path)
+
+    def _search(self, tester: RoadTester) -> str:
+        """Looks for a failure."""
+        strategy = self.spec.make_strategy()
+        budget = self.spec.budget
+        assert budget is not None
+        with TemporaryDirectory(prefix="frenetic-") as folder:
+            campaign = Campaign(
+                strategy=strategy,
+                simulator=tester.simulator,
+                driver=tester.driver,
+                # Without a limit of time, by which a search would depend on the machine's speed.
+                budget=Budget(simulations=budget.simulations, failures=_FAILURES),
+                folder=folder,
+                ordered=True,
+                lookahead=strategy.usual_lookahead or LOOKAHEAD,
+                objective=self.spec.objective,
+                **tester.terms,
+            )
+            end = time.monotonic() + self.seconds
+
+            def on_event(event: Event) -> None:
+                if event.kind == "interrupted":
+                    raise KeyboardInterrupt
+                if event.kind == "result" and time.monotonic() > end:
+                    raise _TimeIsUpError
+
+            is_cut, note = False, ""
+            try:
+                note = campaign.run(on_event=on_event).not_repeatable
+            except _TimeIsUpError:
+                is_cut = True
+            with CampaignStore.open(folder) as store:
+                counts = store.counts()
+                if counts.errors and not counts.failed:
+                    raise FreneticError(f"the simulator broke: {counts.broken}")
+                if not counts.failed:
+                    if is_cut:
+                        self._notice(
+                            f"stopped after {self.seconds:g} s and {counts.simulations} of"
+                            f" {budget.simulations} simulations, none of which failed"
+                        )
+                    return ""
+                found = list(self._remembered(store, tester))
+            failures = counted(counts.failed, "failure")
+            title = f"{failures} in {counted(counts.simulations, 'simulation')}"
+            return self._text(title, found, note)
+
+    def _remembered(self, store: CampaignStore, tester: RoadTester) -> Iterable[_Told]:
+        """A failure of each of the most frequent causes, shortened and written."""
+        clusters = distinct_failures(store)
+        for cause in clusters.causes[:_CAUSES]:
+            test, note = store.test(cause.example), ""
+            smallest: Test = test
+            try:
+                short = minimise_test(store.folder, test, tester, max_drives=_MINIMISING)
+                smallest, note = short.smallest, short.note
+            except FreneticError as error:
+                note = f"it was not shortened: {error}"
+            words = f"{cause.words} ({cause.failures} of {clusters.failures})"
+            yield self._kept(smallest, words, note, test.road.length)
+
+    def _kept(self, test: Test, words: str, note: str, length: float) -> _Told:
+        """Remembers the road of a test."""
+        road, result = test.road, test.result
+        told = {
+            "test": self.name,
+            "cause": words.partition(" (")[0],
+            "reason": result.reason,
+            "roads": COMPETITION_ROADS if (c := self.spec.road_class) is None else c.name,
+            "criteria": self.spec.rules.criteria.name,
+        }
+        entries = {name: value for name, value in entries_of(road).items() if name != "pose"}
+        lines = [f"  {json.dumps(k)}: {json.dumps(v)}" for k, v in (told | entries).items()]
+        text = "{\n" + ",\n".join(lines) + "\n}\n"
+        path = self.folder / f"{self._stem}-{_digest(json.dumps(entries))}.json"
+        write_file(path, text, remedy=_REMEDY, parents=True)
+        ignored = self.folder / ".gitignore"
+        if not ignored.exists():
+            write_file(ignored, "*.png\n", remedy=_REMEDY)
+        if test.drive is not None:
+            self._draw(road, test.drive, path)
+        if road.length < length - 0.5:
+            note = f"shortened from {length:.0f} m{f'; {note}' if note else ''}"
+        return _Told(words, result, road, path, note)
+
+    def _draw(self, road: Road, drive: Drive, path: Path) -> None:
+        from frenetic.report.picture import draw_drive  # matplotlib imports slowly
+
+        if len(drive.trajectory):
+            draw_drive(road, drive, path.with_suffix(".png"), title=path.stem)
+
+    def _text(self, title: str, found: Iterable[_Told], note: str = "") -> str:
+        spec = self.spec
+        roads = COMPETITION_ROADS if spec.road_class is None else spec.road_class.in_words()
+        lines = [f"{title}; roads: {roads}; criteria: {spec.rules.criteria.name}"]
+        for one in found:
+            picture = one.path.with_suffix(".png")
+            lines += ["", f"The driver {one.cause}", f"  {one.result.reason}"]
+            how = f", {one.note}" if one.note else ""
+            lines.append(f"  road      {_shown(one.path)}, {one.road.length:.0f} m{how}")
+            if picture.exists():
+                lines.append(f"  picture   {_shown(picture)}")
+        if note:
+            lines += ["", f"Note: {note}"]
+        lines += ["", f'Drive them again: pytest "{self.name}"']
+        return "\n".join(lines)
+
+    def _notice(self, text: str) -> None:
+        NOTICES.append(f"{self.name}: {text}")
+
+
+COMPETITION_ROADS: Final = "competition"
+"""Name of the roads without a class."""
+
+
+def _cause(road: Road, drive: Drive, result: Result) -> str:
+    """What the driver does wrong in a drive, in words."""
+    if result.fault is not None:
+        return str(result.fault)
+    return in_words(*cause_of(segment_of(road, drive, result.finding)))
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:8]
+
+
+def _shown(path: Path) -> str:
+    """A path from the current folder, if it lies within."""
+    try:
+        return str(path.resolve().relative_to(Path.cwd()))
+    except ValueError:
+        return str(path)

@@ -1,0 +1,54 @@
+"""The pytest plug-in: it knows the mark ``keeps_lane``, and shows what its tests have to say."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Generator
+from typing import Final
+
+import pytest
+
+_NAME: Final = "frenetic"
+"""Name of the property of a test's report, also in JUnit files."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Registers the mark."""
+    config.addinivalue_line(
+        "markers", "keeps_lane: a driver's test that searches for failing roads, by Frenetic"
+    )
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
+    """Keeps what a test has to say in its report, which comes from any process."""
+    try:
+        return (yield)
+    finally:
+        # Imported only by those who use it.
+        if keeping := sys.modules.get("frenetic.testing.keeping"):
+            item.user_properties += [(_NAME, text) for text in keeping.NOTICES]
+            keeping.NOTICES.clear()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    call: pytest.CallInfo[None],
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Shows the message of a driver's failure alone, without Python's traceback."""
+    report = yield
+    keeping = sys.modules.get("frenetic.testing.keeping")
+    if keeping and call.excinfo and isinstance(call.excinfo.value, keeping.DriverFailedError):
+        report.longrepr = str(call.excinfo.value)
+    return report
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Shows the notices."""
+    reports = [one for group in terminalreporter.stats.values() for one in group]
+    properties = [found for one in reports for found in getattr(one, "user_properties", ())]
+    texts = dict.fromkeys(str(text) for name, text in properties if name == _NAME)
+    if texts:
+        terminalreporter.section(_NAME)
+        for text in texts:
+            terminalreporter.write_line(text)
