@@ -10,15 +10,18 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from frenetic.testing.dummy import DummyDriver, DummySimulator, converse
-
 if TYPE_CHECKING:
     from frenetic.testing.driver_contract import DriverContract
+    from frenetic.testing.dummy import DummyDriver, DummySimulator, converse
     from frenetic.testing.keeping import keeps_lane
     from frenetic.testing.simulator_contract import SimulatorContract
     from frenetic.testing.strategy_contract import StrategyContract
 
+# Imported when they are used: pytest loads this package, with the plug-in, in every session.
 _LATER = {
+    "DummyDriver": "frenetic.testing.dummy",
+    "DummySimulator": "frenetic.testing.dummy",
+    "converse": "frenetic.testing.dummy",
     "keeps_lane": "frenetic.testing.keeping",
     "DriverContract": "frenetic.testing.driver_contract",
     "SimulatorContract": "frenetic.testing.simulator_contract",

@@ -1,0 +1,249 @@
+"""Which built-in drivers meet which criteria, and whether a search by a criterion finds more.
+
+    python benchmarks/criteria.py drivers
+    python benchmarks/criteria.py search
+    python benchmarks/criteria.py agreement
+
+``drivers`` drives the same random roads of a class with each driver and judges each drive by every
+profile. ``search`` compares `frenetic` with `random` by the worst value that each found, over ten
+seeds (A12: 0.5 is no difference, 1 always worse roads). ``agreement`` judges drives a second time
+by plain loops over their records and shapely.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from dataclasses import replace
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from shapely import LineString, Point, Polygon, segmentize
+
+from frenetic import Budget, Campaign, EmbeddedSimulator, Frenetic, Outcome, Planner, RandomSearch
+from frenetic.analysis.statistics import a12
+from frenetic.campaign.objective import Objective
+from frenetic.criteria import Profile, profiles, quantity
+from frenetic.drive import Drive, Rules
+from frenetic.drivers import BeamngAi, Driver, Stanley
+from frenetic.oracle import assess, judge
+from frenetic.road import Road
+from frenetic.road.classes import RoadClass
+from frenetic.search import Strategy
+
+DRIVERS: dict[str, Driver] = {
+    "planner": Planner(),
+    "planner, 2.5 m/s²": Planner(lateral_acceleration=2.5, braking=2.0),
+    "stanley": Stanley(),
+    "beamng-ai": BeamngAi(),
+}
+SPACING = 0.1  # m between the points of a lane's edge
+OBJECTIVES = ("lateral-jerk", "edge-distance", "lateral-acceleration")
+SEEDS = range(10)
+
+
+def class_of(name: str) -> RoadClass | None:
+    return None if name == "competition" else RoadClass.of(name)
+
+
+def random_roads(name: str, number: int, seed: int = 1) -> list[Road]:
+    found = class_of(name)
+    strategy = RandomSearch(seed=seed, road_class=found)
+    width = 4.0 if found is None else found.lane_width
+    return [strategy.ask().road(width, road_class=found) for _ in range(number)]
+
+
+def with_criteria(drive: Drive, profile: Profile) -> Drive:
+    return replace(drive, rules=replace(drive.rules, criteria=profile))
+
+
+def drivers(roads: int) -> None:
+    """Share of random roads that each driver passes by each profile."""
+    for name in ("competition", "rural-80", "motorway-130"):
+        found = class_of(name)
+        rules = Rules() if found is None else Rules(speed_limit=found.speed_limit)
+        simulator = EmbeddedSimulator(rules=rules)
+        driven = random_roads(name, roads)
+        print(f"| roads: {name} | {' | '.join(profiles())} |")
+        print("| --- |" + " ---: |" * len(profiles()))
+        for who, driver in DRIVERS.items():
+            drives = [simulator.drive(road, driver) for road in driven]
+            shares = []
+            for profile in profiles().values():
+                kept = (
+                    judge(road, with_criteria(drive, profile)).outcome is Outcome.PASS
+                    for road, drive in zip(driven, drives, strict=True)
+                )
+                shares.append(f"{sum(kept) / roads:.0%}")
+            print(f"| {who} | {' | '.join(shares)} |")
+        print()
+
+
+def worst_of(strategy: Strategy, objective: str, name: str, simulations: int) -> float:
+    """The worst value that a search found; lower is worse."""
+    found = class_of(name)
+    rules = Rules() if found is None else Rules(speed_limit=found.speed_limit)
+    measure = Objective.load(objective)
+    values: list[float] = []
+    sign = -1.0 if measure.higher_is_worse else 1.0
+    with TemporaryDirectory() as folder:
+        campaign = Campaign(
+            strategy=strategy,
+            simulator=EmbeddedSimulator(rules=rules),
+            driver=Planner(lateral_acceleration=2.5, braking=2.0),
+            budget=Budget(simulations=simulations),
+            folder=folder,
+            objective=objective,
+            ordered=True,
+            lookahead=1,
+        )
+
+        def on_event(event: object) -> None:
+            test = getattr(event, "test", None)
+            if test is not None and test.objective is not None:
+                values.append(sign * test.objective)
+
+        campaign.run(on_event=on_event)
+    return min(values)
+
+
+def search(simulations: int) -> None:
+    """A12 of the worst values found by Frenetic's search against those of random roads."""
+    print("| roads | objective | frenetic, median | random, median | A12 |")
+    print("| --- | --- | ---: | ---: | ---: |")
+    for name in ("competition", "rural-80"):
+        for objective in OBJECTIVES:
+            found: dict[str, list[float]] = {}
+            for kind in (Frenetic, RandomSearch):
+                found[kind.__name__] = [
+                    worst_of(
+                        kind(seed=seed, road_class=class_of(name)), objective, name, simulations
+                    )
+                    for seed in SEEDS
+                ]
+            ours, theirs = found.values()
+            higher = Objective.load(objective).higher_is_worse
+            medians = [abs(np.median(v)) if higher else np.median(v) for v in (ours, theirs)]
+            effect = a12([-value for value in ours], [-value for value in theirs])
+            print(f"| {name} | {objective} | {medians[0]:.2f} | {medians[1]:.2f} | {effect:.2f} |")
+
+
+# --- A second computation, by plain loops ----------------------------------------------------
+
+
+def again(road: Road, drive: Drive, profile: Profile, rooms: list[float]) -> set[str]:
+    """The criteria that a drive breaks, computed another way."""
+    n = len(assess(road, drive).distance)
+    path = drive.trajectory
+    time = path.time[:n].tolist()
+    dt = time[1] - time[0]
+
+    def slope(values: list[float]) -> list[float]:
+        inner = [(b - a) / (2.0 * dt) for a, b in zip(values, values[2:], strict=False)]
+        first, last = (values[1] - values[0]) / dt, (values[-1] - values[-2]) / dt
+        return [first, *inner, last]
+
+    speed, aside = path.speed[:n].tolist(), path.lateral_speed[:n].tolist()
+    yaw = path.yaw_rate[:n].tolist()
+    across = [v * w + a for v, w, a in zip(speed, yaw, slope(aside), strict=True)]
+    along = [a - v * w for a, v, w in zip(slope(speed), aside, yaw, strict=True)]
+    broke = set()
+    for one in profile.criteria:
+        k = round(one.window / dt)
+        values: list[float] = []
+        if one.quantity == "lateral_acceleration":
+            values = [abs(a) for a in across]
+        elif one.quantity == "lateral_jerk":
+            values = [abs(b - a) / one.window for a, b in zip(across, across[k:], strict=False)]
+        elif one.quantity == "deceleration":
+            values = [-a for a in along]
+        elif one.quantity == "speed_excess":
+            values = [3.6 * v - drive.rules.speed_limit for v in speed]
+        elif one.quantity == "sway":
+            offsets = assess(road, drive).lateral_offset.tolist()
+            values = [
+                max(offsets[max(0, i - k) : i + 1]) - min(offsets[max(0, i - k) : i + 1])
+                for i in range(n)
+            ]
+        elif one.quantity == "edge_distance":
+            values = [-room for room in rooms]
+        else:
+            raise AssertionError(one.quantity)
+        limit = -one.limit if quantity(one.quantity).is_least else one.limit
+        if values and max(values) > limit:
+            broke.add(one.quantity)
+    return broke
+
+
+def _rooms(road: Road, drive: Drive) -> list[float]:
+    """Distances of the car's outline from the edges of its lane, by shapely; negative outside."""
+    path, car, seen = drive.trajectory, drive.car, assess(road, drive)
+    ends = [(np.cos(h), np.sin(h)) for h in (road.pose[2], road.pose_at(road.length)[2])]
+    ahead = np.arange(1, 200)[:, None] * SPACING
+    edges = []
+    for offset in (0.0, -road.lane_width):
+        line = road.sample(SPACING, offset)
+        # Straight beyond both ends, where parts of a car may be.
+        before, after = line[0] - ahead[::-1] * ends[0], line[-1] + ahead * ends[1]
+        edges.append(np.vstack([before, line, after]))
+    corners = [(1, 1), (1, -1), (-1, -1), (-1, 1)]
+    found = []
+    for i, place in enumerate(seen.distance):
+        cos, sin = np.cos(path.heading[i]), np.sin(path.heading[i])
+        outline = [
+            (0.5 * a * car.length + car.centre_ahead, 0.5 * b * car.width) for a, b in corners
+        ]
+        box = Polygon(
+            (path.x[i] + cos * a - sin * b, path.y[i] + sin * a + cos * b) for a, b in outline
+        )
+        middle = round(place / SPACING) + 199
+        near = slice(max(middle - 150, 0), middle + 150)
+        sides = [LineString(edge[near]) for edge in edges]
+        lane = Polygon(np.vstack([edges[0][near], edges[1][near][::-1]]))
+        if lane.contains(box):
+            found.append(min(side.distance(box) for side in sides))
+            continue
+        # A straight side may be furthest out between its ends, inside a bend.
+        outline_points = segmentize(box, 0.02).exterior.coords
+        points = [p for p in map(Point, outline_points) if not lane.covers(p)]
+        found.append(-max((min(s.distance(p) for s in sides) for p in points), default=0.0))
+    return found
+
+
+def agreement(number: int) -> None:
+    """Drives on which both computations break other criteria."""
+    counts: Counter[str] = Counter()
+    per = number // (2 * len(DRIVERS))
+    for name in ("competition", "rural-80"):
+        found = class_of(name)
+        rules = Rules() if found is None else Rules(speed_limit=found.speed_limit)
+        simulator = EmbeddedSimulator(rules=rules)
+        for k, driver in enumerate(DRIVERS.values()):
+            for road in random_roads(name, per, seed=k):
+                drive = simulator.drive(road, driver)
+                rooms = _rooms(road, drive)
+                counts["drives"] += 1
+                for profile in profiles().values():
+                    judged = with_criteria(drive, profile)
+                    names = {one.criterion for one in judge(road, judged).findings} - {"lane"}
+                    counts["verdicts"] += 1
+                    counts["broken"] += bool(names)
+                    if names != (other := again(road, judged, profile, rooms)):
+                        counts["disagreements"] += 1
+                        print(name, profile.name, names ^ other)
+    told = ("drives", "verdicts", "broken", "disagreements")
+    print(", ".join(f"{counts[what]} {what}" for what in told))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("what", choices=("drivers", "search", "agreement"))
+    parser.add_argument("--number", type=int, help="of roads, simulations or drives")
+    given = parser.parse_args()
+    usual = {"drivers": (drivers, 100), "search": (search, 200), "agreement": (agreement, 1000)}
+    act, number = usual[given.what]
+    act(given.number or number)
+
+
+if __name__ == "__main__":
+    main()
