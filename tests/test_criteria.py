@@ -11,15 +11,17 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec import convert
 from scipy.integrate import cumulative_trapezoid
 from shapely import LineString, Polygon
 
 from frenetic._support.arrays import FloatArray
-from frenetic.criteria import QUANTITIES, Criterion, Profile, profiles, quantity
+from frenetic._support.entry_points import Entry
+from frenetic.criteria import QUANTITIES, Criterion, Profile, Quantity, profiles, quantity
 from frenetic.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.drivers import Planner, Stanley
 from frenetic.errors import FreneticError
-from frenetic.measures import _SERIES, mean, rate, spread, worst
+from frenetic.measures import _SERIES, Seen, mean, rate, spread, worst
 from frenetic.oracle import judge, measured, measures_json, seen_by_criteria
 from frenetic.outcome import Outcome
 from frenetic.road import Road
@@ -355,3 +357,36 @@ def test_quantities_and_their_limits_in_words() -> None:
     assert quantity("lateral_jerk").told(4.0) == "4.00 m/s³"
     assert ISO.criteria[2].told() == "at most 5 m/s³ in the mean of 0.5 s"
     assert ISO.criteria[0].told() == "at least 0 m"
+
+
+# Other packages
+
+
+def top_speed(seen: Seen, _: float) -> FloatArray:
+    return seen.path.speed
+
+
+TOP_SPEED = Quantity("top_speed", "m/s", "of the car", 10.0, series=top_speed)
+SLOW = Profile("of the object", (Criterion("duration", 1e4, 0.0, "our handbook"),), "slow")
+NO_SERIES = replace(TOP_SPEED, name="no_series", series=lambda seen, _: np.zeros(3))
+
+
+def test_a_package_adds_quantities_and_profiles(monkeypatch: pytest.MonkeyPatch) -> None:
+    entries = tuple(
+        Entry(name, f"{__name__}:{target}", "theirs")
+        for name, target in zip(
+            ("top_speed", "slow", "no_series"), ("TOP_SPEED", "SLOW", "NO_SERIES"), strict=True
+        )
+    )
+    monkeypatch.setattr("frenetic.criteria.installed", lambda _: entries)
+    road = Road(np.zeros(21))
+    drive = along(road, 15.0)
+    profile = read_criteria("slow,top_speed=12")
+    assert profile.name == "slow"
+    result = judged(road, drive, profile)
+    assert result.reason == "Top speed 15.00 m/s at 0 m (at most 12 m/s)"
+    document = json.loads(json.dumps(profile.as_json()))
+    assert convert(document, Profile) == profile, "as a campaign records it"
+    broken = judged(road, drive, read_criteria("slow,no_series=1"))
+    assert broken.outcome is Outcome.ERROR
+    assert "one value a record is needed" in broken.reason

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import planted_drivers as planted
 import pytest
+from pids import until
 
 from frenetic.drivers import Planner
 from frenetic.errors import FreneticError
@@ -196,3 +197,31 @@ def test_what_is_no_driver_is_refused() -> None:
 
     with pytest.raises(TypeError, match="nothing returned None: a driver"):
         nothing()
+
+
+def test_a_killed_pytest_leaves_the_memory_whole(tmp_path: Path) -> None:
+    text = """
+@pytest.mark.parametrize("name", ["WrongSign", "TooFast", "Lagging", "CutsBends"])
+@keeps_lane(simulations=150)
+def test_it(name):
+    return getattr(planted, name)()
+"""
+    (tmp_path / "test_lane.py").write_text(HEAD + text, encoding="utf-8")
+    shared = str(Path(planted.__file__).parent)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": shared},
+        stdout=subprocess.DEVNULL,
+    )
+    try:
+        until(lambda: any((tmp_path / FOLDER).glob("*.json")), "a road is remembered")
+    finally:
+        process.kill()
+        process.wait()
+    files = sorted((tmp_path / FOLDER).glob("*.json"))
+    assert files
+    for file in files:
+        assert json.loads(file.read_text(encoding="utf-8"))["test"]
+    again = run_pytest(tmp_path, text, "-k", "WrongSign")
+    assert "on which it failed before" in again.stdout

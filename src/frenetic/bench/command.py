@@ -138,6 +138,8 @@ def _begun(context: click.Context, path: Path | None, out: Path | None) -> tuple
             spec.require_trusted(path, named)
             require_trusted(entries.entrants(), path, [*given])
         spec = with_given(spec, driving, has_roads=False).with_limit()
+        if spec.rules.criteria and "criteria" in driving and "objective" not in named:
+            spec = replace(spec, objective="criteria")
         return entries.bench(spec, out or new_folder(BENCHES)), entries.workers
 
 

@@ -17,6 +17,7 @@ from rich.table import Table
 
 from frenetic._support.words import counted, format_duration, rate_words
 from frenetic.cli import silence
+from frenetic.criteria import DRIVER, LANE, quantity
 
 if TYPE_CHECKING:
     from frenetic.analysis import Clusters
@@ -314,6 +315,11 @@ def facts_of_drive(result: Result, duration: float | None) -> list[tuple[str, st
         facts.append(("time", f"{duration:.2f} s"))
     if result.fault is not None:
         facts.append(("fault", f"the {result.fault.part} {result.fault}"))
+    for one in result.findings:
+        if one.criterion not in (LANE, DRIVER):
+            what, side = quantity(one.criterion), f" to the {one.side}" if one.side else ""
+            text = f"{what.words} {what.told(one.value)}{side} at {one.distance:.1f} m"
+            facts.append(("broke", f"{text} and {one.time:.2f} s, the limit is {one.limit:g}"))
     place = result.departure
     if place is not None:
         facts.append(
