@@ -17,6 +17,9 @@ from shapely import LineString, Polygon
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.entry_points import Entry
+from frenetic.analysis.coverage import criteria_in_words
+from frenetic.analysis.failures import caution
+from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.criteria import QUANTITIES, Criterion, Profile, Quantity, profiles, quantity
 from frenetic.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.drivers import Planner, Stanley
@@ -390,3 +393,19 @@ def test_a_package_adds_quantities_and_profiles(monkeypatch: pytest.MonkeyPatch)
     broken = judged(road, drive, read_criteria("slow,no_series=1"))
     assert broken.outcome is Outcome.ERROR
     assert "one value a record is needed" in broken.reason
+
+
+def test_less_time_than_the_criteria_ask_for_is_said(tmp_path: Path) -> None:
+    rules = Rules(criteria=profiles()["after-un-r157"])
+    for simulations, is_said in ((1, True), (20, False)):
+        campaign = Campaign(
+            strategy=RandomSearch(seed=1),
+            simulator=EmbeddedSimulator(rules=rules),
+            driver=Planner(lateral_acceleration=2.0),
+            budget=Budget(simulations=simulations),
+            folder=tmp_path / str(simulations),
+        )
+        assert campaign.run().failed == 0
+        with CampaignStore.open(campaign.folder) as store:
+            assert ("after-un-r157 asks for 300 s" in caution(store)) is is_said
+            assert ("less than the 5 min" in criteria_in_words(store)) is is_said

@@ -27,7 +27,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -422,8 +422,26 @@ def caution(store: CampaignStore) -> str:
     """What the counts alone may lead to believe wrongly, in a sentence; mostly empty.
 
     Nearly all random roads fail: then it may not be the roads. None fails: then little is known of
-    what seldom fails. Faults of the driver do not count: they are told as such.
+    what seldom fails. Faults of the driver do not count: they are told as such. The criteria ask
+    for longer drives: then nothing is shown by them.
     """
+    return "; ".join(filter(None, (_of_random_roads(store), _of_little_time(store))))
+
+
+def _of_little_time(store: CampaignStore) -> str:
+    """That nothing failed in less time than the criteria ask for."""
+    rules: Any = store.config.get("rules") or {}
+    criteria = rules.get("criteria", {})
+    needed = criteria.get("driven_time", 0.0)
+    if not needed or store.by_outcome()[Outcome.FAIL]:
+        return ""
+    ((driven,),) = store.rows("SELECT TOTAL(duration) FROM test WHERE outcome = 'PASS'")
+    if driven >= needed:
+        return ""
+    return f"{driven:.0f} s were driven, and {criteria['name']} asks for {needed:.0f} s"
+
+
+def _of_random_roads(store: CampaignStore) -> str:
     rows = store.rows(
         "SELECT outcome, COUNT(*) FROM test WHERE operator = 'random' AND fault IS NULL AND outcome"
         " IN ('PASS', 'FAIL') GROUP BY outcome"
