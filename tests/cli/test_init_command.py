@@ -34,7 +34,7 @@ def test_the_driver_passes_its_test_and_most_roads(frenetic: Frenetic) -> None:
     assert ended.json["passed"] >= 5
 
 
-@pytest.mark.parametrize("file", ["road.py", "controls.py", "test_contract.py"])
+@pytest.mark.parametrize("file", ["driver_contract.py", "controls.py", "test_contract.py"])
 def test_the_class_is_called_as_nothing_that_the_files_import(
     frenetic: Frenetic, file: str
 ) -> None:

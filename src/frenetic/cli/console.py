@@ -315,7 +315,7 @@ def facts_of_drive(result: Result, duration: float | None) -> list[tuple[str, st
         facts.append(("time", f"{duration:.2f} s"))
     if result.fault is not None:
         facts.append(("fault", f"the {result.fault.part} {result.fault}"))
-    for one in result.findings:
+    for one in () if result.departure is None else result.findings:  # or the reason tells them
         if one.criterion not in (LANE, DRIVER):
             what, side = quantity(one.criterion), f" to the {one.side}" if one.side else ""
             text = f"{what.words} {what.told(one.value)}{side} at {one.distance:.1f} m"

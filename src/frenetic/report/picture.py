@@ -187,7 +187,15 @@ def facts_of_drive(road: Road, seen: SeenDrive) -> list[Fact]:
     """The figures of a drive."""
     result = seen.result
     moobd, share, where = result.moobd, result.max_oob_share, result.moobd_distance
-    left = result.departure
+    left, broke = result.departure, result.finding
+    departure = (
+        "Departure",
+        str(left.side) if left else "none" if result.outcome.is_driven else "–",
+        "" if left is None else f"at {left.distance:.0f} m",
+    )
+    if broke is not None and broke.criterion not in (LANE, DRIVER):
+        what = quantity(broke.criterion)
+        departure = capitalised(what.words), what.told(broke.value), f"at {broke.distance:.0f} m"
     return [
         (
             "MOOBD",
@@ -195,20 +203,7 @@ def facts_of_drive(road: Road, seen: SeenDrive) -> list[Fact]:
             "" if where is None else f"at {where:.0f} m",
         ),
         ("Largest oob share", "–" if share is None else f"{share:.0%}".replace("%", " %"), ""),
-        (
-            "Departure",
-            str(left.side) if left else "none" if result.outcome.is_driven else "–",
-            "" if left is None else f"at {left.distance:.0f} m",
-        ),
-        *(
-            (
-                capitalised(quantity(one.criterion).words),
-                quantity(one.criterion).told(one.value),
-                f"at {one.distance:.0f} m",
-            )
-            for one in result.findings
-            if one.criterion not in (LANE, DRIVER)
-        ),
+        departure,
         ("Duration", f"{result.duration:.1f} s", ""),
         ("Top speed", f"{seen.speed.max():.0f} km/h" if len(seen) else "–", ""),
         ("Road length", f"{road.length:.0f} m", ""),

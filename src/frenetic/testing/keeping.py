@@ -146,7 +146,7 @@ def keeps_lane(
 def _marked(test: Callable[..., Any]) -> Any:
     """The test with pytest's mark, by which ``-m keeps_lane`` finds it, if there is pytest."""
     try:
-        import pytest
+        import pytest  # the test runs without it, too
     except ImportError:
         return test
     return pytest.mark.keeps_lane(test)
