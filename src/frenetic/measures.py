@@ -197,7 +197,7 @@ class Measured:
     def told(self) -> str:
         """Value and limit in words."""
         what, criterion = quantity(self.criterion.quantity), self.criterion
-        return f"{what.words} {what.told(self.value)}, {criterion.told()}"
+        return f"{what.words} {what.told(self.value)} ({criterion.told()})"
 
 
 def series(name: str, seen: Seen, window: float) -> FloatArray:

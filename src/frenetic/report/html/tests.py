@@ -14,7 +14,7 @@ from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.criteria import DRIVER, LANE
 from frenetic.drive import Trajectory
-from frenetic.oracle import Assessment, Result, Side, breach_in_words
+from frenetic.oracle import Assessment, Result, Side, breach_in_words, measured
 from frenetic.outcome import Outcome
 from frenetic.report.failures import FAILURES, file_stem
 from frenetic.report.minimised import MINIMISED, minimised_drives
@@ -171,11 +171,22 @@ def drive_data(id: int, result: Result, segment: Segment, generation: int = 0) -
             for one in result.findings
             if one.criterion not in (LANE, DRIVER)
         ],
+        "kept": _kept(result, segment),
         "columns": drive_columns(drive.trajectory, segment.assessment),
         "film": None,
         "road_file": None,
         "minimised": None,
     }
+
+
+def _kept(result: Result, segment: Segment) -> list[str]:
+    """The criteria that a drive kept, with the worst values, in words."""
+    if not result.outcome.is_driven:
+        return []
+    broken = {one.criterion for one in result.findings}
+    criteria = segment.drive.rules.criteria.criteria
+    kept = [one for one in criteria if one.quantity not in broken]
+    return [found.told() for found in measured(segment.road, segment.drive, kept)]
 
 
 def files_of(test_id: int, store: CampaignStore) -> dict[str, Any]:

@@ -443,6 +443,7 @@ function factsOf(drive) {
     ["Largest oob share", percent(drive.max_oob_share)],
     ["Left its lane", drive.departure === null ? "no" : `to the ${drive.departure.side}, at ${fixed(drive.departure.distance, 0, "m")} after ${fixed(drive.departure.time, 1, "s")}`],
     ...drive.breaches.map((breach) => ["Broke a limit", breach.words]),
+    ...drive.kept.map((words) => ["Kept", words]),
     ["Duration", fixed(drive.duration, 1, "s")],
     ["Road", drive.road.words],
     ["Origin", `${test.operator}${parents}${report.operators[test.operator] ? `: ${report.operators[test.operator]}` : ""}; generation ${drive.generation}`],
