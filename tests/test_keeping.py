@@ -14,7 +14,7 @@ import pytest
 from pids import until
 
 from frenetic.drivers import Planner
-from frenetic.errors import FreneticError
+from frenetic.errors import DriverError, FreneticError
 from frenetic.testing import keeps_lane
 from frenetic.testing.keeping import FOLDER, NOTICES, DriverFailedError
 
@@ -188,15 +188,34 @@ def test_mistakes_are_named_where_the_test_is_declared(
 
 def test_what_is_no_driver_is_refused() -> None:
     @keeps_lane()
-    def test() -> object:
+    def kind() -> object:
         return Planner
 
     @keeps_lane()
     def nothing() -> None:
         pass
 
-    with pytest.raises(TypeError, match="nothing returned None: a driver"):
+    with pytest.raises(DriverError, match=r"kind returned <class .*Planner'>: a driver"):
+        kind()
+    with pytest.raises(DriverError, match="nothing returned None: a driver"):
         nothing()
+    with pytest.raises(TypeError, match=r"with parentheses: @keeps_lane\(\)"):
+        keeps_lane(nothing)  # type: ignore[arg-type]
+
+
+def test_what_is_no_driver_is_told_in_a_line(tmp_path: Path) -> None:
+    told = run_pytest(tmp_path, "@keeps_lane()\ndef test_it(): return 1\n")
+    assert told.returncode == 1
+    assert "test_it returned 1: a driver with reset and act is needed" in told.stdout
+    assert "keeping.py" not in told.stdout
+    assert "plugin.py" not in told.stdout
+
+
+def test_tests_of_two_classes_remember_roads_apart(tmp_path: Path) -> None:
+    test = "    @keeps_lane(simulations=60)\n    def test_it(self): return planted.WrongSign()\n"
+    run_pytest(tmp_path, f"class TestFast:\n{test}\nclass TestOther:\n{test}")
+    stems = {path.stem[:-9] for path in (tmp_path / FOLDER).glob("*.json")}
+    assert stems == {"test_lane-TestFast-test_it", "test_lane-TestOther-test_it"}
 
 
 def test_a_killed_pytest_leaves_the_memory_whole(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import Any, Final, TypeVar
 
 from frenetic._support.files import write_file
 from frenetic._support.words import counted
@@ -36,16 +36,13 @@ from frenetic.campaign.campaign import LOOKAHEAD
 from frenetic.drive import Drive
 from frenetic.drivers import Driver
 from frenetic.drivers.loading import under
-from frenetic.errors import FreneticError
+from frenetic.errors import DriverError, FreneticError
 from frenetic.oracle import Result, judge
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.road.files import entries_of, read_road
 from frenetic.run_file import RunFile
 from frenetic.spec import Spec, require_count
-
-if TYPE_CHECKING:
-    pass
 
 FOLDER: Final = "failing-roads"
 """Name of the folder beside a test's file for the roads on which it failed."""
@@ -64,11 +61,17 @@ class DriverFailedError(AssertionError):
     """The driver failed on a road; the message says why, on which and how to drive it again."""
 
 
+SHOWN: Final = (DriverFailedError, FreneticError)
+"""What the plug-in shows without a traceback."""
+
+
 class _TimeIsUpError(Exception):
     """The search took longer than its time."""
 
 
 def keeps_lane(
+    function: None = None,
+    /,
     *,
     roads: str | Mapping[str, Any] = "competition",
     criteria: str | Mapping[str, Any] = "competition",
@@ -102,9 +105,12 @@ def keeps_lane(
         oob_tolerance: share of the car that may be out; 0.95 by default.
 
     Raises:
+        TypeError: it was written without parentheses.
         ValueError: an argument is out of range.
         FreneticError: there are no such roads, criteria or simulator.
     """
+    if function is not None:
+        raise TypeError("keeps_lane is needed with parentheses: @keeps_lane()")
     require_count("simulations", simulations)
     if not seconds > 0.0:
         raise ValueError(f"seconds is {seconds}: a positive number is needed")
@@ -127,8 +133,10 @@ def keeps_lane(
         def test(*arguments: Any, **named: Any) -> None:
             __tracebackhide__ = True
             driver = function(*arguments, **named)
-            if not all(callable(getattr(driver, name, None)) for name in ("reset", "act")):
-                raise TypeError(
+            if isinstance(driver, type) or not all(
+                callable(getattr(driver, name, None)) for name in ("reset", "act")
+            ):
+                raise DriverError(
                     f"{function.__name__} returned {driver!r}: a driver with reset and act is"
                     " needed, see frenetic.Driver"
                 )
@@ -202,8 +210,8 @@ class _Check:
     @property
     def _stem(self) -> str:
         """Beginning of the names of its roads' files."""
-        module, _, test = self.name.rpartition("::")
-        text = f"{Path(module).stem}-{test}" if module else test
+        module, _, test = self.name.partition("::")
+        text = f"{Path(module).stem}-{test}" if test else module
         stem = re.sub(r"[^\w.]+", "-", text).strip("-")
         return stem if len(stem) <= 80 else f"{stem[:70]}-{_digest(stem)}"
 

@@ -33,13 +33,15 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(
-    call: pytest.CallInfo[None],
+    item: pytest.Item, call: pytest.CallInfo[None]
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Shows the message of a driver's failure alone, without Python's traceback."""
+    """Shows the message of a failure that Frenetic raised alone, without Python's traceback."""
     report = yield
     keeping = sys.modules.get("frenetic.testing.keeping")
-    if keeping and call.excinfo and isinstance(call.excinfo.value, keeping.DriverFailedError):
-        report.longrepr = str(call.excinfo.value)
+    if keeping and call.when == "call" and item.get_closest_marker("keeps_lane") and call.excinfo:
+        error = call.excinfo.value
+        if isinstance(error, keeping.SHOWN):
+            report.longrepr = str(error)
     return report
 
 
