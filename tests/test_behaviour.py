@@ -155,7 +155,7 @@ def probes() -> dict[str, tuple[str, Callable[[], list[float]]]]:
             )
             continue
         known[f"driver {name}"] = version(driver), drives(where, driver)
-    for layer in [row for row in quantities().values() if row.nothing is not None]:
+    for layer in [row for row in quantities().values() if row.layer]:
         amount = 15.0 if layer.nothing == math.inf else 0.2
         if layer.name in appearance.ALL:
             seeing = layer.layer_class().over(

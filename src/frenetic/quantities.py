@@ -56,6 +56,8 @@ class Quantity:
     """Attribute of a simulator, where it is no layer."""
     is_seeded: bool = False
     """Whether the layer draws random numbers: then ``over`` takes a ``seed``, too."""
+    place_of: str = ""
+    """Quantity whose place along the road it is, in m; it is drawn wherever that one varies."""
     words: tuple[str, str] | None = None
     """Words for a smaller and for a larger amount; None for "less" and "more" of its name."""
 
@@ -101,7 +103,8 @@ class Quantity:
             assert own is not None
             low, high = low * own, high * own
         elif own is not None and own != self.nothing:
-            spread = 0.5 * own if self.nothing == math.inf else high - (self.nothing or 0.0)
+            nothing = self.nothing or 0.0
+            spread = 0.5 * own if nothing == math.inf else max(high - nothing, nothing - low)
             low, high = own - spread, own + spread
         return max(low, self.low), min(high, self.high)
 
@@ -119,6 +122,69 @@ _OWN: Final = (
         usual=(0.8, 1.2),
         is_relative=True,
         attribute="friction",
+    ),
+    Quantity(
+        name="wet",
+        about="friction on one wet stretch of 40 m, as a share of the road's",
+        low=0.05,
+        high=1.0,
+        usual=(0.4, 1.0),
+        nothing=1.0,
+        attribute="wet",
+        words=("a wetter stretch", "a drier stretch"),
+    ),
+    Quantity(
+        name="wet_at",
+        about="place of the middle of the wet stretch along the road",
+        unit="m",
+        low=0.0,
+        high=FARTHEST,
+        usual=(0.0, 200.0),
+        attribute="wet_at",
+        place_of="wet",
+        words=("an earlier wet stretch", "a later wet stretch"),
+    ),
+    Quantity(
+        name="gust",
+        about="speed of one gust across 60 m of the road, to the left",
+        unit="m/s",
+        low=-40.0,
+        high=40.0,
+        usual=(-15.0, 15.0),
+        nothing=0.0,
+        attribute="gust",
+        words=("more gust to the right", "more gust to the left"),
+    ),
+    Quantity(
+        name="gust_at",
+        about="place of the middle of the gust along the road",
+        unit="m",
+        low=0.0,
+        high=FARTHEST,
+        usual=(0.0, 200.0),
+        attribute="gust_at",
+        place_of="gust",
+        words=("an earlier gust", "a later gust"),
+    ),
+    Quantity(
+        name="load",
+        about="mass of passengers and luggage, of which the driver is not told",
+        unit="kg",
+        low=0.0,
+        high=1000.0,
+        usual=(0.0, 400.0),
+        nothing=0.0,
+        attribute="load",
+    ),
+    Quantity(
+        name="overspeed",
+        about="what the driver takes the speed limit for above what it is",
+        unit="km/h",
+        low=0.0,
+        high=200.0,
+        usual=(0.0, 20.0),
+        nothing=0.0,
+        layer="frenetic.drivers.layers:Hasty",
     ),
     Quantity(
         name="speed",
@@ -218,6 +284,23 @@ def _table(entries: tuple[Entry, ...]) -> Mapping[str, Quantity]:
                 )
             table[row.name] = row
     return MappingProxyType(table)
+
+
+def in_words(conditions: Mapping[str, float]) -> str:
+    """Conditions for people, such as ``friction 0.4, gust 12 m/s at 80 m``."""
+    texts: dict[str, str] = {}
+    for name, amount in conditions.items():
+        if name != SEED and not (row := quantity(name)).place_of:
+            texts[name] = row.text(amount)
+    for name, amount in conditions.items():
+        if name != SEED and (of := quantity(name).place_of) in texts:
+            texts[of] += f" at {amount:g} m"
+    return ", ".join(texts.values())
+
+
+def attributes() -> frozenset[str]:
+    """Attributes of simulators that the quantities name."""
+    return frozenset(row.attribute for row in quantities().values() if row.attribute)
 
 
 def quantity(name: str) -> Quantity:

@@ -28,6 +28,7 @@ from frenetic.spec import COMPETITION, Budget, EarlierCampaign, Part, Spec
 from frenetic.trust import REGISTRIES
 
 if TYPE_CHECKING:
+    from frenetic.domain import Domain
     from frenetic.road.classes import RoadClass
 
 NAME: Final = "campaign.toml"
@@ -115,6 +116,20 @@ def read_criteria(text: str | Mapping[str, Any]) -> Profile:
     return Profile.of(name or COMPETITION, options)
 
 
+def read_domain(odd: str | Mapping[str, Any]) -> Domain:
+    """The domain of a file, or of entries.
+
+    Raises:
+        ValueError: they are wrong.
+        FreneticError: there is no such file, or it is wrong.
+    """
+    from frenetic.domain import Domain  # numba takes its time
+
+    if not isinstance(odd, str):
+        return Domain.made(str(odd.get("name", "own")), odd)
+    return Domain.of(odd)
+
+
 def class_entry(road_class: RoadClass | None) -> str | dict[str, Any] | None:
     """The entry of a file for a road class: its name if that says all."""
     from frenetic.road.classes import RoadClass, classes  # numba takes its time
@@ -130,6 +145,8 @@ class RunFile(DriveFile, kw_only=True):
     """The entries of a run's file."""
 
     strategy: str | None = None
+    odd: str | dict[str, Any] | None = None
+    """File of a domain, or its entries with a ``name``."""
     margin: NotNegative | None = None
     lane_width: Positive | None = None
     simulations: Count | None = None
@@ -170,6 +187,11 @@ class RunFile(DriveFile, kw_only=True):
                     "map_size": self.map_size,
                 }
             )
+        if self.odd is not None:
+            domain = read_domain(self.odd)
+            given = {"domain": domain, "speed_limit": self.speed_limit, "map_size": self.map_size}
+            roads = domain.road_class if self.roads is None else None
+            spec = spec.replaced({**given, "road_class": roads})
         return replace(spec, **others, lookahead=self.lookahead or None)
 
 
@@ -235,6 +257,7 @@ def write_run_file(spec: Spec, folder: Path) -> None:
     entries: dict[str, Any] = {
         "strategy": part_word(spec.strategy.name, spec.strategy.options),
         **drive_entries(spec),
+        "odd": None if spec.domain is None else spec.domain.entries(),
         "margin": spec.margin,
         "lane_width": spec.lane_width,
         **asdict(spec.budget),

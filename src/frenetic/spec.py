@@ -22,7 +22,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from dataclasses import field as dataclass_field
 from pathlib import Path, PurePath
-from types import FunctionType
+from types import FunctionType, MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
 from msgspec import Struct, ValidationError, convert, defstruct, field, structs, to_builtins
@@ -35,7 +35,7 @@ from frenetic._support.json_value import JSONValue, plain
 from frenetic._support.scalars import take_numpy_scalars
 from frenetic._support.words import counted, part_word
 from frenetic.errors import CampaignError, FreneticError, describe_error
-from frenetic.quantities import quantity
+from frenetic.quantities import SEED, quantity
 from frenetic.recipe import Guest, Named, Recipe, Told
 from frenetic.registry import (
     SIMULATORS,
@@ -58,6 +58,7 @@ from frenetic.versions import (
 # Imports inside functions below are too slow for help.
 
 if TYPE_CHECKING:
+    from frenetic.domain import Domain
     from frenetic.drive import CarBody, Rules
     from frenetic.drivers import Driver
     from frenetic.road.classes import RoadClass
@@ -232,6 +233,8 @@ class Spec:
     """m."""
     road_class: RoadClass | None = None
     """Class whose rules the roads keep; None for the competition's."""
+    domain: Domain | None = None
+    """Domain whose roads and conditions are searched; None for the usual conditions."""
     seed: Any = None
     """Seed of the strategy; a user's own strategy may take any JSON but objects."""
     lookahead: int | None = None
@@ -496,9 +499,15 @@ class Spec:
             "seed": self.seed,
             "map_size": self.map_size,
             "road_class": self.road_class,
+            "domain": self.domain,
             "spec": self,
         }
         strategy: Strategy = _made(STRATEGIES, self.strategy, available)
+        if self.domain is not None and self.domain.conditions and strategy.domain is None:
+            raise FreneticError(
+                f"the strategy {self.strategy.name} searches roads alone, not the conditions of"
+                f" {self.domain.name}: choose frenetic or random"
+            )
         return strategy
 
     def make_driver(self) -> Driver:
@@ -602,8 +611,10 @@ def version_notes(recorded: Mapping[str, JSONValue], **parts: object) -> list[st
     return [note for note in notes if note]
 
 
-def drive_record(config: Mapping[str, Any]) -> dict[str, JSONValue] | None:
-    """What a road's file keeps of a campaign's record, to drive the road again.
+def drive_record(
+    config: Mapping[str, Any], conditions: Mapping[str, float] = MappingProxyType({})
+) -> dict[str, JSONValue] | None:
+    """What a road's file keeps of a campaign's record, to drive the road again in its conditions.
 
     None if the campaign was started from Python, so that its parts have no names.
     """
@@ -611,6 +622,13 @@ def drive_record(config: Mapping[str, Any]) -> dict[str, JSONValue] | None:
     if not isinstance(command, Mapping):
         return None
     known = {**command, **{name: config.get(name) for name in ("map_size", "road_class")}}
+    for name, amount in conditions.items():
+        attribute = "" if name == SEED else quantity(name).attribute
+        if attribute == "rules":
+            known["speed_limit"] = amount
+        else:
+            kind = "simulator_options" if attribute else "layers"
+            known[kind] = {**known.get(kind, {}), attribute or name: amount}
     return {name: known[name] for name in drive_options() if name in known}
 
 
@@ -642,11 +660,12 @@ def drive_options() -> list[str]:
 def _of_class(given: Mapping[str, Any]) -> dict[str, Any]:
     """The fields of a spec that follow from a ``road_class`` among given options."""
     road_class = given.get("road_class")
+    own = {} if (domain := given.get("domain")) is None else {"domain": domain}
     if road_class is None:
-        return {}
+        return own
     if road_class == COMPETITION:
-        return {"road_class": None}
-    return {"road_class": road_class, "lane_width": road_class.lane_width}
+        return {"road_class": None, **own}
+    return {"road_class": road_class, "lane_width": road_class.lane_width, **own}
 
 
 def _class_rules(given: Mapping[str, Any]) -> dict[str, Any]:
@@ -664,7 +683,11 @@ def _layers(given: Mapping[str, Any]) -> dict[str, float]:
         UnknownNameError: there is no such quantity.
     """
     layers = dict(given.get("layers") or ())
-    return {name: amount for name, amount in layers.items() if amount != quantity(name).nothing}
+    return {
+        name: amount
+        for name, amount in layers.items()
+        if name == SEED or amount != quantity(name).nothing
+    }
 
 
 def _with_rules(rules: Rules, given: Mapping[str, Any]) -> Rules:
@@ -988,6 +1011,7 @@ def _driven_type() -> Any:
 
 def _record_type() -> Any:
     """The type of a campaign's record, which may have other entries, too."""
+    from frenetic.domain import Domain  # likewise
     from frenetic.drive import CarBody, Rules  # numba takes its time
     from frenetic.road.classes import RoadClass  # likewise
 
@@ -1003,6 +1027,7 @@ def _record_type() -> Any:
         ("margin", NotNegative),
         ("lane_width", Positive),
         ("road_class", RoadClass | None, None),
+        ("domain", Domain | None, None),
         ("workers", Count, 1),
         ("cluster", str | None, None),
         ("lookahead", Count | None, None),

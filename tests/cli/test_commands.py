@@ -140,7 +140,7 @@ MISTAKES: Final = [
     ("rerun nowhere", "nowhere does not exist"),
     ("rerun c 9999", "holds no test of candidate 9999"),
     ("rerun c {failing} --top 2", "exclude each other"),
-    ("rerun c --vary mass=1:2", "unknown quantity 'mass'", "friction, speed"),
+    ("rerun c --vary mass=1:2", "unknown quantity 'mass'", "friction, wet"),
     ("rerun c --out c", "holds another campaign: choose another place with --out"),
     ("rerun c --junit no/such/a.xml", "no folder"),
     ("rerun c --junit folder", "--junit", "folder cannot be written: Is a directory"),
@@ -280,7 +280,7 @@ LISTED: Final = {
     "strategies": ["frenetic", "frenetic-2021", "random"],
     "simulators": ["embedded"],
     "objectives": ["moobd"],
-    "quantities": ["friction", "speed", "noise", "delay"],
+    "quantities": ["friction", "wet", "wet_at", "gust"],
 }
 
 

@@ -73,6 +73,7 @@ def test_what_is_preloaded_is_there(simulator: Any) -> None:
 
 def test_what_can_be_varied_is_what_can_be_set() -> None:
     everything = {"rules", "friction", "steering_lag", "start_offset", "start_heading"}
+    everything |= {"load", "wet", "wet_at", "gust", "gust_at"}
     assert capabilities(EmbeddedSimulator()).variable == everything
 
 

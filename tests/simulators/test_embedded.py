@@ -533,9 +533,9 @@ def test_what_is_set_between_two_drives_counts_for_the_next() -> None:
     [
         ({"wall_limit": 0.0}, "wall_limit is 0.0: a number > 0 is needed"),
         ({"wall_limit": math.nan}, "wall_limit is nan: a number > 0 is needed"),
-        ({"start_offset": 2.1}, "start_offset is 2.1: a number <= 2 is needed"),
+        ({"start_offset": 2.1}, "start_offset is 2.1: -2 to 2 m is needed"),
         ({"start_offset": math.nan}, "start_offset is nan"),
-        ({"start_heading": -1.0}, "start_heading is -1.0: a number >= -0.785"),
+        ({"start_heading": -1.0}, "start_heading is -1.0: -0.785 to 0.785 rad"),
         ({"friction": 0.0}, "friction is 0.0: a number > 0 is needed"),
         ({"vehicle": "truck"}, "vehicle is 'truck'"),
     ],

@@ -56,6 +56,7 @@ from frenetic.simulators.embedded.vehicle import (
     motion,
     on_map,
 )
+from frenetic.simulators.embedded.weather import NONE
 from frenetic.testing import DummyDriver, DummySimulator
 
 FloatArray = npt.NDArray[np.float64]
@@ -109,7 +110,7 @@ def periods(road: Road, car: Vehicle, state: FloatArray, count: int, **held: flo
     steering, throttle, brake = (held.get(name, 0.0) for name in ("steering", "throttle", "brake"))
     below = road.table, road.sub_step, road.slopes
     for _ in range(count):
-        s = advance_period(state, steering, throttle, brake, p, *below, s)
+        s = advance_period(state, steering, throttle, brake, p, *below, s, NONE)
         states.append(state.copy())
     return np.array(states)
 

@@ -58,7 +58,7 @@ class Variation:
         check_can_vary(simulator, [name])
         if row.attribute:
             value: Any = getattr(simulator, row.attribute)
-            if value is None:
+            if value is None and not row.place_of:
                 value = getattr(simulator.vehicle, row.attribute)  # type: ignore[attr-defined]
             own = value.speed_limit if isinstance(value, Rules) else value
         return cls(name, *row.around(own))

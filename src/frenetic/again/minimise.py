@@ -6,12 +6,14 @@ interrupted. `Minimising` is its strategy.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import zip_longest
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import MappingProxyType
 from typing import Any, ClassVar, Final, NamedTuple, Unpack
 
 import numpy as np
@@ -31,10 +33,13 @@ from frenetic.criteria import LANE
 from frenetic.drive import Rules
 from frenetic.errors import ENDS_ITS_PROCESS, HANGS, CampaignError, Fault, FreneticError
 from frenetic.outcome import Outcome
+from frenetic.quantities import SEED, in_words, quantity
 from frenetic.road import Road, profile
 from frenetic.search.archive import places_of
+from frenetic.search.conditions import moved_along
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.strategy import Ledger, SearchEnded, Strategy
+from frenetic.simulators.worlds import Conditions, usual_conditions
 from frenetic.spec import Budget, require_count
 
 MAX_DRIVES: Final = 500
@@ -53,6 +58,9 @@ _UNGUARDED: Final = (
     "No road was found that also fails with all curvatures {0:g} % smaller and {0:g} % larger,"
     " the original included"
 )
+_BISECTIONS: Final = 6
+_FAR: Final = 200.0
+"""Amount in m that stands for the usual one of a view without end."""
 _MINIMAL: Final = "nothing smaller was found to fail"
 
 
@@ -114,19 +122,36 @@ class Minimising(Strategy):
         start: the failing road.
         rules: by which drives fail.
         guard: share by which the curvatures of a road's neighbours differ, see `minimise`.
+        conditions: in which it fails.
+        usual: what is usual of these, as far as it is known.
     """
 
     BEHAVIOUR: Final = 2
     expects_failures: ClassVar[bool] = True
 
-    def __init__(self, start: Shape, rules: Rules, guard: float = GUARD) -> None:
+    def __init__(
+        self,
+        start: Shape,
+        rules: Rules,
+        guard: float = GUARD,
+        conditions: Conditions = MappingProxyType({}),
+        usual: Conditions = MappingProxyType({}),
+    ) -> None:
         self.options = {"curvatures": list(start.values), "step": start.step, "guard": guard}
         if start.slopes:
             self.options["slopes"] = [list(pair) for pair in start.slopes]
+        if conditions:
+            self.options |= {"conditions": dict(conditions), "usual": dict(usual)}
+        self.conditions = dict(conditions)
+        """Conditions in which the smallest road fails."""
+        self.passes: dict[str, float] = {}
+        """Quantity -> amount nearer to the usual one with which the smallest road does not fail."""
+        self._usual = usual
+        self._trying: dict[str, float] | None = None  # in place of these
+        self._tried: dict[Shape, dict[str, float]] = {start: dict(conditions)}
         self.shrinker: Shrinker | None = None
         """The smallest road so far; None until the first one has failed."""
-        self.ids: dict[Shape, int] = {start: 1}
-        """Each tried road's candidate."""
+        self._ids: dict[tuple[Shape, tuple[tuple[str, float], ...]], int] = {}
         self.is_minimal = False
         """Whether no pass finds anything smaller."""
         self._rules = rules
@@ -155,9 +180,81 @@ class Minimising(Strategy):
             if any(column)
         }
         origin = Origin(OPERATOR)
-        candidate = self._ledger.issue(values, shape.step, origin, notes=notes, **profiles)
-        self.ids[shape] = candidate.id
+        conditions = self._conditions_on(shape)
+        own: dict[str, Any] = {"notes": notes, "conditions": conditions, **profiles}
+        candidate = self._ledger.issue(values, shape.step, origin, **own)
+        self._tried[shape] = conditions
+        self._ids[shape, tuple(conditions.items())] = candidate.id
         return candidate
+
+    @property
+    def smallest(self) -> int:
+        """The candidate of the smallest road in its plainest conditions."""
+        assert self.shrinker is not None
+        return self._ids[self.shrinker.best, tuple(self.conditions.items())]
+
+    def _conditions_on(self, shape: Shape) -> dict[str, float]:
+        """Conditions for a road: what lies on it stays where it was on the smallest one.
+
+        That is at its distance from the end if the roads begin differently.
+        """
+        if self._trying is not None:
+            return self._trying
+        if self.shrinker is None:
+            return self.conditions
+        best = self.shrinker.best
+        count = min(len(best), len(shape), 3)
+        begins_alike = shape.step == best.step and np.allclose(
+            shape.values[:count], best.values[:count], rtol=2.0 * self._guard, atol=1e-12
+        )
+        return moved_along(self.conditions, 0.0 if begins_alike else shape.length - best.length)
+
+    def _work(self) -> Trials[None]:
+        """Leaves conditions out, then shrinks the road, then moves conditions towards the usual."""
+        assert self.shrinker is not None
+        for name in [*self.conditions]:
+            if name in self.conditions and name != SEED and not quantity(name).place_of:
+                plainer = {
+                    k: v
+                    for k, v in self.conditions.items()
+                    if k != name and (k == SEED or quantity(k).place_of != name)
+                }
+                yield from self._in_conditions(plainer)
+        if SEED in self.conditions and not any(
+            quantity(name).is_seeded for name in self.conditions.keys() - {SEED}
+        ):
+            plainer = {name: amount for name, amount in self.conditions.items() if name != SEED}
+            yield from self._in_conditions(plainer)
+        yield from self.shrinker.run()
+        for name in [*self.conditions]:
+            if name != SEED and not quantity(name).place_of:
+                yield from self._towards_usual(name)
+
+    def _in_conditions(self, conditions: dict[str, float]) -> Trials[bool]:
+        """Tries the smallest road in other conditions, and keeps them if it fails there."""
+        assert self.shrinker is not None
+        self._trying = conditions
+        answer = yield self.shrinker.best
+        self._trying = None
+        if answer is Answer.YES:
+            self.conditions = conditions
+        return answer is Answer.YES
+
+    def _towards_usual(self, name: str) -> Trials[None]:
+        """Moves an amount towards the usual one as far as the failure lasts, by bisection."""
+        fails, usual = self.conditions[name], self._usual.get(name)
+        if usual is None:
+            return
+        passes = usual if math.isfinite(usual) else max(2.0 * fails, _FAR)
+        for _ in range(_BISECTIONS):
+            middle = float(f"{0.5 * (fails + passes):.2g}")
+            if not min(fails, passes) < middle < max(fails, passes):
+                break
+            if (yield from self._in_conditions(self.conditions | {name: middle})):
+                fails = middle
+            else:
+                passes = middle
+        self.passes[name] = passes
 
     def tell(self, evaluation: Evaluation) -> None:
         """Takes the result of the road that was proposed last.
@@ -175,7 +272,7 @@ class Minimising(Strategy):
                     self._neighbours,
                     place=evaluation.place if evaluation.criterion else None,
                 )
-                self._run = self.shrinker.run()
+                self._run = self._work()
                 self._advance(None)
             return
         if evaluation.outcome is Outcome.INVALID:
@@ -185,11 +282,15 @@ class Minimising(Strategy):
 
     def _advance(self, answer: Answer | None) -> None:
         assert self._run is not None
+        assert self.shrinker is not None
+        best = self.shrinker.best
         try:
             # A generator is started with None.
             self._next = self._run.send(answer)  # type: ignore[arg-type]
         except StopIteration:
             self.is_minimal = True
+        if self.shrinker.best != best:
+            self.conditions = self._tried[self.shrinker.best]
 
     def _neighbours(self, shape: Shape) -> tuple[Shape, ...]:
         if self._guard == 0.0:
@@ -234,6 +335,8 @@ class Minimised:
 
     original: Test
     """The drive on the road."""
+    passes: Conditions
+    """Quantity of its conditions -> amount nearer to the usual one with which it does not fail."""
     smallest: Test
     """The drive on the smallest road with the same failure; possibly the original."""
     improvements: tuple[Improvement, ...]
@@ -265,6 +368,17 @@ class Minimised:
         assert before is not None
         assert after is not None
         return after.difference(before)
+
+    @property
+    def conditions(self) -> Conditions:
+        """Conditions in which the smallest road fails."""
+        return self.smallest.candidate.conditions
+
+    def conditions_in_words(self) -> str:
+        """These, and the nearest usual amounts with which it does not; empty without any."""
+        texts = in_words(self.conditions)
+        bounds = [f"{quantity(name).text(value)}" for name, value in self.passes.items()]
+        return f"{texts}; not with {' or '.join(bounds)}" if bounds else texts
 
     @property
     def road(self) -> Road:
@@ -307,9 +421,10 @@ def minimise(
     seconds: float | None = None,
     guard: float = GUARD,
     folder: Path | str | None = None,
+    conditions: Conditions = MappingProxyType({}),
     **how: Unpack[How],
 ) -> Minimised:
-    """The smallest road found with the same failure.
+    """The smallest road found with the same failure, in the plainest conditions.
 
     Smaller is shorter, or as long and plainer, in the order of `frenetic.again.shrinking.Shape`.
     Every kept road is valid, was driven and has the failure, and so did
@@ -325,6 +440,8 @@ def minimise(
         seconds: most wall time to spend; None for any.
         guard: share by which the curvatures of the neighbours differ, at least 0 and below 1; 0
             requires no neighbours.
+        conditions: in which the road fails. Those that the failure does not need are left out; the
+            others are moved towards the usual ones as far as the failure lasts.
         folder: of the campaign whose road it is, which keeps the drives; by default none are kept.
         how: see `How`.
 
@@ -357,7 +474,8 @@ def minimise(
             **profiles,
         )
     )
-    strategy = Minimising(start, tester.simulator.rules, guard)
+    usual = usual_conditions(conditions, tester.simulator)
+    strategy = Minimising(start, tester.simulator.rules, guard, conditions, usual)
     budget, trouble = Budget(simulations=max_drives, time=seconds), None
     with TemporaryDirectory() as temporary:
         campaign = campaign_again(
@@ -378,7 +496,7 @@ def minimise(
             trouble = str(error)
         with CampaignStore.open(campaign.folder) as store:
             if strategy.shrinker is None:  # nothing was left to be driven
-                strategy = Minimising(start, tester.simulator.rules, guard)
+                strategy = Minimising(start, tester.simulator.rules, guard, conditions, usual)
                 replay(store, strategy, budget, Objective.load(CAUSE))
             return _minimised(store, strategy, max_drives, guard, trouble)
 
@@ -402,7 +520,8 @@ def _minimised(
     ending = Ending.SPENT if drives >= max_drives else Ending.STOPPED
     return Minimised(
         original=store.test(1),
-        smallest=store.test(strategy.ids[shrinker.best]),
+        passes=dict(strategy.passes),
+        smallest=store.test(strategy.smallest),
         improvements=tuple(
             replace(found, trials=found.trials + 1) for found in shrinker.improvements
         ),
@@ -491,6 +610,7 @@ def minimise_test(
     minimised = minimise(
         test.road,
         tester,
+        conditions=test.candidate.conditions,
         max_drives=max_drives,
         seconds=seconds,
         guard=guard,

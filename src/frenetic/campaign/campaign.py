@@ -59,6 +59,7 @@ from frenetic.simulators.capabilities import bare, capabilities, check_class
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.isolated import IsolatedSimulator, is_named
 from frenetic.simulators.simulator import Simulator
+from frenetic.simulators.worlds import check_can_vary
 from frenetic.spec import (
     MAX_WORKERS,
     Budget,
@@ -229,6 +230,8 @@ class Campaign(Shown):
         self.tester = RoadTester(simulator, driver, map_size, margin, lane_width, road_class)
         if road_class is not None:
             check_class(simulator, driver, road_class)
+        if strategy.domain is not None:
+            check_can_vary(simulator, strategy.domain.conditions)
         self.objective = Objective.load(objective)
         self.budget = budget
         self.workers = workers
@@ -324,6 +327,7 @@ class Campaign(Shown):
             car=simulator.car,
             budget=self.budget,
             **self.tester.terms,
+            domain=self.strategy.domain,
             workers=self.workers,
             cluster=self.cluster,
             lookahead=self.lookahead,
@@ -535,6 +539,7 @@ class Campaign(Shown):
             "margin",
             "lane_width",
             "road_class",
+            "domain",
             "lookahead",
             "objective",
         ):

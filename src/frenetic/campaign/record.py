@@ -20,6 +20,7 @@ from msgspec import ValidationError, convert, json, to_builtins
 from frenetic._support.bounds import Count, Finite, Index, NotNegative, Positive, Share
 from frenetic._support.notebook import Shown
 from frenetic.campaign.trajectory_codec import decode, encode, rounded
+from frenetic.domain import Domain
 from frenetic.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.errors import CampaignError, Fault
 from frenetic.oracle import Finding, Result, broken
@@ -125,6 +126,8 @@ class Setting:
     car: CarBody
     road_class: RoadClass | None = None
     """Class whose rules its roads keep; None for the competition's."""
+    domain: Domain | None = None
+    """Domain whose conditions its drives had; None for the usual ones."""
 
     @classmethod
     def of(cls, config: Mapping[str, Any]) -> Self:

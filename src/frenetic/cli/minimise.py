@@ -299,6 +299,7 @@ def _print_one(work: Work, minimised: Minimised) -> None:
     print_facts(
         [
             ("fails", minimised.smallest.reason),
+            *([("conditions", text)] if (text := minimised.conditions_in_words()) else []),
             ("failure", _failure(minimised)),
             ("curvatures", " ".join(f"{v:g}" for v in after.values)),
             ("road", str(work.files.road)),
@@ -370,6 +371,8 @@ def _as_json(work: Work, minimised: Minimised) -> dict[str, Any]:
         "match": minimised.match,
         "step": after.step,
         "curvatures": list(after.values),
+        "conditions": dict(minimised.conditions),
+        "passes": dict(minimised.passes),
         "road": str(files.road),
         "picture": str(files.picture),
         "comparison": str(files.comparison),

@@ -152,6 +152,30 @@ roads_option: Final = click.option(
 )
 
 
+class Odd(click.ParamType):  # type: ignore[type-arg]  # generic in click's newest only
+    """The file of a domain."""
+
+    name = "file"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The domain."""
+        from frenetic.run_file import read_domain  # too slow for help
+
+        try:
+            return read_domain(str(value))
+        except FreneticError as error:
+            self.fail(str(error), param, ctx)
+
+
+odd_option: Final = click.option(
+    "--odd",
+    "domain",
+    type=Odd(),
+    metavar="FILE",
+    help="Domain (TOML): its roads, and conditions to search.",
+)
+
+
 class Criteria(click.ParamType):  # type: ignore[type-arg]  # generic in click's newest only
     """A profile of criteria with limits of one's own."""
 

@@ -21,6 +21,7 @@ from frenetic.cli.parts import (
     asked_spec,
     driver_options,
     given_options,
+    odd_option,
     part_choice,
     roads_option,
     was_given,
@@ -39,6 +40,7 @@ DEFAULT_SIMULATIONS: Final = 1000
 @click.option("--failures", type=int, metavar="N", help="Stop after N failures.")
 @part_choice("strategy", "How to search ('frenetic list strategies').", "frenetic")
 @roads_option
+@odd_option
 @driver_options
 @workers_option
 @objective_option
@@ -73,10 +75,9 @@ def run(
 ) -> None:
     """Search for roads on which a driver leaves its lane.
 
-    With no option at all, 1000 drives of the built-in planner go into a new folder under
-    campaigns/. The first of --simulations, --time and --failures that is reached ends the search;
-    so does Ctrl-C. FILE.toml says what the options say, as campaign.toml in every campaign's folder
-    does; options given beside it win.
+    With no option, 1000 drives of the built-in planner go into a new folder under campaigns/. The
+    first of --simulations, --time and --failures ends the search; so does Ctrl-C. FILE.toml says
+    what the options say, as every campaign's campaign.toml does; options beside it win.
     """
     from frenetic.campaign import new_folder
 
@@ -85,6 +86,8 @@ def run(
         from frenetic.road.stretches import shown_class  # too slow for help
 
         context.params["road_class"] = shown_class(from_roads)
+    if (domain := context.params["domain"]) is not None and context.params["road_class"] is None:
+        context.params["road_class"] = domain.road_class
     if file is None:
         spec, lookahead = asked_spec(context), None
         spec = replace(spec, objective=_objective(context, spec, None))
@@ -110,7 +113,8 @@ def _of_file(context: click.Context, path: Path) -> tuple[Spec, int | None, int 
 
     spec, entries = read_run_file(path)
     given = given_options(context)
-    if context.params["from_roads"] is not None:
+    given["domain"] = context.params["domain"]
+    if context.params["from_roads"] is not None or given["domain"] is not None:
         given["road_class"] = context.params["road_class"]
     for name in ("strategy", "strategy_options"):
         if was_given(context, name):

@@ -35,6 +35,7 @@ from frenetic.cli.options import (
 )
 from frenetic.errors import FreneticError
 from frenetic.outcome import Outcome
+from frenetic.quantities import in_words
 from frenetic.registry import part_name
 from frenetic.spec import earlier_of
 from frenetic.versions import short_version
@@ -213,6 +214,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
         click.echo(json.dumps(document))
         return
     rules, road_class = config.get("rules"), store.setting.road_class
+    domain = store.setting.domain
     limits = rules if isinstance(rules, Mapping) else {}
     budget = facts.get("budget", config.get("budget"))
     limited = budget if isinstance(budget, Mapping) else {}
@@ -235,6 +237,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
             ),
             *([("criteria", text)] if (text := criteria_in_words(store)) else []),
             *([] if road_class is None else [("roads", road_class.in_words())]),
+            *([] if domain is None else [("domain", domain.in_words())]),
             ("objective", in_words(config, objectives(store))),
             *(("starts from", str(earlier)) for earlier in earlier_of(config)),
             ("budget", spent),
@@ -327,6 +330,7 @@ def _show_test(store: CampaignStore, test_id: int, plot: Path | None, as_json: b
         ("outcome", f"{record.outcome}  {record.reason}"),
         ("origin", f"{origin.operator}{parents}{source}, generation {origin.generation}"),
         *([("cause", cause)] if (cause := _cause(record)) else []),
+        *([("conditions", text)] if (text := in_words(record.candidate.conditions)) else []),
         ("road", test.road.in_words()),
         *(
             ("minimised", f"{short.road.length:.1f} m, {minimised_road(store.folder, test_id)}")

@@ -1,4 +1,4 @@
-"""Layers over any driver: noise on what it sees, delay of what it does, a limited view.
+"""Layers over any driver: noise on what it sees, delay of what it does, a limited view, haste.
 
 Layers compose: ``Delayed(Noisy(Planner(), offset=0.2), seconds=0.1)``. They commute, as noise and
 view change what comes in and the delay what goes out; one layer of each kind over a built-in driver
@@ -16,7 +16,7 @@ import numpy as np
 from msgspec import Meta
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.bounds import Index, Positive, check
+from frenetic._support.bounds import Index, NotNegative, Positive, check
 from frenetic._support.compiled import njit
 from frenetic.drivers.builtin import BuiltIn
 from frenetic.drivers.driver import (
@@ -253,6 +253,36 @@ class LimitedView(OwnLayer):
         )
 
 
+class Hasty(OwnLayer):
+    """A driver that takes the speed limit for a higher one.
+
+    Args:
+        driver: the driver underneath.
+        excess: km/h above the limit.
+    """
+
+    place = 3
+
+    def __init__(self, driver: Driver, *, excess: NotNegative = 10.0) -> None:
+        check(locals(), Hasty.__init__)
+        super().__init__(driver)
+        self.excess = float(excess)
+
+    @classmethod
+    def over(cls, driver: Driver, amount: float) -> Hasty:
+        """A driver that drives so many km/h over the limit."""
+        return cls(driver, excess=amount)
+
+    @property
+    def options(self) -> dict[str, float]:
+        """Its options."""
+        return {"excess": self.excess}
+
+    def reset(self, setup: DriveSetup) -> None:
+        """Prepares for the next drive."""
+        super().reset(replace(setup, speed_limit=setup.speed_limit + self.excess / 3.6))
+
+
 @dataclass(frozen=True)
 class Compiled:
     """A built-in driver and its layers, flattened for the compiled rollout."""
@@ -264,6 +294,8 @@ class Compiled:
     delay: int
     """Control periods."""
     errors: ErrorSequence | None
+    excess: float
+    """m/s above the speed limit that it takes for it."""
 
 
 def compiled_form(driver: Driver, period: float) -> Compiled | None:
@@ -272,9 +304,9 @@ def compiled_form(driver: Driver, period: float) -> Compiled | None:
     Only the built-in classes themselves qualify, under at most one layer of each kind: a subclass
     may do anything in `act`.
     """
-    rows, delay, errors = AHEAD_POINTS, 0, None
+    rows, delay, errors, excess = AHEAD_POINTS, 0, None, 0.0
     seen = set()
-    while isinstance(driver, OwnLayer) and type(driver) in (Noisy, Delayed, LimitedView):
+    while isinstance(driver, OwnLayer) and type(driver) in (Noisy, Delayed, LimitedView, Hasty):
         if type(driver) in seen:
             return None
         seen.add(type(driver))
@@ -284,9 +316,11 @@ def compiled_form(driver: Driver, period: float) -> Compiled | None:
             delay = driver.periods(period)
         elif isinstance(driver, LimitedView):
             rows = driver.rows
+        elif isinstance(driver, Hasty):
+            excess = driver.excess
         driver = driver.driver
     if not (isinstance(driver, BuiltIn) and type(driver).__module__ == BuiltIn.__module__):
         return None
     if hasattr(driver, "period"):  # its own
         return None
-    return Compiled(driver.law, driver.parameters(), rows, delay, errors)
+    return Compiled(driver.law, driver.parameters(), rows, delay, errors, excess / 3.6)

@@ -60,7 +60,7 @@ def road_entries(road: Road) -> dict[str, Any]:
 def road_document(record: Test, config: Mapping[str, JSONValue]) -> dict[str, Any]:
     """A test as a JSON object that `frenetic drive` and the competition's tools can read."""
     candidate, road = record.candidate, record.road
-    driven = drive_record(config)
+    driven = drive_record(config, candidate.conditions)
     return {
         "id": candidate.id,
         "is_valid": record.outcome is not Outcome.INVALID,

@@ -88,8 +88,8 @@ def minimised_document(
         spec: names what drove it.
         test_id: of the campaign's test that was minimised, if it was one.
     """
-    driven = drive_record(spec.with_limit().to_json())
     smallest, setting = minimised.smallest, minimised.smallest.setting
+    driven = drive_record(spec.with_limit().to_json(), minimised.conditions)
     assert setting is not None
     parents: list[int] = [] if test_id is None else [test_id]
     return {
@@ -112,6 +112,7 @@ def minimised_document(
             "test": smallest.id,
             "guard": minimised.guard,
             "ending": str(minimised.ending),
+            **({"passes": dict(minimised.passes)} if minimised.passes else {}),
         },
         **road_entries(smallest.road),
     }

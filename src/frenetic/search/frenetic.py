@@ -6,7 +6,7 @@ import hashlib
 import math
 from collections import deque
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from frenetic.outcome import Outcome
 from frenetic.road import profile
 from frenetic.search.approach import SIZE, lower_squares
 from frenetic.search.archive import LEFT, RIGHT, Archive, places_of
+from frenetic.search.conditions import changed, drawn, inherited
 from frenetic.search.operators import MIN_VALUES
 from frenetic.search.random_search import (
     EARLIER,
@@ -36,6 +37,7 @@ from frenetic.search.strategy import Ledger, Strategy, options_of, require, requ
 from frenetic.search.variation import MIRROR, OF_FAILURES, OPERATORS, PARAMETERS, SPLICE, draw_child
 
 if TYPE_CHECKING:
+    from frenetic.domain import Domain
     from frenetic.road.classes import RoadClass
 
 _ROAD_PER_MAP = 1.45  # m of road for each m of the map's side
@@ -59,6 +61,10 @@ _RANDOM_SHARE = 0.05  # of random roads after the first ones
 _SAME = 1.6  # [m] least difference that a child is expected to have from the known failures
 _REDRAWS = 36  # of a road or child that is refused
 _PARENTS = 8  # that are tried before a random road is proposed
+_IN_OTHERS = 0.5  # share of children of a near miss that are its road in other conditions
+
+CONDITIONS = "conditions"
+"""The operator of a road in other conditions."""
 
 
 class Frenetic(Strategy):
@@ -114,6 +120,8 @@ class Frenetic(Strategy):
             or that the competition calls invalid.
         road_class: Class of the roads, see `Strategy.road_class`; it takes the place of step and
             lengths.
+        domain: Domain of roads and conditions, see `Strategy.domain`: then a child has its parent's
+            conditions, and of one that did not fail another one is the same road in others.
 
     Raises:
         ValueError: An option is out of range; the message says which and what is allowed.
@@ -138,10 +146,11 @@ class Frenetic(Strategy):
         max_length: int = MAX_LENGTH,
         is_valid: RoadCheck | None = None,
         road_class: RoadClass | None = None,
+        domain: Domain | None = None,
     ) -> None:
         map_size, step = size_and_step(map_size, step, road_class)
         self.options = options_of(locals())
-        self.road_class = road_class
+        self.road_class, self.domain = road_class, domain
         require(0 <= random_budget <= 1, "random_budget", random_budget, "between 0 and 1")
         require(0 < map_size < math.inf, "map_size", map_size, "positive (m)")
         require(0 < step < math.inf, "step", step, "positive (m)")
@@ -327,13 +336,19 @@ class Frenetic(Strategy):
     def _random_road(self) -> Candidate:
         curvatures = self._roads.draw(self._rng)
         self._proposed.add(fingerprint(curvatures))
-        grade = self._roads.grade(self._rng, curvatures)
-        return self._ledger.issue(curvatures, self._roads.step, Origin(RANDOM), grade=grade)
+        own: dict[str, Any] = {"grade": self._roads.grade(self._rng, curvatures)}
+        own["conditions"] = self._drawn(curvatures, self._roads.step)
+        return self._ledger.issue(curvatures, self._roads.step, Origin(RANDOM), **own)
+
+    def _drawn(self, curvatures: FloatArray, step: float) -> dict[str, float]:
+        """Conditions for a road from the domain."""
+        return drawn(self._rng, self.domain, (len(curvatures) - 1) * step)
 
     def _given_road(self, road: Candidate) -> Candidate:
         """A stretch of a real road, as it is."""
         self._proposed.add(fingerprint(road.curvatures))
         own = {name: getattr(road, name) for name in ("notes", *profile.NAMES)}
+        own["conditions"] = self._drawn(road.curvatures, road.step)
         return self._ledger.issue(road.curvatures, road.step, Origin(GIVEN), **own)
 
     def _earlier_road(self) -> Candidate:
@@ -348,7 +363,7 @@ class Frenetic(Strategy):
         lower_squares(squares, places["side"], vectors, side, vectors[row])
         road = self._earlier.candidates[row]
         self._proposed.add(fingerprint(road.curvatures))
-        own = {name: getattr(road, name) for name in profile.NAMES}
+        own = {name: getattr(road, name) for name in ("conditions", *profile.NAMES)}
         return self._ledger.issue(road.curvatures, self._roads.step, Origin(EARLIER), **own)
 
     def _choose_pool(self) -> None:
@@ -383,6 +398,8 @@ class Frenetic(Strategy):
         archive, rng, draws, step = self._archive, self._rng, 1 + _REDRAWS, self._roads.step
         place, parent = archive.places[row], archive.candidates[row]
         had_failed, side = int(place["has_failed"]), int(place["side"])
+        if self.domain is not None and not had_failed and rng.random() < _IN_OTHERS:
+            return self._in_other_conditions(row)
         operators = np.searchsorted(self._shares(had_failed), rng.random(draws), side="right")
         u = rng.random((draws, PARAMETERS + len(self._room)))
         lengths = self._usual_length + rng.integers(-LENGTH_JITTER, LENGTH_JITTER + 1, draws)
@@ -434,6 +451,18 @@ class Frenetic(Strategy):
             first += k + 1
         return None
 
+    def _in_other_conditions(self, row: int) -> Candidate:
+        """The road of a place of the archive in other conditions."""
+        assert self.domain is not None
+        archive, parent = self._archive, self._archive.candidates[row]
+        mate = archive.candidates[int(self._rng.choice(self._pool))]
+        place = float(archive.places["distance"][row])
+        own: dict[str, Any] = {name: getattr(parent, name) for name in profile.NAMES}
+        own["conditions"] = changed(self._rng, self.domain, parent, mate, place)
+        origin = Origin(CONDITIONS, (parent.id,), parent.origin.generation + 1)
+        archive.places["cost"][row] += _USE
+        return self._ledger.issue(parent.curvatures, parent.step, origin, **own)
+
     def _shares(self, had_failed: int) -> FloatArray:
         """Running sum of the shares of the operators, (k,), the last 1."""
         count = OF_FAILURES if had_failed else len(OPERATORS)
@@ -454,7 +483,10 @@ class Frenetic(Strategy):
             grade = self._roads.grade(self._rng, curvatures)
         elif grade is not None and len(grade):
             grade = np.column_stack([grade[:, 0] + moved, grade[:, 1]])
-        child = self._ledger.issue(curvatures, self._roads.step, origin, grade=grade)
+        length = (len(curvatures) - 1) * self._roads.step
+        conditions = inherited(self._rng, self.domain, parent, length, moved)
+        own: dict[str, Any] = {"grade": grade, "conditions": conditions}
+        child = self._ledger.issue(curvatures, self._roads.step, origin, **own)
         self._parents[child.id] = row, operator
         self._archive.places["cost"][row] += _USE
         return child

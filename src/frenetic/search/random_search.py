@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from frenetic.errors import RoadError
 from frenetic.road import MAP_SIZE, MARGIN, Road, profile
 from frenetic.road.classes import conform
 from frenetic.road.validity import check_layout
+from frenetic.search.conditions import drawn, moved_along
 from frenetic.search.elements import draw_elements, random_grade
 from frenetic.search.operators import CURVATURE_BOUND, MAX_CHANGE, MIN_VALUES, random_curvatures
 from frenetic.search.records import Candidate, Evaluation, Origin
@@ -23,6 +24,7 @@ from frenetic.search.strategy import Ledger, Strategy, options_of, require, requ
 if TYPE_CHECKING:
     from typing import TypeAlias
 
+    from frenetic.domain import Domain
     from frenetic.road.classes import RoadClass
 
 STEP = 10.0  # m
@@ -287,7 +289,8 @@ class Rests:
         }
         origin = Origin(REST, (road.id,), road.origin.generation)
         notes = {REST: {"of": road.id, "from": start}}
-        return ledger.issue(road.curvatures[first:], road.step, origin, notes=notes, **profiles)
+        own: dict[str, Any] = {"notes": notes, "conditions": moved_along(road.conditions, -start)}
+        return ledger.issue(road.curvatures[first:], road.step, origin, **own, **profiles)
 
 
 class RandomSearch(Strategy):
@@ -304,6 +307,7 @@ class RandomSearch(Strategy):
         is_valid: Refuses roads that are not worth a test, see `RandomRoads`.
         max_redraws: How often a refused road is drawn again; 0 is the paper's behaviour.
         road_class: Class of the roads, see `Strategy.road_class`.
+        domain: Domain from which roads and conditions are drawn, see `Strategy.domain`.
 
     Raises:
         ValueError: An option is out of range; the message says which and what is allowed.
@@ -323,10 +327,11 @@ class RandomSearch(Strategy):
         is_valid: RoadCheck | None = None,
         max_redraws: int = MAX_REDRAWS,
         road_class: RoadClass | None = None,
+        domain: Domain | None = None,
     ) -> None:
         map_size, step = size_and_step(map_size, step, road_class)
         self.options = options_of(locals())
-        self.road_class = road_class
+        self.road_class, self.domain = road_class, domain
         self._rng = np.random.default_rng(require_whole("seed", seed, 0))
         self._roads = RandomRoads(
             map_size=map_size,
@@ -354,7 +359,9 @@ class RandomSearch(Strategy):
         roads = self._roads
         values = roads.draw(self._rng)
         grade = roads.grade(self._rng, values)
-        return self._ledger.issue(values, roads.step, Origin(RANDOM), grade=grade)
+        conditions = drawn(self._rng, self.domain, (len(values) - 1) * roads.step)
+        own: dict[str, Any] = {"grade": grade, "conditions": conditions}
+        return self._ledger.issue(values, roads.step, Origin(RANDOM), **own)
 
     def replace(self, candidate: Candidate) -> None:
         """Take another road instead, see `Strategy.replace`."""

@@ -14,6 +14,7 @@ from frenetic._support.scalars import without_numpy
 from frenetic.search.records import Candidate, Evaluation, Origin
 
 if TYPE_CHECKING:
+    from frenetic.domain import Domain
     from frenetic.road.classes import RoadClass
 
 _MOST_BITS = 1000  # of a number that a float can hold
@@ -60,6 +61,11 @@ class Strategy(ABC):
     """Class whose rules its roads keep; None for the competition's. A campaign with a class gives
     it to a strategy whose ``__init__`` has an argument of this name; any other one's roads that
     break a rule are INVALID."""
+
+    domain: Domain | None = None
+    """Domain whose conditions its candidates have; None for the usual ones. A campaign with a
+    domain gives it to a strategy whose ``__init__`` has an argument of this name, and no other
+    strategy can search it."""
 
     @abstractmethod
     def ask(self) -> Candidate | None:

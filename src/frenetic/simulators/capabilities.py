@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 from frenetic._support.bounds import Count, Positive, check
 from frenetic.drivers.driver import Driver, SelectiveDriver, camera_of, period_of, stack_of
 from frenetic.errors import DriverError, FreneticError, RoadError
+from frenetic.quantities import attributes
 from frenetic.recipe import Named
 from frenetic.road import Road
 from frenetic.simulators.checks import Check
@@ -21,10 +22,6 @@ from frenetic.simulators.simulator import Simulator
 
 if TYPE_CHECKING:
     from frenetic.road.classes import RoadClass
-
-VARIABLE: Final = ("rules", "friction", "steering_lag", "start_offset", "start_heading")
-"""Attributes that may be set between two drives, if a simulator has them; a `steering_lag` of None
-is that of its ``vehicle``."""
 
 _FLAT: Final = "flat roads of one width only"
 _REMEDY: Final = "leave superelevation, grade and widening out"
@@ -82,7 +79,8 @@ class Capabilities(Usual):
     lays_slopes: bool = False
     """Whether its roads lean, rise and widen as `Road` says; others are not driven in it."""
     variable: frozenset[str] = frozenset()
-    """Those of `VARIABLE` that it has."""
+    """Attributes of it that `frenetic.quantities` names: they may be set between two drives. A
+    `steering_lag` of None is that of its ``vehicle``."""
 
     @property
     def drive_limit(self) -> float:
@@ -105,7 +103,7 @@ def capabilities(simulator: Simulator) -> Capabilities:
     Raises:
         FreneticError: a declared value is invalid.
     """
-    variable = frozenset(name for name in VARIABLE if hasattr(simulator, name))
+    variable = frozenset(name for name in attributes() if hasattr(simulator, name))
     return Capabilities(**_declared(simulator, Capabilities) | {"variable": variable})
 
 

@@ -9,9 +9,10 @@ from typing import Any, Literal, Self
 from frenetic.drive import Breakdown, CarBody, Drive
 from frenetic.drivers.driver import Driver, is_of_driver, under_layers
 from frenetic.errors import CampaignError, Fault, FreneticError, describe_raised, traceback_of
+from frenetic.quantities import attributes
 from frenetic.recipe import Named
 from frenetic.road import Road
-from frenetic.simulators.capabilities import VARIABLE, capabilities
+from frenetic.simulators.capabilities import capabilities
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.simulator import Simulator
 from frenetic.worker import START_LIMIT, LostWorkerError, Worker, pack, unpack
@@ -96,7 +97,7 @@ class IsolatedSimulator:
         return getattr(self.simulator_inside, name)
 
     def __setattr__(self, name: str, value: object) -> None:
-        if name in VARIABLE:
+        if name in attributes():
             setattr(self.simulator_inside, name, value)
         else:
             super().__setattr__(name, value)

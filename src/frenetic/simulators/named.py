@@ -22,14 +22,14 @@ _METHODS: Final = ("prepare", "check_driver")
 
 
 class NamedSimulator(Named):
-    """A user's own simulator by its name; what `VARIABLE` names may be set here."""
+    """A user's own simulator by its name; what `frenetic.quantities` names may be set here."""
 
     rules: Rules
     car: CarBody
     declared: frozenset[str]
     """The methods of `Capabilities` that it has."""
     varies: frozenset[str]
-    """What of `VARIABLE` it has."""
+    """Which of these attributes it has."""
 
     @staticmethod
     def attributes_of(part: Simulator) -> dict[str, Any]:

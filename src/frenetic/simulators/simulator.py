@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
+from numbers import Real
 from types import TracebackType
-from typing import Annotated, Protocol, Self, runtime_checkable
+from typing import Generic, Protocol, Self, TypeVar, runtime_checkable
 
-from msgspec import Meta
-
-from frenetic._support.bounds import check
 from frenetic.drive import CarBody, Drive, Rules
 from frenetic.drivers.driver import Driver
-from frenetic.quantities import MAX_START_HEADING, MAX_START_OFFSET
+from frenetic.quantities import quantity
 from frenetic.road import Road
 
 
@@ -47,33 +45,42 @@ class Simulator(Protocol):
         """One drive of the driver along the road."""
 
 
-class _Start:
-    start_offset: Annotated[float, Meta(ge=-MAX_START_OFFSET, le=MAX_START_OFFSET)]
-    start_heading: Annotated[float, Meta(ge=-MAX_START_HEADING, le=MAX_START_HEADING)]
+T = TypeVar("T", float, float | None)
+
+
+class Amount(Generic[T]):
+    """An attribute of a simulator with the amount of a quantity, checked when it is set.
+
+    Args:
+        name: of the quantity.
+        usual: amount that holds until another is set; it need not be in the quantity's range.
+    """
+
+    def __init__(self, name: str, usual: T) -> None:
+        self._name = name
+        self._usual: T = usual
+
+    def __set_name__(self, owner: type, attribute: str) -> None:
+        self._attribute = attribute
+
+    def __get__(self, simulator: object, owner: type | None = None) -> T:
+        value: T = vars(simulator).get(f"_{self._attribute}", self._usual)
+        return value
+
+    def __set__(self, simulator: object, value: T) -> None:
+        row = quantity(self._name)
+        if value != self._usual:
+            if not (isinstance(value, Real) and row.low <= value <= row.high):
+                text = f"{self._attribute} is {value!r}: {row.allowed} is needed"
+                raise ValueError(text)
+            value = float(value)
+        vars(simulator)[f"_{self._attribute}"] = value
 
 
 class StartingPlace:
     """Base of simulators with the place of a car's start as two checked attributes."""
 
-    _start_offset = 0.0
-    _start_heading = 0.0
-
-    @property
-    def start_offset(self) -> float:
-        """Distance of the car's start to the left of the ego lane's centre, in m."""
-        return self._start_offset
-
-    @start_offset.setter
-    def start_offset(self, offset: float) -> None:
-        check({"start_offset": offset}, _Start)
-        self._start_offset = float(offset)
-
-    @property
-    def start_heading(self) -> float:
-        """Angle of the car's start to the left of the road's direction, in rad."""
-        return self._start_heading
-
-    @start_heading.setter
-    def start_heading(self, heading: float) -> None:
-        check({"start_heading": heading}, _Start)
-        self._start_heading = float(heading)
+    start_offset = Amount[float]("start", 0.0)
+    """Distance of the car's start to the left of the ego lane's centre, in m."""
+    start_heading = Amount[float]("heading", 0.0)
+    """Angle of the car's start to the left of the road's direction, in rad."""

@@ -55,6 +55,29 @@ def check_can_vary(simulator: Simulator, names: Iterable[str]) -> None:
             )
 
 
+def usual_conditions(conditions: Conditions, simulator: Simulator) -> dict[str, float]:
+    """What is usual of the quantities of some conditions: without effect, or the simulator's own.
+
+    A place on the road has no usual amount.
+    """
+    found: dict[str, float] = {}
+    for name in conditions.keys() - {SEED}:
+        row = quantity(name)
+        if row.place_of:
+            continue
+        if row.nothing is not None:
+            found[name] = row.nothing
+        elif row.attribute == "rules":
+            found[name] = simulator.rules.speed_limit
+        else:
+            own = getattr(simulator, row.attribute)
+            if own is None:
+                own = getattr(getattr(simulator, "vehicle", None), row.attribute, None)
+            if own is not None:
+                found[name] = float(own)
+    return found
+
+
 @contextmanager
 def in_conditions(conditions: Conditions, simulator: Simulator, driver: Driver) -> Iterator[Driver]:
     """Puts a simulator into some conditions for a while; gives the driver for these.

@@ -24,6 +24,7 @@ from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
 from frenetic.export.tables import Place, opened
 from frenetic.outcome import Outcome
+from frenetic.quantities import in_words
 from frenetic.report.html.blocks import Part, Section
 from frenetic.report.html.elsewhere import elsewhere_sections
 from frenetic.report.html.feature_map import choose_mapped, map_section, measure
@@ -117,6 +118,7 @@ def campaign_report(
         folder=str(store.folder),
         criteria=criteria_in_words(store),
         roads="" if road_class is None else road_class.in_words(),
+        domain="" if (domain := store.setting.domain) is None else domain.in_words(),
         elapsed=store.elapsed(),
         objectives=objectives(store),
         known=still_failing(store),
@@ -187,6 +189,8 @@ def _look(
             origin = record.candidate.origin
             data = drive_data(test_id, record.result, segment, origin.generation)
             data |= files_of(test_id, store)
+            if conditions := in_words(record.candidate.conditions):
+                data["reason"] += f"; {conditions}"
             drives.append(data)
             room -= len(encode(data))
             seen = (film(record) for film in films if room_for_pictures > 0)

@@ -29,6 +29,7 @@ def headline(
     folder: str,
     elapsed: float,
     roads: str = "",
+    domain: str = "",
     criteria: str = "",
     known: str = "",
     objectives: Mapping[int, float] = MappingProxyType({}),
@@ -46,6 +47,7 @@ def headline(
         elapsed: s of its spent time.
         known: what became of the failures of earlier campaigns.
         roads: their class, in words.
+        domain: what conditions were searched, in words.
         criteria: what fails beside leaving the lane, in words.
         objectives: value of the objective by test, if it is not the MOOBD.
         caution: what the counts alone may lead to believe wrongly.
@@ -100,6 +102,7 @@ def headline(
     told = {
         "campaign": folder,
         "roads": roads,
+        "domain": domain,
         "criteria": criteria,
         "budget": _limits(budget),
         "objective": in_words(config, objectives),

@@ -25,6 +25,7 @@ from frenetic.simulators.embedded.vehicle import (
     Y,
     advance,
 )
+from frenetic.simulators.embedded.weather import grip_at, in_gust, place_of
 from frenetic.simulators.observing import assess_now, look_ahead
 
 STEP = 0.01
@@ -86,6 +87,7 @@ def advance_period(
     ds: float,
     slopes: FloatArray,
     s: float,
+    weather: FloatArray,
     steps: int = STEPS_PER_PERIOD,
 ) -> float:
     """Moves the car on by one period, or another number of steps, in place.
@@ -95,15 +97,21 @@ def advance_period(
         vehicle: `Vehicle.to_array()`.
         table, ds: the road, see `frenetic.road.geometry`.
         slopes: `Road.slopes`.
-        s: m, a place of the car at most a few periods ago, which matters on slopes.
+        s: m, a place of the car at most a few periods ago, which matters on slopes and in weather.
+        weather: see `frenetic.simulators.embedded.weather`.
         steps: of the integration.
 
     Returns:
-        Its place before it moved, on slopes.
+        Its place before it moved, on slopes and in weather.
     """
     ground = vehicle
+    if len(weather):
+        s = place_of(table, ds, state, s)
+        ground = grip_at(weather, vehicle, s)
     if len(slopes):
-        ground, s = lay(vehicle, table, ds, slopes, state, s, steps * STEP)
+        ground, s = lay(ground, table, ds, slopes, state, s, steps * STEP)
+    if len(weather):
+        ground = in_gust(weather, ground, state, s)
     for _ in range(steps):
         advance(state, steering, throttle, brake, ground, STEP)
     return s
@@ -126,6 +134,7 @@ def rollout(
     errors: FloatArray,
     state: FloatArray,
     records: FloatArray,
+    weather: FloatArray,
 ) -> int:
     """Drives a built-in driver until the drive ends; returns the number of records written.
 
@@ -141,6 +150,7 @@ def rollout(
         errors: (m, 2) m and rad by which the driver errs, m >= the records' number, or (0, 2).
         state: (7,) the car at the start; it becomes that at the end.
         records: (11, m), room for the columns of a `Trajectory`.
+        weather: see `frenetic.simulators.embedded.weather`.
     """
     ahead = np.empty((AHEAD_POINTS, 2))
     curvature_ahead = np.empty(AHEAD_POINTS)
@@ -202,5 +212,5 @@ def rollout(
             slot = (i + 1) % (delay + 1)
             steering, throttle, brake = waiting[slot, 0], waiting[slot, 1], waiting[slot, 2]
         write_record(records, i, state, steering, throttle, brake)
-        advance_period(state, steering, throttle, brake, vehicle, table, ds, slopes, s)
+        advance_period(state, steering, throttle, brake, vehicle, table, ds, slopes, s, weather)
     return int(most)

@@ -39,10 +39,22 @@ from frenetic.simulators.capabilities import check_road
 from frenetic.simulators.checks import Check
 from frenetic.simulators.embedded import rollout as kernels
 from frenetic.simulators.embedded.vehicle import HEADING, Vehicle, X, Y
+from frenetic.simulators.embedded.weather import weather_array
 from frenetic.simulators.following import follow
-from frenetic.simulators.simulator import StartingPlace
+from frenetic.simulators.simulator import Amount, StartingPlace
 
 _NO_ERRORS = np.empty((0, 2))
+_CONDITIONS: Final[Mapping[str, float | None]] = {
+    "start_offset": 0.0,
+    "start_heading": 0.0,
+    "steering_lag": None,
+    "load": 0.0,
+    "wet": 1.0,
+    "wet_at": None,
+    "gust": 0.0,
+    "gust_at": None,
+}
+"""Attribute -> what is usual."""
 
 
 class EmbeddedSimulator(StartingPlace):
@@ -61,13 +73,23 @@ class EmbeddedSimulator(StartingPlace):
         start_offset: m to the left of the ego lane's centre at which the car starts, -2 to 2.
         start_heading: rad to the left of the road's direction in which it points there, within an
             eighth of a turn.
+        load: kg in the car, spread between its axles, of which the driver is not told.
+        wet: friction on one wet stretch of 40 m, as a share of the road's; 1 for none.
+        wet_at: m along the road, the stretch's middle; None for the road's.
+        gust: m/s to the left, of one gust across 60 m of the road, see `weather`.
+        gust_at: m along the road, the gust's middle; None for the road's.
 
-    `rules`, `vehicle`, `friction`, `steering_lag`, `start_offset` and `start_heading` may be set
-    between two drives; they hold from the next one on.
+    All but `wall_limit` may be set between two drives; they hold from the next one on.
 
     Raises:
         ValueError: an option is out of range.
     """
+
+    load = Amount[float]("load", 0.0)
+    wet = Amount[float]("wet", 1.0)
+    wet_at = Amount[float | None]("wet_at", None)
+    gust = Amount[float]("gust", 0.0)
+    gust_at = Amount[float | None]("gust_at", None)
 
     draws: Final = True
     lays_slopes: Final = True
@@ -85,6 +107,11 @@ class EmbeddedSimulator(StartingPlace):
         wall_limit: Positive = 60.0,
         start_offset: float = 0.0,
         start_heading: float = 0.0,
+        load: float = 0.0,
+        wet: float = 1.0,
+        wet_at: float | None = None,
+        gust: float = 0.0,
+        gust_at: float | None = None,
     ) -> None:
         check({"wall_limit": wall_limit}, EmbeddedSimulator.__init__)
         self.rules = rules or Rules()
@@ -99,16 +126,19 @@ class EmbeddedSimulator(StartingPlace):
             self.friction = friction
         self.start_offset = start_offset
         self.start_heading = start_heading
+        self.load, self.wet, self.gust = load, wet, gust
+        self.wet_at, self.gust_at = wet_at, gust_at
         self.wall_limit = wall_limit
         self._room = np.empty(0)  # memory for the records, used again and again
 
     @property
     def options(self) -> dict[str, Any]:
-        """Its options beside the rules; of steering lag and start only unusual ones."""
-        start = {"start_offset": self.start_offset, "start_heading": self.start_heading}
-        unusual = {name: value for name, value in start.items() if value != 0.0}
-        if self.steering_lag is not None:
-            unusual["steering_lag"] = self.steering_lag
+        """Its options beside the rules; of conditions only unusual ones."""
+        unusual = {
+            name: value
+            for name, usual in _CONDITIONS.items()
+            if (value := getattr(self, name)) != usual
+        }
         return {"vehicle": asdict(self.vehicle), "wall_limit": self.wall_limit, **unusual}
 
     @property
@@ -200,6 +230,7 @@ class EmbeddedSimulator(StartingPlace):
         if self._room.size < columns * most:
             self._room = np.empty(columns * most)
         room = self._room[: columns * most].reshape(columns, most)
+        parameters, weather = self._conditions(road)
         n = kernels.rollout(
             road.table,
             road.sub_step,
@@ -207,15 +238,16 @@ class EmbeddedSimulator(StartingPlace):
             road.lane_width,
             rules_array(self.rules, road.length),
             self._car,
-            self._parameters,
+            parameters,
             compiled.law,
             compiled.parameters,
-            setup_array(setup),
+            setup_array(replace(setup, speed_limit=setup.speed_limit + compiled.excess)),
             compiled.rows,
             compiled.delay,
             _NO_ERRORS if compiled.errors is None else compiled.errors.upto(most),
             self._start(road),
             room,
+            weather,
         )
         return Drive.of(Trajectory(*room[:, :n]), self.car, self.rules, road)
 
@@ -231,7 +263,7 @@ class EmbeddedSimulator(StartingPlace):
             return Drive.of(Trajectory.empty(), self.car, self.rules, road, Breakdown.of(error))
         if renderer is not None:
             renderer.draw(*road.pose)  # likewise
-        car = _Car(self._start(road), self._parameters, road, renderer)
+        car = _Car(self._start(road), *self._conditions(road), road, renderer)
         return follow(
             car,
             road,
@@ -243,6 +275,15 @@ class EmbeddedSimulator(StartingPlace):
             period_step=self.period_step,
         )
 
+    def _conditions(self, road: Road) -> tuple[FloatArray, FloatArray]:
+        """The car's parameters on this road, and its weather, as the kernels take them."""
+        car, parameters = self._steered, self._parameters
+        if self.load:
+            car = car.loaded(self.load)
+            parameters = car.to_array()
+        places = (0.5 * road.length if at is None else at for at in (self.wet_at, self.gust_at))
+        return parameters, weather_array(car, self.wet, self.gust, *places)
+
     def _start(self, road: Road) -> FloatArray:
         return kernels.start_state(
             road.table, road.lane_width, self.start_offset, self.start_heading
@@ -253,12 +294,18 @@ class _Car:
     """A car that is moved for a driver in Python."""
 
     def __init__(
-        self, state: FloatArray, parameters: FloatArray, road: Road, renderer: Renderer | None
+        self,
+        state: FloatArray,
+        parameters: FloatArray,
+        weather: FloatArray,
+        road: Road,
+        renderer: Renderer | None,
     ) -> None:
         self._state = state
         self._parameters = parameters
+        self._weather = weather
         self._road = road.table, road.sub_step, road.slopes
-        self._s = 0.0  # a place of the car, on slopes
+        self._s = 0.0  # a place of the car, on slopes and in weather
         self._renderer = renderer
 
     def motion(self) -> list[float]:
@@ -277,7 +324,15 @@ class _Car:
         """Moves it on."""
         steps = round(seconds / kernels.STEP)
         self._s = kernels.advance_period(
-            self._state, steering, throttle, brake, self._parameters, *self._road, self._s, steps
+            self._state,
+            steering,
+            throttle,
+            brake,
+            self._parameters,
+            *self._road,
+            self._s,
+            self._weather,
+            steps,
         )
 
 

@@ -256,6 +256,20 @@ class Vehicle:
         """The friction coefficient μ between tyres and road."""
         return self.tyre_peak * self.friction
 
+    def loaded(self, load: float) -> Vehicle:
+        """Return the car with ``load`` kg spread evenly between its axles.
+
+        Engine and brakes have the same force. The centre of mass stays where it is.
+        """
+        share = self.mass / (self.mass + load)
+        return replace(
+            self,
+            mass=self.mass + load,
+            yaw_inertia=self.yaw_inertia + load * self.wheelbase**2 / 12.0,
+            engine_acceleration=share * self.engine_acceleration,
+            brake_deceleration=share * self.brake_deceleration,
+        )
+
     def body(self) -> CarBody:
         """Return the rectangle that the car covers."""
         return CarBody(

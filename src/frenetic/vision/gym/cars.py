@@ -102,6 +102,7 @@ def step_cars(
     """
     ahead = np.empty((AHEAD_POINTS, 2))
     curvature_ahead = np.empty(AHEAD_POINTS)
+    weather = np.empty(0)  # none
     for k in range(len(tasks)):
         if tasks[k] == WAIT:
             continue
@@ -120,7 +121,7 @@ def step_cars(
             write_record(rows_of, steps[k], state, steering, throttle, brake)
             advance_period(
                 *(state, steering, throttle, brake, vehicle),
-                *(table, ds, slopes[k][: rows[k, 1]], places[k, 0]),
+                *(table, ds, slopes[k][: rows[k, 1]], places[k, 0], weather),
             )
             steps[k] += 1
         i = steps[k]
