@@ -214,12 +214,7 @@ class Minimising(Strategy):
         assert self.shrinker is not None
         for name in [*self.conditions]:
             if name in self.conditions and name != SEED and not quantity(name).place_of:
-                plainer = {
-                    k: v
-                    for k, v in self.conditions.items()
-                    if k != name and (k == SEED or quantity(k).place_of != name)
-                }
-                yield from self._in_conditions(plainer)
+                yield from self._in_conditions(self._without(name))
         if SEED in self.conditions and not any(
             quantity(name).is_seeded for name in self.conditions.keys() - {SEED}
         ):
@@ -229,6 +224,14 @@ class Minimising(Strategy):
         for name in [*self.conditions]:
             if name != SEED and not quantity(name).place_of:
                 yield from self._towards_usual(name)
+
+    def _without(self, name: str) -> dict[str, float]:
+        """The conditions without a quantity, and without its place."""
+        return {
+            other: amount
+            for other, amount in self.conditions.items()
+            if other != name and (other == SEED or quantity(other).place_of != name)
+        }
 
     def _in_conditions(self, conditions: dict[str, float]) -> Trials[bool]:
         """Tries the smallest road in other conditions, and keeps them if it fails there."""
@@ -242,6 +245,8 @@ class Minimising(Strategy):
 
     def _towards_usual(self, name: str) -> Trials[None]:
         """Moves an amount towards the usual one as far as the failure lasts, by bisection."""
+        if (yield from self._in_conditions(self._without(name))):
+            return  # the shorter road does not need it
         fails, usual = self.conditions[name], self._usual.get(name)
         if usual is None:
             return

@@ -63,6 +63,7 @@ COMMANDS: Final = {
     "minimise": Row(
         "minimise:minimise", "Reduce failing roads to the shortest and plainest that still fail."
     ),
+    "estimate": Row("estimate:estimate", "Say how often a driver fails in a domain, per 1,000 km."),
     "compare": Row("compare:compare", "Compare groups of campaigns, or two versions of a driver."),
     "drive": Row("drive:drive", "Drive a road from a file, or of a campaign."),
     "list": Row("list:list_parts", "List drivers, strategies, simulators, quantities."),

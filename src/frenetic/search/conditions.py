@@ -42,7 +42,7 @@ def inherited(
         return parent.conditions
     shares = domain.shares_of(moved_along(parent.conditions, moved), length)
     if rng.random() < _CHANGED:
-        _step(rng, shares, int(rng.integers(len(shares))), _LITTLE)
+        _step(rng, domain, shares, int(rng.integers(len(shares))), _LITTLE)
     return domain.at(shares, length)
 
 
@@ -61,11 +61,11 @@ def changed(
         shares[rng.integers(len(shares))] = rng.random()
     elif way < 0.5:
         for i in np.flatnonzero(which).tolist():
-            _step(rng, shares, i, _MUCH)
+            _step(rng, domain, shares, i, _MUCH)
     elif way < 0.75:
         shares[which] = domain.shares_of(mate.conditions, length)[which]
     else:
-        _step(rng, shares, int(rng.integers(len(shares))), _MUCH)
+        _step(rng, domain, shares, int(rng.integers(len(shares))), _MUCH)
         for i, axis in enumerate(domain.axes):
             if axis != SEED and quantity(axis).place_of:
                 there = place + rng.normal(-_AHEAD, _AHEAD)
@@ -90,5 +90,13 @@ def length_of(candidate: Candidate) -> float:
     return (len(candidate.curvatures) - 1) * candidate.step
 
 
-def _step(rng: np.random.Generator, shares: FloatArray, i: int, deviation: float) -> None:
-    shares[i] = min(max(shares[i] + rng.normal(0.0, deviation), 0.0), 1.0)
+def _step(
+    rng: np.random.Generator, domain: Domain, shares: FloatArray, i: int, deviation: float
+) -> None:
+    """Moves one share; an amount that a drive has by chance alone stays there."""
+    axis = domain.axes[i]
+    least = 1.0 - domain.conditions[axis].chance if axis in domain.conditions else 0.0
+    if shares[i] < least:
+        return
+    moved = shares[i] + (1.0 - least) * rng.normal(0.0, deviation)
+    shares[i] = min(max(moved, least), 1.0)

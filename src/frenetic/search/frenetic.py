@@ -15,7 +15,7 @@ from frenetic.errors import Fault
 from frenetic.outcome import Outcome
 from frenetic.road import profile
 from frenetic.search.approach import SIZE, lower_squares
-from frenetic.search.archive import LEFT, RIGHT, Archive, places_of
+from frenetic.search.archive import FAR, LEFT, RIGHT, Archive, places_of
 from frenetic.search.conditions import changed, drawn, inherited
 from frenetic.search.operators import MIN_VALUES
 from frenetic.search.random_search import (
@@ -390,7 +390,8 @@ class Frenetic(Strategy):
         worth = np.minimum((self._origin - places["severity"]) / self._spread, _NEAR_MISS)
         if self._use_archive and self._archive.has_failures:
             worth += np.sqrt(self._archive.squares[rows])
-        worth[places["has_failed"]] = _FAILURE
+        # In a domain most that did not fail is far from it: its conditions are as usual.
+        worth[places["has_failed"]] = _FAILURE if self.domain is None else _FAILURE + FAR
         return int(rows[np.argmax(worth - places["cost"])])
 
     def _child_of(self, row: int) -> Candidate | None:

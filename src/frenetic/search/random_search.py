@@ -165,7 +165,7 @@ class RandomRoads:
 
     def draw(self, rng: np.random.Generator) -> FloatArray:
         """Return the curvatures of a random road, (N,) 1/m."""
-        return self.redrawn(lambda: self._draw_once(rng))
+        return self.redrawn(lambda: self.made(rng))
 
     def valid(self, rng: np.random.Generator) -> Iterator[Road]:
         """Draw roads, fit them into the map, and yield those that are valid there.
@@ -214,14 +214,25 @@ class RandomRoads:
             return None
         return random_grade(rng, self._road_class, (len(curvatures) - 1) * self.step)
 
-    def _draw_once(self, rng: np.random.Generator) -> FloatArray:
+    def numbers(self, count: int) -> int:
+        """Return how many uniform numbers `made` takes for a class's road of so many values."""
+        return count + self._length_jitter + _STRAIGHTEST
+
+    def made(self, rng: np.random.Generator, u: FloatArray | None = None) -> FloatArray:
+        """Return a random road as it is drawn, (N,) 1/m, which may be invalid.
+
+        Args:
+            rng: draws.
+            u: uniform numbers of a class's road, see `numbers`; drawn by default.
+        """
         jitter = int(rng.integers(-self._length_jitter, self._length_jitter, endpoint=True))
         count = max(MIN_VALUES, self._usual_length + jitter)
         bound, max_change = self.limits[:2].tolist()
         if self._road_class is None:
             return random_curvatures(rng, count, bound=bound, max_change=max_change)
         values = np.zeros(count)
-        u = rng.random(count + _STRAIGHTEST)
+        if u is None:
+            u = rng.random(count + _STRAIGHTEST)
         straight = int(u[-1] * _STRAIGHTEST)  # values of it at the start
         draw_elements(values, 1 + straight, count, 0.0, u, 0, self.limits)
         conform(values, self.limits, np.empty_like(values))

@@ -1,0 +1,87 @@
+"""The command that estimates how often a driver fails in a domain: estimate."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+
+from frenetic._support.files import write_file
+from frenetic.cli.console import Log, announced_compilation, live_line
+from frenetic.cli.options import as_usage_error, count_option, json_option
+from frenetic.cli.parts import asked_spec, driver_options, odd_option
+
+FILE = "estimate.json"
+"""Name of the file in a campaign's folder."""
+
+
+@click.command()
+@click.argument("campaign", type=click.Path(path_type=Path), required=False)
+@odd_option
+@driver_options
+@count_option("--drives", "Drive about N times.", least=100, default=10_000)
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the draws.")
+@json_option
+@click.pass_context
+def estimate(
+    context: click.Context,
+    /,
+    campaign: Path | None,
+    drives: int,
+    seed: int,
+    as_json: bool,
+    **_: Any,
+) -> None:
+    """Say how often a driver leaves its lane in a domain, per 1,000 km.
+
+    The domain is --odd FILE, or that of a CAMPAIGN, whose driver it is then and whose report says
+    it, too. Common failures are counted in plain drives, rare ones by subset simulation. A search's
+    failures take no part.
+    """
+    from frenetic.again.rerun import campaign_tester
+    from frenetic.campaign import CampaignStore
+    from frenetic.campaign.tester import RoadTester
+    from frenetic.cli.again import recorded_spec
+    from frenetic.estimate import estimate as estimated
+
+    params = context.params
+    if (campaign is None) == (params["domain"] is None):
+        raise click.UsageError("--odd FILE or the folder of a CAMPAIGN with a domain is needed")
+    if campaign is None:
+        domain = params["domain"]
+        spec = asked_spec(context, road_class=domain.road_class)
+        driver, simulator = spec.make_parts(isolate=True)
+        with as_usage_error():
+            tester = RoadTester.on(spec, simulator, driver)
+    else:
+        with CampaignStore.open(campaign) as store:
+            domain = store.setting.domain
+            if domain is None:
+                raise click.UsageError(f"{campaign} searched no domain: one with --odd did")
+            spec = recorded_spec(store, {})
+            driver, simulator = spec.make_parts(isolate=True)
+            tester = campaign_tester(store, simulator, driver)
+    log, begun = Log(), time.monotonic()
+    with announced_compilation(log) as compiled, tester.simulator, live_line(log) as show:
+        compiled()
+
+        def on_drive(driven: int, failures: int) -> None:
+            share = min(driven / drives, 1.0)
+            show(share, lambda: f"{driven} of about {drives} drives, {failures} failures")
+
+        with as_usage_error():
+            found = estimated(domain, tester, drives=drives, seed=seed, on_drive=on_drive)
+    document = json.dumps(found.as_json())
+    if campaign is not None:
+        write_file(campaign / FILE, document + "\n", remedy="make room, or let it be written")
+    if as_json:
+        click.echo(document)
+        return
+    click.echo(found.in_words())
+    click.echo(
+        f"{found.plain} plain drives over {found.kilometres:.0f} km had {found.failures} failures;"
+        f" {time.monotonic() - begun:.0f} s"
+    )

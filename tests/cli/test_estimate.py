@@ -1,0 +1,166 @@
+"""Estimates of how often a driver fails, against exact values and brute force."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from scipy.stats import poisson
+
+from frenetic import EmbeddedSimulator, Planner
+from frenetic.campaign import RoadTester
+from frenetic.campaign.record import Attempt
+from frenetic.domain import Domain
+from frenetic.errors import FreneticError
+from frenetic.estimate import REPEATS, Estimate, estimate, rate_interval
+from frenetic.oracle import Result
+from frenetic.outcome import Outcome
+from frenetic.search.records import Candidate
+
+if TYPE_CHECKING:
+    from command_line import Frenetic
+
+ENTRIES: dict[str, Any] = {
+    "roads": "urban-50,length=200",
+    "conditions": {"friction": {"low": 0.2, "high": 1.0}, "gust": {"low": 0.0, "high": 20.0}},
+}
+DOMAIN = Domain.made("town", ENTRIES)
+
+
+@dataclass(frozen=True)
+class Known(RoadTester):
+    """Fails with a chance that is known: where friction and gust are both far from usual."""
+
+    share: float = 0.1
+
+    def test(self, candidate: Candidate) -> Attempt:
+        conditions = candidate.conditions
+        dry, calm = (conditions["friction"] - 0.2) / 0.8, 1.0 - conditions.get("gust", 0.0) / 20.0
+        distance = max(dry, calm) - math.sqrt(self.share)
+        outcome = Outcome.FAIL if distance < 0.0 else Outcome.PASS
+        result = replace(_RESULT, outcome=outcome, moobd=distance)
+        return Attempt(candidate.id, result, None, None)
+
+
+def _passed() -> Result:
+    from frenetic import Road
+    from frenetic.oracle import judge
+
+    road = Road([0.0] * 5)
+    return judge(road, EmbeddedSimulator().drive(road, Planner()))
+
+
+_RESULT = _passed()
+
+
+def known(share: float) -> Known:
+    assert DOMAIN.road_class is not None
+    return Known(
+        EmbeddedSimulator(),
+        Planner(),
+        map_size=DOMAIN.road_class.map_size,
+        lane_width=DOMAIN.road_class.lane_width,
+        road_class=DOMAIN.road_class,
+        share=share,
+    )
+
+
+def per_1000_km(found: Estimate, share: float) -> float:
+    return share / found.length * 1000.0
+
+
+@pytest.mark.parametrize("failures", [0, 1, 7, 40])
+def test_the_interval_of_a_rate_is_the_exact_one(failures: int) -> None:
+    low, high = rate_interval(failures, 2.0)
+    if failures:
+        assert poisson.sf(failures - 1, 2.0 * low) == pytest.approx(0.025)
+        assert poisson.cdf(failures, 2.0 * high) == pytest.approx(0.025)
+    else:
+        assert low == 0.0
+        assert high == pytest.approx(-math.log(0.05) / 2.0), "the rule of three"
+
+
+def test_common_failures_are_counted() -> None:
+    found = estimate(DOMAIN, known(0.2), drives=400, seed=1)
+    assert found.method == "plain"
+    assert found.rate is not None
+    assert found.drives == found.plain == 400
+    assert found.low < per_1000_km(found, 0.2) < found.high
+    assert "departures per 1,000 km" in found.in_words()
+
+
+def test_rare_failures_are_reached_by_levels() -> None:
+    held = 0
+    for seed in range(5):
+        found = estimate(DOMAIN, known(1e-4), drives=6000, seed=seed)
+        assert found.method == "subset simulation"
+        assert found.rate is not None
+        assert found.drives < 8000
+        held += found.low <= per_1000_km(found, 1e-4) <= found.high
+    assert held >= 4
+
+
+def test_it_says_what_it_cannot_know() -> None:
+    found = estimate(DOMAIN, known(0.0), drives=300, seed=1)
+    assert found.rate is None
+    assert found.low == 0.0
+    assert f"{REPEATS} of {REPEATS} subset simulations reached no failure" in found.note
+    assert found.in_words().startswith("fewer than ")
+    assert found.high == pytest.approx(3.0 / found.kilometres * 1000.0, rel=0.01)
+
+
+def test_the_same_seed_gives_the_same_estimate() -> None:
+    one, same, other = (estimate(DOMAIN, known(0.01), drives=500, seed=s) for s in (1, 1, 2))
+    assert one == same
+    assert one != other
+
+
+def test_real_drives_are_counted_as_brute_force_does() -> None:
+    """Levels by real drives, against ten times as many plain ones."""
+    entries = {
+        "roads": "urban-50,length=200",
+        "conditions": {"friction": {"low": 0.1, "high": 1.0, "mean": 0.8, "deviation": 0.2}},
+    }
+    domain = Domain.made("icy", entries)
+    assert domain.road_class is not None
+    tester = RoadTester(
+        EmbeddedSimulator(),
+        Planner(lateral_acceleration=2.5, braking=2.5),
+        map_size=domain.road_class.map_size,
+        lane_width=domain.road_class.lane_width,
+        road_class=domain.road_class,
+    )
+    found = estimate(domain, tester, drives=600, seed=2)
+    from frenetic.estimate import _Draws
+
+    draws = _Draws(domain, tester, np.random.default_rng(9))
+    points = [draws.fresh() for _ in range(3000)]
+    failures = sum(point.severity == -math.inf for point in points)
+    low, high = rate_interval(failures, math.fsum(p.length for p in points) / 1000.0)
+    assert found.low <= high
+    assert low <= found.high
+
+
+def test_on_the_command_line(frenetic: Frenetic, tmp_path: Path) -> None:
+    path = tmp_path / "icy.toml"
+    path.write_text(
+        'roads = "urban-50,length=200"\n[conditions]\nfriction = { low = 0.1, high = 0.6 }\n',
+        encoding="utf-8",
+    )
+    words = ("estimate", "--odd", str(path), "--drives", "200")
+    told = frenetic(*words)
+    assert told.code == 0, told.err
+    assert "departures per 1,000 km" in told.out
+    assert frenetic(*words, "--json").json["domain"] == "icy"
+    assert frenetic("run", "--odd", str(path), "--simulations", "20", "--out", "c").code == 0
+    assert frenetic("estimate", "c", "--drives", "150").code == 0
+    assert Path("c/estimate.json").is_file()
+    assert frenetic("estimate").code == 2
+    assert frenetic("run", "--simulations", "3", "--out", "d").code == 0
+    assert "searched no domain" in frenetic("estimate", "d").err
+    with pytest.raises(FreneticError):
+        Domain.of(tmp_path / "none.toml")
