@@ -40,10 +40,10 @@ from frenetic.vision.appearance import Worn
 DOMAIN: dict[str, Any] = {
     "roads": "urban-50,length=500",
     "conditions": {
-        "friction": {"low": 0.3, "high": 1.0, "mean": 0.9, "deviation": 0.15},
-        "gust": {"low": -20.0, "high": 20.0, "mean": 0.0, "deviation": 5.0},
+        "friction": {"low": 0.3, "high": 1.0, "mean": 0.95, "deviation": 0.13},
+        "gust": {"low": -20.0, "high": 20.0, "mean": 0.0, "deviation": 6.0},
         "view": {"low": 25.0, "high": 120.0, "chance": 0.1},
-        "delay": {"low": 0.0, "high": 0.35, "chance": 0.3},
+        "delay": {"low": 0.0, "high": 0.3, "chance": 0.1},
         "overspeed": {"low": 0.0, "high": 25.0, "chance": 0.1},
         "load": {"low": 0.0, "high": 300.0},
         "start": {"low": -0.3, "high": 0.3},
@@ -90,6 +90,8 @@ class Planted(Planner):
     def act(self, observation: Observation) -> Controls:
         """The planner's controls, weakened."""
         controls = super().act(observation)
+        # Full throttle in a bend turns the car on a wet road.
+        controls = replace(controls, throttle=min(controls.throttle, 0.35))
         if self.fault is None or self.world is None:
             return controls
         weak = min(max(self.fault(self.world, observation.distance, observation.speed), 0.0), 1.0)
@@ -128,19 +130,19 @@ def ramp(value: float, begins: float, full: float) -> float:
 
 
 def grip(world: World, s: float, _: float) -> float:
-    return ramp(-world.simulator.friction, -0.8, -0.6) * (abs(world.curvature(s)) > 1.0 / 150.0)
+    return ramp(-world.simulator.friction, -0.68, -0.6) * (abs(world.curvature(s)) > 1.0 / 150.0)
 
 
 def delayed(world: World, s: float, _: float) -> float:
     before, after = world.curvature(max(s - 40.0, 0.0)), world.curvature(s)
     is_reversing = before * after < 0.0 and abs(after) > 1.0 / 200.0
-    return ramp(world.delay, 0.12, 0.25) * is_reversing
+    return ramp(world.delay, 0.2, 0.25) * is_reversing
 
 
 def gusty(world: World, s: float, _: float) -> float:
     at = world.simulator.gust_at
     is_crest = world.grade(s + 20.0) < world.grade(s - 20.0) - 0.002
-    is_there = at is not None and abs(s - at) < 40.0
+    is_there = at is not None and abs(s - at) < 60.0
     return ramp(abs(world.simulator.gust), 5.0, 12.0) * is_crest * is_there
 
 
@@ -155,7 +157,7 @@ def worn(world: World, s: float, _: float) -> float:
 
 def hasty(world: World, s: float, _: float) -> float:
     is_falling = world.grade(s) < -0.03
-    return ramp(world.excess, 8.0, 18.0) * is_falling * (abs(world.curvature(s)) > 1.0 / 150.0)
+    return ramp(world.excess, 12.0, 18.0) * is_falling * (abs(world.curvature(s)) > 1.0 / 150.0)
 
 
 FAULTS = {

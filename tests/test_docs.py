@@ -75,6 +75,8 @@ def run_page(page: Path, interpreter: Interpreter, folder: Path, made: Made | No
                 printed = run_commands(code, interpreter, folder, made, pictures=pictures)
         else:
             assert kind in SHOWN, f"{page.name}: nobody runs a block of kind {kind!r}"
+            if name := re.match(r"# file: (\S+\.toml)\n", code):
+                (folder / name[1]).write_text(code, encoding="utf-8")
         return block[0]
 
     return BLOCK.sub(run, text)

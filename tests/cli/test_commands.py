@@ -49,6 +49,7 @@ CALLS: Final = {
         "test road picture comparison reason match drives ending guard note trouble repeat"
         " length length_before curves curves_before curvatures step improvements difference"
     ),
+    "estimate --odd odd.toml --drives 100": "domain method rate low high drives failures",
     "compare one=c two=d": "groups measures notes order",
     "compare c --driver aggression=0.9 --fresh 2": (
         "answer verdict old new sets causes distinct_failures notes seed repeats simulator"
@@ -166,6 +167,11 @@ MISTAKES: Final = [
     ("minimise bend.json --out bend.json", "bend.json is the road itself"),
     ("minimise bend.json --out file/road.json", "cannot be made", "--out"),
     ("minimise bend.json --out name.json", "cannot be written: Is a directory; choose another"),
+    ("estimate", "--odd FILE or the folder of a CAMPAIGN"),
+    ("estimate c", "c searched no domain"),
+    ("estimate --odd nowhere.toml", "nowhere.toml"),
+    ("estimate --odd odd.toml --drives 5", "100"),
+    ("run --odd odd.toml --strategy frenetic-2021", "searches roads alone"),
     ("compare nowhere", "nowhere is no folder"),
     ("compare c e", "1 group of campaigns", "at least two"),
     ("compare a=x-* c", "x-* stands for no folder"),
@@ -225,6 +231,9 @@ def place(
         Path("strange.py").write_text("raise SystemExit('it ran')\n")
         for kind in ("driver", "strategy", "objective"):
             Path(f"{kind}.toml").write_text(f"{kind} = 'strange.py:A'\n")
+        Path("odd.toml").write_text(
+            'roads = "urban-50,length=200"\n[conditions]\nfriction = { low = 0.2, high = 1.0 }\n'
+        )
         Path("simulator.toml").write_text("simulator = 'beamng,home=/opt/theirs'\n")
     return folder
 

@@ -11,6 +11,8 @@ import pytest
 if TYPE_CHECKING:
     from command_line import Frenetic
 
+pytest_plugins = ["command_line"]
+
 TEXT = """
 roads = "urban-50,length=400"
 

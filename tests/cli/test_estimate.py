@@ -24,6 +24,8 @@ from frenetic.search.records import Candidate
 if TYPE_CHECKING:
     from command_line import Frenetic
 
+pytest_plugins = ["command_line"]
+
 ENTRIES: dict[str, Any] = {
     "roads": "urban-50,length=200",
     "conditions": {"friction": {"low": 0.2, "high": 1.0}, "gust": {"low": 0.0, "high": 20.0}},

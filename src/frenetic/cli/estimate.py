@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import time
 from pathlib import Path
 from typing import Any
 
 import click
 
 from frenetic._support.files import write_file
+from frenetic._support.words import counted
 from frenetic.cli.console import Log, announced_compilation, live_line
 from frenetic.cli.options import as_usage_error, count_option, json_option
 from frenetic.cli.parts import asked_spec, driver_options, odd_option
@@ -64,7 +64,7 @@ def estimate(
             spec = recorded_spec(store, {})
             driver, simulator = spec.make_parts(isolate=True)
             tester = campaign_tester(store, simulator, driver)
-    log, begun = Log(), time.monotonic()
+    log = Log()
     with announced_compilation(log) as compiled, tester.simulator, live_line(log) as show:
         compiled()
 
@@ -82,6 +82,6 @@ def estimate(
         return
     click.echo(found.in_words())
     click.echo(
-        f"{found.plain} plain drives over {found.kilometres:.0f} km had {found.failures} failures;"
-        f" {time.monotonic() - begun:.0f} s"
+        f"{found.plain} plain drives over {found.kilometres:.0f} km had"
+        f" {counted(found.failures, 'failure')}"
     )

@@ -58,6 +58,7 @@ _TRIED = 2.0  # earlier roads that count as driven, with a new failure each, bef
 _LEAST_SHARE = 0.5  # of earlier roads among the first ones
 _NEW_GRADE = 0.25  # share of children with a grade of their own, in a road class
 _RANDOM_SHARE = 0.05  # of random roads after the first ones
+_BLIND_SHARE = 0.5  # of them in a domain while no failure is known: conditions give no sign
 _SAME = 1.6  # [m] least difference that a child is expected to have from the known failures
 _REDRAWS = 36  # of a road or child that is refused
 _PARENTS = 8  # that are tried before a random road is proposed
@@ -237,7 +238,9 @@ class Frenetic(Strategy):
                 share = max(share, _LEAST_SHARE)
             if self._rng.random() < share:
                 return self._earlier_road()
-        if self._in_random_phase or self._rng.random() < _RANDOM_SHARE:
+        is_blind = self.domain is not None and not self._archive.has_failures
+        share = _BLIND_SHARE if is_blind else _RANDOM_SHARE
+        if self._in_random_phase or self._rng.random() < share:
             return self._random_road()
         if len(self._severities) >= self._pool_end:
             self._choose_pool()
