@@ -15,20 +15,26 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
+from msgspec import convert
+from msgspec.json import decode as json_decode
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.files import read_bounded
 from frenetic._support.words import counted
 from frenetic.campaign.tester import RoadTester
 from frenetic.domain import Domain
-from frenetic.errors import FreneticError
+from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.search.random_search import STEP, RandomRoads, usual_length
 from frenetic.search.records import Candidate, Origin
 from frenetic.spec import require_count
 
+FILE: Final = "estimate.json"
+"""Name of the file in a campaign's folder."""
 CONFIDENCE: Final = 0.95
 REPEATS: Final = 6
 """Independent subset simulations."""
@@ -73,6 +79,23 @@ class Estimate:
     seed: int
     note: str = ""
     """What it cannot know."""
+
+    @classmethod
+    def read(cls, folder: Path) -> Estimate | None:
+        """The estimate that a campaign's folder keeps; None if there is none.
+
+        Raises:
+            CampaignError: it is damaged.
+        """
+        path = folder / FILE
+        if not path.is_file():
+            return None
+        try:
+            return convert(json_decode(read_bounded(path)), cls)
+        except (ValueError, RecursionError) as error:
+            raise CampaignError(
+                f"{path} is damaged: {error}; remove it, or run frenetic estimate again"
+            ) from None
 
     def in_words(self) -> str:
         """The estimate for people."""

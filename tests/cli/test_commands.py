@@ -231,13 +231,12 @@ def place(
         Path("strange.py").write_text("raise SystemExit('it ran')\n")
         for kind in ("driver", "strategy", "objective"):
             Path(f"{kind}.toml").write_text(f"{kind} = 'strange.py:A'\n")
-        Path("odd.toml").write_text(
-            'roads = "urban-50,length=200"\n[conditions]\nfriction = { low = 0.2, high = 1.0 }\n'
-        )
+        Path("odd.toml").write_text(ODD)
         Path("simulator.toml").write_text("simulator = 'beamng,home=/opt/theirs'\n")
     return folder
 
 
+ODD = 'roads = "urban-50,length=200"\n[conditions]\nfriction = { low = 0.2, high = 1.0 }\n'
 BEND = [0.0, 0.01, 0.0, 0.0, 0.01, 0.012, -0.03, -0.036, -0.05, 0.0, 0.0, 0.0, 0.02, 0.02]
 """The default driver leaves its lane here."""
 
@@ -276,6 +275,7 @@ def test_every_command_has_its_calls_and_mistakes_here() -> None:
 @pytest.mark.parametrize("call", CALLS)
 def test_every_command_prints_one_document(frenetic: Frenetic, copied: str, call: str) -> None:
     Path("bend.json").write_text(json.dumps({"curvatures": BEND}))
+    Path("odd.toml").write_text(ODD)
     shutil.copytree(copied, "d")
     answer = frenetic(*shlex.split(call), "--json")
     assert answer.code in (0, 1, 3)

@@ -160,7 +160,11 @@ def test_on_the_command_line(frenetic: Frenetic, tmp_path: Path) -> None:
     assert frenetic(*words, "--json").json["domain"] == "icy"
     assert frenetic("run", "--odd", str(path), "--simulations", "20", "--out", "c").code == 0
     assert frenetic("estimate", "c", "--drives", "150").code == 0
-    assert Path("c/estimate.json").is_file()
+    assert "how often" in frenetic("show", "c").out
+    assert frenetic("report", "c").code == 0
+    assert "departures per 1,000 km" in Path("c/report.html").read_text("utf-8")
+    Path("c/estimate.json").write_text('{"domain": 3}')
+    assert "estimate.json is damaged" in frenetic("show", "c").err
     assert frenetic("estimate").code == 2
     assert frenetic("run", "--simulations", "3", "--out", "d").code == 0
     assert "searched no domain" in frenetic("estimate", "d").err

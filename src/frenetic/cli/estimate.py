@@ -14,9 +14,6 @@ from frenetic.cli.console import Log, announced_compilation, live_line
 from frenetic.cli.options import as_usage_error, count_option, json_option
 from frenetic.cli.parts import asked_spec, driver_options, odd_option
 
-FILE = "estimate.json"
-"""Name of the file in a campaign's folder."""
-
 
 @click.command()
 @click.argument("campaign", type=click.Path(path_type=Path), required=False)
@@ -45,6 +42,7 @@ def estimate(
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.tester import RoadTester
     from frenetic.cli.again import recorded_spec
+    from frenetic.estimate import FILE
     from frenetic.estimate import estimate as estimated
 
     params = context.params

@@ -194,6 +194,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     from frenetic.campaign.objective import in_words, objectives
     from frenetic.campaign.repeat import not_repeatable
     from frenetic.campaign.summary import facts_in_words
+    from frenetic.estimate import Estimate
     from frenetic.report.minimised import minimised_drives
 
     counts = store.counts()
@@ -214,7 +215,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
         click.echo(json.dumps(document))
         return
     rules, road_class = config.get("rules"), store.setting.road_class
-    domain = store.setting.domain
+    domain, found_rate = store.setting.domain, Estimate.read(store.folder)
     limits = rules if isinstance(rules, Mapping) else {}
     budget = facts.get("budget", config.get("budget"))
     limited = budget if isinstance(budget, Mapping) else {}
@@ -238,6 +239,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
             *([("criteria", text)] if (text := criteria_in_words(store)) else []),
             *([] if road_class is None else [("roads", road_class.in_words())]),
             *([] if domain is None else [("domain", domain.in_words())]),
+            *([] if found_rate is None else [("how often", found_rate.in_words())]),
             ("objective", in_words(config, objectives(store))),
             *(("starts from", str(earlier)) for earlier in earlier_of(config)),
             ("budget", spent),

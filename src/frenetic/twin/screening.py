@@ -24,7 +24,7 @@ from frenetic.twin.screened import Screened
 from frenetic.twin.twin import Twin
 from frenetic.versions import SHORT
 
-_OF_THE_RUN: Final = ("seed", "map_size", "road_class")
+_OF_THE_RUN: Final = ("seed", "map_size", "road_class", "domain")
 """Options that the spec gives to the other strategy, too."""
 
 

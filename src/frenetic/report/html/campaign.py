@@ -22,6 +22,7 @@ from frenetic.campaign.objective import objectives
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
+from frenetic.estimate import Estimate
 from frenetic.export.tables import Place, opened
 from frenetic.outcome import Outcome
 from frenetic.quantities import in_words
@@ -118,7 +119,7 @@ def campaign_report(
         folder=str(store.folder),
         criteria=criteria_in_words(store),
         roads="" if road_class is None else road_class.in_words(),
-        domain="" if (domain := store.setting.domain) is None else domain.in_words(),
+        domain=_domain(store),
         elapsed=store.elapsed(),
         objectives=objectives(store),
         known=still_failing(store),
@@ -149,6 +150,14 @@ def campaign_report(
             "drives": drives,
         },
     )
+
+
+def _domain(store: CampaignStore) -> str:
+    """What conditions were searched, and how often the driver fails in them, if that is known."""
+    if (domain := store.setting.domain) is None:
+        return ""
+    found = Estimate.read(store.folder)
+    return domain.in_words() if found is None else f"{domain.in_words()}; {found.in_words()}"
 
 
 def _read(store: CampaignStore) -> tuple[list[TestSummary], Counts]:
