@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
 from statistics import NormalDist
@@ -34,10 +34,9 @@ from msgspec import ValidationError, convert
 from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Finite, Positive, Share, check
 from frenetic._support.files import read_bounded
-from frenetic._support.words import read_part
 from frenetic.errors import FreneticError
 from frenetic.quantities import SEED, quantities, quantity
-from frenetic.road.classes import RoadClass
+from frenetic.road.classes import RoadClass, class_of
 
 _SEEDS: Final = 2**31
 _DIGITS: Final = 4
@@ -166,7 +165,7 @@ class Domain:
         return cls(
             name=str(entries.get("name", name)),
             about=str(entries.get("about", "")),
-            road_class=_class_of(roads),
+            road_class=None if roads is None else class_of(roads),
             conditions=found,
         )
 
@@ -174,8 +173,8 @@ class Domain:
         """The entries of its file."""
         conditions: dict[str, Any] = {}
         for name, found in self.conditions.items():
-            told = {key: value for key, value in vars(found).items() if not key.startswith("_")}
-            conditions[name] = {key: value for key, value in told.items() if value is not None}
+            told = asdict(found).items()
+            conditions[name] = {key: value for key, value in told if value is not None}
         entries: dict[str, Any] = {"name": self.name, "about": self.about}
         if self.road_class is not None:
             entries["roads"] = self.road_class.as_json()
@@ -240,20 +239,3 @@ class Domain:
                 text += f" in {100.0 * found.chance:g} %"
             texts.append(text)
         return f"{self.name}: {', '.join(texts) or 'roads alone'}"
-
-
-def _class_of(roads: object) -> RoadClass | None:
-    """The road class of an entry ``roads``.
-
-    Raises:
-        ValueError: it is none.
-        FreneticError: there is no such class.
-    """
-    if roads is None or roads == "competition":
-        return None
-    if isinstance(roads, Mapping):
-        return RoadClass.made(roads)
-    name, options = read_part(str(roads))
-    if name is None:
-        raise ValueError(f"{roads!r} names no road class, as in rural-80,length=1500")
-    return RoadClass.of(name, options)

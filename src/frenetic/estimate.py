@@ -29,7 +29,7 @@ from frenetic.campaign.tester import RoadTester
 from frenetic.domain import Domain
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
-from frenetic.search.random_search import STEP, RandomRoads, usual_length
+from frenetic.search.random_search import RandomRoads
 from frenetic.search.records import Candidate, Origin
 from frenetic.spec import require_count
 
@@ -151,29 +151,27 @@ class _Draws:
         self.domain, self.tester, self.rng = domain, tester, rng
         self.roads = RandomRoads(map_size=tester.map_size, road_class=domain.road_class)
         self.roads.keep_margin(tester.margin)
-        road_class = domain.road_class
-        count = 0 if road_class is None else usual_length(road_class)
-        self.numbers = self.roads.numbers(count) if count else 0
         self.drives = 0
 
     def candidate(self, point: _Point) -> Candidate | None:
         """The candidate of a point; None if its road is not valid."""
         rng = np.random.default_rng(point.seed)
-        step = STEP if self.domain.road_class is None else self.domain.road_class.step
-        values = self.roads.made(rng, _shares(point.road) if self.numbers else None)
+        values = self.roads.made(rng, _shares(point.road))
         if not self.roads.accepts(values):
             return None
-        length = (len(values) - 1) * step
+        length = (len(values) - 1) * self.roads.step
         conditions = self.domain.at(_shares(point.conditions), length)
         grade = self.roads.grade(rng, values)
-        return Candidate(1, values, step, Origin("random"), conditions=conditions, grade=grade)
+        return Candidate(
+            1, values, self.roads.step, Origin("random"), conditions=conditions, grade=grade
+        )
 
     def fresh(self) -> _Point:
         """A point from the domain's distribution, driven."""
         for _ in range(_REDRAWS):
             point = _Point(
                 self.rng.standard_normal(self.domain.dimension),
-                self.rng.standard_normal(self.numbers),
+                self.rng.standard_normal(self.roads.numbers),
                 int(self.rng.integers(2**62)),
             )
             if (driven := self.driven(point)) is not None:
@@ -202,9 +200,8 @@ class _Draws:
         severity = -math.inf
         if result.outcome is Outcome.PASS:
             severity = math.inf if result.moobd is None else result.moobd
-        whole = (len(candidate.curvatures) - 1) * candidate.step
         place = None if result.finding is None else result.finding.distance
-        way = whole if result.outcome is Outcome.PASS or place is None else place
+        way = candidate.length if result.outcome is Outcome.PASS or place is None else place
         return replace(point, severity=severity, length=way / 1000.0)
 
     def changed(self, point: _Point, level: float) -> _Point:
@@ -217,9 +214,9 @@ class _Draws:
             moved = keep * point.conditions + _STEP * noise
             which = rng.random(len(moved)) < 0.7
             new = replace(point, conditions=np.where(which, moved, point.conditions))
-        elif way < 0.95 and self.numbers:
-            size = int(rng.integers(1, max(self.numbers // 2, 2)))
-            first = int(rng.integers(0, self.numbers - size + 1))
+        elif way < 0.95 and self.roads.numbers:
+            size = int(rng.integers(1, max(self.roads.numbers // 2, 2)))
+            first = int(rng.integers(0, self.roads.numbers - size + 1))
             road = point.road.copy()
             road[first : first + size] = rng.standard_normal(size)
             new = replace(point, road=road)
@@ -261,17 +258,19 @@ def estimate(
     draws = _Draws(domain, tester, np.random.default_rng(seed))
     found: list[_Point] = []
 
-    def plain(count: int) -> int:
+    failures = 0
+
+    def plain(count: int) -> None:
+        nonlocal failures
         for _ in range(count):
             found.append(draws.fresh())
-            failures = sum(one.severity == -math.inf for one in found)
+            failures += found[-1].severity == -math.inf
             on_drive(draws.drives, failures)
-        return sum(one.severity == -math.inf for one in found)
 
-    failures = plain(round(_PILOT * drives))
+    plain(round(_PILOT * drives))
     is_common = failures / len(found) * drives >= _ENOUGH
     if is_common:
-        failures = plain(drives - len(found))
+        plain(drives - len(found))
     way = math.fsum(one.length for one in found)
     mean = way / len(found)
     low, high = rate_interval(failures, way / 1000.0)

@@ -286,12 +286,25 @@ def _table(entries: tuple[Entry, ...]) -> Mapping[str, Quantity]:
     return MappingProxyType(table)
 
 
+def named(conditions: Mapping[str, float]) -> list[str]:
+    """The quantities of some conditions, without their places and the seed."""
+    return [name for name in conditions if name != SEED and not quantity(name).place_of]
+
+
+def without(conditions: Mapping[str, float], name: str) -> dict[str, float]:
+    """The conditions without a quantity, its place, and a seed that nothing else needs."""
+    left = [other for other in named(conditions) if other != name]
+    has_seed = any(quantity(other).is_seeded for other in left)
+    return {
+        other: amount
+        for other, amount in conditions.items()
+        if (has_seed if other == SEED else (quantity(other).place_of or other) in left)
+    }
+
+
 def in_words(conditions: Mapping[str, float]) -> str:
     """Conditions for people, such as ``friction 0.4, gust 12 m/s at 80 m``."""
-    texts: dict[str, str] = {}
-    for name, amount in conditions.items():
-        if name != SEED and not (row := quantity(name)).place_of:
-            texts[name] = row.text(amount)
+    texts = {name: quantity(name).text(conditions[name]) for name in named(conditions)}
     for name, amount in conditions.items():
         if name != SEED and (of := quantity(name).place_of) in texts:
             texts[of] += f" at {amount:g} m"

@@ -91,16 +91,9 @@ def read_class(roads: str | Mapping[str, Any]) -> RoadClass | str:
         ValueError: the text or the values are wrong.
         FreneticError: there is no such class.
     """
-    from frenetic.road.classes import RoadClass  # numba takes its time
+    from frenetic.road.classes import class_of  # numba takes its time
 
-    if not isinstance(roads, str):
-        return RoadClass.made(roads)
-    name, options = read_part(roads)
-    if name is None:
-        raise ValueError(f"{roads!r} names no road class, as in rural-80,length=1500")
-    if name == COMPETITION and not options:
-        return COMPETITION
-    return RoadClass.of(name, options)
+    return class_of(roads) or COMPETITION
 
 
 def read_criteria(text: str | Mapping[str, Any]) -> Profile:

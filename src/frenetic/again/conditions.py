@@ -10,12 +10,11 @@ import numpy as np
 from msgspec import convert
 
 from frenetic._support.scalars import take_numpy_scalars
-from frenetic.drive import Rules
 from frenetic.errors import FreneticError
 from frenetic.quantities import SEED, quantities, quantity
 from frenetic.search.strategy import require_whole
 from frenetic.simulators.simulator import Simulator
-from frenetic.simulators.worlds import Conditions, check_can_vary
+from frenetic.simulators.worlds import Conditions, check_can_vary, own_amount
 from frenetic.spec import require_count
 
 
@@ -57,10 +56,7 @@ class Variation:
         row = quantity(name)
         check_can_vary(simulator, [name])
         if row.attribute:
-            value: Any = getattr(simulator, row.attribute)
-            if value is None and not row.place_of:
-                value = getattr(simulator.vehicle, row.attribute)  # type: ignore[attr-defined]
-            own = value.speed_limit if isinstance(value, Rules) else value
+            own = own_amount(simulator, name)
         return cls(name, *row.around(own))
 
     @classmethod

@@ -70,7 +70,7 @@ def _add_outcome(case: ET.Element, test: Repeats) -> None:
         "broke": ", ".join(one.criterion for one in worst.test.result.findings),
         "moobd": _decimals(worst.moobd, 4),
         "moobd_before": _decimals(test.recorded.moobd, 4),
-        "length": _decimals((len(candidate.curvatures) - 1) * candidate.step, 4),
+        "length": _decimals(candidate.length, 4),
         "duration": _decimals(worst.duration, 3),
     }
     _add_properties(case, properties)

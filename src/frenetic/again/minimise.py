@@ -33,7 +33,7 @@ from frenetic.criteria import LANE
 from frenetic.drive import Rules
 from frenetic.errors import ENDS_ITS_PROCESS, HANGS, CampaignError, Fault, FreneticError
 from frenetic.outcome import Outcome
-from frenetic.quantities import SEED, in_words, quantity
+from frenetic.quantities import in_words, named, quantity, without
 from frenetic.road import Road, profile
 from frenetic.search.archive import places_of
 from frenetic.search.conditions import moved_along
@@ -142,16 +142,16 @@ class Minimising(Strategy):
             self.options["slopes"] = [list(pair) for pair in start.slopes]
         if conditions:
             self.options |= {"conditions": dict(conditions), "usual": dict(usual)}
-        self.conditions = dict(conditions)
-        """Conditions in which the smallest road fails."""
+        self.smallest: Candidate | None = None
+        """The smallest road so far, in its plainest conditions."""
         self.passes: dict[str, float] = {}
         """Quantity -> amount nearer to the usual one with which the smallest road does not fail."""
         self._usual = usual
-        self._trying: dict[str, float] | None = None  # in place of these
-        self._tried: dict[Shape, dict[str, float]] = {start: dict(conditions)}
+        self._conditions = dict(conditions)
+        self._trying: Conditions | None = None  # in place of those of the smallest
+        self._tried: dict[Shape, Candidate] = {}  # the last of each
         self.shrinker: Shrinker | None = None
         """The smallest road so far; None until the first one has failed."""
-        self._ids: dict[tuple[Shape, tuple[tuple[str, float], ...]], int] = {}
         self.is_minimal = False
         """Whether no pass finds anything smaller."""
         self._rules = rules
@@ -180,20 +180,17 @@ class Minimising(Strategy):
             if any(column)
         }
         origin = Origin(OPERATOR)
-        conditions = self._conditions_on(shape)
-        own: dict[str, Any] = {"notes": notes, "conditions": conditions, **profiles}
-        candidate = self._ledger.issue(values, shape.step, origin, **own)
-        self._tried[shape] = conditions
-        self._ids[shape, tuple(conditions.items())] = candidate.id
+        own: dict[str, Any] = {"conditions": self._conditions_on(shape), **profiles}
+        candidate = self._ledger.issue(values, shape.step, origin, notes=notes, **own)
+        self._tried[shape] = candidate
         return candidate
 
     @property
-    def smallest(self) -> int:
-        """The candidate of the smallest road in its plainest conditions."""
-        assert self.shrinker is not None
-        return self._ids[self.shrinker.best, tuple(self.conditions.items())]
+    def conditions(self) -> Conditions:
+        """Conditions in which the smallest road fails."""
+        return self._conditions if self.smallest is None else self.smallest.conditions
 
-    def _conditions_on(self, shape: Shape) -> dict[str, float]:
+    def _conditions_on(self, shape: Shape) -> Conditions:
         """Conditions for a road: what lies on it stays where it was on the smallest one.
 
         That is at its distance from the end if the roads begin differently.
@@ -212,40 +209,25 @@ class Minimising(Strategy):
     def _work(self) -> Trials[None]:
         """Leaves conditions out, then shrinks the road, then moves conditions towards the usual."""
         assert self.shrinker is not None
-        for name in [*self.conditions]:
-            if name in self.conditions and name != SEED and not quantity(name).place_of:
-                yield from self._in_conditions(self._without(name))
-        if SEED in self.conditions and not any(
-            quantity(name).is_seeded for name in self.conditions.keys() - {SEED}
-        ):
-            plainer = {name: amount for name, amount in self.conditions.items() if name != SEED}
-            yield from self._in_conditions(plainer)
+        for name in named(self.conditions):
+            yield from self._in_conditions(without(self.conditions, name))
         yield from self.shrinker.run()
-        for name in [*self.conditions]:
-            if name != SEED and not quantity(name).place_of:
-                yield from self._towards_usual(name)
+        for name in named(self.conditions):
+            yield from self._towards_usual(name)
 
-    def _without(self, name: str) -> dict[str, float]:
-        """The conditions without a quantity, and without its place."""
-        return {
-            other: amount
-            for other, amount in self.conditions.items()
-            if other != name and (other == SEED or quantity(other).place_of != name)
-        }
-
-    def _in_conditions(self, conditions: dict[str, float]) -> Trials[bool]:
+    def _in_conditions(self, conditions: Conditions) -> Trials[bool]:
         """Tries the smallest road in other conditions, and keeps them if it fails there."""
         assert self.shrinker is not None
         self._trying = conditions
         answer = yield self.shrinker.best
         self._trying = None
         if answer is Answer.YES:
-            self.conditions = conditions
+            self.smallest = self._tried[self.shrinker.best]
         return answer is Answer.YES
 
     def _towards_usual(self, name: str) -> Trials[None]:
         """Moves an amount towards the usual one as far as the failure lasts, by bisection."""
-        if (yield from self._in_conditions(self._without(name))):
+        if (yield from self._in_conditions(without(self.conditions, name))):
             return  # the shorter road does not need it
         fails, usual = self.conditions[name], self._usual.get(name)
         if usual is None:
@@ -255,7 +237,7 @@ class Minimising(Strategy):
             middle = float(f"{0.5 * (fails + passes):.2g}")
             if not min(fails, passes) < middle < max(fails, passes):
                 break
-            if (yield from self._in_conditions(self.conditions | {name: middle})):
+            if (yield from self._in_conditions({**self.conditions, name: middle})):
                 fails = middle
             else:
                 passes = middle
@@ -277,6 +259,7 @@ class Minimising(Strategy):
                     self._neighbours,
                     place=evaluation.place if evaluation.criterion else None,
                 )
+                self.smallest = candidate
                 self._run = self._work()
                 self._advance(None)
             return
@@ -295,7 +278,7 @@ class Minimising(Strategy):
         except StopIteration:
             self.is_minimal = True
         if self.shrinker.best != best:
-            self.conditions = self._tried[self.shrinker.best]
+            self.smallest = self._tried[self.shrinker.best]
 
     def _neighbours(self, shape: Shape) -> tuple[Shape, ...]:
         if self._guard == 0.0:
@@ -305,8 +288,7 @@ class Minimising(Strategy):
     def _failure_of(self, evaluation: Evaluation, candidate: Candidate) -> _Found | None:
         if evaluation.outcome is not Outcome.FAIL:
             return None
-        length = (len(candidate.curvatures) - 1) * candidate.step
-        timeout = self._rules.timeout(length)
+        timeout = self._rules.timeout(candidate.length)
         fault = evaluation.fault
         side, criterion = evaluation.side, evaluation.criterion
         reason = FailureReason.of(side, evaluation.duration, timeout, fault, criterion)
@@ -516,7 +498,7 @@ def _minimised(
     tested = next(store.tests(), None)
     if tested is None:
         raise KeyboardInterrupt  # before anything was driven
-    if strategy.shrinker is None:
+    if strategy.shrinker is None or strategy.smallest is None:
         raise FreneticError(
             f"only a road that fails can be minimised; this one is {tested.outcome}:"
             f" {tested.reason}"
@@ -526,7 +508,7 @@ def _minimised(
     return Minimised(
         original=store.test(1),
         passes=dict(strategy.passes),
-        smallest=store.test(strategy.smallest),
+        smallest=store.test(strategy.smallest.id),
         improvements=tuple(
             replace(found, trials=found.trials + 1) for found in shrinker.improvements
         ),

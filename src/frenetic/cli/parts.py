@@ -128,17 +128,24 @@ class Amount(click.ParamType):  # type: ignore[type-arg]  # generic in click's n
             self.fail(str(error), param, ctx)
 
 
-class Roads(click.ParamType):  # type: ignore[type-arg]  # generic in click's newest only
-    """A road class with options of its own."""
+class Read(click.ParamType):  # type: ignore[type-arg]  # generic in click's newest only
+    """What a function of `frenetic.run_file` reads from a text.
 
-    name = "class"
+    Args:
+        name: of such a text.
+        function: its name, since that module is too slow for help.
+    """
+
+    def __init__(self, name: str, function: str) -> None:
+        self.name = name
+        self.function = function
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The class; the competition's name for its own roads."""
-        from frenetic.run_file import read_class  # too slow for help
+        """What it reads."""
+        from frenetic import run_file  # too slow for help
 
         try:
-            return read_class(value)
+            return getattr(run_file, self.function)(value)
         except (ValueError, FreneticError) as error:
             self.fail(str(error), param, ctx)
 
@@ -146,54 +153,24 @@ class Roads(click.ParamType):  # type: ignore[type-arg]  # generic in click's ne
 roads_option: Final = click.option(
     "--roads",
     "road_class",
-    type=Roads(),
+    type=Read("class", "read_class"),
     help="Roads that may exist: rural-80, say, or FILE.toml ('frenetic list roads')."
     " [default: competition]",
 )
 
 
-class Odd(click.ParamType):  # type: ignore[type-arg]  # generic in click's newest only
-    """The file of a domain."""
-
-    name = "file"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The domain."""
-        from frenetic.run_file import read_domain  # too slow for help
-
-        try:
-            return read_domain(str(value))
-        except FreneticError as error:
-            self.fail(str(error), param, ctx)
-
-
 odd_option: Final = click.option(
     "--odd",
     "domain",
-    type=Odd(),
+    type=Read("file", "read_domain"),
     metavar="FILE",
     help="Domain (TOML): its roads, and conditions to search.",
 )
 
 
-class Criteria(click.ParamType):  # type: ignore[type-arg]  # generic in click's newest only
-    """A profile of criteria with limits of one's own."""
-
-    name = "profile"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The profile."""
-        from frenetic.run_file import read_criteria  # too slow for help
-
-        try:
-            return read_criteria(value)
-        except (ValueError, FreneticError) as error:
-            self.fail(str(error), param, ctx)
-
-
 _criteria_option: Final = click.option(
     "--criteria",
-    type=Criteria(),
+    type=Read("profile", "read_criteria"),
     help="What fails beside leaving the lane, or FILE.toml ('frenetic list criteria').  [default:"
     " competition]",
 )

@@ -28,7 +28,7 @@ from frenetic.road import Road
 from frenetic.simulators.capabilities import check_road
 from frenetic.simulators.following import RECORD_PERIOD, follow
 from frenetic.simulators.observing import wrap
-from frenetic.simulators.simulator import StartingPlace
+from frenetic.simulators.simulator import StartingPlace, unusual_amounts
 
 if TYPE_CHECKING:
     from frenetic.metadrive.policies import Policy
@@ -92,8 +92,9 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
     @property
     def options(self) -> dict[str, Any]:
         """Its options beside the rules; of friction and start only unusual ones."""
-        usual = {"friction": 1.0, "start_offset": 0.0, "start_heading": 0.0}
-        unusual = {k: getattr(self, k) for k, v in usual.items() if getattr(self, k) != v}
+        unusual = unusual_amounts(self)
+        if self.friction != 1.0:
+            unusual["friction"] = self.friction
         return {"wall_limit": self.wall_limit, **unusual}
 
     @property

@@ -43,6 +43,8 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import NotNegative, Positive, check
 from frenetic._support.compiled import njit
 from frenetic._support.files import read_bounded
+from frenetic._support.words import read_part
+from frenetic.criteria import COMPETITION
 from frenetic.errors import FreneticError
 from frenetic.road import profile
 from frenetic.road.validity import Verdict
@@ -514,3 +516,21 @@ def _read(path: Path) -> Mapping[str, Any]:
         return tomllib.loads(read_bounded(path).decode())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise FreneticError(f"{path} is no TOML file: {error}") from None
+
+
+def class_of(roads: object) -> RoadClass | None:
+    """The class of a text such as ``rural-80,length=1500``, or of its values.
+
+    Returns:
+        None for the competition's roads, which have no class.
+
+    Raises:
+        ValueError: the text or the values are wrong.
+        FreneticError: there is no such class.
+    """
+    if isinstance(roads, Mapping):
+        return RoadClass.made(roads)
+    name, options = read_part(str(roads))
+    if name is None:
+        raise ValueError(f"{roads!r} names no road class, as in rural-80,length=1500")
+    return None if name == COMPETITION and not options else RoadClass.of(name, options)

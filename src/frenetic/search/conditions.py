@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from frenetic.quantities import SEED, quantity
+from frenetic.quantities import SEED, quantity, without
 
 if TYPE_CHECKING:
     from frenetic._support.arrays import FloatArray
@@ -54,7 +54,7 @@ def changed(
     One amount is drawn anew, or some change much, or some are a mate's, or what lies on the road
     comes to lie before the place.
     """
-    length = length_of(parent)
+    length = parent.length
     shares = domain.shares_of(parent.conditions, length)
     way, which = rng.random(), rng.random(len(shares)) < 0.5
     if way < 0.25:
@@ -80,14 +80,8 @@ def moved_along(conditions: Mapping[str, float], way: float) -> dict[str, float]
         if name != SEED and (of := quantity(name).place_of):
             found[name] = conditions[name] + way
             if found[name] < 0.0:
-                del found[name]
-                found.pop(of, None)
+                found = without(found, of)
     return found
-
-
-def length_of(candidate: Candidate) -> float:
-    """Length of a candidate's road, in m."""
-    return (len(candidate.curvatures) - 1) * candidate.step
 
 
 def _step(

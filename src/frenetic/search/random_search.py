@@ -214,9 +214,12 @@ class RandomRoads:
             return None
         return random_grade(rng, self._road_class, (len(curvatures) - 1) * self.step)
 
-    def numbers(self, count: int) -> int:
-        """Return how many uniform numbers `made` takes for a class's road of so many values."""
-        return count + self._length_jitter + _STRAIGHTEST
+    @property
+    def numbers(self) -> int:
+        """The most uniform numbers that `made` takes for a road; 0 for one without a class."""
+        if self._road_class is None:
+            return 0
+        return self._usual_length + self._length_jitter + _STRAIGHTEST
 
     def made(self, rng: np.random.Generator, u: FloatArray | None = None) -> FloatArray:
         """Return a random road as it is drawn, (N,) 1/m, which may be invalid.

@@ -79,6 +79,11 @@ class Candidate:
             if (values := getattr(self, name)) is not None:
                 object.__setattr__(self, name, _read_only(values))
 
+    @property
+    def length(self) -> float:
+        """Length of its road, in m."""
+        return (len(self.curvatures) - 1) * self.step
+
     def road(
         self,
         lane_width: float,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from numbers import Real
 from types import TracebackType
-from typing import Generic, Protocol, Self, TypeVar, runtime_checkable
+from typing import Any, Generic, Protocol, Self, TypeVar, runtime_checkable
 
 from frenetic.drive import CarBody, Drive, Rules
 from frenetic.drivers.driver import Driver
@@ -58,23 +58,33 @@ class Amount(Generic[T]):
 
     def __init__(self, name: str, usual: T) -> None:
         self._name = name
-        self._usual: T = usual
+        self.usual: T = usual
 
     def __set_name__(self, owner: type, attribute: str) -> None:
         self._attribute = attribute
 
     def __get__(self, simulator: object, owner: type | None = None) -> T:
-        value: T = vars(simulator).get(f"_{self._attribute}", self._usual)
+        value: T = vars(simulator).get(f"_{self._attribute}", self.usual)
         return value
 
     def __set__(self, simulator: object, value: T) -> None:
-        row = quantity(self._name)
-        if value != self._usual:
+        if value != self.usual:
+            row = quantity(self._name)
             if not (isinstance(value, Real) and row.low <= value <= row.high):
                 text = f"{self._attribute} is {value!r}: {row.allowed} is needed"
                 raise ValueError(text)
             value = float(value)
         vars(simulator)[f"_{self._attribute}"] = value
+
+
+def unusual_amounts(simulator: object) -> dict[str, Any]:
+    """Name of an `Amount` of a simulator -> its value, where it is not the usual one."""
+    return {
+        name: value
+        for kind in reversed(type(simulator).__mro__)
+        for name, amount in vars(kind).items()
+        if isinstance(amount, Amount) and (value := getattr(simulator, name)) != amount.usual
+    }
 
 
 class StartingPlace:

@@ -10,15 +10,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from msgspec import convert
 
 from frenetic._support.bounds import Finite
+from frenetic.drive import Rules
 from frenetic.drivers.driver import Driver
 from frenetic.drivers.loading import under
 from frenetic.errors import FreneticError
-from frenetic.quantities import SEED, quantities, quantity
+from frenetic.quantities import SEED, named, quantities, quantity
 from frenetic.simulators.capabilities import capabilities, class_name
 from frenetic.simulators.simulator import Simulator
 
@@ -55,26 +56,25 @@ def check_can_vary(simulator: Simulator, names: Iterable[str]) -> None:
             )
 
 
+def own_amount(simulator: Simulator, name: str) -> float | None:
+    """A simulator's own amount of a quantity that is an attribute of it; None if it has none."""
+    value: Any = getattr(simulator, quantity(name).attribute)
+    if value is None:  # it is the vehicle's
+        value = getattr(getattr(simulator, "vehicle", None), quantity(name).attribute, None)
+    return value.speed_limit if isinstance(value, Rules) else value
+
+
 def usual_conditions(conditions: Conditions, simulator: Simulator) -> dict[str, float]:
     """What is usual of the quantities of some conditions: without effect, or the simulator's own.
 
     A place on the road has no usual amount.
     """
     found: dict[str, float] = {}
-    for name in conditions.keys() - {SEED}:
-        row = quantity(name)
-        if row.place_of:
-            continue
-        if row.nothing is not None:
-            found[name] = row.nothing
-        elif row.attribute == "rules":
-            found[name] = simulator.rules.speed_limit
-        else:
-            own = getattr(simulator, row.attribute)
-            if own is None:
-                own = getattr(getattr(simulator, "vehicle", None), row.attribute, None)
-            if own is not None:
-                found[name] = float(own)
+    for name in named(conditions):
+        usual = quantity(name).nothing
+        usual = own_amount(simulator, name) if usual is None else usual
+        if usual is not None:
+            found[name] = usual
     return found
 
 

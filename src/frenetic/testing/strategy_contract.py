@@ -314,7 +314,7 @@ def _made_up(candidate: Candidate, budget_spent: float) -> Evaluation:
         return Evaluation(candidate, drawn.outcome, None, budget_spent)
     if candidate.id % 3 == 0:
         return Evaluation(candidate, drawn.outcome, drawn.moobd, budget_spent)
-    length = (len(candidate.curvatures) - 1) * candidate.step
+    length = candidate.length
     distance = length * drawn.places
     stands = drawn.outcome is not Outcome.FAIL or candidate.id % 7 == 0  # some fail in the lane
     return Evaluation(

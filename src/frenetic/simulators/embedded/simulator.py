@@ -29,7 +29,7 @@ from frenetic.drivers.driver import (
     scene_of,
     under_layers,
 )
-from frenetic.drivers.laws import setup_array
+from frenetic.drivers.laws import SPEED_LIMIT, setup_array
 from frenetic.drivers.layers import Noisy, compiled_form
 from frenetic.errors import DriverError
 from frenetic.oracle import judge, rules_array
@@ -41,20 +41,9 @@ from frenetic.simulators.embedded import rollout as kernels
 from frenetic.simulators.embedded.vehicle import HEADING, Vehicle, X, Y
 from frenetic.simulators.embedded.weather import weather_array
 from frenetic.simulators.following import follow
-from frenetic.simulators.simulator import Amount, StartingPlace
+from frenetic.simulators.simulator import Amount, StartingPlace, unusual_amounts
 
 _NO_ERRORS = np.empty((0, 2))
-_CONDITIONS: Final[Mapping[str, float | None]] = {
-    "start_offset": 0.0,
-    "start_heading": 0.0,
-    "steering_lag": None,
-    "load": 0.0,
-    "wet": 1.0,
-    "wet_at": None,
-    "gust": 0.0,
-    "gust_at": None,
-}
-"""Attribute -> what is usual."""
 
 
 class EmbeddedSimulator(StartingPlace):
@@ -134,11 +123,9 @@ class EmbeddedSimulator(StartingPlace):
     @property
     def options(self) -> dict[str, Any]:
         """Its options beside the rules; of conditions only unusual ones."""
-        unusual = {
-            name: value
-            for name, usual in _CONDITIONS.items()
-            if (value := getattr(self, name)) != usual
-        }
+        unusual = unusual_amounts(self)
+        if self.steering_lag is not None:
+            unusual["steering_lag"] = self.steering_lag
         return {"vehicle": asdict(self.vehicle), "wall_limit": self.wall_limit, **unusual}
 
     @property
@@ -231,6 +218,8 @@ class EmbeddedSimulator(StartingPlace):
             self._room = np.empty(columns * most)
         room = self._room[: columns * most].reshape(columns, most)
         parameters, weather = self._conditions(road)
+        told = setup_array(setup)
+        told[SPEED_LIMIT] += compiled.excess
         n = kernels.rollout(
             road.table,
             road.sub_step,
@@ -241,7 +230,7 @@ class EmbeddedSimulator(StartingPlace):
             parameters,
             compiled.law,
             compiled.parameters,
-            setup_array(replace(setup, speed_limit=setup.speed_limit + compiled.excess)),
+            told,
             compiled.rows,
             compiled.delay,
             _NO_ERRORS if compiled.errors is None else compiled.errors.upto(most),
