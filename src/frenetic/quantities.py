@@ -262,6 +262,8 @@ _OWN: Final = (
     ),
 )
 
+_BY_NAME: Final = {row.name: row for row in _OWN}
+
 
 def quantities() -> Mapping[str, Quantity]:
     """All quantities by name: our own, then those of installed packages.
@@ -274,7 +276,7 @@ def quantities() -> Mapping[str, Quantity]:
 
 @cache
 def _table(entries: tuple[Entry, ...]) -> Mapping[str, Quantity]:
-    table = {row.name: row for row in _OWN}
+    table = dict(_BY_NAME)
     for entry in entries:
         for row in imported(entry.target):
             if row.name in table:
@@ -322,6 +324,8 @@ def quantity(name: str) -> Quantity:
     Raises:
         UnknownNameError: there is none; the message lists the known ones.
     """
+    if (own := _BY_NAME.get(name)) is not None:
+        return own
     known = quantities()
     if name not in known:
         raise UnknownNameError(
