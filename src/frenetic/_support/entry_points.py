@@ -6,11 +6,9 @@ Apart from the registry, which imports more than the help of the commands may ta
 from __future__ import annotations
 
 import sys
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 
@@ -28,13 +26,8 @@ class Entry:
 
 
 @cache
-def _installed(group: str, path: tuple[tuple[str, int], ...]) -> tuple[Entry, ...]:  # noqa: ARG001
-    """Entries that packages on the module path have installed, in alphabetical order.
-
-    Args:
-        group: of their entry points.
-        path: states of the folders of the module path: installing changes one of them.
-    """
+def _installed(group: str, path: tuple[str, ...]) -> tuple[Entry, ...]:  # noqa: ARG001
+    """Entries that packages on the module path have installed, in alphabetical order."""
     from importlib.metadata import entry_points  # takes its time, and no help needs it
 
     return tuple(
@@ -50,12 +43,8 @@ def imported(target: str) -> Any:
 
 
 def installed(group: str) -> tuple[Entry, ...]:
-    """Entries of a group that packages on the module path have installed."""
-    return _installed(group, tuple(map(_state, sys.path)))
+    """Entries of a group that packages on the module path have installed.
 
-
-def _state(folder: str) -> tuple[str, int]:
-    """A folder of the module path, and when something was last put there or removed, in ns."""
-    with suppress(OSError):
-        return folder, Path(folder).stat().st_mtime_ns
-    return folder, 0
+    A new process sees what is installed later.
+    """
+    return _installed(group, tuple(sys.path))

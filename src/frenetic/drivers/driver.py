@@ -240,14 +240,6 @@ class CameraDriver(Driver, Protocol):
     """Its camera, the same in every drive."""
 
 
-@runtime_checkable
-class DriverLayer(Driver, Protocol):
-    """A driver that lies over another one."""
-
-    driver: Driver
-    """The driver underneath."""
-
-
 class OwnLayer:
     """Base of our own layers: a drive begins for the driver underneath, too.
 
@@ -285,8 +277,8 @@ def under_layers(driver: Driver) -> Driver:
 
 def inner_driver(driver: object) -> Driver | None:
     """The driver under a layer; None if it is none."""
-    inner = driver.driver if isinstance(driver, DriverLayer) else None
-    return inner if isinstance(inner, Driver) else None
+    inner = getattr(driver, "driver", None)
+    return inner if inner is not None and isinstance(inner, Driver) else None
 
 
 def stack_of(driver: Driver) -> Iterator[Driver]:
@@ -304,7 +296,7 @@ def camera_of(driver: Driver) -> Camera | None:
         DriverError: its ``camera`` is something else.
     """
     for asked in stack_of(driver):
-        camera = asked.camera if isinstance(asked, CameraDriver) else None
+        camera = getattr(asked, "camera", None)
         if isinstance(camera, Camera):
             return camera
         if camera is not None:

@@ -128,8 +128,9 @@ def check_pair(simulator: Simulator, driver: Driver) -> None:
         DriverError: one of them refuses, the simulator cannot keep the driver's period, or the
             driver has a camera and the simulator draws nothing.
     """
-    period_of(driver, capabilities(simulator).period_step)
-    if camera_of(driver) is not None and not capabilities(simulator).draws:
+    declared = capabilities(simulator)
+    period_of(driver, declared.period_step)
+    if camera_of(driver) is not None and not declared.draws:
         raise DriverError(
             f"{class_name(simulator)} draws nothing, and the driver has a camera: use the"
             " embedded simulator, or a driver without a camera"
@@ -137,7 +138,7 @@ def check_pair(simulator: Simulator, driver: Driver) -> None:
     for one in stack_of(driver):
         if isinstance(one, SelectiveDriver):
             one.check_simulator(bare(simulator))
-    capabilities(simulator).check_driver(driver)
+    declared.check_driver(driver)
 
 
 def check_road(simulator: Simulator, driver: Driver, road: Road) -> None:
@@ -183,15 +184,16 @@ def check_drawn(road: Road) -> None:
 
 def _declared(part: object, kind: type[Usual]) -> dict[str, Any]:
     """The capabilities of a kind that a simulator or its class declares."""
-    found: dict[str, Any] = {}
-    for item in fields(kind):
-        value = getattr(part, item.name, None)
-        if value is None or isinstance(value, property):  # which says it of one that is made
-            continue
-        try:
-            check({item.name: value}, kind)
-        except ValueError as error:
-            name = part.__name__ if isinstance(part, type) else type(part).__name__
-            raise FreneticError(f"{name}.{error}") from None
-        found[item.name] = value
+    values = {item.name: getattr(part, item.name, None) for item in fields(kind)}
+    # A property of a class says it of one that is made.
+    found = {
+        name: value
+        for name, value in values.items()
+        if value is not None and not isinstance(value, property)
+    }
+    try:
+        check(found, kind)
+    except ValueError as error:
+        name = part.__name__ if isinstance(part, type) else type(part).__name__
+        raise FreneticError(f"{name}.{error}") from None
     return found

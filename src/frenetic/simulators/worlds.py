@@ -47,9 +47,10 @@ def check_can_vary(simulator: Simulator, names: Iterable[str]) -> None:
     Raises:
         FreneticError: the simulator cannot vary one of them.
     """
+    variable = capabilities(simulator).variable
     for name in names:
         attribute = quantity(name).attribute
-        if attribute and attribute not in capabilities(simulator).variable:
+        if attribute and attribute not in variable:
             raise FreneticError(
                 f"{class_name(simulator)} cannot vary {name}: it has no attribute"
                 f" {attribute!r}; leave it out, or use another simulator, such as the embedded one"
