@@ -17,7 +17,7 @@ from shapely import LineString, Polygon
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.entry_points import Entry
-from frenetic.analysis.coverage import criteria_in_words
+from frenetic.analysis.criteria import criteria_in_words
 from frenetic.analysis.failures import caution
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.criteria import QUANTITIES, Criterion, Profile, Quantity, profiles, quantity

@@ -60,6 +60,7 @@ def test_a_file_says_a_domain(path: Path) -> None:
         ("[conditions]\nfriction = {low = 1}", "friction: .*high"),
         ("[conditions]\nfriction = {low = 1, high = 0.5}", "low is 1: at most high"),
         ("[conditions]\nfriction = {low = 0.5, high = 1, mean = 1}", "mean and deviation"),
+        ("[conditions]\ngust = {low = 9, high = 12, mean = 0, deviation = 1}", "leave nothing"),
         ("[conditions]\nfriction = {low = 0.5, high = 1, chance = 0}", "chance is 0"),
         ("[conditions]\nfriction = 'wet'", "friction: "),
         ("[conditions]\ngust_at = 9", "gust_at follows from gust"),

@@ -68,6 +68,11 @@ class Distribution:
             raise ValueError("mean and deviation are needed together")
         if self.chance == 0.0:
             raise ValueError("chance is 0: more is needed")
+        if self._ends is not None and self._ends[1] == self._ends[2]:
+            raise ValueError(
+                f"mean {self.mean:g} and deviation {self.deviation:g} leave nothing from"
+                f" {self.low:g} to {self.high:g}: choose others"
+            )
 
     def amount(self, share: float) -> float | None:
         """The amount below which a share of the drives is, 0..1; None for the usual one."""

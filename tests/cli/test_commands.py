@@ -36,7 +36,7 @@ CALLS: Final = {
         " ended interrupted facts notice not_repeatable"
     ),
     "resume c --simulations 2 --workers 1": f"{COUNTS} folder seed distinct_failures ended",
-    "show c": f"{COUNTS} folder config causes distinct_failures near_misses facts",
+    "show c": f"{COUNTS} folder config causes distinct_failures near_misses coverage facts",
     "show c 1": "id test_outcome moobd description driven driver rules curvatures step picture",
     "report c": "report",
     "check c": f"{COUNTS} folder is_sound findings versions asked told bytes",

@@ -32,7 +32,28 @@ def path(tmp_path: Path) -> Path:
 def test_a_domain_is_searched_shown_and_driven_again(frenetic: Frenetic, path: Path) -> None:
     done = frenetic("run", "--odd", str(path), "--simulations", "60", "--seed", "1", "--out", "c")
     assert done.code == 0, done.err
-    assert "town: friction 0.1 to 1, gust -18 to 18 m/s" in frenetic("show", "c").out
+    told = frenetic("show", "c").out
+    assert "town: friction 0.1 to 1, gust -18 to 18 m/s" in told
+    coverage = frenetic("show", "c", "--json").json["coverage"]
+    friction, gust, *_ = coverage["axes"]
+    assert coverage["drives"] == sum(cell["drives"] for cell in friction["cells"]) == 60
+    cells = [
+        f"{cell['low']:g} to {cell['high']:g}: {cell['failures']}/{cell['drives']}"
+        if cell["drives"]
+        else f"{cell['low']:g} to {cell['high']:g}: never"
+        for cell in gust["cells"]
+    ]
+    assert f"gust (m/s)         {', '.join(cells)}\n" in told
+    pairs = coverage["pairs"]
+    assert pairs[0]["axes"] == ["friction", "gust"]
+    driven, count = (sum(pair[name] for pair in pairs) for name in ("driven", "cells"))
+    assert f"{driven} of {count} pairs of cells driven" in told
+    low = frenetic("show", "c", "--feature", "friction=0.1:0.4", "--sort", "gust", "--json").json
+    assert low["matching"] == sum(cell["drives"] for cell in friction["cells"][:2])
+    gusts = [one["features"]["gust"] for one in low["listed"]]
+    assert gusts == sorted(gusts, reverse=True)
+    assert all(0.1 <= one["features"]["friction"] <= 0.4 for one in low["listed"])
+    assert "gust (m/s)" in frenetic("show", "c", "--feature", "gust", "--limit", "1").out
     failed = frenetic("show", "c", "--outcome", "fail", "--json").json["listed"]
     assert failed
     number = str(failed[0]["id"])

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 pytest_plugins = ["made_campaign"]
 
-DICTIONARIES = ("conditions", "source", "notes", "fault")
+DICTIONARIES = ("source", "notes", "fault")
 
 
 @pytest.fixture(scope="session")
@@ -134,6 +134,8 @@ def test_parquet_knows_units(exported: tuple[Path, dict[str, Path]]) -> None:
             metadata = schema.field(column.name).metadata
             assert metadata[b"unit"].decode() == column.unit
             assert metadata[b"description"].decode() == column.about != ""
+    schema = pq.read_schema(exported[1]["parquet"] / "tests.parquet")
+    assert schema.field("condition_fog").metadata[b"unit"] == b"m"
 
 
 READERS: dict[Any, Any] = {

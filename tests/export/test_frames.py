@@ -76,7 +76,6 @@ def expected(test: Test, asked_after: int) -> dict[str, Any]:
         "worker": attempt.worker,
         "budget_spent": test.budget_spent,
         "finished_at": datetime.fromisoformat(test.finished_at),
-        "conditions": candidate.conditions or None,
         "repeat": candidate.repeat,
         "source": candidate.source
         and {"campaign": candidate.source.campaign, "test": candidate.source.test},
@@ -121,7 +120,7 @@ def test_a_frame_says_what_only_some_tests_have(
             test,
             candidate=replace(
                 test.candidate,
-                conditions={"fog": 60.5},
+                conditions={"noise_seed": 2**31 - 1, "fog": 60.5},
                 repeat=2,
                 source=Source("nightly", 31),
                 notes={"screened": [4000, None]},
@@ -133,9 +132,14 @@ def test_a_frame_says_what_only_some_tests_have(
         )
 
     folder = told_anew(change)
-    row = rows_of(data_frame(folder))[4]
-    assert row == expected_rows(folder)[4]
-    assert row["conditions"] == {"fog": 60.5}
+    frame = data_frame(folder)
+    rows, wanted = rows_of(frame), expected_rows(folder)
+    conditions = {"condition_fog": 60.5, "condition_noise_seed": 2**31 - 1}
+    row = rows[4]
+    assert row == wanted[4] | conditions
+    assert rows[3] == wanted[3] | dict.fromkeys(conditions)
+    assert list(frame.columns)[-2:] == list(conditions)
+    assert [str(kind) for kind in frame.dtypes.iloc[-2:]] == ["Float64", "Int64"]
     assert row["source"] == {"campaign": "nightly", "test": 31}
     assert row["fault"]["kind"] == "ValueError"
     assert (row["worker"], row["objective"], row["departure_time"]) == ("w1", -0.5, None)
@@ -155,7 +159,6 @@ TYPES = {
     "records": "Int64",
     "finished_at": "datetime64[ms, UTC]",
     "curvatures": "object",
-    "conditions": "object",
 }
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from frenetic._support.json_value import JSONValue
 from frenetic.campaign import Budget, Campaign, CampaignStore, Test
 from frenetic.campaign.record import Attempt
+from frenetic.domain import Domain
 from frenetic.drivers import Planner
 from frenetic.outcome import Outcome
 from frenetic.road.classes import RoadClass
@@ -43,6 +44,24 @@ def make_sloping(folder: Path, name: str = "urban-50") -> Path:
         simulator=EmbeddedSimulator(friction=0.25),
         driver=Planner(),
         budget=Budget(simulations=12),
+        folder=folder,
+    ).run()
+    return folder
+
+
+def make_varied(folder: Path) -> Path:
+    """A campaign in a domain, one cell of which is hardly ever drawn."""
+    conditions = {
+        "friction": {"low": 0.1, "high": 1.0, "mean": 0.6, "deviation": 0.13},
+        "gust": {"low": -20, "high": 20},
+        "delay": {"low": 0.0, "high": 0.4, "chance": 0.5},
+    }
+    domain = Domain.made("varied", {"roads": "urban-50,length=300", "conditions": conditions})
+    Campaign(
+        strategy=RandomSearch(seed=1, road_class=domain.road_class, domain=domain),
+        simulator=EmbeddedSimulator(),
+        driver=Planner(),
+        budget=Budget(simulations=40),
         folder=folder,
     ).run()
     return folder

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from html_campaigns import make_searched, make_sloping
+from html_campaigns import make_searched, make_sloping, make_varied
 
 from frenetic.report.html import write_report
 
@@ -22,5 +22,13 @@ def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def sloping(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same on roads of a class."""
     folder = make_sloping(tmp_path_factory.mktemp("html") / "sloping")
+    write_report(folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def varied(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same in a domain."""
+    folder = make_varied(tmp_path_factory.mktemp("html") / "varied")
     write_report(folder)
     return folder

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from frenetic.analysis.coverage import Axis
 from frenetic.analysis.features import FEATURES as AXES
 from frenetic.outcome import Outcome
 from frenetic.report.html import Part, feature_map
@@ -82,6 +83,19 @@ def test_failures_are_mapped_and_passes_thinned_and_that_is_said(
     assert section.lead.endswith("mapped." if said else "its roads.")
     assert block.data["all_driven"] is (said == "")
     assert block.data["all_failures"] is (failures < 50)
+
+
+def test_conditions_are_axes_and_drives_outside_them_in_no_cell() -> None:
+    gust = Axis("gust", "gust", "m/s", (-10.0, 0.0, 10.0), has_usual=True)
+    tests = made(1, 3)
+    measured = {test.id: {"segment": FEATURES, "whole": FEATURES} for test in tests}
+    (block,) = map_section(measured, tests, {gust: [2, None, 0, 1]}).blocks
+    assert isinstance(block, Part)
+    axis = block.data["axes"][-1]
+    assert axis["name"] == "gust"
+    assert axis["texts"] == ["Gust as usual", "Gust \u221210 to 0 m/s", "Gust 0 to 10 m/s"]
+    assert axis["ticks"] == [(0.5, "usual"), (1, "\u221210"), (2, "0"), (3, "10")]
+    assert axis["whole"]["bins"] == "2.01"
 
 
 def test_few_others_are_mapped_when_the_campaign_has_grown() -> None:

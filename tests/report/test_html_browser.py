@@ -21,6 +21,7 @@ from PIL import Image
 from playwright.sync_api import Browser, Locator, Page, expect
 
 from frenetic.again.rerun import rerun
+from frenetic.analysis.coverage import DomainCoverage, domain_coverage
 from frenetic.analysis.failures import Clusters, distinct_failures
 from frenetic.campaign import Budget, Campaign, CampaignStore, Test
 from frenetic.cli import cli
@@ -506,6 +507,81 @@ def test_map_shows_the_roads_of_a_cell(page: Page) -> None:
     assert page.evaluate("document.activeElement.title") != here
     page.keyboard.press("Enter")
     expect(panel.locator("h3")).to_contain_text("failure")
+
+
+def coverage_of(folder: Path) -> DomainCoverage:
+    with CampaignStore.open(folder) as store:
+        found = domain_coverage(store.setting, store.tests())
+    assert found is not None
+    return found
+
+
+def test_the_domain_shows_its_cells_and_those_never_reached(show: Show, varied: Path) -> None:
+    page, found = show(varied / "report.html"), coverage_of(varied)
+    rows = page.locator(".domain > div")
+    expect(rows).to_have_count(len(found.singles))
+    for row, one in zip(rows.all(), found.singles, strict=True):
+        wanted = [
+            "never reached" if not drives else f"{failed} of {drives} failed" if failed else None
+            for drives, failed in zip(one.drives.tolist(), one.failures.tolist(), strict=True)
+        ]
+        cells = row.locator("li")
+        texts = cells.locator("span:nth-child(2)").all_text_contents()
+        assert [text for text in texts if not text.endswith("passed")] == [
+            text for text in wanted if text is not None
+        ]
+        expect(row.locator("li.unreached")).to_have_count(one.never_reached)
+        # The more of its drives failed, the redder.
+        levels = [
+            int((re.findall(r"failing-(\d)", c.get_attribute("class") or "") or "0")[0])
+            for c in cells.all()
+        ]
+        shares = (one.failures / np.maximum(one.drives, 1)).tolist()
+        order = sorted(zip(shares, levels, strict=True))
+        assert [level for _, level in order] == sorted(levels)
+    assert sum(one.never_reached for one in found.singles) > 0
+    pairs = page.locator("#domain tbody tr", has=page.locator("a"))
+    expect(pairs).to_have_count(len(found.pairs))
+    numbers = pairs.first.locator("td").all_text_contents()
+    first = found.pairs[0]
+    assert numbers[:4] == [
+        str(number) for number in (first.count, first.driven, first.failed, first.never_reached)
+    ]
+    gaps = page.locator("#domain .table").last.locator("tbody tr")
+    text = found.gaps[0].in_words().replace(" -", " \u2212")
+    expect(gaps.first).to_contain_text(text, ignore_case=True)
+
+
+def test_a_pair_of_the_domain_opens_in_the_map(show: Show, varied: Path) -> None:
+    page, found = show(varied / "report.html"), coverage_of(varied)
+    page.get_by_role("link", name="gust, delay").click()
+    expect(page.locator("#map-across")).to_have_value("gust")
+    expect(page.locator("#map-up")).to_have_value("delay")
+    expect(page.locator(".cells")).to_be_in_viewport()
+    pair = next(one for one in found.pairs if [a.name for a in one.axes] == ["gust", "delay"])
+    # Up is the delay, as usual at the bottom.
+    wanted = [str(n or "") for n in np.flipud(pair.failures.T).ravel().tolist()]
+    assert page.locator(".cell").all_text_contents() == wanted
+    expect(page.locator(".cell.empty")).to_have_count(pair.never_reached)
+    assert page.locator(".edges-y span").first.text_content() == "usual"
+    corner = page.locator(".cell-row").last.locator(".cell").first
+    text = "Gust \u221220 to \u221210 m/s, Delay as usual: "
+    expect(corner).to_have_attribute("title", re.compile(f"^{text}"))
+    again = show(varied / "report.html", fragment="#map:min_radius:max_curvature")
+    expect(again.locator(".map-x")).to_have_text("Least radius (m)")
+    expect(again.locator(".edges-x span").last).to_have_text("∞")
+    shown = show(varied / "report.html", fragment="#map:beauty:delay")
+    expect(shown.locator("#map-up")).to_have_value("mean_speed")
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_the_domain_can_be_read_on_a_phone(show: Show, varied: Path, theme: str) -> None:
+    page = show(varied / "report.html", color_scheme=theme, viewport={"width": 320, "height": 844})
+    assert page.evaluate("document.documentElement.scrollWidth") <= 320
+    page.locator(".domain li").evaluate_all(
+        "els => els.forEach((el, i) => { el.className = `failing-${i % 6}`; })"
+    )
+    assert low_contrast(page) == []
 
 
 def test_tests_are_sorted_and_found(page: Page, searched: Path) -> None:

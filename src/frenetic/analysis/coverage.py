@@ -1,37 +1,422 @@
-"""What a campaign's drives were judged by, and over which speeds and bends, in words."""
+"""What of a domain was driven: cells of its conditions and roads, one by one and in pairs.
+
+A drive lies in the cells of its road and of its conditions, wherever along the road it ended.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations
+from typing import Any, Final
+
 import numpy as np
+import numpy.typing as npt
 
-from frenetic.campaign.store import CampaignStore
+from frenetic._support.arrays import FloatArray
+from frenetic.campaign.record import Setting, Test
+from frenetic.domain import Domain
+from frenetic.outcome import Outcome
+from frenetic.quantities import named, quantity
+from frenetic.road.classes import RoadClass
+from frenetic.search.operators import CURVATURE_BOUND
+from frenetic.search.random_search import RANDOM, RandomRoads
+from frenetic.search.records import Candidate, Origin
+
+RADIUS: Final = "min_radius"
+"""Name of the axis of a road's least radius."""
+GRADE: Final = "max_grade"
+"""Name of the axis of a road's steepest grade."""
+ROADS: Final = 500
+"""Random roads that stand for those of a domain."""
+DRAWN: Final = 10_000
+"""Random drives in which the share of driven ones is counted."""
+
+_CELLS: Final = 5
+_STEPS: Final = (1.0, 2.0, 2.5, 5.0, 10.0)
+_SAME: Final = 1e-3
+"""Share by which a value may miss the first or the last edge."""
 
 
-def criteria_in_words(store: CampaignStore) -> str:
-    """The criteria of a campaign beside leaving the lane, and what was driven; empty without any.
+@dataclass(frozen=True)
+class Axis:
+    """A condition, or what roads are like, cut into cells."""
 
-    Raises:
-        CampaignError: the campaign is damaged.
+    name: str
+    """Of a quantity, `RADIUS` or `GRADE`."""
+    title: str
+    """For people."""
+    unit: str
+    """Empty if it has none."""
+    edges: tuple[float, ...]
+    """Of the cells, ascending; a value on one between two belongs to the cell above. The last may
+    be infinite."""
+    has_usual: bool = False
+    """Whether another cell comes before these: "as usual", for drives without an amount."""
+
+    @property
+    def size(self) -> int:
+        """Number of cells."""
+        return len(self.edges) - 1 + self.has_usual
+
+    def limits(self, cell: int) -> tuple[float, float] | None:
+        """The ends of a cell; None for "as usual"."""
+        i = cell - self.has_usual
+        return None if i < 0 else (self.edges[i], self.edges[i + 1])
+
+    def text(self, cell: int) -> str:
+        """A cell for people, without the unit."""
+        limits = self.limits(cell)
+        if limits is None:
+            return "as usual"
+        low, high = map(_text, limits)
+        if limits[1] == math.inf:
+            return f"{low} or more"
+        return low if low == high else f"{low} to {high}"
+
+    def words(self, cell: int) -> str:
+        """A cell for people, such as ``gust 0 to 10 m/s``."""
+        unit = f" {self.unit}" if self.unit and self.limits(cell) is not None else ""
+        return f"{self.title} {self.text(cell)}{unit}"
+
+    @property
+    def ticks(self) -> list[tuple[float, str]]:
+        """Places in cells from its start, and what to write there: edges, and "usual"."""
+        usual = [(0.5, "usual")] if self.has_usual else []
+        if self.edges[0] == self.edges[1]:
+            return [*usual, (self.size - 0.5, _text(self.edges[0]))]
+        return usual + [(i + self.has_usual, _text(edge)) for i, edge in enumerate(self.edges)]
+
+    def find(self, candidate: Candidate) -> int | None:
+        """The cell of a candidate; None if it lies in none."""
+        value = self._value(candidate)
+        if value is None:
+            return 0 if self.has_usual else None
+        low, high = self.edges[0], self.edges[-1]
+        room = _SAME * (high - low if math.isfinite(high) else low)
+        if not low - room <= value <= high + room:
+            return None
+        i = int(np.searchsorted(self.edges, value, side="right")) - 1
+        return min(max(i, 0), len(self.edges) - 2) + self.has_usual
+
+    def _value(self, candidate: Candidate) -> float | None:
+        if self.name == RADIUS:
+            sharpest = float(np.abs(candidate.curvatures).max())
+            return 1.0 / sharpest if sharpest > 0.0 else math.inf
+        if self.name == GRADE:
+            return 0.0 if candidate.grade is None else 100.0 * np.abs(candidate.grade[:, 1]).max()
+        amount = candidate.conditions.get(self.name)
+        # An amount without effect is not recorded.
+        return quantity(self.name).nothing if amount is None and not self.has_usual else amount
+
+
+def _text(edge: float) -> str:
+    return "∞" if edge == math.inf else f"{edge:.6g}"
+
+
+def axes_of(domain: Domain) -> list[Axis]:
+    """The axes of a domain: its conditions but for those of a fixed amount, and its roads."""
+    axes = [
+        _condition(name, found.low, found.high, found.chance < 1.0)
+        for name, found in domain.conditions.items()
+        if found.low < found.high or found.chance < 1.0
+    ]
+    return axes + _road_axes(domain.road_class)
+
+
+def varied_axes(conditions: Sequence[Mapping[str, float]]) -> list[Axis]:
+    """The axes of what some drives' conditions differ in, over the amounts that occur."""
+    axes = []
+    for name in dict.fromkeys(name for one in conditions for name in named(one)):
+        amounts = [one[name] for one in conditions if name in one]
+        low, high, some = min(amounts), max(amounts), len(amounts) < len(conditions)
+        if low < high or some:
+            axes.append(_condition(name, low, high, some))
+    return axes
+
+
+def _condition(name: str, low: float, high: float, has_usual: bool) -> Axis:
+    return Axis(name, name, quantity(name).unit, _round_edges(low, high), has_usual)
+
+
+def _road_axes(road_class: RoadClass | None) -> list[Axis]:
+    """What roads of a class, or of the competition, are like, within its bounds.
+
+    That is the least radius, in cells of about equal curvature, and the grade unless all are flat.
     """
-    profile = store.setting.rules.criteria
-    if not profile:
-        return ""
-    time, speeds, sharpest = 0.0, [np.inf, 0.0], 0.0
-    for test in store.tests(with_trajectory=True):
-        if test.outcome.is_driven and test.trajectory is not None and len(test.trajectory):
-            time += test.result.duration or 0.0
-            # The slowest behind the start, where each drive stands.
-            speed = test.trajectory.speed * 3.6
-            begun = speed[int(np.argmax(speed >= 0.5 * speed.max())) :]
-            speeds = [min(speeds[0], float(begun.min())), max(speeds[1], float(speed.max()))]
-            sharpest = max(sharpest, float(np.abs(test.road.curvatures).max()))
-    words = [profile.in_words()]
-    if time > 0.0:
-        least = f", radii from {1.0 / sharpest:.0f} m" if sharpest > 1e-4 else ""
-        text = f"driven for {time / 60.0:.1f} min at {speeds[0]:.0f} to {speeds[1]:.0f} km/h{least}"
-        if time < profile.driven_time:
-            text += f", less than the {profile.driven_time / 60.0:g} min that it asks for"
-        words.append(text)
-    if profile.left_out:
-        words.append(f"left out: {profile.left_out}")
-    return "; ".join(words)
+    least = 1.0 / (CURVATURE_BOUND if road_class is None else road_class.max_curvature)
+    others = (float(f"{least * _CELLS / (_CELLS - i):.2g}") for i in range(1, _CELLS))
+    axes = [Axis(RADIUS, "least radius", "m", (float(f"{least:.4g}"), *others, math.inf))]
+    if road_class is not None and road_class.max_grade > 0.0:
+        edges = _round_edges(0.0, 100.0 * road_class.max_grade)
+        axes.append(Axis(GRADE, "steepest grade", "%", edges))
+    return axes
+
+
+def _round_edges(low: float, high: float) -> tuple[float, ...]:
+    """The ends of a range, and round numbers between them: about `_CELLS` cells.
+
+    All are of one width but for the first and the last, which are half to one and a half as wide.
+    """
+    if low == high:
+        return low, high
+    width = (high - low) / _CELLS
+    power = 10.0 ** math.floor(math.log10(width))
+    step = power * min(_STEPS, key=lambda one: abs(math.log(one * power / width)))
+    least, most = low + 0.499 * step, high - 0.499 * step
+    numbers = range(math.ceil(least / step), math.floor(most / step) + 1)
+    return low, *(float(f"{number * step:.12g}") for number in numbers), high
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """The cells of an axis, or of a pair of axes, and what was driven in each."""
+
+    axes: tuple[Axis, ...]
+    """One or two."""
+    shares: FloatArray
+    """Share of the domain's drives, (n,) or (n, m)."""
+    drives: npt.NDArray[np.int64]
+    """Likewise."""
+    failures: npt.NDArray[np.int64]
+    """Likewise."""
+
+    @property
+    def count(self) -> int:
+        """Number of cells."""
+        return self.drives.size
+
+    @property
+    def driven(self) -> int:
+        """Number of cells with a drive."""
+        return int(np.count_nonzero(self.drives))
+
+    @property
+    def failed(self) -> int:
+        """Number of cells with a failure."""
+        return int(np.count_nonzero(self.failures))
+
+    @property
+    def never_reached(self) -> int:
+        """Number of cells without a drive."""
+        return self.count - self.driven
+
+    @property
+    def driven_share(self) -> float:
+        """Share of the domain's drives in cells with a drive."""
+        return min(float(self.shares[self.drives > 0].sum()), 1.0)
+
+    def as_json(self) -> dict[str, Any]:
+        """Its counts as JSON."""
+        return {
+            "axes": [axis.name for axis in self.axes],
+            "cells": self.count,
+            "driven": self.driven,
+            "failed": self.failed,
+            "never_reached": self.never_reached,
+            "driven_share": self.driven_share,
+        }
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A cell of an axis, or of a pair of axes, in which nothing was driven."""
+
+    cells: tuple[tuple[Axis, int], ...]
+    share: float
+    """Share of the domain's drives in it."""
+
+    @property
+    def likelihood(self) -> str:
+        """Its share for people."""
+        if self.share < 1e-4:
+            return "less than 1 drive in 10,000"
+        return f"1 drive in {round(float(f'{1.0 / self.share:.2g}')):,}"
+
+    def in_words(self) -> str:
+        """Its cells for people, such as ``friction 0.1 to 0.2 with delay as usual``."""
+        return " with ".join(axis.words(cell) for axis, cell in self.cells)
+
+    def as_json(self) -> dict[str, Any]:
+        """As JSON; the limits of a cell are null for "as usual" and for no upper end."""
+        cells = {axis.name: limits_json(axis, cell) for axis, cell in self.cells}
+        return {"cells": cells, "share": self.share}
+
+
+def limits_json(axis: Axis, cell: int) -> dict[str, float | None]:
+    """The ends of a cell as JSON: null for "as usual", and for no upper end."""
+    low, high = axis.limits(cell) or (None, None)
+    return {"low": low, "high": None if high == math.inf else high}
+
+
+@dataclass(frozen=True, eq=False)
+class DomainCoverage:
+    """What of a domain was driven."""
+
+    name: str
+    """Of the domain."""
+    drives: int
+    """Drives in the domain."""
+    failures: int
+    """Those of them that failed."""
+    outside: int
+    """Drives outside the domain, which count nowhere."""
+    singles: tuple[Cells, ...]
+    """An axis each."""
+    pairs: tuple[Cells, ...]
+    """Each two axes."""
+
+    @property
+    def axes(self) -> list[Axis]:
+        """All axes."""
+        return [one.axes[0] for one in self.singles]
+
+    @cached_property
+    def driven_share(self) -> float:
+        """Share of the domain's drives all of whose pairs of cells were driven.
+
+        It is counted in `DRAWN` random drives, always the same.
+        """
+        rng = np.random.default_rng(0)
+        drawn = {
+            one.axes[0].name: rng.choice(one.count, DRAWN, p=one.shares / one.shares.sum())
+            for one in self.singles
+        }
+        is_driven = np.ones(DRAWN, dtype=bool)
+        for one in (*self.singles, *self.pairs):
+            is_driven &= one.drives[tuple(drawn[axis.name] for axis in one.axes)] > 0
+        return float(is_driven.mean())
+
+    @cached_property
+    def gaps(self) -> tuple[Gap, ...]:
+        """The cells that were never reached, most probable first.
+
+        A pair of cells is left out where one of the two was never reached at all.
+        """
+        gaps = [
+            Gap(tuple(zip(one.axes, at, strict=True)), float(one.shares[tuple(at)]))
+            for one in (*self.singles, *self.pairs)
+            for at in np.argwhere(one.drives == 0).tolist()
+        ]
+        alone = {gap.cells[0] for gap in gaps if len(gap.cells) == 1}
+        named = (gap for gap in gaps if len(gap.cells) == 1 or alone.isdisjoint(gap.cells))
+        return tuple(sorted(named, key=lambda gap: -gap.share))
+
+    def in_words(self) -> str:
+        """What of the pairs of cells was driven."""
+        parts = self.pairs or self.singles
+        count, driven, failed, missing = (
+            sum(getattr(one, name) for one in parts)
+            for name in ("count", "driven", "failed", "never_reached")
+        )
+        kind, share = "pairs of cells" if self.pairs else "cells", 100.0 * self.driven_share
+        return (
+            f"{driven} of {count} {kind} driven, {failed} with failures, {missing} never reached;"
+            f" {share:.0f} % of the domain's drives lie in driven ones only"
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """As JSON."""
+        return {
+            "domain": self.name,
+            "drives": self.drives,
+            "failures": self.failures,
+            "outside": self.outside,
+            "driven_share": self.driven_share,
+            "axes": [
+                {
+                    "name": axis.name,
+                    "unit": axis.unit,
+                    "cells": [
+                        {
+                            **limits_json(axis, i),
+                            "share": float(one.shares[i]),
+                            "drives": int(one.drives[i]),
+                            "failures": int(one.failures[i]),
+                        }
+                        for i in range(axis.size)
+                    ],
+                }
+                for one in self.singles
+                for axis in one.axes
+            ],
+            "pairs": [one.as_json() for one in self.pairs],
+            "never_reached": [gap.as_json() for gap in self.gaps],
+        }
+
+
+def domain_coverage(setting: Setting, tests: Iterable[Test]) -> DomainCoverage | None:
+    """What of a campaign's domain its tests drove; None without a domain.
+
+    Shares of conditions follow from their distributions, those of roads from `ROADS` random ones.
+    All axes are independent of each other.
+
+    Args:
+        setting: of the campaign, ``store.setting``.
+        tests: its tests, ``store.tests()``.
+    """
+    if setting.domain is None:
+        return None
+    domain = replace(setting.domain, road_class=setting.road_class)
+    axes = axes_of(domain)
+    rows, failed, outside = [], [], 0
+    for test in tests:
+        if not test.outcome.is_driven:
+            continue
+        row = [axis.find(test.candidate) for axis in axes]
+        if None in row:
+            outside += 1
+        else:
+            rows.append(row)
+            failed.append(test.outcome is Outcome.FAIL)
+    cells = np.array(rows, dtype=np.int64).reshape(-1, len(axes))
+    has_failed = np.array(failed, dtype=bool)
+    roads = _random_roads(setting)
+    shares = [_shares(axis, domain, roads) for axis in axes]
+
+    def counted(*which: int) -> Cells:
+        shape = tuple(axes[i].size for i in which)
+
+        def number(of: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+            flat = np.ravel_multi_index([of[:, i] for i in which], shape)
+            return np.bincount(flat, minlength=math.prod(shape)).reshape(shape)
+
+        share = shares[which[0]] if len(which) == 1 else np.outer(*(shares[i] for i in which))
+        named = tuple(axes[i] for i in which)
+        return Cells(named, share, number(cells), number(cells[has_failed]))
+
+    return DomainCoverage(
+        domain.name,
+        len(rows),
+        sum(failed),
+        outside,
+        tuple(counted(i) for i in range(len(axes))),
+        tuple(counted(*pair) for pair in combinations(range(len(axes)), 2)),
+    )
+
+
+def _random_roads(setting: Setting) -> list[Candidate]:
+    """Roads as ``random`` draws them, always the same."""
+    rng = np.random.default_rng(0)
+    roads = RandomRoads(map_size=setting.map_size, road_class=setting.road_class)
+    roads.keep_margin(setting.margin)
+    drawn = (roads.draw(rng) for _ in range(ROADS))
+    return [
+        Candidate(1, values, roads.step, Origin(RANDOM), grade=roads.grade(rng, values))
+        for values in drawn
+    ]
+
+
+def _shares(axis: Axis, domain: Domain, roads: Sequence[Candidate]) -> FloatArray:
+    """The share of the domain's drives in each cell of an axis, (n,)."""
+    if axis.name in (RADIUS, GRADE):
+        found = np.array([axis.find(road) for road in roads])
+        shares: FloatArray = np.bincount(found, minlength=axis.size) / len(roads)
+        return shares
+    of = domain.conditions[axis.name]
+    usual = [1.0 - of.chance] if axis.has_usual else []
+    if of.low == of.high:
+        return np.array([*usual, of.chance])
+    return np.array([*usual, *np.diff([of.share(edge) for edge in axis.edges])])

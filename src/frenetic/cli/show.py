@@ -12,6 +12,7 @@ import click
 
 from frenetic._support.words import counted, simulated_time
 from frenetic.cli.console import (
+    Results,
     causes_json,
     clusters_json,
     facts_of_drive,
@@ -35,14 +36,17 @@ from frenetic.cli.options import (
 )
 from frenetic.errors import FreneticError
 from frenetic.outcome import Outcome
-from frenetic.quantities import in_words
+from frenetic.quantities import in_words, quantity
 from frenetic.registry import part_name
 from frenetic.spec import earlier_of
 from frenetic.versions import short_version
 
 if TYPE_CHECKING:
+    from frenetic.analysis.coverage import DomainCoverage
     from frenetic.campaign import CampaignStore, Test
 
+LISTED_GAPS: Final = 3
+"""Most cells without a drive that are named on the terminal."""
 LISTED_TESTS: Final = 20
 """Most tests of a list on the terminal."""
 
@@ -62,14 +66,14 @@ LISTED_TESTS: Final = 20
     "features",
     type=Range("max_curvature=0.05:0.07", values=False),
     multiple=True,
-    help="List the tests with a feature in a range, as in max_curvature=0.05:0.07, or show the"
-    " feature's values: max_curvature; may be repeated.",
+    help="List the tests with a feature or condition in a range, as in max_curvature=0.05:0.07 or"
+    " friction=0.3:0.5, or show its values: friction; may be repeated.",
 )
 @click.option(
     "--sort",
     metavar="ORDER",
     help="List the tests by severity (lowest MOOBD first), tested (as their results came),"
-    " duration or a feature (largest first). [default: severity]",
+    " duration, or a feature or condition (largest first). [default: severity]",
 )
 @count_option("--limit", "List N tests at most. [default: 20; with --json all]")
 @file_option(
@@ -99,7 +103,7 @@ def show(
     --outcome, --feature, --sort and --limit list tests. Features are those of the road and the
     drive within 30 m of the place where the car left its lane, or else was nearest to it: length,
     max_curvature, direction_coverage, bends, mean_speed, std_speed, std_steering, mean_offset,
-    extreme_offset.
+    extreme_offset. Conditions are quantities ('frenetic list quantities').
 
     --follow looks each second at a campaign that runs on this machine. Ctrl-C leaves; the campaign
     goes on. The exit code is 0 when the campaign has finished, 1 when it was interrupted, gave up
@@ -157,15 +161,18 @@ def _list_tests(
             "duration": simulated_time(test.result.duration),
             "operator": test.candidate.origin.operator,
             "reason": test.reason,
-            "features": {name: None if features is None else features[name] for name in names},
+            "features": {name: _finite(values.get(name)) for name in names},
         }
-        for test, features in listed
+        for test, values in listed
     ]
     if as_json:
         document = {"folder": str(store.folder), "matching": len(tests), "listed": rows}
         click.echo(json.dumps(document))
         return
-    headings = [f">{name}{f' ({unit})' if (unit := FEATURES[name].unit) else ''}" for name in names]
+    units = [(FEATURES[name] if name in FEATURES else quantity(name)).unit for name in names]
+    headings = [
+        f">{name}{f' ({unit})' if unit else ''}" for name, unit in zip(names, units, strict=True)
+    ]
     print_table(
         (">test", "outcome", ">MOOBD (m)", ">time (s)", *headings, "why"),
         [
@@ -186,8 +193,14 @@ def _list_tests(
     click.echo(f"{len(tests)} of {counted(told, 'result')} {match}{shown}")
 
 
+def _finite(value: float | None) -> float | None:
+    """A number for JSON; None for what has no limit."""
+    return None if value == math.inf else value
+
+
 def _show_campaign(store: CampaignStore, as_json: bool) -> None:
-    from frenetic.analysis.coverage import criteria_in_words
+    from frenetic.analysis.coverage import domain_coverage
+    from frenetic.analysis.criteria import criteria_in_words
     from frenetic.analysis.failures import LISTED, caution, distinct_failures, nearest_misses
     from frenetic.campaign.asking import FACTS
     from frenetic.campaign.earlier import still_failing
@@ -202,6 +215,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     clusters = distinct_failures(store)
     found = clusters if counts.failed else nearest_misses(store)
     shortened = minimised_drives(store, [cause.example for cause in clusters.causes])
+    coverage = domain_coverage(store.setting, store.tests())
     if as_json:
         document = {
             "folder": str(store.folder),
@@ -209,6 +223,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
             "causes": causes_json(clusters, shortened),
             "distinct_failures": clusters_json(clusters),
             "near_misses": [] if counts.failed else clusters_json(found),
+            "coverage": None if coverage is None else coverage.as_json(),
             "facts": dict(facts),
             "config": dict(config),
         }
@@ -252,6 +267,8 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
             *([("error", f"the first: {error}")] if (error := first_error(store)) else []),
         ]
     )
+    if coverage is not None:
+        _print_coverage(coverage)
     if counts.failed:
         print_causes(clusters, counts, shortened)
         click.echo()
@@ -259,6 +276,31 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     if found:
         one = clusters.causes[0].example if counts.failed else found[0].most_severe
         click.echo(f"One in full: frenetic show {shell(store.folder)} {one}")
+
+
+def _print_coverage(coverage: DomainCoverage) -> None:
+    """Prints what of a domain was driven: a line an axis."""
+    Results().print(
+        f"Cells of {coverage.name}: failures/drives, and what was never reached",
+        style="bold",
+        markup=False,
+    )
+    facts = []
+    for one in coverage.singles:
+        (axis,) = one.axes
+        cells = (
+            f"{axis.text(i)}: {f'{failures}/{drives}' if drives else 'never'}"
+            for i, (drives, failures) in enumerate(zip(one.drives, one.failures, strict=True))
+        )
+        facts.append((f"{axis.title}{f' ({axis.unit})' if axis.unit else ''}", ", ".join(cells)))
+    facts.append(("together", coverage.in_words()))
+    for i, gap in enumerate(coverage.gaps[:LISTED_GAPS]):
+        name = "" if i else "never reached"
+        facts.append((name, f"{gap.in_words()}, {gap.likelihood}"))
+    if coverage.outside:
+        facts.append(("outside", f"{counted(coverage.outside, 'drive')}, which count nowhere"))
+    print_facts(facts)
+    click.echo()
 
 
 def _cause(test: Test) -> str:

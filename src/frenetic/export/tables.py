@@ -27,6 +27,7 @@ from frenetic.drive import Trajectory
 from frenetic.errors import FreneticError
 from frenetic.oracle import Side
 from frenetic.outcome import Outcome
+from frenetic.quantities import SEED, quantities
 from frenetic.road import profile
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ _ORDER: Final = """
     moobd moobd_distance max_oob_share objective duration
     departure_time departure_distance departure_x departure_y departure_side
     seconds elapsed attempts worker budget_spent finished_at
-    conditions repeat source notes fault records
+    repeat source notes fault records
 """
 TABLES: Final[Mapping[str, tuple[Column, ...]]] = MappingProxyType(
     {
@@ -79,9 +80,11 @@ TABLES: Final[Mapping[str, tuple[Column, ...]]] = MappingProxyType(
         ),
     }
 )
-"""Name of a table -> its columns; of several campaigns, `CAMPAIGN` comes first."""
+"""Name of a table -> its columns; of several campaigns, `CAMPAIGN` comes first. A column for each
+condition that some test has, such as ``condition_friction``, comes last."""
 CAMPAIGN: Final = Column("campaign", "", "TEXT", "folder of the campaign")
 
+_CONDITION: Final = "condition_"
 _DTYPES: Final = {
     "INTEGER": "int64",
     "REAL": "Float64",
@@ -89,6 +92,7 @@ _DTYPES: Final = {
     "JSON": "object",
     "REALS": "object",
     "PAIRS": "object",
+    f"{_CONDITION}{SEED}": "Int64",
     **dict.fromkeys(("length", "step", "seconds", "elapsed", "budget_spent"), "float64"),
     "finished_at": "datetime64[ms, UTC]",
     "records": "Int64",
@@ -99,7 +103,7 @@ _CATEGORIES: Final[Mapping[str, tuple[str, ...]]] = {
     "departure_side": get_args(Side),
 }
 """Name of a column -> its categories."""
-_DICTIONARIES: Final = ("conditions", "source", "notes", "fault")
+_DICTIONARIES: Final = ("source", "notes", "fault")
 TESTS_AT_ONCE: Final = 1000
 """Tests of which a file's rows are in memory together."""
 
@@ -116,8 +120,9 @@ def data_frame(
     campaigns a column ``campaign`` with their folders comes first. Tests come in the order of
     telling. Outcomes and sides are categories; numbers that may be missing are nullable
     (``Float64``); curvatures and parents are arrays; superelevation,
-    grade and widening are lists of pairs; conditions, source, notes and fault are
-    dictionaries; ``finished_at`` is a time with its zone, UTC.
+    grade and widening are lists of pairs; source, notes and fault are
+    dictionaries; ``finished_at`` is a time with its zone, UTC. A column for each condition that
+    some test has, such as ``condition_friction``, comes last.
 
     Args:
         source: a campaign, opened or not, its folder, a folder of several, such as a bench's, or a
@@ -135,7 +140,8 @@ def data_frame(
     wanted = tuple(Outcome(outcome) for outcome in outcomes) or tuple(Outcome)
     _require_extra("a data frame")
     campaigns, named = _campaigns(source)
-    return _frame(table, _rows(campaigns, wanted, table == "trajectories"), named)
+    rows = _rows(campaigns, wanted, table == "trajectories")
+    return _frame(table, rows, named, _conditions(campaigns))
 
 
 def write_tables(
@@ -162,6 +168,7 @@ def write_tables(
     """
     _require_extra(f"the format {format}")
     campaigns, named = _campaigns(source)
+    conditions = _conditions(campaigns)
     done = total = 0
     for campaign in campaigns:
         with opened(campaign) as store:
@@ -175,9 +182,11 @@ def write_tables(
             if driven is not None:
                 parts["trajectories"] = [row for row in batch if row[-1].outcome in driven]
             for table, part in parts.items():
-                frame = _frame(table, part, named)
+                frame = _frame(table, part, named, conditions)
                 if table not in writers:
-                    writers[table] = files.enter_context(_writer(folder, table, format, frame))
+                    known = (CAMPAIGN, *TABLES[table], *conditions.values())
+                    writer = _writer(folder / table, known, format, frame)
+                    writers[table] = files.enter_context(writer)
                 writers[table](frame)
             done += len(batch)
             on_progress(done, total)
@@ -237,15 +246,31 @@ def _rows(
                     yield name, asked_after[test.id], test
 
 
-def _frame(table: Table, rows: Iterable[_Row], named: bool) -> pd.DataFrame:
-    frame = _tests(rows) if table == "tests" else _trajectories(rows)
+def _conditions(campaigns: Iterable[Place]) -> dict[str, Column]:
+    """The conditions that tests of some campaigns have -> their columns."""
+    columns = {}
+    for campaign in campaigns:
+        with opened(campaign) as store:
+            for (name,) in store.rows(
+                "SELECT DISTINCT key FROM test, json_each(conditions) ORDER BY key"
+            ):
+                row = quantities().get(name)  # its package may be gone
+                about, unit = ("", "") if row is None else (row.about, row.unit)
+                columns[name] = Column(f"{_CONDITION}{name}", "", "REAL", about, unit)
+    return columns
+
+
+def _frame(
+    table: Table, rows: Iterable[_Row], named: bool, conditions: Mapping[str, Column]
+) -> pd.DataFrame:
+    frame = _tests(rows, conditions) if table == "tests" else _trajectories(rows)
     return frame if named else frame.drop(columns=CAMPAIGN.name)
 
 
-def _tests(rows: Iterable[_Row]) -> pd.DataFrame:
+def _tests(rows: Iterable[_Row], conditions: Mapping[str, Column]) -> pd.DataFrame:
     import pandas as pd  # an extra
 
-    columns = (CAMPAIGN, *TABLES["tests"])
+    columns = (CAMPAIGN, *TABLES["tests"], *conditions.values())
     values: dict[str, list[Any]] = {column.name: [] for column in columns}
     paths = [
         (values[column.name], column.path.split("."))
@@ -257,6 +282,8 @@ def _tests(rows: Iterable[_Row]) -> pd.DataFrame:
         values["asked_after"].append(asked_after)
         for found, path in paths:
             found.append(value_at(test, path))
+        for name, column in conditions.items():
+            values[column.name].append(test.candidate.conditions.get(name))
         # Some of a road's profiles follow from its class; what was refused may be no road.
         is_road = test.attempt.pose is not None and len(test.candidate.curvatures) > 1
         whole = test.road if is_road else test.candidate
@@ -301,25 +328,25 @@ def _trajectories(rows: Iterable[_Row]) -> pd.DataFrame:
 
 @contextmanager
 def _writer(
-    folder: Path,
-    table: Table,
+    path: Path,
+    columns: Sequence[Column],
     format: str,  # noqa: A002
     first: pd.DataFrame,
 ) -> Iterator[Callable[[pd.DataFrame], object]]:
-    """A function that adds frames like the first one to a table's file."""
+    """A function that adds frames like the first one to a table's file, a path without suffix."""
     from pyarrow.csv import CSVWriter  # an extra
     from pyarrow.parquet import ParquetWriter  # an extra
 
     if format == "json":
-        with (folder / f"{table}.jsonl").open("wb") as lines:
+        with path.with_suffix(".jsonl").open("wb") as lines:
             yield lambda frame: lines.writelines(_lines(frame))
     elif format == "csv":
-        with CSVWriter(folder / f"{table}.csv", _texts(first).schema) as file:
+        with CSVWriter(path.with_suffix(".csv"), _texts(first).schema) as file:
             yield lambda frame: file.write_table(_texts(frame))
     else:
-        schema = _described(first, table).schema
-        with ParquetWriter(folder / f"{table}.parquet", schema, compression="zstd") as file:
-            yield lambda frame: file.write_table(_described(frame, table))
+        schema = _described(first, columns).schema
+        with ParquetWriter(path.with_suffix(".parquet"), schema, compression="zstd") as file:
+            yield lambda frame: file.write_table(_described(frame, columns))
 
 
 def _lines(frame: pd.DataFrame) -> Iterator[bytes]:
@@ -338,7 +365,7 @@ def _texts(frame: pd.DataFrame) -> pa.Table:
     return pa.Table.from_pandas(_with_texts(frame, others), preserve_index=False)
 
 
-def _described(frame: pd.DataFrame, table: Table) -> pa.Table:
+def _described(frame: pd.DataFrame, columns: Sequence[Column]) -> pa.Table:
     """A frame for Parquet: fields have descriptions and units."""
     import pyarrow as pa  # an extra
 
@@ -352,7 +379,7 @@ def _described(frame: pd.DataFrame, table: Table) -> pa.Table:
             lists.get(column.name, found.field(column.name).type),
             metadata={"description": column.about, "unit": column.unit},
         )
-        for column in (CAMPAIGN, *TABLES[table])
+        for column in columns
         if column.name in frame
     ]
     return pa.Table.from_pandas(frame, pa.schema(fields), preserve_index=False)

@@ -5,6 +5,7 @@ Texts are plain: nothing in them is HTML.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, TypeAlias
@@ -172,4 +173,9 @@ def round_numbers(low: float, high: float, most: int = 5) -> list[float]:
 
 def tick_text(value: float) -> str:
     """A number at an axis."""
-    return f"{value:.6g}".replace("-", "−")
+    return proper(f"{value:.6g}")
+
+
+def proper(text: str) -> str:
+    """A text whose negative numbers have a proper minus sign."""
+    return re.sub(r"(?<!\w)-(?=\d)", "−", text)

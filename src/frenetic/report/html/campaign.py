@@ -12,7 +12,8 @@ from msgspec.json import encode
 
 from frenetic._support.entry_points import imported, installed
 from frenetic.again.rerun import Rerun, elsewhere, own_repeats, read_reruns
-from frenetic.analysis.coverage import criteria_in_words
+from frenetic.analysis.coverage import Axis, domain_coverage, varied_axes
+from frenetic.analysis.criteria import criteria_in_words
 from frenetic.analysis.failures import Clusters, caution, distinct_failures, nearest_misses
 from frenetic.analysis.features import Features
 from frenetic.analysis.segments import segment_of
@@ -27,6 +28,7 @@ from frenetic.export.tables import Place, opened
 from frenetic.outcome import Outcome
 from frenetic.quantities import in_words
 from frenetic.report.html.blocks import Part, Section
+from frenetic.report.html.domain import domain_section
 from frenetic.report.html.elsewhere import elsewhere_sections
 from frenetic.report.html.feature_map import choose_mapped, map_section, measure
 from frenetic.report.html.gallery import gallery_section
@@ -103,12 +105,16 @@ def campaign_report(
     failures = store.by_outcome()[Outcome.FAIL]
     if not failures:
         found = nearest_misses(store) if misses is None else misses
-    tests, counts = _read(store)  # last: while the campaign runs, it has what was found before
+    tests, counts, conditions = _read(
+        store
+    )  # last: while the campaign runs, it has what was found before
     config, facts = store.config, store.facts
     reruns, trouble = _reruns(store)
     there = elsewhere(reruns, config)
     shown = _to_show(tests, found, [test.id for one in there for test in one.tests])
-    drives, measured = _look(store, shown, [test.id for test in choose_mapped(tests)])
+    coverage = domain_coverage(store.setting, store.tests())
+    axes = varied_axes(conditions) if coverage is None else coverage.axes
+    drives, measured, cells = _look(store, shown, [test.id for test in choose_mapped(tests)], axes)
     moobds = {test.id: test.moobd for test in tests if test.moobd is not None}
     road_class = store.setting.road_class
     top = headline(
@@ -133,7 +139,8 @@ def campaign_report(
             Section("summary", top.title, (top,)),
             gallery_section(found, moobds, drives, own, failures, counts.broken),
             timeline_section(tests, clusters),
-            map_section(measured, tests),
+            *([] if coverage is None else [domain_section(coverage)]),
+            map_section(measured, tests, cells),
             operators_section(tests, clusters),
             *elsewhere_sections(store, there),
             Section("tests", "All tests", (Part("tests", {}),)),
@@ -160,24 +167,29 @@ def _domain(store: CampaignStore) -> str:
     return domain.in_words() if found is None else f"{domain.in_words()}; {found.in_words()}"
 
 
-def _read(store: CampaignStore) -> tuple[list[TestSummary], Counts]:
-    """The tests, and their counts: a campaign that runs may have more by now."""
-    tests, counts = [], Counts()
+def _read(
+    store: CampaignStore,
+) -> tuple[list[TestSummary], Counts, list[Mapping[str, float]]]:
+    """The tests, their counts, and the conditions of those driven: all as of now."""
+    tests, counts, conditions = [], Counts(), []
     for record in store.tests():
         tests.append(TestSummary.of(record))
         counts.add(record.candidate, record.outcome, record.moobd)
-    return tests, counts
+        if record.outcome.is_driven:
+            conditions.append(record.candidate.conditions)
+    return tests, counts, conditions
 
 
 def _look(
-    store: CampaignStore, shown: Sequence[int], mapped: Collection[int]
-) -> tuple[list[dict[str, Any]], dict[int, Mapping[str, Features]]]:
-    """The drives of as many tests to show as there is room for, and the features of the mapped.
+    store: CampaignStore, shown: Sequence[int], mapped: Collection[int], axes: Sequence[Axis]
+) -> tuple[list[dict[str, Any]], dict[int, Mapping[str, Features]], dict[Axis, list[int | None]]]:
+    """The drives of as many tests to show as there is room for; features and cells of the mapped.
 
     Each trajectory is read once, and not kept.
     """
     drives: list[dict[str, Any]] = []
     measured: dict[int, Mapping[str, Features]] = {}
+    cells: dict[Axis, list[int | None]] = {axis: [] for axis in axes}
     room, room_for_pictures = DRIVES_SIZE, FILMS_SIZE
     is_mapped, is_shown = set(mapped), set(shown)
     films: list[Callable[[Test], Film | None]] = [
@@ -194,6 +206,8 @@ def _look(
         segment = segment_of(record.road, drive, record.result.finding)
         if test_id in is_mapped:
             measured[test_id] = measure(segment)
+            for axis, found in cells.items():
+                found.append(axis.find(record.candidate))
         if is_wanted:
             origin = record.candidate.origin
             data = drive_data(test_id, record.result, segment, origin.generation)
@@ -206,7 +220,7 @@ def _look(
             film = next((one for one in seen if one is not None), None)
             drives[-1]["film"] = film
             room_for_pictures -= 0 if film is None else len(film.pictures)
-    return drives, measured
+    return drives, measured, cells
 
 
 def _to_show(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
@@ -11,10 +12,11 @@ from matplotlib.ticker import MaxNLocator
 
 from frenetic._support.arrays import FloatArray, evenly, spread
 from frenetic._support.words import capitalised
+from frenetic.analysis.coverage import Axis
 from frenetic.analysis.features import FEATURES, Feature, Features, features_of
 from frenetic.analysis.segments import Segment
 from frenetic.outcome import Outcome
-from frenetic.report.html.blocks import Part, Section
+from frenetic.report.html.blocks import Part, Section, proper
 from frenetic.report.html.tests import TestSummary
 
 MAPPED: Final = 3000
@@ -75,31 +77,35 @@ def choose_mapped(tests: Sequence[TestSummary]) -> list[TestSummary]:
 
 
 def map_section(
-    measured: Mapping[int, Mapping[str, Features]], tests: Sequence[TestSummary]
+    measured: Mapping[int, Mapping[str, Features]],
+    tests: Sequence[TestSummary],
+    cells: Mapping[Axis, Sequence[int | None]] = MappingProxyType({}),
 ) -> Section:
     """The feature map.
 
     Args:
         measured: test -> its features by `measure`, of those that have any.
         tests: all of the campaign.
+        cells: axis of a condition or of roads -> the cell of each measured test, if it has one.
     """
     title = "Feature map"
     if not measured:
         return Section("map", title, (), "Nothing was driven yet.")
-    axes = []
+    axes: list[dict[str, Any]] = []
     for feature in FEATURES.values():
-        axis = {
+        axis: dict[str, Any] = {
             "name": feature.name,
             "description": feature.description,
             "unit": "km/h" if feature.unit == "m/s" else feature.unit,
             "counts": feature.counts,
         }
         for scope in ("segment", "whole"):
-            edges, cells = cells_of(feature, [one[scope] for one in measured.values()])
+            edges, places = cells_of(feature, [one[scope] for one in measured.values()])
             assert len(edges) <= len(_BINS)
-            bins = "".join(_BINS[cell] for cell in cells.tolist())
+            bins = "".join(_BINS[place] for place in places.tolist())
             axis[scope] = {"edges": edges.round(6).tolist(), "bins": bins}
         axes.append(axis)
+    axes += [_axis(axis, found) for axis, found in cells.items()]
     failed, passed = (
         [test.id in measured for test in tests if test.outcome is outcome]
         for outcome in (Outcome.FAIL, Outcome.PASS)
@@ -117,6 +123,20 @@ def map_section(
     if not all_driven:
         lead += f" {_mapped(failed, passed)}"
     return Section("map", title, (Part("featureMap", data),), lead)
+
+
+def _axis(axis: Axis, cells: Sequence[int | None]) -> dict[str, Any]:
+    """An axis whose cells are the same for segments and whole drives."""
+    bins = "".join("." if cell is None else _BINS[cell] for cell in cells)
+    return {
+        "name": axis.name,
+        "description": capitalised(axis.title),
+        "unit": axis.unit,
+        "counts": False,
+        "texts": [proper(capitalised(axis.words(i))) for i in range(axis.size)],
+        "ticks": [(place, proper(text)) for place, text in axis.ticks],
+        "whole": {"bins": bins},
+    }
 
 
 def _mapped(failed: Sequence[bool], passed: Sequence[bool]) -> str:

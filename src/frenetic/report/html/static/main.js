@@ -55,9 +55,11 @@ window.addEventListener("afterprint", () => {
   drawCharts();
 });
 
-/** Opens the test that the page's address names, or says that it is not there. */
+/** Opens the test or the pair of axes that the page's address names, or says that it is not there. */
 function openLinked() {
   document.getElementById("notice")?.remove();
+  const axes = location.hash.match(/^#map:(\w+):(\w+)$/);
+  if (axes !== null) showAxes(axes[1], axes[2]);
   const match = location.hash.match(/^#test-(\d+)$/);
   if (match === null) return;
   const id = Number(match[1]);

@@ -14,7 +14,7 @@ function drawFeatureMap(element, block) {
   const panel = el("div", { class: "map-panel", "aria-live": "polite" });
   const axisOf = (select) => {
     const axis = block.axes.find(({ name }) => name === select.value);
-    return { ...axis, ...axis[scope.value] };
+    return { ...axis, ...(axis[scope.value] ?? axis.whole) };
   };
 
   const show = () => {
@@ -29,15 +29,32 @@ function drawFeatureMap(element, block) {
   show();
 }
 
+/** Shows the map for two of its axes. */
+function showAxes(first, second) {
+  for (const [id, name] of [["map-across", first], ["map-up", second]]) {
+    const select = document.getElementById(id);
+    if (!select?.querySelector(`option[value="${name}"]`)) return;
+    select.value = name;
+    select.dispatchEvent(new Event("change"));
+  }
+  document.getElementById("map").scrollIntoView();
+}
+
+/** Number of cells; those of conditions have texts of their own. */
+function cellCount(axis) {
+  return axis.texts?.length ?? axis.edges.length - 1;
+}
+
 /** (cells) what was found, row by row from the top. */
 function mapCells(block, xAxis, yAxis) {
-  const [wide, tall] = [xAxis.edges.length - 1, yAxis.edges.length - 1];
+  const [wide, tall] = [cellCount(xAxis), cellCount(yAxis)];
   const cells = Array.from({ length: wide * tall }, (_, i) => ({
     column: i % wide, row: tall - 1 - Math.floor(i / wide), failed: [], passed: [], worst: Infinity,
   }));
   block.tests.forEach((id, row) => {
     const test = tests.get(id);
     const [x, y] = [xAxis.bins[row], yAxis.bins[row]];
+    if (x === "." || y === ".") return; // outside the domain
     const cell = cells[(tall - 1 - parseInt(y, 36)) * wide + parseInt(x, 36)];
     if (test.outcome === "FAIL") {
       cell.failed.push(test);
@@ -49,7 +66,7 @@ function mapCells(block, xAxis, yAxis) {
 
 function mapGrid(block, xAxis, yAxis, shade, panel) {
   const cells = mapCells(block, xAxis, yAxis);
-  const [wide, tall] = [xAxis.edges.length - 1, yAxis.edges.length - 1];
+  const [wide, tall] = [cellCount(xAxis), cellCount(yAxis)];
   const found = cells.filter((cell) => cell.failed.length);
   const worsts = found.map((cell) => cell.worst).filter(Number.isFinite);
   const [least, most] = [Math.min(...worsts), Math.max(...worsts)];
@@ -133,6 +150,7 @@ function edgeText(value) {
 }
 
 function rangeText(axis, bin) {
+  if (axis.texts) return axis.texts[bin];
   if (axis.counts) return `${axis.description} ${countText(axis, bin)}`;
   return `${axis.description} ${edgeText(axis.edges[bin])} to ${edgeText(axis.edges[bin + 1])}${axis.unit ? ` ${axis.unit}` : ""}`;
 }
@@ -144,8 +162,8 @@ function countText(axis, bin) {
 
 /** Edges stand between cells, whole numbers at their middle. */
 function edgeLabels(axis, isUp) {
-  const cells = axis.edges.length - 1;
-  const texts = axis.counts ? axis.edges.slice(0, -1).map((_, i) => [i + 0.5, countText(axis, i)]) : axis.edges.map((edge, i) => [i, edgeText(edge)]);
+  const cells = cellCount(axis);
+  const texts = axis.ticks ?? (axis.counts ? axis.edges.slice(0, -1).map((_, i) => [i + 0.5, countText(axis, i)]) : axis.edges.map((edge, i) => [i, edgeText(edge)]));
   const labels = texts.map(([place, text], i) => {
     const label = el("span", { class: i % 2 && !axis.counts ? "odd" : "" }, text);
     label.style[isUp ? "bottom" : "left"] = `${(100 * place) / cells}%`;

@@ -1,0 +1,99 @@
+"""What of its domain a campaign drove."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from frenetic._support.words import capitalised, counted
+from frenetic.analysis.coverage import ROADS, Cells, DomainCoverage
+from frenetic.report.html.blocks import Block, Column, Part, Section, Table, percent, proper
+
+LISTED: Final = 12
+"""Most cells without a drive that are named."""
+
+_LEVELS: Final = (0.0, 0.02, 0.05, 0.1, 0.25)
+"""Failing shares above which a cell is darker."""
+_PAIRS: Final = (
+    Column("pair"),
+    Column("cells", True),
+    Column("driven", True),
+    Column("with failures", True),
+    Column("never reached", True),
+    Column("driven share", True, "Share of the domain's drives that lie in driven cells"),
+)
+
+
+def domain_section(coverage: DomainCoverage) -> Section:
+    """The cells of a domain, one by one and in pairs, and those that were never reached."""
+    title = "Domain"
+    rows = [_row(cells) for cells in coverage.singles]
+    blocks: list[Block] = [Part("domain", {"rows": rows, "caption": _caption(coverage)})]
+    if coverage.pairs:
+        blocks.append(_pairs(coverage))
+    if coverage.gaps:
+        blocks.append(_gaps(coverage))
+    lead = f"Which conditions and roads of {coverage.name} were driven. {coverage.in_words()}."
+    return Section("domain", title, tuple(blocks), lead)
+
+
+def _row(cells: Cells) -> dict[str, Any]:
+    (axis,) = cells.axes
+    found = []
+    for i in range(axis.size):
+        drives, failures = int(cells.drives[i]), int(cells.failures[i])
+        text = f"{failures} of {drives} failed" if failures else f"{drives} passed"
+        found.append(
+            {
+                "range": proper(axis.text(i)),
+                "text": text if drives else "never reached",
+                "share": _share(float(cells.shares[i])),
+                "driven": drives > 0,
+                "level": sum(failures > level * drives for level in _LEVELS),
+            }
+        )
+    return {"title": capitalised(axis.title), "unit": axis.unit, "cells": found}
+
+
+def _caption(coverage: DomainCoverage) -> str:
+    text = (
+        "In each cell: how many of its drives failed, redder for a larger share, and the share of"
+        f" the domain's drives that lie there; that of roads is counted in {ROADS} random ones. A"
+        " search goes where the driver fails, so its failures say where, not how often."
+    )
+    if coverage.outside:
+        text += f" {counted(coverage.outside, 'drive')} outside the domain are left out."
+    return text
+
+
+def _pairs(coverage: DomainCoverage) -> Table:
+    rows, links = [], []
+    for one in coverage.pairs:
+        first, second = one.axes
+        numbers = one.count, one.driven, one.failed, one.never_reached
+        name = f"{first.title}, {second.title}"
+        rows.append((name, *map(str, numbers), _share(one.driven_share)))
+        links.append(f"#map:{first.name}:{second.name}")
+    return Table(
+        _PAIRS,
+        tuple(rows),
+        "Combinations of the cells of two rows above. A pair opens in the feature map.",
+        links=tuple(links),
+        tall=len(rows) > LISTED,
+    )
+
+
+def _gaps(coverage: DomainCoverage) -> Table:
+    gaps = coverage.gaps[:LISTED]
+    left = len(coverage.gaps) - len(gaps)
+    return Table(
+        (Column("never reached, most probable first"), Column("lies there", True)),
+        tuple((proper(capitalised(gap.in_words())), gap.likelihood) for gap in gaps),
+        f"{left} more are less probable; 'frenetic show --json' lists all." if left else "",
+    )
+
+
+def _share(share: float) -> str:
+    """A share of the domain."""
+    if share < 0.0005:
+        return "under 0.1 %" if share else "0 %"
+    return percent(share)

@@ -1,0 +1,256 @@
+"""What of a domain was driven: hand-counted cells, and what holds for any drives."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from frenetic.analysis import coverage
+from frenetic.analysis.coverage import (
+    GRADE,
+    RADIUS,
+    Cells,
+    DomainCoverage,
+    axes_of,
+    domain_coverage,
+    varied_axes,
+)
+from frenetic.campaign.record import Attempt, Setting, Test
+from frenetic.domain import Domain
+from frenetic.outcome import Outcome
+from frenetic.search import Candidate, Origin
+from frenetic.simulators import EmbeddedSimulator
+
+SIMULATOR = EmbeddedSimulator()
+GUSTY = Domain.made(
+    "gusty",
+    {
+        "conditions": {
+            "gust": {"low": -10, "high": 10},
+            "delay": {"low": 0.0, "high": 0.2, "chance": 0.25},
+            "load": 150,
+        }
+    },
+)
+
+
+def setting_of(domain: Domain | None) -> Setting:
+    return Setting(
+        lane_width=4.0,
+        map_size=200.0,
+        margin=10.0,
+        rules=SIMULATOR.rules,
+        car=SIMULATOR.car,
+        road_class=None if domain is None else domain.road_class,
+        domain=domain,
+    )
+
+
+def made(
+    outcome: Outcome, radius: float = math.inf, grade: float = 0.0, **conditions: float
+) -> Test:
+    """A test of one bend in some conditions."""
+    candidate = Candidate(
+        1,
+        np.array([0.0, 1.0 / radius, 0.0]),
+        10.0,
+        Origin("random"),
+        conditions=conditions,
+        grade=np.array([[0.0, 0.0], [20.0, grade]]),
+    )
+    return Test(
+        candidate=candidate, attempt=Attempt.undriven(1, outcome, ""), told=1, budget_spent=0.0
+    )
+
+
+def covered(domain: Domain, tests: Iterable[Test]) -> DomainCoverage:
+    found = domain_coverage(setting_of(domain), tests)
+    assert found is not None
+    return found
+
+
+def counts(cells: Cells) -> list[str]:
+    pairs = zip(cells.failures.ravel(), cells.drives.ravel(), strict=True)
+    return [f"{failures}/{drives}" for failures, drives in pairs]
+
+
+def test_cells_counted_by_hand() -> None:
+    found = covered(
+        GUSTY,
+        [
+            made(Outcome.PASS, 14.3, gust=-10.0),
+            made(Outcome.FAIL, 17.9, gust=-5.0, delay=0.05),
+            made(Outcome.FAIL, 18.1, gust=4.0, delay=0.2),
+            made(Outcome.PASS, 70.0, delay=0.2),  # no gust is one of 0 m/s
+            made(Outcome.PASS, gust=10.0),
+            made(Outcome.PASS, 14.3, gust=11.0),
+            made(Outcome.FAIL, 14.3, gust=1.0, delay=0.3),
+            made(Outcome.FAIL, 9.0),
+            made(Outcome.INVALID, 14.3, gust=1.0),
+            made(Outcome.ERROR, 14.3, gust=1.0),
+        ],
+    )
+    assert (found.name, found.drives, found.failures, found.outside) == ("gusty", 5, 2, 3)
+    gust, delay, radius = found.axes
+    assert [gust.text(i) for i in range(gust.size)] == ["-10 to -5", "-5 to 0", "0 to 5", "5 to 10"]
+    texts = ["as usual", "0 to 0.05", "0.05 to 0.1", "0.1 to 0.15", "0.15 to 0.2"]
+    assert [delay.text(i) for i in range(delay.size)] == texts
+    assert delay.words(0) == "delay as usual"
+    assert delay.words(1) == "delay 0 to 0.05 s"
+    texts = ["14.29 to 18", "18 to 24", "24 to 36", "36 to 71", "71 or more"]
+    assert [radius.text(i) for i in range(radius.size)] == texts
+    assert [counts(one) for one in found.singles] == [
+        ["0/1", "1/1", "1/2", "0/1"],
+        ["0/2", "0/0", "1/1", "0/0", "1/2"],
+        ["1/2", "1/1", "0/0", "0/1", "0/1"],
+    ]
+    assert found.singles[0].shares == pytest.approx([0.25] * 4)
+    assert found.singles[1].shares == pytest.approx([0.75] + [0.0625] * 4)
+    both = found.pairs[0]
+    assert both.axes == (gust, delay)
+    assert (both.count, both.driven, both.failed, both.never_reached) == (20, 4, 2, 16)
+    # As usual from -10 to -5 and from 5 to 10; once each in two of the others.
+    assert both.driven_share == pytest.approx(2 * 0.25 * 0.75 + 2 * 0.25 * 0.0625)
+    texts = [gap.in_words() for gap in found.gaps]
+    missing = found.gaps[texts.index("gust -5 to 0 m/s with delay as usual")]
+    assert missing.share == pytest.approx(0.25 * 0.75)
+    assert missing.likelihood == "1 drive in 5"
+    assert missing.as_json()["cells"] == {
+        "gust": {"low": -5.0, "high": 0.0},
+        "delay": {"low": None, "high": None},
+    }
+    # What lies in a cell that was never reached is not named again.
+    assert texts.count("delay 0.1 to 0.15 s") == 1
+    assert sum("delay 0.1 to 0.15 s" in text for text in texts) == 1
+    document = found.as_json()
+    assert document["axes"][1]["cells"][0] == {
+        "low": None,
+        "high": None,
+        "share": 0.75,
+        "drives": 2,
+        "failures": 0,
+    }
+    assert document["axes"][2]["cells"][4]["high"] is None
+
+
+def test_roads_of_a_class_have_its_bounds() -> None:
+    domain = Domain.made("town", {"roads": "urban-50,length=400"})
+    found = covered(domain, [made(Outcome.FAIL, 86.0, grade=-0.08)])
+    radius, grade = found.singles
+    assert [one.axes[0].name for one in (radius, grade)] == [RADIUS, GRADE]
+    assert radius.axes[0].edges == (86.0, 110.0, 140.0, 220.0, 430.0, math.inf)
+    assert grade.axes[0].edges == (0.0, 2.0, 4.0, 6.0, 8.0)
+    assert counts(radius) == ["1/1", "0/0", "0/0", "0/0", "0/0"]
+    assert counts(grade) == ["0/0", "0/0", "0/0", "1/1"]
+    assert found.driven_share == pytest.approx(radius.shares[0] * grade.shares[3], abs=0.02)
+    flat = Domain.made("flat", {"roads": "urban-50,max_grade=0"})
+    assert [axis.name for axis in axes_of(flat)] == [RADIUS]
+
+
+def test_without_a_domain_there_is_no_table() -> None:
+    assert domain_coverage(setting_of(None), []) is None
+
+
+def test_shares_of_a_normal_distribution_and_of_a_fixed_amount() -> None:
+    gust = {"low": -20, "high": 20, "mean": 0, "deviation": 10}
+    domain = Domain.made(
+        "x", {"conditions": {"gust": gust, "delay": {"low": 0.2, "high": 0.2, "chance": 0.1}}}
+    )
+    found = covered(domain, [made(Outcome.PASS, gust=1.0), made(Outcome.PASS, delay=0.2)])
+    # A normal distribution within two deviations: 0.4772 on each side, 0.3413 within one.
+    assert found.singles[0].shares == pytest.approx(
+        [0.1359 / 0.9545, 0.3413 / 0.9545, 0.3413 / 0.9545, 0.1359 / 0.9545], abs=1e-4
+    )
+    delay = found.axes[1]
+    assert [delay.text(i) for i in range(delay.size)] == ["as usual", "0.2"]
+    assert found.singles[1].shares == pytest.approx([0.9, 0.1])
+    assert counts(found.singles[1]) == ["0/1", "0/1"]
+    assert delay.ticks == [(0.5, "usual"), (1.5, "0.2")]
+
+
+def test_what_varies_without_a_domain_has_axes() -> None:
+    fog, noise = varied_axes(
+        [{"fog": 30.0, "load": 100.0}, {"fog": 80.0, "load": 100.0, "noise": 0.1, "noise_seed": 3}]
+    )
+    assert (fog.name, fog.has_usual, fog.edges) == (
+        "fog",
+        False,
+        (30.0, 40.0, 50.0, 60.0, 70.0, 80.0),
+    )
+    assert (noise.name, noise.has_usual, noise.edges) == ("noise", True, (0.1, 0.1))
+
+
+@st.composite
+def domains(draw: Any) -> Domain:
+    conditions: dict[str, Any] = {}
+    for name, most in (("friction", 1.4), ("gust", 40.0), ("noise", 9.0)):
+        if draw(st.booleans()):
+            a, b, mean = (most * draw(st.integers(1, 100)) / 100.0 for _ in range(3))
+            found = {"low": min(a, b), "high": max(a, b)}
+            if draw(st.booleans()):
+                found |= {"mean": mean, "deviation": 0.3 * most}
+            conditions[name] = found | {"chance": draw(st.sampled_from([1.0, 0.3]))}
+    return Domain.made("drawn", {"conditions": conditions})
+
+
+@settings(max_examples=25, deadline=None)
+@given(domains(), st.integers(0, 60), st.integers(0, 2**31))
+def test_cells_add_up(domain: Domain, number: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    tests = [
+        made(
+            Outcome.FAIL if rng.random() < 0.3 else Outcome.PASS,
+            15.0 / rng.random(),
+            **domain.at(rng.random(domain.dimension), 200.0),
+        )
+        for _ in range(number)
+    ]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(coverage, "ROADS", 20)
+        found = covered(domain, tests)
+    assert (found.drives, found.outside) == (number, 0)
+    assert found.failures == sum(test.outcome is Outcome.FAIL for test in tests)
+    for one in (*found.singles, *found.pairs):
+        assert one.driven + one.never_reached == one.count == math.prod(a.size for a in one.axes)
+        assert one.drives.sum() == number
+        assert one.failures.sum() == found.failures
+        assert (one.failures <= one.drives).all()
+        assert one.failed <= one.driven
+        assert one.shares.sum() == pytest.approx(1.0)
+        assert (one.shares >= -1e-12).all()
+        assert found.driven_share <= one.driven_share + 0.02
+    for pair in found.pairs:
+        for k, axis in enumerate(pair.axes):
+            single = next(one for one in found.singles if one.axes == (axis,))
+            assert pair.drives.sum(axis=1 - k).tolist() == single.drives.tolist()
+            assert pair.shares.sum(axis=1 - k) == pytest.approx(single.shares)
+    named = {gap.cells for gap in found.gaps}
+    assert len(named) == len(found.gaps)
+    assert len(named) <= sum(one.never_reached for one in (*found.singles, *found.pairs))
+    shares = [gap.share for gap in found.gaps]
+    assert shares == sorted(shares, reverse=True)
+    for axis in found.axes:
+        assert list(axis.edges) == sorted(axis.edges)
+        assert axis.size <= 9
+        for test in tests:
+            cell = axis.find(test.candidate)
+            assert cell is not None
+            ends, amount = axis.limits(cell), test.candidate.conditions.get(axis.name)
+            if ends is not None and amount is not None:
+                assert ends[0] - 1e-9 <= amount <= ends[1] + 1e-9
+
+
+def test_a_drive_in_each_pair_of_cells_covers_all() -> None:
+    domain = replace(GUSTY, conditions={"gust": GUSTY.conditions["gust"]})
+    tests = [made(Outcome.PASS, r, gust=g) for r in (15, 20, 30, 50, 99) for g in (-8, -3, 3, 8)]
+    found = covered(domain, tests)
+    assert found.driven_share == 1.0
+    assert found.gaps == ()
+    assert found.pairs[0].never_reached == 0
