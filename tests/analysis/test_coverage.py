@@ -238,7 +238,7 @@ def test_cells_add_up(domain: Domain, number: int, seed: int) -> None:
     assert shares == sorted(shares, reverse=True)
     for axis in found.axes:
         assert list(axis.edges) == sorted(axis.edges)
-        assert axis.size <= 9
+        assert axis.size <= 8
         for test in tests:
             cell = axis.find(test.candidate)
             assert cell is not None

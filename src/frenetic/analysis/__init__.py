@@ -2,6 +2,7 @@
 
 from frenetic.analysis.comparison import Comparison, compare, compare_measured
 from frenetic.analysis.competition import CompetitionSegment, competition_segment, failure_segment
+from frenetic.analysis.coverage import DomainCoverage, domain_coverage
 from frenetic.analysis.failures import (
     Cluster,
     Clusters,
@@ -32,6 +33,7 @@ __all__ = [
     "Clusters",
     "Comparison",
     "CompetitionSegment",
+    "DomainCoverage",
     "Failure",
     "Feature",
     "Features",
@@ -41,6 +43,7 @@ __all__ = [
     "compare",
     "compare_measured",
     "competition_segment",
+    "domain_coverage",
     "failure_segment",
     "failures_of",
     "feature",

@@ -34,7 +34,10 @@ ROADS: Final = 500
 DRAWN: Final = 10_000
 """Random drives in which the share of driven ones is counted."""
 
-_CELLS: Final = 5
+_RADII: Final = 5
+"""Cells of the least radius."""
+_MOST: Final = 6.5
+"""Most cells of another range, counted in steps."""
 _STEPS: Final = (1.0, 2.0, 2.5, 5.0, 10.0)
 _SAME: Final = 1e-3
 """Share by which a value may miss the first or the last edge."""
@@ -147,7 +150,7 @@ def _road_axes(road_class: RoadClass | None) -> list[Axis]:
     That is the least radius, in cells of about equal curvature, and the grade unless all are flat.
     """
     least = 1.0 / (CURVATURE_BOUND if road_class is None else road_class.max_curvature)
-    others = (float(f"{least * _CELLS / (_CELLS - i):.2g}") for i in range(1, _CELLS))
+    others = (float(f"{least * _RADII / (_RADII - i):.2g}") for i in range(1, _RADII))
     axes = [Axis(RADIUS, "least radius", "m", (float(f"{least:.4g}"), *others, math.inf))]
     if road_class is not None and road_class.max_grade > 0.0:
         edges = _round_edges(0.0, 100.0 * road_class.max_grade)
@@ -156,15 +159,15 @@ def _road_axes(road_class: RoadClass | None) -> list[Axis]:
 
 
 def _round_edges(low: float, high: float) -> tuple[float, ...]:
-    """The ends of a range, and round numbers between them: about `_CELLS` cells.
+    """The ends of a range, and round numbers between them: three to seven cells.
 
     All are of one width but for the first and the last, which are half to one and a half as wide.
     """
     if low == high:
         return low, high
-    width = (high - low) / _CELLS
+    width = (high - low) / _MOST
     power = 10.0 ** math.floor(math.log10(width))
-    step = power * min(_STEPS, key=lambda one: abs(math.log(one * power / width)))
+    step = power * next(step for step in _STEPS if step * power >= 0.999 * width)
     least, most = low + 0.499 * step, high - 0.499 * step
     numbers = range(math.ceil(least / step), math.floor(most / step) + 1)
     return low, *(float(f"{number * step:.12g}") for number in numbers), high

@@ -267,12 +267,12 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
             *([("error", f"the first: {error}")] if (error := first_error(store)) else []),
         ]
     )
-    if coverage is not None:
-        _print_coverage(coverage)
     if counts.failed:
         print_causes(clusters, counts, shortened)
         click.echo()
     print_failures(found, counts, min(LISTED, len(found)))
+    if coverage is not None:
+        _print_coverage(coverage)
     if found:
         one = clusters.causes[0].example if counts.failed else found[0].most_severe
         click.echo(f"One in full: frenetic show {shell(store.folder)} {one}")
@@ -280,6 +280,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
 
 def _print_coverage(coverage: DomainCoverage) -> None:
     """Prints what of a domain was driven: a line an axis."""
+    click.echo()
     Results().print(
         f"Cells of {coverage.name}: failures/drives, and what was never reached",
         style="bold",
@@ -300,7 +301,6 @@ def _print_coverage(coverage: DomainCoverage) -> None:
     if coverage.outside:
         facts.append(("outside", f"{counted(coverage.outside, 'drive')}, which count nowhere"))
     print_facts(facts)
-    click.echo()
 
 
 def _cause(test: Test) -> str:

@@ -56,9 +56,9 @@ def _row(cells: Cells) -> dict[str, Any]:
 
 def _caption(coverage: DomainCoverage) -> str:
     text = (
-        "In each cell: how many of its drives failed, redder for a larger share, and the share of"
-        f" the domain's drives that lie there; that of roads is counted in {ROADS} random ones. A"
-        " search goes where the driver fails, so its failures say where, not how often."
+        "In each cell: how many of its drives failed, redder for a larger share; and the share of"
+        f" the domain that lies there, for roads as counted in {ROADS} random ones. A search goes"
+        " where the driver fails, so its failures say where, not how often."
     )
     if coverage.outside:
         text += f" {counted(coverage.outside, 'drive')} outside the domain are left out."
