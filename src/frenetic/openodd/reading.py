@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from itertools import groupby, pairwise
 from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import TYPE_CHECKING, Any, Final
+
+from msgspec import Struct, ValidationError, convert
 
 from frenetic._support.words import pip_install
 from frenetic.errors import FreneticError
@@ -49,7 +50,8 @@ def bound(
 ) -> tuple[OddDefinition, Any]:
     """An ODD whose attributes with our names are measured in our units, and its backend.
 
-    They are measured on a mapping from our names to amounts; ``place`` is latitude and longitude.
+    They are measured on a mapping from our names to amounts. It may have the distance driven
+    (``way``, in m), and latitude and longitude (``place``).
 
     Args:
         source: of the ODD, a file or YAML.
@@ -65,7 +67,10 @@ def bound(
 
     class Backend(openodd.Backend):  # type: ignore[misc, name-defined]
         def geolocation(self, context: Mapping[str, Any]) -> Any:
-            return context.get("place")
+            return context["place"]
+
+        def position(self, context: Mapping[str, Any]) -> Any:
+            return context["way"], 0.0, 0.0
 
     def probe(of: str) -> Any:
         return lambda context: context.get(of)
@@ -98,38 +103,47 @@ def read_domain(path: Path) -> dict[str, Any]:
     except ValueError as error:
         raise ValueError(" ".join(str(error).split())) from None
     roots = [module for module in odd.modules if module.name in odd.roots and module.active]
-    told = [module.metadata.get(OURS) for module in roots]
-    ours: dict[str, Any] = next((one for one in told if isinstance(one, dict)), {})
-    shapes = ours.get("conditions", {})
+    told = [module.metadata[OURS] for module in roots if OURS in module.metadata]
+    try:
+        ours = convert(told[0] if told else {}, _Ours)
+    except ValidationError as error:
+        raise ValueError(f"{OURS} in METADATA: {error}") from None
     rules = _Rules(odd)
-    rules.require_separate(roots)
-    limited = {name for module in roots for name in rules.attributes_of(module)}
+    limited = {name for module in roots for name in rules.limited_by(module)}
     conditions: dict[str, dict[str, Any]] = {}
     entries: dict[str, Any] = {"about": " ".join(filter(None, (one.text for one in roots)))}
     foreign, free = [], []
     for attribute in odd.attributes:
         name, leaf, item = attribute.name, _leaf(attribute.name), attribute.item
-        if attribute.derived:
-            continue  # by what it is worked out from
-        if leaf == ROAD_CLASS and item is not None and item.values:
-            entries["roads"] = _roads(rules, name, item.values, ours.get("roads"))
-        elif name not in limited:
+        is_limited = name in limited
+        literals = [] if item is None else list(item.values or ())
+        edges = [] if item is None else list(filter(math.isfinite, item.edges))
+        if leaf == ROAD_CLASS and (len(literals) == 1 or (literals and is_limited)):
+            entries["roads"] = _roads(rules, name, literals, ours.roads)
+        elif not is_limited:
             free.append(leaf)
-        elif name in rules.ours and item is not None and item.edges:
-            shape = shapes.get(leaf, {})
-            conditions[leaf] = {**shape, **_range(rules, name, _own()[leaf], item.edges, shape)}
+        elif name in rules.ours and edges:
+            shape = ours.conditions.get(leaf, {})
+            conditions[leaf] = {**shape, **_range(rules, name, _own()[leaf], edges, shape)}
         else:
             foreign.append(leaf)
     if not conditions and "roads" not in entries:
         raise ValueError(
             f"it limits no quantity and names no {ROAD_CLASS}: see 'frenetic list quantities'"
         )
-    notes = [_listed(foreign), f"without limits {_listed(free)}" if free else ""]
-    if left_out := ", ".join(filter(None, notes)):
-        entries["left_out"] = left_out
-    if isinstance(ours.get("name"), str):
-        entries["name"] = ours["name"]
-    return {**entries, "conditions": conditions}
+    whys = ((foreign, "no quantity"), (free, "no limits"))
+    entries["left_out"] = ", ".join(f"{_listed(names)} ({why})" for names, why in whys if names)
+    return {"name": ours.name or path.stem, **entries, "conditions": conditions}
+
+
+class _Ours(Struct):
+    """What only Frenetic's domains say."""
+
+    name: str = ""
+    conditions: dict[str, dict[str, float]] = {}
+    """Name of a quantity -> the rest of its distribution."""
+    roads: dict[str, Any] | None = None
+    """Values of the road class."""
 
 
 def _own() -> dict[str, Quantity]:
@@ -146,35 +160,33 @@ def _listed(names: list[str]) -> str:
     return ", ".join(names[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
-def _roads(rules: _Rules, name: str, literals: Iterable[Any], told: Any) -> Any:
+def _roads(rules: _Rules, name: str, literals: list[Any], told: dict[str, Any] | None) -> Any:
     """The road class that is inside, with its values if the METADATA holds them."""
     inside = [str(one) for one in literals if rules.holds(name, one)]
     if len(inside) != 1:
         raise ValueError(f"{ROAD_CLASS} has {len(inside)} classes inside: a domain has one")
-    is_told = isinstance(told, Mapping) and told.get("name") == inside[0]
-    return told if is_told else inside[0]
+    return told if told is not None and told.get("name") == inside[0] else inside[0]
 
 
 def _range(
-    rules: _Rules, name: str, row: Quantity, edges: Iterable[float], shape: Mapping[str, Any]
+    rules: _Rules, name: str, row: Quantity, edges: list[float], shape: Mapping[str, Any]
 ) -> dict[str, float]:
     """The low and high end of the one range of a quantity that is inside, both included.
 
     An end that is left open is the quantity's own.
     """
-    finite = [edge for edge in edges if math.isfinite(edge)]
-    outer = (finite[0] - 1.0 - abs(finite[0]), finite[-1] + 1.0 + abs(finite[-1]))
-    # Each edge, and an amount between any two: nothing changes elsewhere.
-    steps = [(-math.inf, math.nextafter(finite[0], -math.inf), outer[0])]
-    for edge, after in pairwise((*finite, math.inf)):
-        end = math.nextafter(after, -math.inf) if math.isfinite(after) else math.inf
-        between = 0.5 * (edge + after) if math.isfinite(after) else outer[1]
-        steps += [(edge, edge, edge), (math.nextafter(edge, math.inf), end, between)]
+    # What holds changes at the edges alone: they, and an amount on either side, stand for all.
+    steps = [(-math.inf, edges[0] - 1.0 - abs(edges[0]))]
+    for edge, after in pairwise((*edges, edges[-1] + 2.0 + abs(edges[-1]))):
+        steps += [(edge, edge), (math.nextafter(edge, math.inf), 0.5 * (edge + after))]
+    ends = [*(math.nextafter(low, -math.inf) for low, _ in steps[1:]), math.inf]
     ranges = []
-    for is_inside, group in groupby(steps, lambda step: rules.holds(name, step[2])):
+    for is_inside, group in groupby(
+        zip(steps, ends, strict=True), lambda step: rules.holds(name, step[0][1])
+    ):
         if is_inside:
             found = list(group)
-            ranges.append((found[0][0], found[-1][1]))
+            ranges.append((found[0][0][0], found[-1][1]))
     if len(ranges) > 1 and "chance" in shape:
         ranges = [one for one in ranges if one != (row.nothing, row.nothing)]
     if len(ranges) != 1:
@@ -187,15 +199,6 @@ def _range(
     }
 
 
-@dataclass(frozen=True)
-class _Part:
-    """A part of a rule: conditions of which all or any are needed, or one on some attributes."""
-
-    names: frozenset[str]
-    parts: tuple[_Part, ...] = ()
-    is_all: bool = True
-
-
 class _Rules:
     """What the modules of an ODD limit."""
 
@@ -205,64 +208,52 @@ class _Rules:
         for module in odd.modules:
             for name in (module.name, *module.labels):
                 self._by_name.setdefault(name, []).extend([module] if module.active else [])
-        self._sources = {one.name: one.derived_from for one in odd.attributes if one.derived}
         known = {ROAD_CLASS, *_own()}
         self.ours = {one.name for one in odd.attributes if _leaf(one.name) in known}
         """Names of the attributes that are ours."""
-        self._open = {
-            one.name: library().UNDECIDED for one in odd.attributes if not one.derived
-        }
+        self._open = dict.fromkeys((one.name for one in odd.attributes), library().UNDECIDED)
+        self._limited: dict[tuple[str, bool], frozenset[str]] = {}
 
     def holds(self, name: str, value: Any) -> bool:
         """Whether a value of one attribute may be inside, whatever the others are."""
-        return self._odd.evaluate(self._odd.complete({**self._open, name: value})).inside
+        return self._odd.evaluate({**self._open, name: value}).inside
 
-    def attributes_of(self, module: OddModule) -> frozenset[str]:
-        """The attributes that a module limits."""
-        return self._part(module, True).names
+    def limited_by(self, module: OddModule, is_needed: bool = True) -> frozenset[str]:
+        """The attributes that a module limits, or its negation.
 
-    def require_separate(self, roots: Iterable[OddModule]) -> None:
-        """Refuses rules by which our attributes depend on others."""
-        for module in roots:
-            self._require(self._part(module, True))
+        Raises:
+            ValueError: it limits one of ours by another.
+        """
+        key = module.name, is_needed
+        if key not in self._limited:
+            conditions = iter(module.conditions())
+            sections = []
+            for section, texts in module.describe().items():
+                kind, _, operator = section.partition("_")
+                if kind in ("include", "exclude") and operator in ("and", "or"):
+                    is_meant = is_needed == (kind == "include")
+                    parts = [self._limited_in(next(conditions), text, is_meant) for text in texts]
+                    sections.append(self._joined(parts, is_all=is_meant == (operator == "and")))
+            self._limited[key] = self._joined(sections, is_all=is_needed)
+        return self._limited[key]
 
-    def _require(self, part: _Part) -> None:
-        if len(part.names) < 2 or not part.names & self.ours:
-            return
-        if not part.parts or not (part.is_all or len(part.parts) == 1):
-            names = " and ".join(sorted(_leaf(name) for name in part.names))
-            raise ValueError(f"{names} depend on each other: a domain limits each on its own")
-        for one in part.parts:
-            self._require(one)
-
-    def _part(self, module: OddModule, is_needed: bool) -> _Part:
-        """What a module says, or its negation."""
-        conditions = iter(module.conditions())
-        sections = []
-        for key, texts in module.describe().items():
-            kind, _, operator = key.partition("_")
-            if kind in ("include", "exclude") and operator in ("and", "or"):
-                is_meant = is_needed == (kind == "include")
-                parts = [self._of_condition(next(conditions), text, is_meant) for text in texts]
-                sections.append(_joined(parts, is_all=is_meant == (operator == "and")))
-        return _joined(sections, is_all=is_needed)
-
-    def _of_condition(self, condition: OddCondition, text: str, is_meant: bool) -> _Part:
-        names: set[str] = set()
-        for name in condition.attributes():
-            names.update(self._sources.get(name, [name]))
-        references = condition.references()
+    def _limited_in(self, condition: OddCondition, text: str, is_meant: bool) -> frozenset[str]:
+        names, references = condition.attributes(), condition.references()
         is_needed = is_meant == text.rstrip(")").endswith(" is true")
         modules = [
-            self._part(module, is_needed)
+            self.limited_by(module, is_needed)
             for reference in references
             for module in self._by_name.get(reference, [])
         ]
-        if not names and len(references) == 1:  # a label holds if any of its modules does
-            return _joined(modules, is_all=not is_needed)
-        return _Part(frozenset(names).union(*(one.names for one in modules)))
+        # A label holds if any of its modules does. What a group needs is not told.
+        is_reference = not names and len(references) == 1
+        parts = [*modules, *(frozenset([name]) for name in names)]
+        return self._joined(parts, is_all=is_reference and not is_needed)
 
-
-def _joined(parts: list[_Part], *, is_all: bool) -> _Part:
-    names = frozenset[str]().union(*(part.names for part in parts))
-    return _Part(names, tuple(part for part in parts if part.names), is_all)
+    def _joined(self, parts: list[frozenset[str]], *, is_all: bool) -> frozenset[str]:
+        """What parts limit of which all or any are needed."""
+        names = frozenset[str]().union(*parts)
+        if not is_all and len(list(filter(None, parts))) > 1 < len(names) and names & self.ours:
+            told = " and ".join(sorted(_leaf(name) for name in names))
+            raise ValueError(f"{told} depend on each other: a domain limits each on its own")
+        return names

@@ -22,6 +22,7 @@ from frenetic.quantities import quantity
 ODD: Final = "odd.yaml"
 RUNS: Final = "runs"
 _ROADS: Final = "scenery.drivable_area"
+_JUDGED: Final = (Outcome.PASS, Outcome.FAIL)
 _BUCKETS: Final = 5
 """Parts of a range whose drives are counted apart."""
 _DEGREE: Final = 6_378_137.0 * math.pi / 180.0
@@ -119,10 +120,10 @@ def write_campaign(
         collector = openodd.CoverageCollector([], odd=odd, backend=backend)
         pose, duration = test.road.pose, test.result.duration or 0.0
         values = _amounts(domain, test.candidate.conditions)
-        context = {**values, "place": (pose.y / _DEGREE, pose.x / _DEGREE)}
+        context = {**values, "place": (pose.y / _DEGREE, pose.x / _DEGREE), "way": 0.0}
         collector.start(context, 0.0)
-        collector.tick(context, duration)
-        collector.end(context, duration)
+        way = test.road.length if test.departure is None else test.departure.distance
+        collector.tick({**context, "way": way}, duration)
         is_failure = test.outcome is Outcome.FAIL
         collector.record_outcome(not is_failure, failed_at=duration if is_failure else None)
         document = collector.to_dict(domain.name)
@@ -133,10 +134,12 @@ def write_campaign(
         attributes = samples["attributes"]
         elapsed = _moment(test.finished_at) - _moment(start)
         rows.append([elapsed, *samples["rows"][0][1:], test.id, str(test.outcome), test.moobd])
-    result = [{"name": "test", "unit": "", "values": None}]
-    result += [{"name": "outcome", "unit": "", "values": ["PASS", "FAIL"]}]
-    result += [{"name": "moobd", "unit": "m", "values": None}]
-    samples = {"attributes": [*attributes, *result], "rows": rows}
+    attributes += [
+        {"name": "test", "unit": "", "values": None},
+        {"name": "outcome", "unit": "", "values": [str(one) for one in _JUDGED]},
+        {"name": "moobd", "unit": "m", "values": None},
+    ]
+    samples = {"attributes": attributes, "rows": rows}
     openodd.export_cod({"odd": {"samples": samples, "started_at": start}}, folder, "campaign")
 
 
@@ -146,7 +149,7 @@ def _driven(
     """The tests that passed or failed."""
     for done, test in enumerate(store.tests(with_trajectory=False), start=1):
         on_test(done)
-        if test.outcome in outcomes and test.outcome in (Outcome.PASS, Outcome.FAIL):
+        if test.outcome in outcomes and test.outcome in _JUDGED:
             yield test
 
 
@@ -164,8 +167,9 @@ def _amounts(domain: Domain, conditions: Mapping[str, float]) -> dict[str, Any]:
 def _has_usual_apart(name: str, of: Distribution) -> bool:
     """Whether the usual amount is inside by its chance alone, outside of the range."""
     usual = quantity(name).nothing
-    is_number = usual is not None and math.isfinite(usual)
-    return of.chance < 1.0 and is_number and not of.low <= usual <= of.high
+    if of.chance == 1.0 or usual is None or math.isinf(usual):
+        return False
+    return not of.low <= usual <= of.high
 
 
 def _branch(tree: dict[str, Any], taxon: str) -> dict[str, Any]:
