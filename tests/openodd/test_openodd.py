@@ -149,15 +149,19 @@ TAXONOMY:
             {"friction": (0.4, 1.5), "gust": (-40.0, 10.0)},
         ),
         (
+            "ODD: {m: {INCLUDE_AND: {friction: '>= 0.3'}, EXCLUDE_OR: {gust: '> 10 m/s'}}}",
+            {"friction": (0.3, 1.5), "gust": (-40.0, 10.0)},
+        ),
+        (
             "ODD: {m: {INCLUDE_AND: {friction: '< 0.5'}}}",
             {"friction": (0.01, math.nextafter(0.5, 0.0))},
         ),
         (
-            "ODD: {m: {EXCLUDE_OR: {bad: true}}}\n"
+            "ODD: {m: {EXCLUDE_OR: {AND: {bad: true}}}}\n"
             "MODULES: {p: {LABEL: bad, INCLUDE_OR: {friction: '< 0.3', load: '> 100 kg'}},"
             " q: {LABEL: bad, INCLUDE_AND: {gust: '> 5 m/s'}},"
             " idle: {EXCLUDE_OR: {delay: '> 1 s'}},"
-            " off: {LABEL: bad, ACTIVE: false, INCLUDE_AND: {gust: '> 1 m/s'}}}",
+            " off: {LABEL: bad, ACTIVE: false, INCLUDE_AND: {gust: '> 1 m/s', delay: '> 0 s'}}}",
             {"friction": (0.3, 1.5), "load": (0.0, 100.0), "gust": (-40.0, 5.0)},
         ),
         ("ODD: {m: {INCLUDE_OR: {AND: {friction: '> 0.2'}}}}", None),
