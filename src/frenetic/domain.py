@@ -142,13 +142,12 @@ class Domain:
             FreneticError: there is no such file, or it is wrong; the message names the place.
         """
         path = Path(path)
-        readers = {entry.name: entry.target for entry in installed(GROUP)}
-        target = readers.get(path.suffix.lower())
-        text = read_bounded(path)
-        read = None if target is None else imported(target)
+        data, suffix = read_bounded(path), path.suffix.lower()
+        targets = [entry.target for entry in installed(GROUP) if entry.name == suffix]
+        read = imported(targets[0]) if targets else None
         try:
-            toml = text.decode("utf-8")
-            return cls.made(path.stem, tomllib.loads(toml) if read is None else read(path))
+            text = data.decode("utf-8")
+            return cls.made(path.stem, tomllib.loads(text) if read is None else read(path))
         except (ValueError, RecursionError, FreneticError) as error:
             raise FreneticError(f"{path} does not say a domain: {error}") from None
 

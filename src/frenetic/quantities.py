@@ -146,6 +146,7 @@ _OWN: Final = (
         usual=(0.0, 200.0),
         attribute="wet_at",
         place_of="wet",
+        taxon="scenery.drivable_area.surface",
         words=("an earlier wet stretch", "a later wet stretch"),
     ),
     Quantity(
@@ -169,6 +170,7 @@ _OWN: Final = (
         usual=(0.0, 200.0),
         attribute="gust_at",
         place_of="gust",
+        taxon="environmental_conditions.weather.wind",
         words=("an earlier gust", "a later gust"),
     ),
     Quantity(

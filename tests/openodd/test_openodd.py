@@ -38,6 +38,7 @@ delay = { low = 0.05, high = 0.35, chance = 0.2 }
 view = { low = 20, high = 60, chance = 0.5 }
 noise = { low = 1e-5, high = 0.2 }
 load = 150
+lag = { low = 0.1, high = 0.10000000000000002 }
 """
 PLAIN = "[conditions]\nspeed = { low = 30.1, high = 33.3 }\nlag = 0.1"
 
@@ -185,6 +186,7 @@ def test_what_it_cannot_lay_is_said(tmp_path: Path) -> None:
     )
     assert domain.in_words().endswith(f"left out: {domain.left_out}")
     assert Domain.made("x", domain.entries()) == domain
+    assert domain_of(tmp_path, domain_document(domain), ".yaml") == domain
 
 
 def section(rng: random.Random, others: list[str], operators: tuple[str, str], deep: bool) -> str:

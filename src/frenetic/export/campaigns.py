@@ -19,7 +19,6 @@ from frenetic.export.tables import Place, opened, write_tables
 from frenetic.outcome import Outcome
 
 GROUP: Final = "frenetic.exports"
-"""Entry points of other formats: functions as `frenetic.openodd.write_campaign`."""
 Format: TypeAlias = Literal["parquet", "csv", "json", "competition"]
 Which: TypeAlias = Literal["all", "failures", "none"]
 """Choice of tests whose trajectories are exported."""
@@ -46,8 +45,9 @@ def export_campaign(
     | json | ``tests.jsonl``, ``trajectories.jsonl``: one object per line | pandas, DuckDB, jq |
     | competition | ``test.NNNN.json`` and its tables | the competition's tools |
 
-    A package adds a format by an entry point in the group ``frenetic.exports``: a function that
-    writes into a folder, see `frenetic.openodd.write_campaign`.
+    A package adds a format by an entry point in the group ``frenetic.exports``: a function of an
+    empty folder and the store, with the keywords ``outcomes``, and ``on_test``, which is called
+    with the number of tests so far.
 
     `frenetic.export.TABLES` lists the tables' columns. Memory does not grow with the campaign,
     which may be running: later results are left out.

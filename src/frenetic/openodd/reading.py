@@ -132,7 +132,8 @@ def read_domain(path: Path) -> dict[str, Any]:
             f"it limits no quantity and names no {ROAD_CLASS}: see 'frenetic list quantities'"
         )
     whys = ((foreign, "no quantity"), (free, "no limits"))
-    entries["left_out"] = ", ".join(f"{_listed(names)} ({why})" for names, why in whys if names)
+    left_out = [f"{_listed(names)} ({why})" for names, why in whys if names]
+    entries["left_out"] = ", ".join(filter(None, [ours.left_out, *left_out]))
     return {"name": ours.name or path.stem, **entries, "conditions": conditions}
 
 
@@ -140,6 +141,7 @@ class _Ours(Struct):
     """What only Frenetic's domains say."""
 
     name: str = ""
+    left_out: str = ""
     conditions: dict[str, dict[str, float]] = {}
     """Name of a quantity -> the rest of its distribution."""
     roads: dict[str, Any] | None = None

@@ -62,6 +62,8 @@ def domain_document(domain: Domain) -> str:
         if shape := shape | ({"chance": of.chance} if of.chance < 1.0 else {}):
             shapes[name] = shape
     told: dict[str, Any] = {"name": domain.name, "conditions": shapes}
+    if domain.left_out:
+        told["left_out"] = domain.left_out
     if domain.road_class is not None:
         _branch(taxonomy, _ROADS)[ROAD_CLASS] = [domain.road_class.name]
         include[ROAD_CLASS] = [domain.road_class.name]
@@ -106,11 +108,11 @@ def write_campaign(
     openodd, text = library(), domain_document(domain)
     (folder / ODD).write_text(text, encoding="utf-8")
     (folder / RUNS).mkdir()
-    buckets = {
-        name: np.linspace(of.low, of.high, _BUCKETS + 1).tolist()
-        for name, of in domain.conditions.items()
-        if of.low < of.high
+    edges = {
+        name: np.linspace(of.low, of.high, _BUCKETS + 1) for name, of in domain.conditions.items()
     }
+    # A single amount, or nearly so, has no parts.
+    buckets = {name: of.tolist() for name, of in edges.items() if (np.diff(of) > 0.0).all()}
     odd, backend = bound(text, domain.name, buckets)
     attributes: list[dict[str, Any]] = []
     rows: list[list[Any]] = []
