@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
+from frenetic._support.entry_points import installed
 from frenetic._support.words import read_part
 from frenetic.cli.console import Log, counted_progress
 from frenetic.cli.options import (
@@ -33,6 +34,7 @@ TABLES: Final[Mapping[str, tuple[str, ...]]] = {
     "csv": ("trajectories",),
     "json": ("trajectories",),
     "competition": ("trajectories", "sides"),
+    **{entry.name: () for entry in installed("frenetic.exports")},
 }
 ROADS: Final[Mapping[str, tuple[str, ...]]] = {
     "opendrive": ("origin",),

@@ -80,6 +80,7 @@ def _documents(kind: str) -> list[dict[str, Any]]:
             "unit": row.unit,
             "range": [row.low, row.high],
             "usual": list(row.usual),
+            "taxon": row.taxon,
             "about": row.about,
         }
         for row in quantities().values()

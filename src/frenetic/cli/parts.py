@@ -164,7 +164,7 @@ odd_option: Final = click.option(
     "domain",
     type=Read("file", "read_domain"),
     metavar="FILE",
-    help="Domain (TOML): its roads, and conditions to search.",
+    help="Domain (TOML, OpenODD): roads, conditions to search.",
 )
 
 

@@ -8,8 +8,9 @@ import shutil
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final, Literal, TypeAlias, get_args
+from typing import Any, Final, Literal, TypeAlias, get_args
 
+from frenetic._support.entry_points import imported, installed
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import FreneticError
@@ -17,6 +18,7 @@ from frenetic.export.competition import Sides, write_competition_folder
 from frenetic.export.tables import Place, opened, write_tables
 from frenetic.outcome import Outcome
 
+GROUP: Final = "frenetic.exports"
 Format: TypeAlias = Literal["parquet", "csv", "json", "competition"]
 Which: TypeAlias = Literal["all", "failures", "none"]
 """Choice of tests whose trajectories are exported."""
@@ -26,7 +28,7 @@ EXPORTS: Final = "exports"
 
 def export_campaign(
     campaign: Place,
-    format: Format,  # noqa: A002
+    format: str,  # noqa: A002
     out: Path | str | None = None,
     *,
     outcomes: Collection[Outcome | str] = (),
@@ -43,11 +45,15 @@ def export_campaign(
     | json | ``tests.jsonl``, ``trajectories.jsonl``: one object per line | pandas, DuckDB, jq |
     | competition | ``test.NNNN.json`` and its tables | the competition's tools |
 
+    A package adds a format by an entry point in the group ``frenetic.exports``: a function of an
+    empty folder and the store, with the keywords ``outcomes``, and ``on_test``, which is called
+    with the number of tests so far.
+
     `frenetic.export.TABLES` lists the tables' columns. Memory does not grow with the campaign,
     which may be running: later results are left out.
 
     Args:
-        campaign: as `data_frame` takes it; the format competition needs a single one.
+        campaign: as `data_frame` takes it; only tables take several.
         format: what to write.
         out: an empty or new folder; by default ``exports/FORMAT`` in the campaign's.
         outcomes: only tests of these, such as ``["FAIL"]``; all without any.
@@ -66,8 +72,9 @@ def export_campaign(
             pandas and pyarrow.
         ValueError: there is no such format, outcome, choice of trajectories or of sides.
     """
+    guests = {entry.name: entry.target for entry in installed(GROUP)}
     for name, value, allowed in (
-        ("format", format, get_args(Format)),
+        ("format", format, (*get_args(Format), *guests)),
         ("trajectories", trajectories, get_args(Which)),
         ("sides", sides, get_args(Sides)),
     ):
@@ -88,19 +95,17 @@ def export_campaign(
     own = campaign.folder if isinstance(campaign, Campaign | CampaignStore) else Path(campaign)
     target = own / EXPORTS / format if out is None else Path(out)
     with _whole_folder(target) as folder:
-        if format == "competition":
-            with opened(campaign) as store:
-                total = sum(store.by_outcome().values())
-                write_competition_folder(
-                    folder,
-                    store,
-                    outcomes=wanted,
-                    driven=driven or (),
-                    sides=sides,
-                    on_test=lambda done: notify(done, total),
-                )
-        else:
+        if format in ("parquet", "csv", "json"):
             write_tables(folder, campaign, format, wanted, driven, notify)
+            return target
+        with opened(campaign) as store:
+            total = sum(store.by_outcome().values())
+            options: dict[str, Any] = {"outcomes": wanted, "on_test": lambda n: notify(n, total)}
+            if format == "competition":
+                options |= {"driven": driven or (), "sides": sides}
+                write_competition_folder(folder, store, **options)
+            else:
+                imported(guests[format])(folder, store, **options)
     return target
 
 

@@ -147,7 +147,7 @@ def data_frame(
 def write_tables(
     folder: Path,
     source: Place,
-    format: Literal["csv", "json", "parquet"],  # noqa: A002
+    format: str,  # noqa: A002
     outcomes: Collection[Outcome],
     driven: Collection[Outcome] | None,
     on_progress: Callable[[int, int], None],

@@ -20,6 +20,7 @@ SCENE: Final = Quantity(
     usual=(0.0, 1000.0),
     nothing=0.0,
     layer=f"{_LAYERS}:Elsewhere",
+    taxon="scenery",
     words=("a scene of a lower seed", "a scene of a higher seed"),
 )
 WEAR: Final = Quantity(
@@ -30,6 +31,7 @@ WEAR: Final = Quantity(
     usual=(0.0, 0.8),
     nothing=0.0,
     layer=f"{_LAYERS}:Worn",
+    taxon="scenery.drivable_area.lane_specification",
 )
 FOG: Final = Quantity(
     name="fog",
@@ -40,6 +42,7 @@ FOG: Final = Quantity(
     usual=(30.0, 300.0),
     nothing=math.inf,
     layer=f"{_LAYERS}:Foggy",
+    taxon="environmental_conditions.particulates",
     words=("thicker fog", "thinner fog"),
 )
 RAIN: Final = Quantity(
@@ -52,6 +55,7 @@ RAIN: Final = Quantity(
     nothing=0.0,
     layer=f"{_LAYERS}:Rainy",
     is_seeded=True,
+    taxon="environmental_conditions.weather.rainfall",
 )
 BLUR: Final = Quantity(
     name="blur",
@@ -71,6 +75,7 @@ LIGHT: Final = Quantity(
     usual=(0.4, 1.6),
     nothing=1.0,
     layer=f"{_LAYERS}:Lit",
+    taxon="environmental_conditions.illumination",
 )
 GRAIN: Final = Quantity(
     name="grain",
