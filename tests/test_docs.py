@@ -71,8 +71,8 @@ def run_page(page: Path, interpreter: Interpreter, folder: Path, made: Made | No
             if kind == "python":
                 printed = run_python(code, interpreter, folder)
             else:
-                pictures = page.name in DRAWN
-                printed = run_commands(code, interpreter, folder, made, pictures=pictures)
+                drawn = [Path(name).name for name in PICTURES.get(page.name, {}).values()]
+                printed = run_commands(code, interpreter, folder, made, drawn)
         else:
             assert kind in SHOWN, f"{page.name}: nobody runs a block of kind {kind!r}"
             if name := re.match(r"# file: (\S+\.(?:toml|yaml))\n", code):
@@ -116,8 +116,6 @@ PICTURES = {
 """Name of a page -> the pictures in docs/images that its commands draw."""
 IN_FULL = {"rerun.md"}
 """Pages without outputs whose campaigns are not shortened."""
-DRAWN = {"README.md", "calibrating.md"}
-"""Pages whose commands draw pictures, which take most of a short search's time."""
 
 
 def run_python(text: str, interpreter: Interpreter, folder: Path) -> str:
@@ -134,7 +132,7 @@ def run_python(text: str, interpreter: Interpreter, folder: Path) -> str:
 
 
 def run_commands(
-    text: str, interpreter: Interpreter, folder: Path, made: Made | None, *, pictures: bool
+    text: str, interpreter: Interpreter, folder: Path, made: Made | None, drawn: list[str]
 ) -> str:
     """What the last of them prints."""
     printed = ""
@@ -151,7 +149,7 @@ def run_commands(
             before, printed = made[command]
             copytree(before, folder / before.name)
             continue
-        ended = interpreter.frenetic(*arguments, folder=folder, pictures=pictures)
+        ended = interpreter.frenetic(*arguments, folder=folder, drawn=drawn)
         assert ended.code == 0, f"{command}\n{ended.output}"
         printed = ended.stdout
         if made is not None and arguments[0] == "run":

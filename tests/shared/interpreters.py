@@ -22,7 +22,7 @@ import threading
 import traceback
 import types
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from multiprocessing import util
@@ -67,9 +67,10 @@ class Ended:
 class Interpreter:
     """Runs each job in an interpreter that is started for it; works everywhere."""
 
-    def frenetic(self, *arguments: str, folder: Path, pictures: bool = True) -> Ended:
-        """Runs a command line of Frenetic in a folder; its pictures may be empty files."""
-        return self._run({"arguments": arguments, "pictures": pictures}, folder)
+    def frenetic(self, *arguments: str, folder: Path, drawn: Iterable[str] | None = None) -> Ended:
+        """Runs a command line of Frenetic in a folder; pictures but the drawn may be empty."""
+        names = None if drawn is None else list(drawn)
+        return self._run({"arguments": arguments, "drawn": names}, folder)
 
     def python(self, code: str, *, folder: Path) -> Ended:
         """Runs code in a folder as `python -W error -c` does; files of the folder are modules."""
@@ -168,7 +169,7 @@ def _do(
     stderr: str,
     arguments: list[str] | None = None,
     code: str | None = None,
-    pictures: bool = True,
+    drawn: list[str] | None = None,
 ) -> NoReturn:
     """Becomes what an interpreter that was started for this job would be."""
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
@@ -187,7 +188,7 @@ def _do(
     else:
         sys.argv = ["-c"]
     _keep_a_fork_server_ready()
-    with nullcontext() if pictures else empty_pictures():
+    with nullcontext() if drawn is None else empty_pictures(*drawn):
         ended = _exit_code(code, main)
     threading._shutdown()  # type: ignore[attr-defined]
     atexit._run_exitfuncs()

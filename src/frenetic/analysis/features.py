@@ -16,7 +16,6 @@ from frenetic.analysis.segments import Segment, heading_range
 from frenetic.criteria import quantity
 from frenetic.errors import UnknownNameError
 from frenetic.measures import series
-from frenetic.oracle import seen_by_criteria
 
 HEADING_BINS: Final = 10
 """Bins of 36 degrees in the full circle."""
@@ -121,11 +120,10 @@ def features_of(segment: Segment) -> Features:
 
 def _worst_values(segment: Segment) -> dict[str, float]:
     """The worst values of quantities of criteria in the segment; 0 where there is none."""
-    seen = seen_by_criteria(segment.road, segment.drive, segment.assessment)
     of, found = slice(segment.first, segment.last), {}
     for name in ("lateral_acceleration", "lateral_jerk", "edge_distance"):
         what = quantity(name)
-        values = series(name, seen, what.window)
+        values = series(name, segment.seen, what.window)
         values = np.abs(values) if what.has_sides else values
         values = values[of][np.isfinite(values[of])]
         worst = values.min if what.is_least else values.max

@@ -16,7 +16,8 @@ from frenetic.campaign.reader import Order
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.drive import Drive
-from frenetic.oracle import Assessment, Finding, Side, assess
+from frenetic.measures import Seen
+from frenetic.oracle import Assessment, Finding, Side, assess, seen_by_criteria
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 
@@ -77,6 +78,11 @@ class Segment:
         distances = np.concatenate([[self.start], inside, [self.end]])
         return distances, self.road.curvature_at(distances)
 
+    @cached_property
+    def seen(self) -> Seen:
+        """The whole drive, as criteria see it."""
+        return seen_by_criteria(self.road, self.drive, self.assessment)
+
     @property
     def bends(self) -> tuple[Bend, ...]:
         """The bends within the segment, cut at its ends, in order."""
@@ -85,7 +91,9 @@ class Segment:
     def whole(self) -> Segment:
         """The whole road and the whole drive, with the same place."""
         n = len(self.assessment.distance)
-        return replace(self, start=0.0, end=self.road.length, first=0, last=n)
+        whole = replace(self, start=0.0, end=self.road.length, first=0, last=n)
+        vars(whole)["seen"] = self.seen  # what it has measured
+        return whole
 
 
 def segment_of(road: Road, drive: Drive, finding: Finding | None) -> Segment:
