@@ -61,7 +61,7 @@ def test_what_is_installed_is_read_once(site: Path, monkeypatch: pytest.MonkeyPa
         (STRATEGIES, "frenetic", {"learn_shares": 7}, "learn_shares is 7: true or false"),
         (STRATEGIES, "frenetic", {"threshold": "abc"}, "threshold is 'abc': a number"),
         (STRATEGIES, "frenetic-2021", {"random_budget": "abc"}, "random_budget is 'abc': a number"),
-        (STRATEGIES, "random", {"is_valid": "abc"}, "is_valid must be a function"),
+        (STRATEGIES, "random", {"is_valid": "abc"}, "is_valid is 'abc': a function"),
         (DRIVERS, "own.py:Own", {"gain": "abc"}, "gain is 'abc': a number"),
     ],
 )

@@ -54,6 +54,7 @@ _WORDS: Final = {
     r"\bstr\b": "a text",
     r"\bbool\b": "true or false",
     r"\bobject\b": "names with values",
+    r"\bCallable\b": "a function",
     r"\barray\b": "a list",
     r" \| ": " or ",
     r"\.0\b": "",

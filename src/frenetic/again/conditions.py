@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from msgspec import convert
 
+from frenetic._support.bounds import Index, check
 from frenetic._support.scalars import take_numpy_scalars
 from frenetic.errors import FreneticError
 from frenetic.quantities import SEED, quantities, quantity
-from frenetic.search.strategy import require_whole
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import Conditions, check_can_vary, own_amount
 from frenetic.spec import require_count
@@ -83,7 +83,7 @@ class Variation:
 
 
 def draw_conditions(
-    variations: Sequence[Variation], times: int, seed: int
+    variations: Sequence[Variation], times: int, seed: Index
 ) -> tuple[Conditions, ...]:
     """Conditions with quantities drawn from their ranges.
 
@@ -96,7 +96,7 @@ def draw_conditions(
             quantity is there twice.
     """
     times = require_count("times", times)
-    seed = require_whole("seed", seed, 0, 2**63 - 1)
+    check({"seed": seed}, draw_conditions)
     table, names = list(quantities()), [variation.quantity for variation in variations]
     for name in names:
         if names.count(name) > 1:

@@ -6,14 +6,17 @@ import hashlib
 import math
 from collections import deque
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.bounds import Count, Finite, Index, Positive, Share, check
+from frenetic.domain import Domain
 from frenetic.errors import Fault
 from frenetic.outcome import Outcome
 from frenetic.road import profile
+from frenetic.road.classes import RoadClass
 from frenetic.search.approach import SIZE, lower_squares
 from frenetic.search.archive import FAR, LEFT, RIGHT, Archive, places_of
 from frenetic.search.conditions import changed, drawn, inherited
@@ -28,17 +31,14 @@ from frenetic.search.random_search import (
     RandomRoads,
     Rests,
     RoadCheck,
+    Size,
     size_and_step,
     usual_length,
 )
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.speed_model import SpeedModel
-from frenetic.search.strategy import Ledger, Strategy, options_of, require, require_whole
+from frenetic.search.strategy import Ledger, Strategy, options_of
 from frenetic.search.variation import MIRROR, OF_FAILURES, OPERATORS, PARAMETERS, SPLICE, draw_child
-
-if TYPE_CHECKING:
-    from frenetic.domain import Domain
-    from frenetic.road.classes import RoadClass
 
 _ROAD_PER_MAP = 1.45  # m of road for each m of the map's side
 _MORE_VALUES = 6  # than the longest random road has
@@ -135,37 +135,31 @@ class Frenetic(Strategy):
     def __init__(
         self,
         *,
-        seed: int,
-        map_size: float | None = None,
-        random_budget: float = 0.2,
-        random_roads: int = 30,
-        threshold: float | None = None,
+        seed: Index,
+        map_size: Positive | None = None,
+        random_budget: Share = 0.2,
+        random_roads: Count = 30,
+        threshold: Finite | None = None,
         use_archive: bool = True,
         learn_shares: bool = True,
         predict_speeds: bool = True,
-        step: float | None = None,
-        max_length: int = MAX_LENGTH,
+        step: Positive | None = None,
+        max_length: Size = MAX_LENGTH,
         is_valid: RoadCheck | None = None,
         road_class: RoadClass | None = None,
         domain: Domain | None = None,
     ) -> None:
         map_size, step = size_and_step(map_size, step, road_class)
         self.options = options_of(locals())
+        check(self.options, Frenetic.__init__)
         self.road_class, self.domain = road_class, domain
-        require(0 <= random_budget <= 1, "random_budget", random_budget, "between 0 and 1")
-        require(0 < map_size < math.inf, "map_size", map_size, "positive (m)")
-        require(0 < step < math.inf, "step", step, "positive (m)")
-        require(
-            threshold is None or math.isfinite(threshold), "threshold", threshold, "a finite number"
-        )
-        self._rng = np.random.default_rng(require_whole("seed", seed, 0))
+        self._rng = np.random.default_rng(seed)
         self._random_budget = random_budget
-        self._first_roads = require_whole("random_roads", random_roads, 1)
+        self._first_roads = random_roads
         self._fixed_threshold = threshold
         self._use_archive = use_archive
         self._learn_shares = learn_shares
-        longest = require_whole("max_length", max_length, MIN_VALUES)
-        self._usual_length = max(min(int(_ROAD_PER_MAP * map_size / step), longest), MIN_VALUES)
+        self._usual_length = max(min(int(_ROAD_PER_MAP * map_size / step), max_length), MIN_VALUES)
         if road_class is not None:
             self._usual_length = usual_length(road_class)
         self._is_valid = MapCheck(map_size, is_valid, road_class)

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import bisect
 import heapq
-import math
 from collections.abc import Iterator
 from functools import partial
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
+from msgspec import Meta
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.bounds import Count, Finite, Index, Positive, Share, check
 from frenetic.outcome import Outcome
+from frenetic.road.classes import RoadClass
 from frenetic.search.operators import (
     CURVATURE_BOUND,
     FAIL_OPERATORS,
@@ -28,16 +30,15 @@ from frenetic.search.random_search import (
     LENGTH_JITTER,
     MAX_LENGTH,
     RANDOM,
+    Jitter,
     RandomRoads,
     Rests,
     RoadCheck,
+    Size,
     size_and_step,
 )
 from frenetic.search.records import Candidate, Evaluation, Origin
-from frenetic.search.strategy import Ledger, Strategy, options_of, require, require_whole
-
-if TYPE_CHECKING:
-    from frenetic.road.classes import RoadClass
+from frenetic.search.strategy import Ledger, Strategy, options_of
 
 _MIX, _SPLICE = "C1", "C2"
 
@@ -124,35 +125,38 @@ class Frenetic2021(Strategy):
     def __init__(
         self,
         *,
-        seed: int,
-        map_size: float | None = None,
-        random_budget: float = 0.2,
-        threshold: float = -0.5,
-        cross_freq: int = 40,
-        cross_num: int = 20,
-        curvature_bound: float = CURVATURE_BOUND,
-        max_change: float = MAX_CHANGE,
-        step: float | None = None,
-        length_jitter: int = LENGTH_JITTER,
-        max_length: int = MAX_LENGTH,
-        min_changed: int = LISTING_1.min_changed,
-        max_changed: int = LISTING_1.max_changed,
-        min_scale: float = LISTING_1.min_scale,
-        max_scale: float = LISTING_1.max_scale,
+        seed: Index,
+        map_size: Positive | None = None,
+        random_budget: Share = 0.2,
+        threshold: Finite = -0.5,
+        cross_freq: Index = 40,
+        cross_num: Annotated[int, Meta(ge=2)] = 20,
+        curvature_bound: Positive = CURVATURE_BOUND,
+        max_change: Positive = MAX_CHANGE,
+        step: Positive | None = None,
+        length_jitter: Jitter = LENGTH_JITTER,
+        max_length: Size = MAX_LENGTH,
+        min_changed: Count = LISTING_1.min_changed,
+        max_changed: Count = LISTING_1.max_changed,
+        min_scale: Positive = LISTING_1.min_scale,
+        max_scale: Positive = LISTING_1.max_scale,
         is_valid: RoadCheck | None = None,
-        max_redraws: int = 0,
+        max_redraws: Index = 0,
         road_class: RoadClass | None = None,
     ) -> None:
         map_size, step = size_and_step(map_size, step, road_class)
         self.options = options_of(locals())
+        check(self.options, Frenetic2021.__init__)
+        for name in ("changed", "scale"):
+            low, high = (self.options[f"{end}_{name}"] for end in ("min", "max"))
+            if low > high:
+                raise ValueError(f"min_{name} is {low!r}: at most max_{name}, {high!r}, is allowed")
         self.road_class = road_class
-        require(0 <= random_budget <= 1, "random_budget", random_budget, "between 0 and 1")
-        require(math.isfinite(threshold), "threshold", threshold, "a finite number (m)")
-        self._rng = np.random.default_rng(require_whole("seed", seed, 0))
+        self._rng = np.random.default_rng(seed)
         self._random_budget = random_budget
         self._threshold = threshold
-        self._cross_freq = require_whole("cross_freq", cross_freq, 0)
-        self._cross_num = require_whole("cross_num", cross_num, 2)
+        self._cross_freq = cross_freq
+        self._cross_num = cross_num
         self._roads = RandomRoads(
             map_size=map_size,
             step=step,

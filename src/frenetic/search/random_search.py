@@ -5,31 +5,27 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import Annotated, Any, ClassVar, TypeAlias, TypeVar
 
 import numpy as np
+from msgspec import Meta
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.bounds import Index, Positive, check
 from frenetic.criteria import LANE
+from frenetic.domain import Domain
 from frenetic.errors import RoadError
 from frenetic.road import MAP_SIZE, MARGIN, Road, profile
-from frenetic.road.classes import conform
+from frenetic.road.classes import RoadClass, conform
 from frenetic.road.validity import check_layout
 from frenetic.search.conditions import drawn, moved_along
 from frenetic.search.elements import draw_elements, random_grade
 from frenetic.search.operators import CURVATURE_BOUND, MAX_CHANGE, MIN_VALUES, random_curvatures
 from frenetic.search.records import Candidate, Evaluation, Origin
-from frenetic.search.strategy import Ledger, Strategy, options_of, require, require_whole
-
-if TYPE_CHECKING:
-    from typing import TypeAlias
-
-    from frenetic.domain import Domain
-    from frenetic.road.classes import RoadClass
+from frenetic.search.strategy import Ledger, Strategy, options_of
 
 STEP = 10.0  # m
 LENGTH_JITTER = 5
-MOST_JITTER = 1000  # that may be asked for
 MAX_LENGTH = 30
 MAX_REDRAWS = 10
 _MOST_REFUSED = 1000  # roads in a row
@@ -51,6 +47,9 @@ RoadCheck: TypeAlias = Callable[[FloatArray, float], bool]
 
 It must depend on nothing else, or a campaign cannot be replayed.
 """
+Size: TypeAlias = Annotated[int, Meta(ge=MIN_VALUES, le=10**6)]
+"""Number of values of a road."""
+Jitter: TypeAlias = Annotated[int, Meta(ge=0, le=1000)]
 
 _Draw = TypeVar("_Draw", "FloatArray", "FloatArray | None")
 
@@ -63,16 +62,11 @@ class MapCheck:
         is_valid: A check of the user's own, which takes the place of all this.
         road_class: Roads keep its rules already; that they fit the map is left to check.
 
-    Raises:
-        ValueError: `is_valid` is no function.
-
     """
 
     def __init__(
         self, map_size: float, is_valid: RoadCheck | None, road_class: RoadClass | None = None
     ) -> None:
-        function = is_valid is None or callable(is_valid)
-        require(function, "is_valid", is_valid, "a function, which only Python can give")
         self._map_size = map_size
         self._is_valid = is_valid
         self._road_class = road_class
@@ -127,28 +121,21 @@ class RandomRoads:
     def __init__(
         self,
         *,
-        map_size: float = MAP_SIZE,
-        step: float = STEP,
-        length_jitter: int = LENGTH_JITTER,
-        max_length: int = MAX_LENGTH,
-        curvature_bound: float = CURVATURE_BOUND,
-        max_change: float = MAX_CHANGE,
+        map_size: Positive = MAP_SIZE,
+        step: Positive = STEP,
+        length_jitter: Jitter = LENGTH_JITTER,
+        max_length: Size = MAX_LENGTH,
+        curvature_bound: Positive = CURVATURE_BOUND,
+        max_change: Positive = MAX_CHANGE,
         is_valid: RoadCheck | None = None,
-        max_redraws: int = MAX_REDRAWS,
+        max_redraws: Index = MAX_REDRAWS,
         road_class: RoadClass | None = None,
     ) -> None:
-        require(0 < map_size < math.inf, "map_size", map_size, "positive (m)")
-        require(0 < step < math.inf, "step", step, "positive (m)")
-        require(
-            0 < curvature_bound < math.inf, "curvature_bound", curvature_bound, "positive (1/m)"
-        )
-        require(0 < max_change < math.inf, "max_change", max_change, "positive (1/m)")
+        check(options_of(locals()), RandomRoads.__init__)
         self.step = float(step)
         self._map_size = map_size
-        self._length_jitter = require_whole("length_jitter", length_jitter, 0, MOST_JITTER)
-        self._usual_length = min(
-            int(map_size // step), require_whole("max_length", max_length, MIN_VALUES)
-        )
+        self._length_jitter = length_jitter
+        self._usual_length = min(int(map_size // step), max_length)
         self._road_class = road_class
         self.limits = np.array([curvature_bound, max_change])
         """Bound and largest change of values, both in 1/m; of a class, its `limits`."""
@@ -157,7 +144,7 @@ class RandomRoads:
             self._usual_length = usual_length(road_class)
             self.limits = road_class.limits(self.step)
         self._is_valid = MapCheck(map_size, is_valid, road_class)
-        self._max_redraws = require_whole("max_redraws", max_redraws, 0)
+        self._max_redraws = max_redraws
 
     def keep_margin(self, margin: float) -> None:
         """Check roads with a margin of so many m, unless an `is_valid` was given."""
@@ -252,8 +239,10 @@ def size_and_step(
     """
     if road_class is None:
         return MAP_SIZE if map_size is None else map_size, STEP if step is None else step
-    allowed = f"{road_class.step:g} m, as its road class says"
-    require(step in (None, road_class.step), "step", step, allowed)
+    if step not in (None, road_class.step):
+        raise ValueError(
+            f"step is {step!r}: {road_class.step:g} m are needed, as its road class says"
+        )
     return road_class.map_size if map_size is None else map_size, road_class.step
 
 
@@ -334,19 +323,20 @@ class RandomSearch(Strategy):
     def __init__(
         self,
         *,
-        seed: int,
-        map_size: float | None = None,
-        step: float | None = None,
-        max_length: int = MAX_LENGTH,
+        seed: Index,
+        map_size: Positive | None = None,
+        step: Positive | None = None,
+        max_length: Size = MAX_LENGTH,
         is_valid: RoadCheck | None = None,
-        max_redraws: int = MAX_REDRAWS,
+        max_redraws: Index = MAX_REDRAWS,
         road_class: RoadClass | None = None,
         domain: Domain | None = None,
     ) -> None:
         map_size, step = size_and_step(map_size, step, road_class)
         self.options = options_of(locals())
+        check(self.options, RandomSearch.__init__)
         self.road_class, self.domain = road_class, domain
-        self._rng = np.random.default_rng(require_whole("seed", seed, 0))
+        self._rng = np.random.default_rng(seed)
         self._roads = RandomRoads(
             map_size=map_size,
             step=step,

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-import operator
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, ClassVar, Self, SupportsIndex
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.scalars import without_numpy
@@ -16,8 +15,6 @@ from frenetic.search.records import Candidate, Evaluation, Origin
 if TYPE_CHECKING:
     from frenetic.domain import Domain
     from frenetic.road.classes import RoadClass
-
-_MOST_BITS = 1000  # of a number that a float can hold
 
 
 class SearchEnded(Exception):  # noqa: N818 - it is no error
@@ -239,32 +236,3 @@ def options_of(arguments: Mapping[str, Any]) -> dict[str, int | float | str | bo
     return {
         name: value for name, value in own.items() if isinstance(value, (bool, int, float, str))
     }
-
-
-def require(holds: bool, name: str, value: object, allowed: str) -> None:
-    """Refuse an option's value unless `holds`, and a whole number that no float can hold.
-
-    Raises:
-        ValueError: "`name` must be `allowed`, got `value`".
-
-    """
-    if not holds or (isinstance(value, int) and value.bit_length() > _MOST_BITS):
-        raise ValueError(f"{name} must be {allowed}, got {value!r}")
-
-
-def require_whole(name: str, value: SupportsIndex, least: int, most: int | None = None) -> int:
-    """Return an option's value as an int.
-
-    Raises:
-        ValueError: It is not a whole number of at least `least`, and at most `most` if given.
-
-    """
-    allowed = f"a whole number of at least {least}"
-    if most is not None:
-        allowed += f" and at most {most}"
-    try:
-        number = operator.index(value)
-    except TypeError:
-        raise ValueError(f"{name} must be {allowed}, got {value!r}") from None
-    require(least <= number and (most is None or number <= most), name, value, allowed)
-    return number
