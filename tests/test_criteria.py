@@ -276,8 +276,8 @@ def test_mistakes_are_named(text: str, words: str) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("lateral_jerk = {window = 1}", "lateral_jerk has no limit"),
-        ("lateral_jerk = {limit = 1, windows = 1}", "lateral_jerk has no windows"),
+        ("lateral_jerk = {window = 1}", "lateral_jerk: Object missing required field `limit`"),
+        ("lateral_jerk = {limit = 1, windows = 1}", "lateral_jerk: Object contains unknown field `windows`"),
         ("lateral_jerk = {limit = 1, window = -1}", "window is -1"),
         ("sideways = 1", "there is no quantity sideways"),
         ("lateral_jerk =", "says no criteria"),

@@ -21,6 +21,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, Self
 
+from msgspec import Struct, ValidationError, convert
+
 from frenetic._support.bounds import Finite, NotNegative, check
 from frenetic._support.entry_points import imported, installed
 from frenetic._support.files import read_bounded
@@ -281,17 +283,22 @@ JUDGED_BY_LANE: Final = Profile(COMPETITION, about="leaving the lane, as the com
 """The profile that is usual."""
 
 
+class _Entry(Struct, forbid_unknown_fields=True):
+    """What a file says of a criterion."""
+
+    limit: float
+    window: float | None = None
+    clause: str = ""
+
+
 def _criterion(name: str, given: Any) -> Criterion:
     """The criterion of a file's entry: a limit, or its fields."""
-    fields: dict[str, Any] = dict(given) if isinstance(given, Mapping) else {"limit": given}
-    if unknown := fields.keys() - {"limit", "window", "clause"}:
-        raise ValueError(f"{name} has no {min(unknown)}; it has limit, window and clause")
-    if "limit" not in fields:
-        raise ValueError(f"{name} has no limit: one is needed")
-    if fields.get("window") is None:
-        fields["window"] = quantity(name).window
     try:
-        return Criterion(name, **fields)
+        entry = convert(given if isinstance(given, Mapping) else {"limit": given}, _Entry)
+        window = quantity(name).window if entry.window is None else entry.window
+        return Criterion(name, entry.limit, window, entry.clause)
+    except ValidationError as error:
+        raise ValueError(f"{name}: {error}") from None
     except ValueError as error:
         raise ValueError(str(error).replace("limit", name, 1)) from None
 

@@ -79,7 +79,7 @@ def arguments_of(part: object) -> dict[str, Any]:
     if made is not None:
         return dict(made.arguments)
     found = {}
-    for name in _parameters(type(part)):
+    for name in (parameter.name for parameter in _parameters(type(part))):
         for attribute in (name, f"_{name}"):
             try:
                 found[name] = getattr(part, attribute)
@@ -89,13 +89,13 @@ def arguments_of(part: object) -> dict[str, Any]:
     return found
 
 
-def _parameters(factory: Callable[..., Any]) -> list[str]:
-    """Names of a factory's arguments, as far as it has names for them."""
+def _parameters(factory: Callable[..., Any]) -> list[inspect.Parameter]:
+    """A factory's parameters that have a name and a kind of their own, as far as it shows them."""
     try:
         parameters = inspect.signature(factory).parameters.values()
     except (TypeError, ValueError):
         return []
-    return [p.name for p in parameters if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)]
+    return [p for p in parameters if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
 
 
 def _remember(part: object, factory: Callable[..., Any], options: Mapping[str, Any]) -> None:
@@ -104,7 +104,7 @@ def _remember(part: object, factory: Callable[..., Any], options: Mapping[str, A
     try:
         bound = inspect.signature(factory).bind(**options)
         bound.apply_defaults()
-        arguments = {name: bound.arguments[name] for name in _parameters(factory)} | arguments
+        arguments = {p.name: bound.arguments[p.name] for p in _parameters(factory)} | arguments
     except (TypeError, ValueError):  # it hides what it takes
         pass
     key = id(part)
@@ -266,12 +266,7 @@ class Registry:
 
     def needs(self, factory: Callable[..., Any]) -> list[str]:
         """Names of the options without which a factory makes nothing, as far as it shows them."""
-        try:
-            parameters = inspect.signature(factory).parameters.values()
-        except (TypeError, ValueError):
-            return []
-        kinds = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
-        return [p.name for p in parameters if p.kind in kinds and p.default is p.empty]
+        return [p.name for p in _parameters(factory) if p.default is p.empty]
 
     def option_names(self, factory: Callable[..., Any]) -> list[str] | None:
         """Names of a factory's options, None if it takes any or hides them."""
@@ -281,7 +276,7 @@ class Registry:
             return None
         if any(p.kind is p.VAR_KEYWORD for p in parameters):
             return None
-        return [p.name for p in parameters if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
+        return [p.name for p in _parameters(factory)]
 
     def _check_options(
         self, factory: Callable[..., Any], spec: str, options: Mapping[str, Any]

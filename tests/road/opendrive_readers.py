@@ -23,7 +23,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.road import Road, profile
-from frenetic.road.opendrive import from_opendrive, to_opendrive
+from frenetic.road.opendrive import RoadMap, to_opendrive
 from frenetic.search.operators import (
     FAIL_OPERATORS,
     LISTING_1,
@@ -191,7 +191,7 @@ def away_from_line(road: Road, lane: ReadLane) -> float:
 
 def away_when_read_back(road: Road) -> float:
     """1/m, largest difference of a curvature that we read back."""
-    read = from_opendrive(to_opendrive(road).encode())
+    read = RoadMap(to_opendrive(road).encode()).road()
     return float(np.abs(read.curvatures - road.curvatures).max())
 
 

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from frenetic.errors import RoadError
 from frenetic.road import Road, profile
 from frenetic.road.files import find_roads, read_road
-from frenetic.road.opendrive import RoadMap, from_opendrive, to_opendrive
+from frenetic.road.opendrive import RoadMap, to_opendrive
 
 if TYPE_CHECKING:
     from command_line import Frenetic
@@ -75,7 +75,7 @@ def assert_same(one: Road, other: Road) -> None:
 
 
 def test_our_own_file_gives_the_same_road() -> None:
-    assert_same(from_opendrive(to_opendrive(SPACE).encode()), SPACE)
+    assert_same(RoadMap(to_opendrive(SPACE).encode()).road(), SPACE)
 
 
 @given(
@@ -96,12 +96,12 @@ def test_whatever_the_profiles(
         grade=ascending(slopes[::-1]),
         widening=ascending(widths),
     )
-    read = from_opendrive(to_opendrive(made).encode())
+    read = RoadMap(to_opendrive(made).encode()).road()
     assert_same(read, made)
 
 
 def test_a_strangers_slopes_are_read_within_the_bound() -> None:
-    read = from_opendrive(without_notes(to_opendrive(SPACE)))
+    read = RoadMap(without_notes(to_opendrive(SPACE))).road()
     places = np.linspace(0.0, SPACE.length, 1000)
     for name, error in (("superelevation", 4e-4), ("grade", 4e-4), ("widening", 0.01)):
         ours, theirs = (profile.value_at(getattr(one, name), places) for one in (SPACE, read))
@@ -115,18 +115,18 @@ def test_a_strangers_slopes_are_read_within_the_bound() -> None:
 def test_a_file_that_was_changed_is_read_as_it_is_drawn() -> None:
     text = to_opendrive(Road([0.0] * 9, grade=0.04))
     assert 'b="0.04"' in text
-    changed = from_opendrive(text.replace('b="0.04"', 'b="0.02"').encode())
+    changed = RoadMap(text.replace('b="0.04"', 'b="0.02"').encode()).road()
     assert changed.grade == pytest.approx(np.array([[0.0, 0.02], [80.0, 0.02]]))
 
 
 def test_a_lean_that_was_taken_out_is_no_more() -> None:
     text = re.sub(r"<superelevation .*?/>", "", to_opendrive(SPACE))
-    assert not len(from_opendrive(text.encode()).superelevation)
+    assert not len(RoadMap(text.encode()).road().superelevation)
 
 
 def test_the_other_direction_falls_where_this_one_rises() -> None:
     data = without_notes(to_opendrive(replace(SPACE, widening=profile.NOTHING)))
-    there, back = (from_opendrive(data, lane=i) for i in (-1, 1))
+    there, back = (RoadMap(data).road(lane=i) for i in (-1, 1))
     places = np.linspace(5.0, there.length - 5.0, 50)
     for name, sign in (("grade", -1.0), ("superelevation", -1.0), ("curvatures", -1.0)):
         if name == "curvatures":
@@ -143,14 +143,14 @@ def test_a_lane_beside_the_centre_lies_higher_or_lower() -> None:
     lean = '<lateralProfile><superelevation s="0" a="0" b="0.001"/></lateralProfile>'
     lanes = LANE.format(-1, "driving", 3, 0) + LANE.format(-2, "driving", 3.5, 0)
     data = foreign(road(1, 0.0, 0.0, 100.0, right=lanes, profiles=lean))
-    outer = from_opendrive(data, lane=-2)
+    outer = RoadMap(data).road(lane=-2)
     assert outer.heights(100.0) == pytest.approx(-3.0 * math.tan(0.1), abs=0.01)
-    assert not len(from_opendrive(data).grade)
+    assert not len(RoadMap(data).road().grade)
 
 
 def test_a_lane_that_widens_is_as_wide_as_it_is() -> None:
     lane = LANE.format(-1, "driving", 3, 0.01)
-    read = from_opendrive(foreign(road(1, 0.0, 0.0, 100.0, right=lane)))
+    read = RoadMap(foreign(road(1, 0.0, 0.0, 100.0, right=lane))).road()
     assert read.lane_width == pytest.approx(3.0)
     assert profile.value_at(read.widening, [0.0, 50.0, 100.0]) == pytest.approx([0.0, 0.5, 1.0])
 
@@ -193,9 +193,9 @@ def test_a_stretch_may_begin_anywhere_on_it() -> None:
 def test_the_lane_is_one_for_cars_if_none_is_named() -> None:
     lanes = LANE.format(-1, "median", 2, 0) + LANE.format(-2, "driving", 3.5, 0)
     data = foreign(road(1, 0.0, 0.0, 60.0, right=lanes))
-    assert from_opendrive(data).pose.y == pytest.approx(-2.0)
+    assert RoadMap(data).road().pose.y == pytest.approx(-2.0)
     only_left = foreign(road(1, 0.0, 0.0, 60.0, right="", left=LANE.format(1, "driving", 3, 0)))
-    assert from_opendrive(only_left).pose.x == pytest.approx(60.0)
+    assert RoadMap(only_left).road().pose.x == pytest.approx(60.0)
 
 
 def test_a_folder_with_a_map_has_its_roads_but_for_junctions(tmp_path: Path) -> None:
@@ -207,7 +207,7 @@ def test_a_folder_with_a_map_has_its_roads_but_for_junctions(tmp_path: Path) -> 
 
 def test_a_map_is_no_single_road() -> None:
     with pytest.raises(RoadError) as caught:
-        from_opendrive(TOWN)
+        RoadMap(TOWN).road()
     assert str(caught.value) == (
         "it has 4 roads, to be chosen as 'road': 4 (80 m), 1 (60 m), 2 (40 m), .."
     )

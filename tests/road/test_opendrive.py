@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from frenetic._support.arrays import FloatArray
 from frenetic.errors import RoadError
 from frenetic.road import Road
-from frenetic.road.opendrive import from_opendrive, to_opendrive
+from frenetic.road.opendrive import RoadMap, to_opendrive
 from frenetic.road.opendrive.writing import Clothoid
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(60)
@@ -144,7 +144,7 @@ def test_senseless_options_are_refused(options: dict[str, Any], complaint: str) 
 
 @given(roads())
 def test_our_own_file_gives_the_same_road_bit_for_bit(road: Road) -> None:
-    read = from_opendrive(to_opendrive(road).encode())
+    read = RoadMap(to_opendrive(road).encode()).road()
     assert read.curvatures.tolist() == road.curvatures.tolist()
     assert (read.step, read.pose, read.lane_width) == (road.step, road.pose, road.lane_width)
 
@@ -152,12 +152,12 @@ def test_our_own_file_gives_the_same_road_bit_for_bit(road: Road) -> None:
 def test_a_file_that_was_edited_counts_for_what_its_geometries_say() -> None:
     text = to_opendrive(Road([0.02, 0.02 + 1e-10]))
     bent = re.sub(r'curvature="0.02\d*"', 'curvature="0.03"', text)
-    assert from_opendrive(bent.encode()).curvatures == pytest.approx([0.03] * 21, abs=1e-9)
+    assert RoadMap(bent.encode()).road().curvatures == pytest.approx([0.03] * 21, abs=1e-9)
     longer = text.replace('length="10.0"', 'length="20.0"')
-    assert from_opendrive(longer.encode()).length == 20.0
+    assert RoadMap(longer.encode()).road().length == 20.0
     for note in ("", "x", "10 0.02", "10 9 9", "nan nan nan", "0 0 0"):
         damaged = re.sub(r'(frenetic:road" value=)"[^"]*"', rf'\1"{note}"', text)
-        followed = from_opendrive(damaged.encode())
+        followed = RoadMap(damaged.encode()).road()
         assert followed.curvatures == pytest.approx([0.02] * 21, abs=1e-9)
 
 
@@ -166,7 +166,7 @@ def test_other_encodings_and_a_namespace(encoding: str) -> None:
     text = to_opendrive(Road([0.0, 0.03]), name="Straße")
     text = text.replace("UTF-8", encoding.removesuffix("-sig"))
     text = text.replace("<OpenDRIVE>", '<OpenDRIVE xmlns="http://asam.net/opendrive">')
-    assert from_opendrive(text.encode(encoding)).curvatures.tolist() == [0.0, 0.03]
+    assert RoadMap(text.encode(encoding)).road().curvatures.tolist() == [0.0, 0.03]
 
 
 # Reading what others wrote
@@ -223,7 +223,7 @@ def away(road: Road, points: FloatArray) -> float:
 def test_a_file_whose_small_gaps_add_up_is_followed_as_it_is_drawn() -> None:
     starts = np.array([(20.0 * i, 0.006 * i) for i in range(6)])
     geometry = '<geometry x="{}" y="{}" hdg="0" length="20"><line/></geometry>'
-    road = from_opendrive(foreign("".join(geometry.format(x, y) for x, y in starts)))
+    road = RoadMap(foreign("".join(geometry.format(x, y) for x, y in starts))).road()
     assert np.abs(road.track(starts)[:, 1]).max() < 0.01
 
 
@@ -240,14 +240,14 @@ def test_a_road_keeps_within_a_centimetre_of_a_line_whose_curvature_jumps(
     pieces: list[tuple[float, float, float]],
 ) -> None:
     plan, points = chain(pieces)
-    road = from_opendrive(foreign(plan))
+    road = RoadMap(foreign(plan)).road()
     assert road.length == pytest.approx(sum(piece[0] for piece in pieces))
     assert away(road, points) < 0.01
 
 
 def test_lines_and_arcs_as_they_are_usually_drawn() -> None:
     plan, points = chain([(50.0, 0.0, 0.0), (31.4, 0.066, 0.066), (40.0, 0.0, 0.0)], digits=5)
-    road = from_opendrive(foreign(plan))
+    road = RoadMap(foreign(plan)).road()
     assert away(road, points) < 0.004
     assert [road.step, road.lane_width] == pytest.approx([0.5, 3.5], abs=0.01)
     assert road.curvature_at([25.0, 65.0, 100.0]) == pytest.approx([0.0, 0.066, 0.0], abs=1e-3)
@@ -268,7 +268,7 @@ def test_polynomials_after_a_line(shape: str) -> None:
     texts = " ".join(f'{name}="{value}"' for name, value in numbers.items())
     element = f"<paramPoly3 {texts} " + (f'pRange="{shape}"/>' if shape else "/>")
     bend = f'<geometry x="30" y="0" hdg="0" length="{length}">{element}</geometry>'
-    road = from_opendrive(foreign(LINE + bend))
+    road = RoadMap(foreign(LINE + bend)).road()
     assert road.length == pytest.approx(30.0 + length, abs=1e-3)
     line = np.column_stack([np.linspace(0.0, 29.9, 300), np.zeros(300)])
     assert away(road, np.concatenate([line, points[::10]])) < 0.01
@@ -281,7 +281,7 @@ def test_lanes_that_move_over() -> None:
         '<laneOffset s="0" a="0"/><laneOffset s="20" a="0" b="0" c="0.00375" d="-0.0000625"/>'
         '<laneOffset s="60" a="2"/>'
     )
-    road = from_opendrive(foreign(plan, offsets=offsets))
+    road = RoadMap(foreign(plan, offsets=offsets)).road()
     points = road.sample(1.0)
     p = np.clip(points[:, 0] - 20.0, 0.0, 40.0)
     assert points[:, 1] == pytest.approx(0.00375 * p**2 - 0.0000625 * p**3, abs=0.003)
@@ -294,7 +294,7 @@ def test_offsets_and_slopes_that_are_nothing_do_not_matter() -> None:
         '<lateralProfile><superelevation s="0" a="1e-6" b="0"/></lateralProfile>',
         offsets='<laneOffset s="0" a="1e-12"/>',
     )
-    assert set(from_opendrive(data).curvatures) == {0.0}
+    assert set(RoadMap(data).road().curvatures) == {0.0}
 
 
 def test_any_lane_can_be_chosen() -> None:
@@ -308,7 +308,7 @@ def test_any_lane_can_be_chosen() -> None:
     plan = LINE.replace("<line/>", f'<arc curvature="{1 / radius}"/>')
     data = foreign(plan, offsets='<laneOffset s="0" a="0.5"/>', sections=section(right, left))
     for lane, shift, width in ((-2, -2.0, 2.5), (-3, -4.5, 3.5), (1, 0.5, 2.5), (2, 3.0, 3.5)):
-        road = from_opendrive(data, lane=lane)
+        road = RoadMap(data).road(lane=lane)
         assert road.lane_width == width
         assert road.length == pytest.approx(30.0 * (radius - shift) / radius, abs=1e-3)
         distances = np.hypot(*(road.points - [0.0, radius]).T)
@@ -317,13 +317,13 @@ def test_any_lane_can_be_chosen() -> None:
         assert ends[0] == pytest.approx([0.0, shift], abs=0.005)
         mean = float(road.curvature_at(0.5 * road.length))
         assert mean == pytest.approx(math.copysign(1.0 / (radius - shift), -lane), rel=0.01)
-    assert from_opendrive(data).points == pytest.approx(from_opendrive(data, lane=-2).points)
+    assert RoadMap(data).road().points == pytest.approx(RoadMap(data).road(lane=-2).points)
     with pytest.raises(RoadError, match=r"lane -1.*'median'.*chosen as 'lane': -2, -3, 2, 1\)"):
-        from_opendrive(data, lane=-1)
+        RoadMap(data).road(lane=-1)
     with pytest.raises(RoadError, match="lane -4, right of the centre, is missing"):
-        from_opendrive(data, lane=-4)
+        RoadMap(data).road(lane=-4)
     with pytest.raises(RoadError, match="lane 0 is the centre"):
-        from_opendrive(data, lane=0)
+        RoadMap(data).road(lane=0)
 
 
 def test_inner_lanes_whose_width_changes_move_the_lane() -> None:
@@ -332,7 +332,7 @@ def test_inner_lanes_whose_width_changes_move_the_lane() -> None:
     right = (
         f'<lane id="-1" type="driving">{wider}</lane><lane id="-2" type="driving">{WIDTH}</lane>'
     )
-    road = from_opendrive(foreign(sections=section(right)), lane=-2)
+    road = RoadMap(foreign(sections=section(right))).road(lane=-2)
     points = road.sample(0.5)
     p = np.clip(points[:, 0] - 5.0, 0.0, 10.0)
     assert points[:, 1] == pytest.approx(-3.0 - 0.03 * p**2 + 0.002 * p**3, abs=0.01)
@@ -348,15 +348,15 @@ def test_the_links_of_lanes_are_followed_from_section_to_section() -> None:
     # A lane of 3.5 m opens inside of the one that is driven, and the road moves over by as much.
     offsets = '<laneOffset s="0" a="0"/><laneOffset s="12" a="3.5"/>'
     sections = section(linked(-1, "successor", -2)) + section(linked(-1) + linked(-2), start=12.0)
-    road = from_opendrive(foreign(offsets=offsets, sections=sections))
+    road = RoadMap(foreign(offsets=offsets, sections=sections)).road()
     assert (set(road.curvatures), road.points[0].tolist()) == ({0.0}, [0.0, 0.0])
     against = offsets.replace("3.5", "-3.5")
     sections = section("", linked(1)) + section("", linked(1) + linked(2, "predecessor", 1), 12.0)
-    road = from_opendrive(foreign(offsets=against, sections=sections), lane=2)
+    road = RoadMap(foreign(offsets=against, sections=sections)).road(lane=2)
     assert away(road, np.column_stack([np.linspace(30.0, 0.0, 31), np.zeros(31)])) < 1e-3
     sections = section(linked(-1, "successor", 1)) + section(linked(-1), start=12.0)
     with pytest.raises(RoadError, match="leads to lane 1, which is driven the other way"):
-        from_opendrive(foreign(sections=sections))
+        RoadMap(foreign(sections=sections)).road()
 
 
 def profile(inside: str, kind: str = "lateralProfile") -> bytes:
@@ -441,7 +441,7 @@ def joint(text: str, other: str) -> bytes:
 )
 def test_what_cannot_be_read_gets_one_line(data: bytes, complaint: str) -> None:
     with pytest.raises(RoadError, match=complaint) as caught:
-        from_opendrive(data)
+        RoadMap(data).road()
     assert "\n" not in str(caught.value)
 
 
@@ -449,7 +449,7 @@ def test_entities_do_not_expand() -> None:
     levels = "".join(f'<!ENTITY lol{i} "{f"&lol{i - 1};" * 10}">' for i in range(1, 12))
     bomb = f'<!DOCTYPE OpenDRIVE [<!ENTITY lol0 "lol">{levels}]><OpenDRIVE name="&lol11;"/>'
     with pytest.raises(RoadError, match="DOCTYPE"):
-        from_opendrive(bomb.encode())
+        RoadMap(bomb.encode()).road()
 
 
 VALUE = re.compile(r'="[^"]*"')
@@ -474,7 +474,7 @@ def test_a_damaged_file_gives_a_road_or_one_line(data: st.DataObject) -> None:
         value = data.draw(st.sampled_from([*HOSTILE, "", "9" * 400]))
         text = f'{text[: spot.start()]}="{value}"{text[spot.end() :]}'
     try:
-        road = from_opendrive(text.encode())
+        road = RoadMap(text.encode()).road()
     except RoadError:
         return
     assert np.isfinite(road.points).all()

@@ -13,7 +13,7 @@ import opendrive_readers as readers
 import pytest
 
 from frenetic.road import Road
-from frenetic.road.opendrive import from_opendrive, to_opendrive
+from frenetic.road.opendrive import RoadMap, to_opendrive
 
 if TYPE_CHECKING:
     from agreements import Agreements
@@ -150,7 +150,7 @@ def imported_roads() -> dict[str, Road]:
             f'<OpenDRIVE>{header}<road length="{50 + length}" id="1" junction="-1">'
             f"<planView>{line}{curve}</planView>{lanes}</road></OpenDRIVE>"
         )
-        roads[f"imported {name}"] = from_opendrive(data.encode())
+        roads[f"imported {name}"] = RoadMap(data.encode()).road()
     return roads
 
 

@@ -77,8 +77,6 @@ class DriveSetup:
     """Fastest change of the front wheels' angle, in rad/s."""
     steering_lag: float | None = None
     """Time constant with which the front wheels follow what is asked, in s."""
-    steering_delay: float = 0.0
-    """Time until they begin to, in s; the layer `Delayed` is not told."""
 
     @property
     def wheelbase(self) -> float:
@@ -266,6 +264,11 @@ class OwnLayer:
     def in_scene(self, scene: Scene) -> Scene:
         """What a camera sees instead of a scene."""
         return scene
+
+    @property
+    def options(self) -> dict[str, float]:
+        """Its options, which are its public attributes."""
+        return {k: v for k, v in vars(self).items() if k != "driver" and not k.startswith("_")}
 
 
 def under_layers(driver: Driver) -> Driver:

@@ -91,16 +91,6 @@ class Noisy(OwnLayer):
         """A driver whose lateral error has this standard deviation in m, the heading's follows."""
         return cls(driver, offset=amount, heading=HEADING_PER_OFFSET * amount, seed=seed)
 
-    @property
-    def options(self) -> dict[str, float]:
-        """Its options."""
-        return {
-            "offset": self.offset,
-            "heading": self.heading,
-            "correlation_time": self.correlation_time,
-            "seed": self.seed,
-        }
-
     def errors(self, period: float) -> ErrorSequence:
         """The errors of one drive with the given control period in s."""
         return ErrorSequence(self.offset, self.heading, self.correlation_time, self.seed, period)
@@ -190,11 +180,6 @@ class Delayed(OwnLayer):
         """A driver whose controls arrive this many s late."""
         return cls(driver, seconds=amount)
 
-    @property
-    def options(self) -> dict[str, float]:
-        """Its options."""
-        return {"seconds": self.seconds}
-
     def periods(self, period: float) -> int:
         """The delay in control periods of ``period`` s."""
         return round(self.seconds / period)
@@ -232,11 +217,6 @@ class LimitedView(OwnLayer):
         return cls(driver, distance=amount)
 
     @property
-    def options(self) -> dict[str, float]:
-        """Its options."""
-        return {"distance": self.distance}
-
-    @property
     def rows(self) -> int:
         """Points that remain of a full view."""
         return min(max(int(self.distance / AHEAD_SPACING) + 1, 2), AHEAD_POINTS)
@@ -272,11 +252,6 @@ class Hasty(OwnLayer):
     def over(cls, driver: Driver, amount: float) -> Hasty:
         """A driver that drives so many km/h over the limit."""
         return cls(driver, excess=amount)
-
-    @property
-    def options(self) -> dict[str, float]:
-        """Its options."""
-        return {"excess": self.excess}
 
     def reset(self, setup: DriveSetup) -> None:
         """Prepares for the next drive."""

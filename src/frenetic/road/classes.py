@@ -28,11 +28,11 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from functools import cache
 from importlib.resources import files
-from itertools import groupby, pairwise
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple, Self, TypeAlias
 
@@ -50,6 +50,8 @@ from frenetic.road import profile
 from frenetic.road.validity import Verdict
 
 if TYPE_CHECKING:
+    import numpy.typing as npt
+
     from frenetic.road.road import Road
 
 GRAVITY: Final = 9.81  # m/s²
@@ -283,15 +285,7 @@ class RoadClass:
 
     def breach(self, road: Road) -> str:
         """The first rule that a road breaks, in words; empty if it keeps them."""
-        for text in (
-            self._breach_of_bends(road),
-            self._breach_of_lean(road),
-            self._breach_of_grade(road),
-            self._breach_of_width(road),
-        ):
-            if text:
-                return text
-        return ""
+        return next(self._breaches(road), "")
 
     def verdict(self, road: Road) -> Verdict:
         """Whether a road keeps the rules, and if not, the first that it breaks."""
@@ -302,35 +296,15 @@ class RoadClass:
         source = self.sources.get(rule, "")
         return f"{what}: {self.name} needs {needed}" + (f" ({source})" if source else "")
 
-    def _breach_of_width(self, road: Road) -> str:
-        stations, curvatures = knots(road, road.widening)
-        wider = profile.value_at(road.widening, stations)
-        if road.lane_width < self.lane_width * (1.0 - _SAME):
-            what = f"The lanes are {road.lane_width:g} m wide"
-            return self._told("lane_width", what, f"at least {self.lane_width:g} m")
-        needed = self.lane_width + self.widening * np.abs(curvatures)
-        narrow = np.flatnonzero(road.lane_width + wider < needed * (1.0 - _SAME))
-        if len(narrow):
-            i = int(narrow[0])
-            radius = 1.0 / abs(curvatures[i])
-            what = f"A lane of {road.lane_width + wider[i]:.2f} m in a radius of {radius:.0f} m"
-            what += f" at {stations[i]:.0f} m"
-            return self._told("widening", what, f"at least {needed[i]:.2f} m")
-        return ""
-
-    def _breach_of_bends(self, road: Road) -> str:
+    def _breaches(self, road: Road) -> Iterator[str]:
         values, step = road.curvatures, road.step
-        sharp = np.flatnonzero(np.abs(values) > self.max_curvature * (1.0 + _SAME))
-        if len(sharp):
-            i = int(sharp[0])
+        for i in _places(np.abs(values) > self.max_curvature * (1.0 + _SAME)):
             what = f"A radius of {1.0 / abs(values[i]):.0f} m at {i * step:.0f} m"
-            return self._told("min_radius", what, f"at least {self.min_radius:g} m")
+            yield self._told("min_radius", what, f"at least {self.min_radius:g} m")
         changes = np.abs(np.diff(values)) / step
-        quick = np.flatnonzero(changes > (1.0 + _SAME) / self.min_clothoid**2)
-        if len(quick):
-            i = int(quick[0])
+        for i in _places(changes > (1.0 + _SAME) / self.min_clothoid**2):
             what = f"A clothoid with A of {1.0 / math.sqrt(changes[i]):.0f} m at {i * step:.0f} m"
-            return self._told("min_clothoid", what, f"at least {self.min_clothoid:g} m")
+            yield self._told("min_clothoid", what, f"at least {self.min_clothoid:g} m")
         for stretch in _stretches(values):
             length, at = (stretch.last - stretch.first) * step, stretch.first * step
             if abs(stretch.value) > _NO_CHANGE:
@@ -341,47 +315,52 @@ class RoadClass:
             else:
                 continue
             if length < least - 1e-6:
-                return self._told(rule, f"{what} at {at:.0f} m", f"at least {least:g} m")
-        return ""
-
-    def _breach_of_lean(self, road: Road) -> str:
-        stations, curvatures = knots(road, road.superelevation)
-        slopes = profile.value_at(road.superelevation, stations)
-        steep = np.flatnonzero(np.abs(slopes) > self.max_superelevation * (1.0 + _SAME) + _SAME)
-        if len(steep):
-            i = int(steep[0])
-            what = f"A superelevation of {100.0 * abs(slopes[i]):.1f} % at {stations[i]:.0f} m"
-            needed = f"at most {100.0 * self.max_superelevation:g} %"
-            return self._told("max_superelevation", what, needed)
-        # What the side friction has to hold at the design speed, as V²/(127 R) says it.
-        demand = self.design_speed**2 / 127.0 * curvatures + slopes
-        most = self.design_speed**2 / 127.0 * self.max_curvature - self.max_superelevation
-        short = np.flatnonzero(np.abs(demand) > max(most, 0.0) + 1e-6)
-        if len(short):
-            i = int(short[0])
-            radius = 1.0 / max(abs(float(curvatures[i])), 1e-9)
-            what = (
-                f"A side friction of {abs(demand[i]):.2f} at {stations[i]:.0f} m, in a radius of"
-                f" {radius:.0f} m with {100.0 * abs(slopes[i]):.1f} % of superelevation"
-            )
-            return self._told("min_radius", what, f"at most {max(most, 0.0):.2f}")
-        return ""
-
-    def _breach_of_grade(self, road: Road) -> str:
+                yield self._told(rule, f"{what} at {at:.0f} m", f"at least {least:g} m")
+        yield from self._breaches_across(road)
         pairs = profile.cut(road.grade, 0.0, road.length)
-        steep = np.flatnonzero(np.abs(pairs[:, 1]) > self.max_grade * (1.0 + _SAME) + _SAME)
-        if len(steep):
-            station, value = pairs[steep[0]]
-            what = f"A grade of {100.0 * value:.1f} % at {station:.0f} m"
-            return self._told("max_grade", what, f"at most {100.0 * self.max_grade:g} %")
+        for i in _places(np.abs(pairs[:, 1]) > self.max_grade * (1.0 + _SAME) + _SAME):
+            what = f"A grade of {100.0 * pairs[i, 1]:.1f} % at {pairs[i, 0]:.0f} m"
+            yield self._told("max_grade", what, f"at most {100.0 * self.max_grade:g} %")
         for (at, before), (end, after) in pairwise(pairs):
             bend = (after - before) / (end - at)
             word, rule = ("crest", "min_crest") if bend < 0.0 else ("sag", "min_sag")
             least = getattr(self, rule)
             if abs(bend) * least > 1.0 + 1e-6:
                 what = f"A {word} of {1.0 / abs(bend):.0f} m radius at {at:.0f} m"
-                return self._told(rule, what, f"at least {least:g} m")
-        return ""
+                yield self._told(rule, what, f"at least {least:g} m")
+        if road.lane_width < self.lane_width * (1.0 - _SAME):
+            what = f"The lanes are {road.lane_width:g} m wide"
+            yield self._told("lane_width", what, f"at least {self.lane_width:g} m")
+        stations, curvatures = knots(road, road.widening)
+        widths = road.lane_width + profile.value_at(road.widening, stations)
+        needed = self.lane_width + self.widening * np.abs(curvatures)
+        for i in _places(widths < needed * (1.0 - _SAME)):
+            what = f"A lane of {widths[i]:.2f} m in a radius of {1.0 / abs(curvatures[i]):.0f} m"
+            what += f" at {stations[i]:.0f} m"
+            yield self._told("widening", what, f"at least {needed[i]:.2f} m")
+
+    def _breaches_across(self, road: Road) -> Iterator[str]:
+        stations, curvatures = knots(road, road.superelevation)
+        slopes = profile.value_at(road.superelevation, stations)
+        for i in _places(np.abs(slopes) > self.max_superelevation * (1.0 + _SAME) + _SAME):
+            what = f"A superelevation of {100.0 * abs(slopes[i]):.1f} % at {stations[i]:.0f} m"
+            needed = f"at most {100.0 * self.max_superelevation:g} %"
+            yield self._told("max_superelevation", what, needed)
+        # What the side friction has to hold at the design speed, as V²/(127 R) says it.
+        demand = self.design_speed**2 / 127.0 * curvatures + slopes
+        most = self.design_speed**2 / 127.0 * self.max_curvature - self.max_superelevation
+        for i in _places(np.abs(demand) > max(most, 0.0) + 1e-6):
+            radius = 1.0 / max(abs(float(curvatures[i])), 1e-9)
+            what = (
+                f"A side friction of {abs(demand[i]):.2f} at {stations[i]:.0f} m, in a radius of"
+                f" {radius:.0f} m with {100.0 * abs(slopes[i]):.1f} % of superelevation"
+            )
+            yield self._told("min_radius", what, f"at most {max(most, 0.0):.2f}")
+
+
+def _places(broken: npt.NDArray[np.bool_]) -> list[int]:
+    """Indices at which a rule is broken."""
+    return np.flatnonzero(broken).tolist()
 
 
 def knots(road: Road, pairs: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -421,17 +400,15 @@ def _stretches(values: FloatArray) -> list[_Stretch]:
     """The stretches of a road but for those at its ends, which may be parts of longer ones."""
     changes = np.diff(values)
     signs = np.where(np.abs(changes) > _NO_CHANGE, np.sign(changes), 0.0)
+    runs = [0, *_places(np.diff(signs, prepend=signs[0]) != 0.0), len(signs)]
     ends: list[tuple[int, int]] = []
-    at = 0
-    for sign, group in groupby(signs.tolist()):
-        size = len(list(group))
-        if sign == 0.0:
-            ends.append((at, at + size))
-        elif not ends or ends[-1][1] != at:
-            ends.append((at, at))
-        at += size
-    if ends[-1][1] != at:
-        ends.append((at, at))
+    for first, last in pairwise(runs):
+        if signs[first] == 0.0:
+            ends.append((first, last))
+        elif not ends or ends[-1][1] != first:
+            ends.append((first, first))
+    if ends[-1][1] != len(signs):
+        ends.append((len(signs), len(signs)))
     curvatures = [float(values[first]) for first, _ in ends]
     return [
         _Stretch(*ends[k], curvatures[k], curvatures[k - 1], curvatures[k + 1])

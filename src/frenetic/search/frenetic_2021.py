@@ -147,8 +147,8 @@ class Frenetic2021(Strategy):
         map_size, step = size_and_step(map_size, step, road_class)
         self.options = options_of(locals())
         check(self.options, Frenetic2021.__init__)
-        for name in ("changed", "scale"):
-            low, high = (self.options[f"{end}_{name}"] for end in ("min", "max"))
+        ranges = ("changed", min_changed, max_changed), ("scale", min_scale, max_scale)
+        for name, low, high in ranges:
             if low > high:
                 raise ValueError(f"min_{name} is {low!r}: at most max_{name}, {high!r}, is allowed")
         self.road_class = road_class

@@ -7,8 +7,9 @@ need nothing.
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from frenetic._support.public_names import lazy_names
 
 if TYPE_CHECKING:
     from frenetic.testing.driver_contract import DriverContract
@@ -16,17 +17,6 @@ if TYPE_CHECKING:
     from frenetic.testing.keeping import keeps_lane
     from frenetic.testing.simulator_contract import SimulatorContract
     from frenetic.testing.strategy_contract import StrategyContract
-
-# Imported when they are used: pytest loads this package, with the plug-in, in every session.
-_LATER = {
-    "DummyDriver": "frenetic.testing.dummy",
-    "DummySimulator": "frenetic.testing.dummy",
-    "converse": "frenetic.testing.dummy",
-    "keeps_lane": "frenetic.testing.keeping",
-    "DriverContract": "frenetic.testing.driver_contract",
-    "SimulatorContract": "frenetic.testing.simulator_contract",
-    "StrategyContract": "frenetic.testing.strategy_contract",
-}
 
 __all__ = [
     "DriverContract",
@@ -38,8 +28,14 @@ __all__ = [
     "keeps_lane",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _LATER:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(_LATER[name]), name)
+# Imported when they are used: pytest loads this package, with the plug-in, in every session.
+__getattr__ = lazy_names(
+    __name__,
+    {
+        "frenetic.testing.driver_contract": ("DriverContract",),
+        "frenetic.testing.dummy": ("DummyDriver", "DummySimulator", "converse"),
+        "frenetic.testing.keeping": ("keeps_lane",),
+        "frenetic.testing.simulator_contract": ("SimulatorContract",),
+        "frenetic.testing.strategy_contract": ("StrategyContract",),
+    },
+)

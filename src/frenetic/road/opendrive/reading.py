@@ -84,19 +84,6 @@ _LISTED: Final = 8  # roads in a message
 _SAME: Final = 1e-8  # m, rad and 1/m by which a geometry may differ from what we would write
 
 
-def from_opendrive(data: bytes, *, lane: int | None = None) -> Road:
-    """The road in an OpenDRIVE file that holds one; see `RoadMap` for those that hold several.
-
-    Args:
-        data: the file's content.
-        lane: as for `RoadMap.road`.
-
-    Raises:
-        RoadError: as for `RoadMap`; or it holds several roads.
-    """
-    return RoadMap(data).road(lane=lane)
-
-
 @dataclass(frozen=True)
 class Stretch:
     """A stretch of a map's roads, one after the other."""
