@@ -74,10 +74,6 @@ def assert_same(one: Road, other: Road) -> None:
         assert np.array_equal(getattr(one, name), getattr(other, name)), name
 
 
-def test_our_own_file_gives_the_same_road() -> None:
-    assert_same(RoadMap(to_opendrive(SPACE).encode()).road(), SPACE)
-
-
 @given(
     st.lists(st.tuples(st.floats(1.0, 60.0), st.floats(-0.15, 0.15)), max_size=6),
     st.lists(st.tuples(st.floats(1.0, 60.0), st.floats(0.0, 2.0)), max_size=4),

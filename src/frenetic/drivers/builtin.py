@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import ClassVar
 
 import numpy as np
@@ -230,21 +230,6 @@ class BeamngAi(BuiltIn):
 
     def parameters(self) -> FloatArray:
         """The parameters of `frenetic.drivers.elastic_band`."""
-        return np.array(
-            [
-                self.curve_speed * min(self.aggression, self.grip) * GRAVITY,
-                self.braking,
-                self.node_spacing,
-                self.band_strength,
-                self.band_recoil,
-                self.clearance,
-                self.forgiveness,
-                self.lookahead_time,
-                self.lookahead_min,
-                self.aiming_point,
-                self.steering_gain,
-                self.throttle_gain,
-                self.speed_slack,
-                self.brake_gain,
-            ]
-        )
+        # Its fields are in the order of the kernel's parameters.
+        aggression, grip, curve_speed, *others = (getattr(self, item.name) for item in fields(self))
+        return np.array([curve_speed * min(aggression, grip) * GRAVITY, *others])

@@ -25,6 +25,7 @@ MAX_MAP_BYTES: Final = 64 * 2**20
 """Largest OpenDRIVE file that is read."""
 _SUFFIXES: Final = {".json", ".xodr"}
 """Of the files that are looked into in a folder."""
+_OPENDRIVE: Final = " cannot be read as OpenDRIVE"
 
 
 class Point(Struct):
@@ -73,7 +74,7 @@ class RoadFile:
             RoadError: the values describe no road; the message names the file.
         """
         given = self.given
-        try:
+        with _naming(self.path):
             if given.curvatures is None:
                 road = Road.from_points(self._points(), lane_width=given.lane_width)
             else:
@@ -81,8 +82,6 @@ class RoadFile:
                 road = Road(given.curvatures, given.step, pose, lane_width=given.lane_width)
             profiles: dict[str, Any] = {name: getattr(given, name) or () for name in profile.NAMES}
             return replace(road, **profiles)
-        except RoadError as error:
-            raise RoadError(f"{self.path}: {error}") from None
 
     def check_validity(
         self, map_size: float = MAP_SIZE, road_class: RoadClass | None = None
@@ -98,10 +97,8 @@ class RoadFile:
             return self.road().placed(map_size, road_class=road_class)[1]
         if road_class is not None:
             return self.road().check_validity(map_size, road_class)
-        try:
+        with _naming(self.path):
             return check_validity(self._points(), map_size)
-        except RoadError as error:
-            raise RoadError(f"{self.path}: {error}") from None
 
     def _points(self) -> list[tuple[float, float]]:
         points = self.given.road_points or []
@@ -133,12 +130,12 @@ def read_road(path: Path | str, *, lane: int | None = None, roads: str | None = 
     if roads is not None:
         _, (first, *others) = read_stretches(path, roads, lane=lane)
         if others:
-            with _naming(path):
+            with _naming(path, _OPENDRIVE):
                 raise RoadError(f"{others[0].name} does not begin where {first.name} ends")
         return RoadFile(path, convert(entries_of(first.road), RoadEntries))
     data = _load(path)
     if _is_opendrive(path, data):
-        with _naming(path):
+        with _naming(path, _OPENDRIVE):
             road = RoadMap(data).road(lane=lane)
         return RoadFile(path, convert(entries_of(road), RoadEntries))
     if lane is not None:
@@ -169,7 +166,7 @@ def read_stretches(
     data = _load(path)
     if not _is_opendrive(path, data):
         raise RoadError(f"{path} is no OpenDRIVE file: a road can be chosen in those only")
-    with _naming(path):
+    with _naming(path, _OPENDRIVE):
         road_map = RoadMap(data)
         return road_map, road_map.stretches(roads, lane=lane)
 
@@ -179,12 +176,12 @@ def _is_opendrive(path: Path, data: bytes) -> bool:
 
 
 @contextmanager
-def _naming(path: Path) -> Iterator[None]:
-    """Names the OpenDRIVE file in errors."""
+def _naming(path: Path, what: str = "") -> Iterator[None]:
+    """Names the file in errors."""
     try:
         yield
     except RoadError as error:
-        raise RoadError(f"{path} cannot be read as OpenDRIVE: {error}") from None
+        raise RoadError(f"{path}{what}: {error}") from None
 
 
 def entries_of(road: Road) -> dict[str, Any]:
@@ -298,7 +295,7 @@ def _add_map(roads: dict[str, Road], path: Path, lane: int | None) -> list[str]:
         RoadError: the file, or its only road, cannot be read.
     """
     skipped: list[str] = []
-    with _naming(path):
+    with _naming(path, _OPENDRIVE):
         road_map = RoadMap(_load(path))
         lengths = road_map.lengths
         if len(lengths) < 2:
@@ -306,7 +303,7 @@ def _add_map(roads: dict[str, Road], path: Path, lane: int | None) -> list[str]:
             return skipped
     for road_id in lengths:
         try:
-            with _naming(path):
+            with _naming(path, _OPENDRIVE):
                 road = road_map.road(road_id, lane=lane)
         except RoadError as error:
             skipped.append(f"{error} (road {road_id})")

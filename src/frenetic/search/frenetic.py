@@ -26,7 +26,6 @@ from frenetic.search.random_search import (
     GIVEN,
     LENGTH_JITTER,
     MAX_LENGTH,
-    RANDOM,
     MapCheck,
     RandomRoads,
     Rests,
@@ -331,21 +330,15 @@ class Frenetic(Strategy):
         return self._budget_spent * (driven + len(self._ledger)) / driven if driven else 0.0
 
     def _random_road(self) -> Candidate:
-        curvatures = self._roads.draw(self._rng)
-        self._proposed.add(fingerprint(curvatures))
-        own: dict[str, Any] = {"grade": self._roads.grade(self._rng, curvatures)}
-        own["conditions"] = self._drawn(curvatures, self._roads.step)
-        return self._ledger.issue(curvatures, self._roads.step, Origin(RANDOM), **own)
-
-    def _drawn(self, curvatures: FloatArray, step: float) -> dict[str, float]:
-        """Conditions for a road from the domain."""
-        return drawn(self._rng, self.domain, (len(curvatures) - 1) * step)
+        road = self._roads.issue(self._rng, self._ledger, self.domain)
+        self._proposed.add(fingerprint(road.curvatures))
+        return road
 
     def _given_road(self, road: Candidate) -> Candidate:
         """A stretch of a real road, as it is."""
         self._proposed.add(fingerprint(road.curvatures))
         own = {name: getattr(road, name) for name in ("notes", *profile.NAMES)}
-        own["conditions"] = self._drawn(road.curvatures, road.step)
+        own["conditions"] = drawn(self._rng, self.domain, road.length)
         return self._ledger.issue(road.curvatures, road.step, Origin(GIVEN), **own)
 
     def _earlier_road(self) -> Candidate:

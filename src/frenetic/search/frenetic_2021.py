@@ -29,7 +29,6 @@ from frenetic.search.operators import (
 from frenetic.search.random_search import (
     LENGTH_JITTER,
     MAX_LENGTH,
-    RANDOM,
     Jitter,
     RandomRoads,
     Rests,
@@ -250,17 +249,14 @@ class Frenetic2021(Strategy):
     def _listing_1(self) -> Iterator[Candidate]:
         # Each yield ends an ask; what is told before the next ask is known where it resumes.
         while self._in_random_phase:
-            yield self._random_road()
+            yield self._roads.issue(self._rng, self._ledger)
         while True:
             if self._unvisited:
                 yield from self._mutants(heapq.heappop(self._unvisited))
             else:
-                yield self._random_road()
+                yield self._roads.issue(self._rng, self._ledger)
             if self._tests_since_crossover > self._cross_freq and len(self._best) >= 2:
                 yield from self._crossover()
-
-    def _random_road(self) -> Candidate:
-        return self._issue(self._roads.draw(self._rng), RANDOM)
 
     def _mutants(self, parent: _Scored) -> Iterator[Candidate]:
         failed: list[int] = []
@@ -326,9 +322,7 @@ class Frenetic2021(Strategy):
         origin = Origin(
             operator=name,
             parents=tuple(parent.id for parent in parents),
-            generation=max(
-                (parent.candidate.origin.generation + 1 for parent in parents), default=0
-            ),
+            generation=1 + max(parent.candidate.origin.generation for parent in parents),
         )
-        grade = parents[0].candidate.grade if parents else self._roads.grade(self._rng, curvatures)
+        grade = parents[0].candidate.grade
         return self._ledger.issue(curvatures, self._roads.step, origin, grade=grade)

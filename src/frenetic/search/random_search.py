@@ -201,6 +201,16 @@ class RandomRoads:
             return None
         return random_grade(rng, self._road_class, (len(curvatures) - 1) * self.step)
 
+    def issue(
+        self, rng: np.random.Generator, ledger: Ledger, domain: Domain | None = None
+    ) -> Candidate:
+        """Issue a random road, in a domain with conditions."""
+        values = self.draw(rng)
+        grade = self.grade(rng, values)
+        conditions = drawn(rng, domain, (len(values) - 1) * self.step)
+        origin = Origin(RANDOM)
+        return ledger.issue(values, self.step, origin, grade=grade, conditions=conditions)
+
     @property
     def numbers(self) -> int:
         """The most uniform numbers that `made` takes for a road; 0 for one without a class."""
@@ -358,14 +368,7 @@ class RandomSearch(Strategy):
     def ask(self) -> Candidate:
         """Return a random road."""
         rest = self._rests.issue(self._ledger)
-        if rest is not None:
-            return rest
-        roads = self._roads
-        values = roads.draw(self._rng)
-        grade = roads.grade(self._rng, values)
-        conditions = drawn(self._rng, self.domain, (len(values) - 1) * roads.step)
-        own: dict[str, Any] = {"grade": grade, "conditions": conditions}
-        return self._ledger.issue(values, roads.step, Origin(RANDOM), **own)
+        return rest or self._roads.issue(self._rng, self._ledger, self.domain)
 
     def replace(self, candidate: Candidate) -> None:
         """Take another road instead, see `Strategy.replace`."""

@@ -33,6 +33,7 @@ from frenetic.analysis.failures import distinct_failures
 from frenetic.analysis.segments import segment_of
 from frenetic.campaign import Budget, Campaign, CampaignStore, Event, RoadTester, Test
 from frenetic.campaign.campaign import LOOKAHEAD
+from frenetic.criteria import COMPETITION
 from frenetic.drive import Drive
 from frenetic.drivers import Driver
 from frenetic.drivers.loading import under
@@ -302,7 +303,7 @@ class _Check:
             "test": self.name,
             "cause": words.partition(" (")[0],
             "reason": result.reason,
-            "roads": COMPETITION_ROADS if (c := self.spec.road_class) is None else c.name,
+            "roads": COMPETITION if (c := self.spec.road_class) is None else c.name,
             "criteria": self.spec.rules.criteria.name,
         }
         entries = {name: value for name, value in entries_of(road).items() if name != "pose"}
@@ -327,7 +328,7 @@ class _Check:
 
     def _text(self, title: str, found: Iterable[_Told], note: str = "") -> str:
         spec = self.spec
-        roads = COMPETITION_ROADS if spec.road_class is None else spec.road_class.in_words()
+        roads = COMPETITION if spec.road_class is None else spec.road_class.in_words()
         lines = [f"{title}; roads: {roads}; criteria: {spec.rules.criteria.name}"]
         for one in found:
             picture = one.path.with_suffix(".png")
@@ -343,10 +344,6 @@ class _Check:
 
     def _notice(self, text: str) -> None:
         NOTICES.append(f"{self.name}: {text}")
-
-
-COMPETITION_ROADS: Final = "competition"
-"""Name of the roads without a class."""
 
 
 def _cause(road: Road, drive: Drive, result: Result) -> str:

@@ -7,6 +7,7 @@ import random
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import TypeAlias
 
 import numpy as np
 import pytest
@@ -309,52 +310,40 @@ def _made_up(candidate: Candidate, budget_spent: float) -> Evaluation:
 
     One in three drives has no trace, as one that is told by another simulator may.
     """
-    drawn = _drawn(candidate.id)
-    if not drawn.outcome.is_driven:
-        return Evaluation(candidate, drawn.outcome, None, budget_spent)
+    outcome, moobd, places, offset, worst, speed, duration = _drawn(candidate.id)
+    if not outcome.is_driven:
+        return Evaluation(candidate, outcome, None, budget_spent)
     if candidate.id % 3 == 0:
-        return Evaluation(candidate, drawn.outcome, drawn.moobd, budget_spent)
-    length = candidate.length
-    distance = length * drawn.places
-    stands = drawn.outcome is not Outcome.FAIL or candidate.id % 7 == 0  # some fail in the lane
+        return Evaluation(candidate, outcome, moobd, budget_spent)
+    distance = candidate.length * places
+    stands = outcome is not Outcome.FAIL or candidate.id % 7 == 0  # some fail in the lane
     return Evaluation(
         candidate,
-        drawn.outcome,
-        drawn.moobd,
+        outcome,
+        moobd,
         budget_spent,
-        place=float(distance[drawn.worst]),
-        side=None if stands else "left" if drawn.offset[drawn.worst] > 0.0 else "right",
-        duration=drawn.duration,
-        read_trace=lambda: Trace(distance, drawn.offset.copy(), drawn.speed.copy()),
+        place=float(distance[worst]),
+        side=None if stands else "left" if offset[worst] > 0.0 else "right",
+        duration=duration,
+        read_trace=lambda: Trace(distance, offset.copy(), speed.copy()),
     )
 
 
-@dataclass(frozen=True)
-class _Drawn:
-    """What is random in an evaluation."""
-
-    outcome: Outcome
-    moobd: float
-    places: FloatArray
-    """(100,), shares of the road's length."""
-    offset: FloatArray
-    worst: int
-    """Number of the place with the largest offset."""
-    speed: FloatArray
-    duration: float
+_Drawn: TypeAlias = tuple[Outcome, float, FloatArray, FloatArray, int, FloatArray, float]
 
 
 @cache
 def _drawn(candidate_id: int) -> _Drawn:
+    """All that is random: outcome, MOOBD, places, offsets, the worst's index, speeds, duration."""
     rng = np.random.default_rng(candidate_id)
     outcome = list(Outcome)[int(rng.choice(4, p=[0.5, 0.3, 0.15, 0.05]))]
     moobd = float(rng.uniform(-3.0, 2.0))
-    places = np.linspace(0.0, float(rng.uniform(0.2, 1.0)), 100)
+    places = np.linspace(0.0, float(rng.uniform(0.2, 1.0)), 100)  # shares of the road's length
     offset = rng.normal(0.0, 0.3, 100)
     worst = int(rng.integers(100))
     offset[worst] = (2.0 - moobd) * (1.0 if rng.random() < 0.5 else -1.0)
     speed = rng.uniform(5.0, 20.0, 100)
-    return _Drawn(outcome, moobd, places, offset, worst, speed, float(rng.uniform(1.0, 60.0)))
+    return outcome, moobd, places, offset, worst, speed, float(rng.uniform(1.0, 60.0))
 
 
 def _copy(candidate: Candidate) -> Candidate:
