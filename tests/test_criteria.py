@@ -244,6 +244,7 @@ def test_a_file_of_ones_own(tmp_path: Path) -> None:
         about="ours",
     )
     assert read_criteria(f"{path},yaw_rate=20").criteria[2].limit == 20.0
+    assert read_criteria(f"{path},lateral_jerk=3").criteria[1].window == 0.4
     assert read_criteria(json.loads(json.dumps(found.entry()))) == found, "as a run's file has it"
 
 

@@ -157,6 +157,7 @@ BENDS = np.array([0.0, 0.0012, 0.0024, 0.0036, 0.0036, 0.0036, 0.0036, 0.0036, 0
         ({}, ""),
         ({"values": BENDS * 1.2}, r"A radius of 231 m at 48 m: .* at least 240 m \(AASHTO"),
         ({"values": BENDS[::3]}, r"A clothoid with A of 67 m at 0 m: .* at least 109 m"),
+        ({"values": np.delete(BENDS, [4, 5, 6, 7])}, r"An arc of 0 m at 48 m: .* 50 m"),
         ({"values": np.delete(BENDS, [4, 5])}, r"An arc of 32 m at 48 m: .* 50 m \(RAL 2012"),
         (
             {"values": np.concatenate([BENDS, [0.0] * 5, BENDS])},
