@@ -20,11 +20,11 @@ from frenetic._support.entry_points import Entry
 from frenetic.analysis.criteria import criteria_in_words
 from frenetic.analysis.failures import caution
 from frenetic.campaign import Budget, Campaign, CampaignStore
-from frenetic.criteria import QUANTITIES, Criterion, Profile, Quantity, profiles, quantity
+from frenetic.criteria import DRIVER, QUANTITIES, Criterion, Profile, Quantity, profiles, quantity
 from frenetic.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.drivers import Planner, Stanley
-from frenetic.errors import FreneticError
-from frenetic.measures import _SERIES, Seen, mean, rate, spread, worst
+from frenetic.errors import Fault, FreneticError
+from frenetic.measures import Seen, mean, rate, spread, worst
 from frenetic.oracle import judge, measured, measures_json, seen_by_criteria
 from frenetic.outcome import Outcome
 from frenetic.road import Road
@@ -228,7 +228,6 @@ def test_limits_are_those_that_others_keep() -> None:
     for profile in profiles().values():
         assert all(one.clause for one in profile.criteria), "each limit cites its source"
         assert profile.left_out or not profile, "what was left out is said"
-    assert _SERIES.keys() == QUANTITIES.keys()
 
 
 def test_a_file_of_ones_own(tmp_path: Path) -> None:
@@ -278,7 +277,10 @@ def test_mistakes_are_named(text: str, words: str) -> None:
     ("text", "words"),
     [
         ("lateral_jerk = {window = 1}", "lateral_jerk: Object missing required field `limit`"),
-        ("lateral_jerk = {limit = 1, windows = 1}", "lateral_jerk: Object contains unknown field `windows`"),
+        (
+            "lateral_jerk = {limit = 1, windows = 1}",
+            "contains unknown field `windows`",
+        ),
         ("lateral_jerk = {limit = 1, window = -1}", "window is -1"),
         ("sideways = 1", "there is no quantity sideways"),
         ("lateral_jerk =", "says no criteria"),
@@ -319,6 +321,12 @@ def test_leaving_the_lane_is_the_gravest() -> None:
     assert len(result.findings) > 1
     assert result.reason == judge(road, drive).reason
     assert list(result.findings) == sorted(result.findings, key=lambda one: one.time)
+    rows = drive.trajectory.to_rows()[: round(result.departure.time / RATE)]
+    fault = Fault("driver", "ValueError")
+    broke = Drive(Trajectory.from_rows(rows), error="it raised", fault=fault)
+    faulty = judged(road, broke, ISO)
+    assert faulty.finding.criterion == DRIVER
+    assert len(faulty.findings) > 1
 
 
 def test_a_drive_shorter_than_the_window_has_no_mean() -> None:

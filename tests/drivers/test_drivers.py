@@ -344,7 +344,8 @@ def test_the_view_ahead_errs_as_the_place_does() -> None:
 
 
 @pytest.mark.parametrize(
-    ("seconds", "periods"), [(0.0, 0), (0.01, 0), (0.05, 1), (0.1, 2), (0.12, 2), (1.0, 20)]
+    ("seconds", "periods"),
+    [(0.0, 0), (0.01, 0), (0.05, 1), (0.1, 2), (0.12, 2), (0.15, 3), (1.0, 20)],
 )
 def test_delayed_controls_arrive_whole_periods_later(seconds: float, periods: int) -> None:
     recorder = Recorder()
