@@ -45,6 +45,22 @@ class Simulator(Protocol):
         """One drive of the driver along the road."""
 
 
+class Ready:
+    """Base of simulators that start and end nothing."""
+
+    def __enter__(self) -> Self:
+        """Starts nothing."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Ends nothing."""
+
+
 T = TypeVar("T", float, float | None)
 
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from types import TracebackType
-from typing import ClassVar, NamedTuple, Self
+from typing import ClassVar, NamedTuple
 
 from frenetic._support.bounds import Positive, check
 from frenetic.drive import CarBody, Drive, Rules
@@ -14,7 +13,7 @@ from frenetic.simulators.capabilities import check_road
 from frenetic.simulators.embedded.rollout import start_state
 from frenetic.simulators.following import RECORD_PERIOD, follow
 from frenetic.simulators.observing import wrap
-from frenetic.simulators.simulator import StartingPlace
+from frenetic.simulators.simulator import Ready, StartingPlace
 
 
 class Motion(NamedTuple):
@@ -36,7 +35,7 @@ class Motion(NamedTuple):
     """Angle of the front wheels in rad, positive to the left."""
 
 
-class SteppedSimulator(StartingPlace):
+class SteppedSimulator(StartingPlace, Ready):
     """Base of simulators that say where their car starts and how it moves on: `start` and `step`.
 
     It asks the driver, records, ends drives by the rules, and blames who broke them. Override
@@ -111,18 +110,6 @@ class SteppedSimulator(StartingPlace):
             max_acceleration=self.max_acceleration,
             max_deceleration=self.max_deceleration,
         )
-
-    def __enter__(self) -> Self:
-        """Starts nothing."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Ends nothing."""
 
     def drive(self, road: Road, driver: Driver) -> Drive:
         """One drive of the driver along the road.

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 
@@ -14,6 +12,7 @@ from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.search.records import Candidate, Evaluation
 from frenetic.search.strategy import Strategy
+from frenetic.simulators.simulator import Ready
 
 
 def no_drift(road: Road) -> float:  # noqa: ARG001
@@ -21,7 +20,7 @@ def no_drift(road: Road) -> float:  # noqa: ARG001
     return 0.0
 
 
-class DummySimulator:
+class DummySimulator(Ready):
     """Moves a car along the ego lane at a steady speed, drifting from its centre; no physics.
 
     The driver is reset but never asked, the car moves from the first record on, and the drive is
@@ -46,18 +45,6 @@ class DummySimulator:
         self.rules = rules or Rules()
         self.car = CarBody()
         self.speed = speed
-
-    def __enter__(self) -> Self:
-        """Starts nothing."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Ends nothing."""
 
     def drive(self, road: Road, driver: Driver) -> Drive:
         """One drive at 20 Hz from the road's start to its end."""

@@ -7,7 +7,6 @@ import os
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
 from functools import cache
-from types import TracebackType
 from typing import Any, ClassVar, Final, Self
 
 import numpy as np
@@ -41,12 +40,12 @@ from frenetic.simulators.embedded import rollout as kernels
 from frenetic.simulators.embedded.vehicle import HEADING, Vehicle, X, Y
 from frenetic.simulators.embedded.weather import weather_array
 from frenetic.simulators.following import follow
-from frenetic.simulators.simulator import Amount, StartingPlace, unusual_amounts
+from frenetic.simulators.simulator import Amount, Ready, StartingPlace, unusual_amounts
 
 _NO_ERRORS = np.empty((0, 2))
 
 
-class EmbeddedSimulator(StartingPlace):
+class EmbeddedSimulator(StartingPlace, Ready):
     """A dynamic single-track car in compiled code; a drive of 250 m takes about a millisecond.
 
     Args:
@@ -178,14 +177,6 @@ class EmbeddedSimulator(StartingPlace):
         """Compiles kernels that are not compiled yet."""
         compile_kernels()
         return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Ends nothing."""
 
     def checks(self) -> Iterator[Check]:
         """Whether compiled kernels are kept."""
