@@ -85,7 +85,7 @@ class RibsSearch(Strategy):
         learning_rate: float = 0.1,
         threshold_min: float = -2.0,
     ) -> None:
-        self.options = options_of(locals())
+        self.options = options_of(locals(), RibsSearch.__init__)
         if algorithm not in ALGORITHMS:
             raise ValueError(f"algorithm must be one of {', '.join(ALGORITHMS)}, got {algorithm!r}")
         self._axes = tuple(FEATURES[name] for name in axes.split(","))

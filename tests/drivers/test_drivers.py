@@ -374,6 +374,12 @@ def test_a_limited_view_has_the_next_points_only(distance: float, rows: int) -> 
     assert (seen.speed, seen.lateral_offset) == (real.speed, real.lateral_offset)
 
 
+def test_layers_tell_their_options() -> None:
+    noisy = Noisy(Planner(), offset=0.2, heading=0.02, correlation_time=2.0, seed=3)
+    noisy.reset(SETUP)
+    assert noisy.options == {"offset": 0.2, "heading": 0.02, "correlation_time": 2.0, "seed": 3}
+
+
 @pytest.mark.parametrize("make", BUILT_IN)
 def test_layers_commute(make: Callable[..., Driver]) -> None:
     layers: list[Callable[[Driver], Driver]] = [

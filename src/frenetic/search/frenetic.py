@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.bounds import Count, Finite, Index, Positive, Share, check
+from frenetic._support.bounds import Count, Finite, Index, Positive, Share
 from frenetic.domain import Domain
 from frenetic.errors import Fault
 from frenetic.outcome import Outcome
@@ -149,8 +149,7 @@ class Frenetic(Strategy):
         domain: Domain | None = None,
     ) -> None:
         map_size, step = size_and_step(map_size, step, road_class)
-        self.options = options_of(locals())
-        check(self.options, Frenetic.__init__)
+        self.options = options_of(locals(), Frenetic.__init__)
         self.road_class, self.domain = road_class, domain
         self._rng = np.random.default_rng(seed)
         self._random_budget = random_budget

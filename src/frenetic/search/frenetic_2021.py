@@ -12,7 +12,7 @@ import numpy as np
 from msgspec import Meta
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.bounds import Count, Finite, Index, Positive, Share, check
+from frenetic._support.bounds import Count, Finite, Index, Positive, Share
 from frenetic.outcome import Outcome
 from frenetic.road.classes import RoadClass
 from frenetic.search.operators import (
@@ -144,8 +144,7 @@ class Frenetic2021(Strategy):
         road_class: RoadClass | None = None,
     ) -> None:
         map_size, step = size_and_step(map_size, step, road_class)
-        self.options = options_of(locals())
-        check(self.options, Frenetic2021.__init__)
+        self.options = options_of(locals(), Frenetic2021.__init__)
         ranges = ("changed", min_changed, max_changed), ("scale", min_scale, max_scale)
         for name, low, high in ranges:
             if low > high:

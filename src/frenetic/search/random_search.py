@@ -11,7 +11,7 @@ import numpy as np
 from msgspec import Meta
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.bounds import Index, Positive, check
+from frenetic._support.bounds import Index, Positive
 from frenetic.criteria import LANE
 from frenetic.domain import Domain
 from frenetic.errors import RoadError
@@ -131,7 +131,7 @@ class RandomRoads:
         max_redraws: Index = MAX_REDRAWS,
         road_class: RoadClass | None = None,
     ) -> None:
-        check(options_of(locals()), RandomRoads.__init__)
+        options_of(locals(), RandomRoads.__init__)
         self.step = float(step)
         self._map_size = map_size
         self._length_jitter = length_jitter
@@ -343,8 +343,7 @@ class RandomSearch(Strategy):
         domain: Domain | None = None,
     ) -> None:
         map_size, step = size_and_step(map_size, step, road_class)
-        self.options = options_of(locals())
-        check(self.options, RandomSearch.__init__)
+        self.options = options_of(locals(), RandomSearch.__init__)
         self.road_class, self.domain = road_class, domain
         self._rng = np.random.default_rng(seed)
         self._roads = RandomRoads(

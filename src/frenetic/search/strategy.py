@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.bounds import check
 from frenetic._support.scalars import without_numpy
 from frenetic.search.records import Candidate, Evaluation, Origin
 
@@ -230,9 +231,16 @@ class Ledger:
         return self._outstanding.pop(candidate_id)
 
 
-def options_of(arguments: Mapping[str, Any]) -> dict[str, int | float | str | bool]:
-    """The plain options among the arguments of an ``__init__``, for a campaign's record."""
+def options_of(
+    arguments: Mapping[str, Any], init: Callable[..., None]
+) -> dict[str, int | float | str | bool]:
+    """The plain options among the arguments of an ``__init__``, for a campaign's record.
+
+    Raises:
+        ValueError: One is not what its hint says.
+
+    """
     own = {name: without_numpy(value) for name, value in arguments.items()}
-    return {
-        name: value for name, value in own.items() if isinstance(value, (bool, int, float, str))
-    }
+    plain = {k: value for k, value in own.items() if isinstance(value, (bool, int, float, str))}
+    check(plain, init)
+    return plain
