@@ -75,6 +75,8 @@ class SimulatorContract:
     """Longest recording after a rule has ended the drive, in s."""
     wall_limit = 600.0
     """Limit of the wall time of one drive of this suite, in s."""
+    _usual: Drive
+    _woven: tuple[Watch, Drive]
 
     def make(self, rules: Rules) -> Simulator:
         """A simulator with the given rules."""
@@ -97,6 +99,12 @@ class SimulatorContract:
         assert len(drive.trajectory) > 1, "the drive has fewer than two records"
         return drive
 
+    def usual_drive(self, road: Road) -> Drive:
+        """The drive that several tests look at; a simulator may take its time for each."""
+        if "_usual" not in vars(type(self)):
+            type(self)._usual = self.drive(road)
+        return self._usual
+
     def drive_in(self, simulator: Simulator, road: Road, driver: Driver) -> Drive:
         """One drive."""
         try:
@@ -116,12 +124,12 @@ class SimulatorContract:
 
     def test_gentle_road_is_passed(self, road: Road) -> None:
         """A sensible driver passes a gentle road."""
-        result = judge(road, self.drive(road))
+        result = judge(road, self.usual_drive(road))
         assert result.outcome is Outcome.PASS, result.reason
 
     def test_starts_at_rest_in_the_ego_lane(self, road: Road) -> None:
         """The car starts at rest on the ego lane's centre at the first point, along the road."""
-        start = self.drive(road).trajectory
+        start = self.usual_drive(road).trajectory
         ((s, d),) = road.track([[start.x[0], start.y[0]]])
         assert abs(s) < 0.5, f"the car starts {s:.2f} m along the road"
         left = d + 0.5 * road.lane_width
@@ -137,7 +145,7 @@ class SimulatorContract:
 
     def test_records_at_a_fixed_rate(self, road: Road) -> None:
         """Time starts at 0 and goes on in equal steps."""
-        time = self.drive(road).trajectory.time
+        time = self.usual_drive(road).trajectory.time
         steps = np.diff(time)
         assert time[0] == 0.0, f"the first record is at {time[0]} s"
         assert np.allclose(steps, steps[0], atol=1e-6), "the steps of time are not equal"
@@ -145,7 +153,7 @@ class SimulatorContract:
 
     def test_places_change_as_speed_and_heading_say(self, road: Road) -> None:
         """Positions agree with speed and heading, and headings are unwrapped."""
-        t = self.drive(road).trajectory
+        t = self.usual_drive(road).trajectory
         cosine, sine = np.cos(t.heading), np.sin(t.heading)
         for place, rate, name in (
             (t.x, t.speed * cosine - t.lateral_speed * sine, "x"),
@@ -161,7 +169,7 @@ class SimulatorContract:
 
     def test_heading_changes_as_the_yaw_rate_says(self, road: Road) -> None:
         """The yaw rate is that of the heading."""
-        t = self.drive(road).trajectory
+        t = self.usual_drive(road).trajectory
         turning = np.gradient(t.heading, t.time)
         wrong = np.abs(t.yaw_rate - turning).max()
         assert wrong <= 0.02 + 0.25 * np.abs(turning).max(), (
@@ -170,7 +178,7 @@ class SimulatorContract:
 
     def test_same_road_same_drive(self, road: Road) -> None:
         """Driving the same road twice gives the same drive, also in one simulator."""
-        first = self.drive(road)
+        first = self.usual_drive(road)
         with self.make(Rules()) as simulator:
             for _ in range(2):
                 self._assert_alike(first, self.drive_in(simulator, road, self.driver()))
@@ -195,7 +203,7 @@ class SimulatorContract:
 
     def test_broken_driver_leaves_the_next_drive_clean(self, road: Road) -> None:
         """A driver that raises fails its drive, and no other."""
-        clean = self.drive(road)
+        clean = self.usual_drive(road)
         with self.make(Rules()) as simulator:
             broken = self.drive_in(simulator, road, Broken())
             if self.asks_driver:
@@ -342,7 +350,7 @@ class SimulatorContract:
 
     def test_ends_at_the_roads_end(self, road: Road) -> None:
         """The drive is recorded until the goal is reached, and no longer."""
-        self._assert_ends(road, self.drive(road), REACHED)
+        self._assert_ends(road, self.usual_drive(road), REACHED)
 
     def test_ends_outside_the_lane(self, road: Road) -> None:
         """The drive ends where the car has left its lane."""
@@ -369,8 +377,10 @@ class SimulatorContract:
     def _weave(self, road: Road) -> tuple[Watch, Drive]:
         """A drive in which everything that a driver sees and does changes."""
         self._needs_driver()
-        watch = Watch(Weaving(Stanley()))
-        drive = self.drive(road, driver=watch)
+        if "_woven" not in vars(type(self)):
+            watch = Watch(Weaving(Stanley()))
+            type(self)._woven = watch, self.drive(road, driver=watch)
+        watch, drive = self._woven
         assert len(watch.seen) > 20, f"the driver was asked only {len(watch.seen)} times"
         return watch, drive
 
