@@ -56,7 +56,7 @@ Made = dict[str, tuple[Path, str]]
 def run_page(page: Path, interpreter: Interpreter, folder: Path, made: Made | None = None) -> str:
     """The page with the outputs that its blocks have now."""
     text = page.read_text(encoding="utf-8")
-    in_full = page.name in IN_FULL or f"```{OUTPUT}\n" in text
+    in_full = f"```{OUTPUT}\n" in text
     printed: str | None = None
 
     def run(block: re.Match[str]) -> str:
@@ -114,8 +114,6 @@ PICTURES = {
     }
 }
 """Name of a page -> the pictures in docs/images that its commands draw."""
-IN_FULL = {"rerun.md"}
-"""Pages without outputs whose campaigns are not shortened."""
 
 
 def run_python(text: str, interpreter: Interpreter, folder: Path) -> str:
