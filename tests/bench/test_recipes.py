@@ -38,7 +38,6 @@ def checkout(recipe: Recipe, folder: Path) -> Path:
     file.write_text(STRAIGHT.format(name=name), encoding="utf-8")
     for needed in recipe.files:
         (folder / needed).touch()
-    (folder / (recipe.pipeline or "")).mkdir(exist_ok=True)
     return folder
 
 

@@ -26,7 +26,7 @@ from frenetic.twin.calibration import (
     calibrate,
     read_recordings,
 )
-from frenetic.twin.calibration.calibrate import folds_of
+from frenetic.twin.calibration.calibrate import CURVATURE, FEATURES, folds_of
 from frenetic.twin.calibration.driving import (
     COLUMNS,
     COVERED,
@@ -134,14 +134,14 @@ def test_an_interval_that_ends_at_a_bound_is_a_warning_and_usual_bounds_are_wide
 
 
 def test_figures_are_those_of_drives_that_a_fold_has_not_seen(
-    calibration: Calibration, recordings: Recordings
+    calibration: Calibration, recordings: Recordings, model: Model
 ) -> None:
     validation, drives = calibration.validation, recordings.drives
     assert (validation.by, validation.folds) == ("run", 2)
     held = {(d.run, int(k)) for k, d in zip(calibration.fold, drives, strict=True)}
     assert len(held) == len(recordings.runs) == 2
     for k, values in enumerate(calibration.folds):
-        driver, simulator = calibration.model.make(values, drives[0].rules)
+        driver, simulator = model.make(values, drives[0].rules)
         held_out = calibration.fold == k
         rows = np.array([drive_twin(one, driver, simulator) for one in drives])
         np.testing.assert_array_equal(calibration.rows[held_out], rows[held_out])
@@ -153,7 +153,7 @@ def test_figures_are_those_of_drives_that_a_fold_has_not_seen(
     assert validation.twin.auc == auc_of(calibration.ranking, failed)
     assert validation.twin.offset_error is not None
     assert validation.twin.offset_error < 0.05
-    assert set(validation.baselines) == set(calibration.rankings)
+    assert set(validation.baselines) == {UNFITTED, CURVATURE, FEATURES}
 
 
 def test_the_profile_drives_as_the_fitted_twin(calibration: Calibration, tmp_path: Path) -> None:

@@ -13,7 +13,6 @@ from frenetic import Budget, Campaign, EmbeddedSimulator, RandomSearch, Stanley
 from frenetic.errors import FreneticError
 from frenetic.export import export_campaign
 from frenetic.twin.calibration import read_recordings
-from frenetic.twin.calibration import recordings as recordings_file
 
 HUGE = int("9" * 320)
 """A number that JSON holds and a float does not."""
@@ -40,11 +39,8 @@ def campaigns(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return sorted(folder.iterdir())
 
 
-@pytest.mark.parametrize("form", ["csv", "json", "parquet", "competition"])
-def test_an_export_is_read_as_its_campaign(
-    campaigns: list[Path], tmp_path: Path, form: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    export_campaign(campaigns[0], form, tmp_path / "out", trajectories="all")
+def test_an_export_is_read_as_its_campaign(campaigns: list[Path], tmp_path: Path) -> None:
+    export_campaign(campaigns[0], "competition", tmp_path / "out", trajectories="all")
     found = read_recordings([tmp_path / "out"]).drives
     own = read_recordings([campaigns[0]]).drives
     assert [one.failed for one in found] == [one.failed for one in own]
@@ -55,9 +51,6 @@ def test_an_export_is_read_as_its_campaign(
         assert abs(len(theirs.offset) - len(ours.offset)) <= 1
         assert theirs.offset[:m] == pytest.approx(ours.offset[:m], abs=1e-3)
         assert theirs.speed[:m] == pytest.approx(ours.speed[:m], abs=0.2)
-    monkeypatch.setattr(recordings_file, "MAX_BYTES", 100)
-    with pytest.raises(FreneticError, match="has more than 100 bytes: split it"):
-        read_recordings([tmp_path / "out"])
 
 
 def row_of(**more: Any) -> str:
@@ -103,20 +96,11 @@ def test_a_damaged_table_names_its_row_and_the_place_in_it(
     assert str(caught.value).startswith(f"{table}, row 1")
 
 
-@pytest.mark.parametrize("cut", [100, -100])
-def test_a_damaged_parquet_table_is_named(campaigns: list[Path], tmp_path: Path, cut: int) -> None:
-    export_campaign(campaigns[0], "parquet", tmp_path / "out")
-    table = tmp_path / "out" / "tests.parquet"
-    table.write_bytes(table.read_bytes()[:cut])
-    with pytest.raises(FreneticError, match=r"tests.parquet is no table in Parquet"):
-        read_recordings([table])
-
-
 def test_recordings_under_different_terms_are_not_mixed(
     campaigns: list[Path], tmp_path: Path
 ) -> None:
-    table = tmp_path / "tests.csv"
-    table.write_text('curvatures,outcome\n"[0.0, 0.01]",PASS\n', encoding="utf-8")
+    table = tmp_path / "tests.jsonl"
+    table.write_text(row_of(), encoding="utf-8")
     (tmp_path / "empty").mkdir()
     for place, message in (("nowhere", "no file or folder"), ("empty", "holds no recording")):
         with pytest.raises(FreneticError, match=message):
@@ -132,7 +116,7 @@ def test_recordings_under_different_terms_are_not_mixed(
     described.write_text("speed_limit,oob_tolerance\n90,0.85\n", encoding="utf-8")
     with pytest.raises(FreneticError, match=r"speed_limit 70 and 90 and oob_tol"):
         read_recordings([campaigns[0], faster])
-    described.write_text(f"speed_limit\n{'9' * 200_000}\n", encoding="utf-8")
+    described.write_text(f"speed_limit\n{'9' * 2_000}\n", encoding="utf-8")
     with pytest.raises(FreneticError, match=r"description.csv: .* `\$.speed_limit`"):
         read_recordings([faster])
 

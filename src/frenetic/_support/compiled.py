@@ -1,9 +1,5 @@
 """The decorator of all kernels, which numba compiles and keeps on disk.
 
-The kernels of `frenetic.road` also run without numba, as `frenetic.bench.hosting` needs it in the
-interpreters of others' generators. There a road takes about a tenth of a second instead of a
-millisecond, of a budget that gives it half a minute. Everything that drives a car needs numba.
-
 Processes take turns at compiling. Numba keeps an index, from the types of a kernel's arguments to
 the numbers of its compiled forms, beside these forms. Two processes that compile a kernel at once
 for different arguments may take the same number; from then on one of the two calls runs the other's
@@ -19,16 +15,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, Literal, TypeVar, cast
 
-try:
-    import numba
-    from filelock import FileLock, Timeout
-    from numba.core import event
-    from numba.extending import is_jitted
-except ImportError:
-    IS_COMPILED = False
-else:
-    IS_COMPILED = True
-    """Whether the kernels are compiled."""
+import numba
+from filelock import FileLock, Timeout
+from numba.core import event
+from numba.extending import is_jitted
 
 LOCK: Final = "frenetic-kernels.lock"
 
@@ -42,12 +32,7 @@ _Kernel = TypeVar("_Kernel", bound=Callable[..., Any])
 
 
 def njit(*, error_model: Literal["python", "numpy"] = "python") -> Callable[[_Kernel], _Kernel]:
-    """Numba's decorator of the same name, with its cache on disk.
-
-    Without numba it changes nothing.
-    """
-    if not IS_COMPILED:
-        return lambda kernel: kernel
+    """Numba's decorator of the same name, with its cache on disk."""
 
     def compile_lazily(kernel: _Kernel) -> _Kernel:
         return cast("_Kernel", numba.njit(error_model=error_model, cache=True)(kernel))
@@ -57,81 +42,82 @@ def njit(*, error_model: Literal["python", "numpy"] = "python") -> Callable[[_Ke
 
 def cache_folder(kernel: Callable[..., Any]) -> Path | None:
     """The cache folder of a kernel; None if it is not compiled."""
-    if not (IS_COMPILED and is_jitted(kernel)):
+    if not is_jitted(kernel):
         return None
     return Path(cast("Any", kernel).stats.cache_path)
 
 
-if IS_COMPILED:
+@njit()
+def _placed() -> None:
+    """Never called: gives numba's folder for this module, where the lock lies."""
 
-    @njit()
-    def _placed() -> None:
-        """Never called: gives numba's folder for this module, where the lock lies."""
 
-    class Turns(event.Listener):  # type: ignore[misc]
-        """Holds the lock while this process compiles."""
+class Turns(event.Listener):  # type: ignore[misc]
+    """Holds the lock while this process compiles."""
 
-        def __init__(self) -> None:
-            self._folder = cache_folder(_placed)
-            self._guard = threading.Lock()
-            self._depth = 0  # threads and kernels of kernels that compile
-            self._lock: FileLock | None = None
-            self.is_waiting = False
-            """Whether another process compiles, and this one waits for it."""
+    def __init__(self) -> None:
+        self._folder = cache_folder(_placed)
+        self._guard = threading.Lock()
+        self._depth = 0  # threads and kernels of kernels that compile
+        self._lock: FileLock | None = None
+        self.is_waiting = False
+        """Whether another process compiles, and this one waits for it."""
 
-        def on_start(self, _: event.Event) -> None:
-            """Waits for this process's turn."""
-            with self._guard:
-                if self._depth == 0 and self._folder is not None:
-                    self._lock = self._turn(self._folder)
-                    if self._lock is None:
-                        self._folder = None  # nobody waits twice
-                self._depth += 1
+    def on_start(self, _: event.Event) -> None:
+        """Waits for this process's turn."""
+        with self._guard:
+            if self._depth == 0 and self._folder is not None:
+                self._lock = self._turn(self._folder)
+                if self._lock is None:
+                    self._folder = None  # nobody waits twice
+            self._depth += 1
 
-        def on_end(self, _: event.Event) -> None:
-            """Ends the turn."""
-            with self._guard:
-                self._depth -= 1
-                if self._depth == 0 and self._lock is not None:
-                    self._lock.release()
-                    self._lock = None
+    def on_end(self, _: event.Event) -> None:
+        """Ends the turn."""
+        with self._guard:
+            self._depth -= 1
+            if self._depth == 0 and self._lock is not None:
+                self._lock.release()
+                self._lock = None
 
-        def _turn(self, folder: Path) -> FileLock | None:
-            # A new one each time: a fork of this process can lock none that was made before.
-            lock = FileLock(folder / LOCK, thread_local=False)
+    def _turn(self, folder: Path) -> FileLock | None:
+        # A new one each time: a fork of this process can lock none that was made before.
+        lock = FileLock(folder / LOCK, thread_local=False)
+        try:
+            lock.acquire(timeout=0)
+        except Timeout:
+            self.is_waiting = True
             try:
-                lock.acquire(timeout=0)
+                lock.acquire(timeout=PATIENCE, poll_interval=_PAUSE)
             except Timeout:
-                self.is_waiting = True
-                try:
-                    lock.acquire(timeout=PATIENCE, poll_interval=_PAUSE)
-                except Timeout:
-                    return None
-                finally:
-                    self.is_waiting = False
-            except OSError:  # nobody can write or lock files there
                 return None
-            return lock
+            finally:
+                self.is_waiting = False
+        except OSError:  # nobody can write or lock files there
+            return None
+        return lock
 
-    class Compilation(event.Listener):  # type: ignore[misc]
-        """Notices kernels that are compiled: a kernel that is found on disk is not."""
 
-        def __init__(self) -> None:
-            self.under_way = 0
+class Compilation(event.Listener):  # type: ignore[misc]
+    """Notices kernels that are compiled: a kernel that is found on disk is not."""
 
-        def on_start(self, _: event.Event) -> None:
-            """Counts one more."""
-            self.under_way += 1
+    def __init__(self) -> None:
+        self.under_way = 0
 
-        def on_end(self, _: event.Event) -> None:
-            """Counts one less."""
-            self.under_way -= 1
+    def on_start(self, _: event.Event) -> None:
+        """Counts one more."""
+        self.under_way += 1
 
-    _TURNS, _COMPILATION = Turns(), Compilation()
-    event.register("numba:compiler_lock", _TURNS)
-    event.register("numba:compile", _COMPILATION)
+    def on_end(self, _: event.Event) -> None:
+        """Counts one less."""
+        self.under_way -= 1
+
+
+_TURNS, _COMPILATION = Turns(), Compilation()
+event.register("numba:compiler_lock", _TURNS)
+event.register("numba:compile", _COMPILATION)
 
 
 def is_compiling() -> bool:
     """Whether kernels are compiled now, by this process or by one for which it waits."""
-    return IS_COMPILED and (_COMPILATION.under_way > 0 or _TURNS.is_waiting)
+    return _COMPILATION.under_way > 0 or _TURNS.is_waiting

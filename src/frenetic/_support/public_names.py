@@ -1,7 +1,4 @@
-"""Public names that a package imports on use.
-
-Runs on Python 3.9, as all that `frenetic.bench.hosting` imports of the package does.
-"""
+"""Public names that a package imports on use."""
 
 from __future__ import annotations
 
@@ -19,14 +16,12 @@ def lazy_names(package: str, homes: Mapping[str, Sequence[str]]) -> Callable[[st
         homes: module -> names that the package takes from it.
     """
     home = {name: module for module, names in homes.items() for name in names}
-    # Looked up now: a generator in a bench may bring a package of the same name later.
-    importing = sys.modules[package]
 
     def get(name: str) -> Any:
         if name not in home:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         value = getattr(import_module(home[name]), name)
-        setattr(importing, name, value)
+        setattr(sys.modules[package], name, value)
         return value
 
     return get

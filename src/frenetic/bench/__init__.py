@@ -1,7 +1,6 @@
 """Comparison of road generators, others' and our own, with repeats, on the same terms.
 
-The names are imported on use: `frenetic.bench.hosting` runs on Python 3.9 with numpy and scipy
-only, where the rest of this package cannot be imported.
+The names are imported on use, so that the help of its command comes at once.
 """
 
 from __future__ import annotations

@@ -14,12 +14,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any, Final, Self
 
-import frenetic
 from frenetic._support.child_processes import ending_of, kill_process
-from frenetic.bench.hosting.messages import Assignment
 from frenetic.competition import SEED
 
-HOST: Final = Path(frenetic.__file__).parent / "bench" / "hosting" / "main.py"
+HOST: Final = Path(__file__).with_name("host.py")
 """The script of the process."""
 ONE_THREAD: Final = {"OMP_NUM_THREADS": "1"}
 """For torch, BLAS and the like, unless the user sets another number: runs have the other cores."""
@@ -51,7 +49,7 @@ class GeneratorProcess:
 
     def __init__(
         self,
-        assignment: Assignment,
+        assignment: Mapping[str, Any],
         *,
         folder: Path,
         log: Path,
@@ -70,7 +68,7 @@ class GeneratorProcess:
             OSError: it cannot be started.
         """
         self._folder.mkdir(parents=True, exist_ok=True)
-        seed = str(self._assignment.seed)
+        seed = str(self._assignment["seed"])
         # Not resolved: the interpreter of a virtual environment must stay a link.
         python = sys.executable if self._python is None else str(self._python.absolute())
         own_group: dict[str, Any] = {"start_new_session": True}
@@ -97,7 +95,7 @@ class GeneratorProcess:
         for thread in self._threads:
             thread.start()
         with suppress(GeneratorLostError):  # `receive` will find out
-            self.send(vars(self._assignment))
+            self.send(self._assignment)
         return self
 
     def __exit__(self, *_: object) -> None:

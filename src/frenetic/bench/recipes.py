@@ -16,8 +16,6 @@ from frenetic.bench.entrants import Entrant
 from frenetic.errors import FreneticError, UnknownNameError
 from frenetic.registry import hint
 
-_ADAPTERS: Final = Path(__file__).parent / "hosting" / "adapters"
-
 
 class Recipe(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A published generator."""
@@ -29,14 +27,10 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """GitHub repository and branch or pull request whose files the folder holds."""
     spec: str
     """``package.module:Class``."""
-    adapter: str = ""
-    """``file.py:Class`` of ours, beside the pipeline's modules, that gives it their interface."""
     path: str = "."
     """Folder on the module path, in that one."""
     copy: str | None = None
     """Folder that each run works in a copy of, likewise."""
-    pipeline: str | None = None
-    """Folder with the pipeline's modules if it is none around the generator, likewise."""
     packages: tuple[str, ...] = ()
     """What it needs beside numpy, scipy, shapely and matplotlib, in the versions that ran."""
     files: dict[str, str] = field(default_factory=dict)
@@ -70,10 +64,9 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
                 raise FreneticError(f"{self.title} needs {str(folder / file)!r}: {what}")
         return Entrant(
             name=self.title if name is None else name,
-            spec=str(_ADAPTERS / self.adapter) if self.adapter else self.spec,
+            spec=self.spec,
             path=folder / self.path,
             copy=None if self.copy is None else folder / self.copy,
-            pipeline=None if self.pipeline is None else folder / self.pipeline,
             python=None if python is None else Path(python),
         )
 

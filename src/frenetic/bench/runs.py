@@ -18,7 +18,6 @@ from frenetic._support.json_value import JSONValue
 from frenetic.analysis.sparseness import largest_distances, unlike_lines
 from frenetic.bench.entrants import Entrant
 from frenetic.bench.generator import GeneratorProcess
-from frenetic.bench.hosting.messages import Assignment
 from frenetic.bench.strategy import (
     End,
     Ending,
@@ -265,7 +264,7 @@ def try_out(entrant: Entrant, terms: Terms, seed: int) -> None:
             return
         log = (folder / GENERATOR_LOG).read_text(encoding="utf-8", errors="replace")
     printed = log.strip().splitlines()[-1:] if ending.detail.startswith("its process") else []
-    needs = "; its interpreter needs Python 3.9 or newer, numpy 1.21 or newer and scipy"
+    needs = "; its interpreter needs Python 3.9 or newer and numpy"
     raise FreneticError(
         f"{entrant.name} cannot be built: {ending.detail or ending.end}"
         + "".join(f" ({line[:200]})" for line in printed)
@@ -295,25 +294,24 @@ def _described(run: Run) -> dict[str, JSONValue]:
     return {"class": f"{module}:{entrant.class_name}", "options": {**path, "seed": run.seed}}
 
 
-def assignment(run: Run, terms: Terms) -> Assignment:
-    """The assignment of a generator's process."""
+def assignment(run: Run, terms: Terms) -> dict[str, Any]:
+    """What a generator's process is told first."""
     entrant, rules, size = run.entrant, terms.simulator.rules, terms.map_size
     work = run.folder.absolute() / WORK
-    path, pipeline = entrant.path, entrant.own_pipeline
+    places = {"path": entrant.path, "pipeline": entrant.own_pipeline}
     is_file = entrant.module.endswith(".py")
-    return Assignment(
-        module=str(_copied(Path(entrant.module), entrant, work)) if is_file else entrant.module,
-        class_name=entrant.class_name,
-        path=None if path is None else str(_copied(path, entrant, work)),
-        pipeline=None if pipeline is None else str(_copied(pipeline, entrant, work)),
-        seed=run.seed % 2**32,  # more bits than those no generator of numbers takes
-        map_size=int(size) if size == int(size) else size,
-        time_budget=terms.time,
-        seconds_per_test=terms.seconds_per_test,
-        oob_tolerance=rules.oob_tolerance,
-        speed_limit=rules.speed_limit,
-        result_folder=str(work / RESULTS),
-    )
+    return {
+        "module": str(_copied(Path(entrant.module), entrant, work)) if is_file else entrant.module,
+        "class_name": entrant.class_name,
+        **{k: place and str(_copied(place, entrant, work)) for k, place in places.items()},
+        "seed": run.seed % 2**32,  # more bits than those no generator of numbers takes
+        "map_size": int(size) if size == int(size) else size,
+        "time_budget": terms.time,
+        "seconds_per_test": terms.seconds_per_test,
+        "oob_tolerance": rules.oob_tolerance,
+        "speed_limit": rules.speed_limit,
+        "result_folder": str(work / RESULTS),
+    }
 
 
 def _copied(place: Path, entrant: Entrant, work: Path) -> Path:

@@ -13,8 +13,6 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.bench.generator import GeneratorLostError, GeneratorProcess
-from frenetic.bench.hosting.messages import Answer
-from frenetic.bench.hosting.validity import pairs_of
 from frenetic.campaign.asking import ObservingStrategy
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import RoadTester, road_through
@@ -22,6 +20,7 @@ from frenetic.drive import Drive
 from frenetic.errors import RoadError
 from frenetic.export.competition import simulation_records
 from frenetic.road import check_validity
+from frenetic.road.validity import overlaps_itself
 from frenetic.search import Candidate, Evaluation, Origin, SearchEnded
 from frenetic.search.strategy import Ledger
 
@@ -30,10 +29,6 @@ OPERATOR: Final = "generator"
 
 CLOSING_LIMIT: Final = 60.0
 """Time that a generator has to end after its budget is spent, in s."""
-MOST_DISMISSALS: Final = 100
-"""Tests that a generator may ask for after its budget is spent, before it is ended."""
-
-
 WRONG_TYPE: Final = "Wrong type"
 """The pipeline's message about what is no road test, or has no points."""
 
@@ -123,11 +118,7 @@ class GeneratorStrategy(ObservingStrategy):
         if self.ending is None:
             message = self._receive()
             if message is not None:
-                points = pairs_of(message.get("road_points"))
-                # A refused road costs nothing, even if nothing is left.
-                if self._left > 0 or not self._is_valid(points):
-                    return self._candidate(points)
-                self.dismiss()
+                return self._candidate(pairs_of(message.get("road_points")))
         assert self.ending is not None
         raise SearchEnded(f"the generator ended ({self.ending})")
 
@@ -140,50 +131,69 @@ class GeneratorStrategy(ObservingStrategy):
         self._ledger.settle(evaluation)
         attempt, self._attempt = self._attempt, None
         self._left -= evaluation.outcome.is_simulated
-        answer = Answer(
-            outcome=str(evaluation.outcome),
-            description=WRONG_TYPE if evaluation.candidate.points is None else _reason(attempt),
-            records=self._records(evaluation, attempt),
-            spent=(self._simulations - self._left) * self._seconds_per_test,
-        )
+        answer = {
+            "outcome": str(evaluation.outcome),
+            "description": WRONG_TYPE if evaluation.candidate.points is None else _reason(attempt),
+            "records": self._records(evaluation, attempt),
+            "spent": (self._simulations - self._left) * self._seconds_per_test,
+        }
         self._since = time.monotonic()
-        with suppress(GeneratorLostError):  # its last words may still wait to be received
-            self._process.send(vars(answer))
+        self._send(answer)
 
     def dismiss(self) -> Ending:
         """Reports that the budget is spent, and waits until the generator has ended."""
         deadline = time.monotonic() + min(self._patience, CLOSING_LIMIT)
-        for _ in range(MOST_DISMISSALS):
-            if self.ending is not None:
-                return self.ending
-            with suppress(GeneratorLostError):
-                self._process.send({"over": True})
+        while self.ending is None:
+            self._send({"over": True})
             # A test that no longer counts, or its end.
-            self._receive(max(0.0, deadline - time.monotonic()))
-        if self.ending is None or self.ending.end is End.HUNG:
-            self.ending = Ending(End.HUNG, "it went on when the budget was spent")
+            self._receive(deadline - time.monotonic(), "it went on when the budget was spent")
         return self.ending
 
-    def _receive(self, patience: float | None = None) -> dict[str, Any] | None:
-        """The generator's next message, None if it has ended; its reported time counts."""
+    def _send(self, message: Mapping[str, Any]) -> None:
+        with suppress(GeneratorLostError):  # its last words may still wait to be received
+            self._process.send(message)
+
+    def _receive(self, patience: float | None = None, hung: str = "") -> dict[str, Any] | None:
+        """The generator's next message, None if it has ended; its reported time counts.
+
+        Its questions about roads are answered meanwhile.
+
+        Args:
+            patience: s of wall time; by default that of the bench.
+            hung: why it is ended after that.
+        """
         limit = self._patience if patience is None else patience
+        deadline = time.monotonic() + limit
         try:
-            message = self._process.receive(limit)
+            while message := self._process.receive(max(0.0, deadline - time.monotonic())):
+                if message.get("kind") not in ("valid", "overlaps"):
+                    break
+                self._send(self._judged(message))
         except GeneratorLostError as error:
             self.ending = Ending(End.CRASHED, str(error))
             return None
-        if message is not None:
-            self.computing += _seconds(message, time.monotonic() - self._since)
         if message is None:
             left = self._left * self._seconds_per_test
-            self.ending = Ending(
-                End.HUNG,
-                f"it asked for no test for {limit:.3g} s, with {left:.3g} s of its budget left",
-            )
-        elif message.get("kind") == "end":
+            asked = f"it asked for no test for {limit:.3g} s, with {left:.3g} s of its budget left"
+            self.ending = Ending(End.HUNG, hung or asked)
+            return None
+        self.computing += _seconds(message, time.monotonic() - self._since)
+        if message.get("kind") == "end":
             self.ending = self._ending_of(message)
-            message = None
+            return None
         return message
+
+    def _judged(self, question: Mapping[str, Any]) -> dict[str, Any]:
+        """The answer to a question about a road."""
+        if question["kind"] == "overlaps":
+            left, right = np.array(question["left"]), np.array(question["right"])
+            stands = (np.diff(0.5 * (left + right), axis=0) == 0.0).all(axis=1).any()
+            return {"overlaps": bool(stands or overlaps_itself(left, right))}
+        points = pairs_of(question["road_points"])
+        if points is None:
+            return {"valid": False, "description": WRONG_TYPE}
+        verdict = check_validity(points, self._tester.map_size)
+        return {"valid": verdict.valid, "description": verdict.message}
 
     def _ending_of(self, message: Mapping[str, Any]) -> Ending:
         """The end that the generator reports."""
@@ -195,12 +205,6 @@ class GeneratorStrategy(ObservingStrategy):
         if self._left <= 0 and (end is End.RETURNED or detail == "exit code 0"):
             end, detail = End.OVER, ""
         return Ending(end, detail)
-
-    def _is_valid(self, points: FloatArray | None) -> bool:
-        try:
-            return points is not None and check_validity(points, self._tester.map_size).valid
-        except RoadError:
-            return False
 
     def _candidate(self, points: FloatArray | None) -> Candidate:
         curvatures, step = np.empty(0), 1.0
@@ -227,6 +231,19 @@ def _reason(attempt: Attempt | None) -> str:
     if attempt is None or attempt.worker_lost:
         return "The simulator broke"
     return attempt.result.reason
+
+
+def pairs_of(points: Any) -> FloatArray | None:
+    """Road points as (N, 2) m; None if they are no pairs of finite numbers."""
+    try:
+        array = np.array(points, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        return None
+    if array.shape == (0,):
+        return np.empty((0, 2))
+    if array.ndim != 2 or array.shape[1] != 2 or not np.isfinite(array).all():
+        return None
+    return array
 
 
 def _seconds(message: Mapping[str, Any], most: float) -> float:

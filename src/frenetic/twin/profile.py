@@ -134,8 +134,6 @@ class Profile(Record, frozen=True, kw_only=True):
     settings: Settings | None = None
     loss: float | None = None
     """Of the twin on the drives that it was fitted on."""
-    written_by: str = ""
-    """Version of frenetic."""
 
     @classmethod
     def of(cls, name: str, spec: Spec, **about: Any) -> Self:

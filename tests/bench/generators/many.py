@@ -3,7 +3,6 @@
 import copy
 import os
 import pickle
-import re
 import subprocess
 import sys
 import threading
@@ -132,14 +131,4 @@ class Sleeping(Plain):
     def start(self):
         helper = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
         Path("helper").write_text(str(helper.pid), encoding="utf-8")
-        self.work()
-
-    def work(self):
         time.sleep(600)
-
-
-class Matching(Sleeping):
-    """Lets no other thread run while it looks for what is not there."""
-
-    def work(self):
-        re.match("(a+)+$", "a" * 64 + "b")

@@ -8,7 +8,7 @@ drives afterwards, from the best one of the folds.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -19,12 +19,11 @@ from threadpoolctl import threadpool_limits
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis.statistics import ranks
 from frenetic.errors import FreneticError
-from frenetic.oracle import assess
 from frenetic.twin.calibration.driving import COLUMNS, IntArray, TwinDriver
 from frenetic.twin.calibration.fitting import best, evaluate, fit, intervals, moved_alone
 from frenetic.twin.calibration.loss import Loss, scores
 from frenetic.twin.calibration.parameters import Model
-from frenetic.twin.calibration.recordings import RecordedDrive, Recordings, on_grid
+from frenetic.twin.calibration.recordings import RecordedDrive, Recordings
 from frenetic.twin.calibration.validation import (
     UNFITTED,
     VERDICTS,
@@ -50,13 +49,11 @@ FEATURES: Final = "curvature features, fitted"
 class Calibration:
     """A calibrated twin with all that was found out about it."""
 
-    recordings: Recordings
-    model: Model
     profile: Profile
     validation: Validation
     fold: IntArray
     """(drives,) number of the fold in which each drive was held out."""
-    folds: tuple[Mapping[str, float], ...]
+    folds: tuple[dict[str, float], ...]
     """Name -> value of the parameters that each fold found."""
     rows: FloatArray
     """(drives, COLUMNS) of the twins that have not seen them."""
@@ -64,10 +61,6 @@ class Calibration:
     """(drives,) the twins' scores of roads that they have not seen: each the rank of its road among
     all recorded ones, as the twin of its fold scores them. The folds' own scores are not
     comparable: one twin may leave its lane on every road by more than another."""
-    rankings: Mapping[str, FloatArray]
-    """Name of a baseline -> its scores of the held-out roads, (drives,)."""
-    auc_interval: tuple[float, float] | None
-    """95 % interval of the twin's AUC."""
 
     @property
     def answer(self) -> str:
@@ -75,15 +68,6 @@ class Calibration:
         decided = ", ".join(one.name for one in self.profile.fitted if one.at_bound)
         widen = f"; the bounds decide {decided}: widen them, and calibrate again" if decided else ""
         return f"{VERDICTS[self.validation.verdict]}: {self.validation.reason}{widen}"
-
-    def held_out_drive(self, i: int) -> tuple[FloatArray, FloatArray]:
-        """Offsets and speeds on the grid of the twin that has not seen drive ``i``."""
-        recorded = self.recordings.drives[i]
-        driver, simulator = self.model.make(self.folds[int(self.fold[i])], recorded.rules)
-        drive = simulator.drive(recorded.road, driver)
-        seen = assess(recorded.road, drive)
-        n = len(seen.distance)
-        return on_grid(seen.distance, seen.lateral_offset, drive.trajectory.speed[:n])
 
 
 def calibrate(
@@ -95,7 +79,6 @@ def calibrate(
     workers: int = 1,
     drive_limit: float | None = None,
     on_progress: Callable[[int, int], None] = lambda *_: None,
-    version: str = "",
 ) -> Calibration:
     """Fits and cross-validates a twin.
 
@@ -109,7 +92,6 @@ def calibrate(
         drive_limit: s after which a drive of a driver written in Python counts as hanging; by
             default half as long again as the simulator's ``wall_limit``, and 10 s.
         on_progress: called with the number of candidates driven, and of all.
-        version: of frenetic, for the profile.
 
     Raises:
         FreneticError: there are too few drives, or nothing to fit to; or the driver breaks whatever
@@ -207,19 +189,14 @@ def calibrate(
         validation=validation,
         settings=structs.replace(settings, evaluations=evaluations, weights=loss.weights),
         loss=final.loss,
-        written_by=version,
     )
     return Calibration(
-        recordings=recordings,
-        model=model,
         profile=profile,
         validation=validation,
         fold=fold,
         folds=tuple(model.values(one.tolist()) for one in places),
         rows=rows,
         ranking=ranking,
-        rankings=rankings,
-        auc_interval=interval,
     )
 
 

@@ -1,16 +1,15 @@
 """Recorded drives to calibrate on: campaigns, test files of the competition, tables.
 
 A folder is a campaign, a folder of campaigns, a folder of test files (JSON, one drive each), or an
-export with a table of tests. A file is a test file or a table: JSON Lines, CSV or Parquet, one row
-per drive. The entries of a row are those of a test file; docs/calibrating.md lists them. Only a
-road and the outcome are needed.
+export with the table tests.jsonl. A file is a test file or a table: JSON Lines, a row per drive.
+The entries of a row are those of a test file; docs/calibrating.md lists them. Only a road and the
+outcome are needed.
 """
 
 from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -25,7 +24,6 @@ from threadpoolctl import threadpool_limits
 from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Finite, Positive, Share
 from frenetic._support.files import require_list
-from frenetic._support.words import pip_install
 from frenetic.analysis.groups import find_campaigns
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.store import CampaignStore
@@ -40,10 +38,8 @@ from frenetic.search.records import Trace
 
 GRID: Final = 2.0
 """Distance along the road between two places where drives are compared, in m."""
-MAX_BYTES: Final = 2**30
-"""Most bytes of a file."""
-
-_TABLES: Final = (".jsonl", ".ndjson", ".csv", ".parquet")
+TABLE: Final = ".jsonl"
+"""How the name of a table ends."""
 
 Read = TypeVar("Read")
 
@@ -164,21 +160,19 @@ def _sources(place: Path) -> Iterator[_Source]:
     if not place.exists():
         raise FreneticError(f"there is no file or folder {place}")
     if place.is_file():
-        yield _table(place, place) if place.suffix.lower() in _TABLES else _files(place, [place])
+        yield _table(place, place) if place.suffix == TABLE else _files(place, [place])
         return
     if (place / DATABASE).is_file() or any(place.glob(f"*/{DATABASE}")):
         for folder in find_campaigns(place):
             yield _campaign(place, folder)
         return
-    for suffix in _TABLES:
-        if (table := place / f"tests{suffix}").is_file():
-            yield _table(place, table)
-            return
+    if (table := place / f"tests{TABLE}").is_file():
+        yield _table(place, table)
+        return
     folders = sorted({file.parent for file in [*place.glob("*.json"), *place.glob("*/*.json")]})
     if not folders:
         raise FreneticError(
-            f"{place} holds no recording: a campaign, test files (.json) or a table named tests,"
-            f" with {', '.join(_TABLES)}, is needed"
+            f"{place} holds no recording: a campaign, test files (.json) or tests{TABLE} is needed"
         )
     for folder in [place] if place in folders else folders:
         yield _files(place, sorted(folder.glob("*.json")))
@@ -229,73 +223,25 @@ def _files(place: Path, files: Sequence[Path]) -> _Source:
             yield _drive_of(_json(_read(file), file), file, file.name, (place, folder), terms)
 
     described = folder / "experiment_description.csv"
-    row = next(_rows(described), {}) if described.is_file() else {}
-    return str(folder), _converted(row, Terms, described), drives
+    row: dict[str, str] = {}
+    if described.is_file():
+        row = next(csv.DictReader(io.StringIO(_read(described))), {})
+    told = {name: value for name, value in row.items() if value}
+    return str(folder), _converted(told, Terms, described, strict=False), drives
 
 
 def _table(place: Path, table: Path) -> _Source:
     def drives(terms: Terms) -> Iterator[RecordedDrive | None]:
-        paths: dict[str, dict[str, list[Any]]] = {}
-        beside = table.with_name(f"trajectories{table.suffix}")
-        for row in _rows(beside) if beside.is_file() and beside != table else ():
-            columns = paths.setdefault(
-                str(row.get("id")), {k: [] for k in Course.__struct_fields__}
-            )
-            for name, values in columns.items():
-                values.append(row.get(name, math.nan))
-        for i, row in enumerate(_rows(table), start=1):
-            if (path := paths.get(str(row.get("id")))) is not None:
-                row = {**row, "trajectory": path}
-            yield _drive_of(row, f"{table}, row {i}", f"row {i}", (place, place), terms)
+        for i, line in enumerate(_read(table).split("\n"), start=1):
+            if line.strip():
+                where = f"{table}, row {i}"
+                yield _drive_of(_json(line, where), where, f"row {i}", (place, place), terms)
 
     return str(table), Terms(), drives
 
 
-def _rows(table: Path) -> Iterator[Mapping[str, Any]]:
-    suffix = table.suffix.lower()
-    if suffix == ".parquet":
-        try:
-            import pyarrow  # an extra
-            import pyarrow.parquet as parquet
-        except ImportError:
-            raise FreneticError(
-                f"{table}: reading Parquet needs pyarrow: {pip_install('tables')}"
-            ) from None
-        _check_size(table)
-        try:
-            for batch in parquet.ParquetFile(table).iter_batches():
-                yield from batch.to_pylist()
-        except (OSError, ValueError, pyarrow.ArrowException) as error:
-            raise FreneticError(f"{table} is no table in Parquet: {error}") from None
-    elif suffix == ".csv":
-        csv.field_size_limit(2**26)
-        reader = csv.DictReader(io.StringIO(_read(table)))
-        try:
-            for row in reader:
-                yield {k: _cell(v) for k, v in row.items() if k is not None and v not in (None, "")}
-        except csv.Error as error:
-            raise FreneticError(f"{table}, line {reader.line_num}: {error}") from None
-    else:
-        for i, line in enumerate(_read(table).split("\n"), start=1):
-            if line.strip():
-                yield _json(line, f"{table}, row {i}")
-
-
-def _cell(text: Any) -> Any:
-    try:
-        return json.loads(text)
-    except (ValueError, TypeError, RecursionError):
-        return text
-
-
-def _check_size(path: Path) -> None:
-    if path.stat().st_size > MAX_BYTES:
-        raise FreneticError(f"{path} has more than {MAX_BYTES:,} bytes: split it")
-
-
 def _read(path: Path) -> str:
     try:
-        _check_size(path)
         return path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise FreneticError(f"{path} cannot be read: {error.strerror or error}") from None
@@ -310,9 +256,9 @@ def _json(text: str, where: object) -> dict[str, Any]:
         raise FreneticError(f"{where} holds no object of JSON: {error}") from None
 
 
-def _converted(value: object, kind: type[Read], where: object) -> Read:
+def _converted(value: object, kind: type[Read], where: object, *, strict: bool = True) -> Read:
     try:
-        return msgspec.convert(value, kind)
+        return msgspec.convert(value, kind, strict=strict)
     except (ValueError, OverflowError) as error:
         raise FreneticError(f"{where}: {error}") from None
 

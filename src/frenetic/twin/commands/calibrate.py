@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from frenetic._support.words import counted
+from frenetic._support.words import counted, signed
 from frenetic.cli.console import (
     Log,
     announced_compilation,
@@ -19,8 +19,8 @@ from frenetic.cli.options import WORKERS, as_usage_error, count_option, file_opt
 from frenetic.cli.parts import names_of, was_given
 
 if TYPE_CHECKING:
-    from frenetic.report.html.blocks import Table
     from frenetic.twin.calibration import Model, Recordings
+    from frenetic.twin.profile import Figures, Profile
 
 
 @click.command()
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 @click.option("--vehicle", metavar="NAME", help="The car to begin with, such as metadrive.")
 @file_option(
     "--out",
-    "Where the profile goes; beside it its page (.html). [default: profile.json]",
+    "Where the profile goes. [default: profile.json]",
     type=click.Path(dir_okay=False),
 )
 @count_option(
@@ -75,12 +75,10 @@ def calibrate(
     from msgspec import convert, structs
 
     from frenetic.campaign.workers import available_cores
-    from frenetic.report.html.page import made_by
     from frenetic.run_file import read_entries
     from frenetic.twin.calibration import Settings, read_recordings
     from frenetic.twin.calibration import calibrate as calibrate_twin
     from frenetic.twin.calibration.file import CalibrationFile
-    from frenetic.twin.page import parameter_table, ranking_table, write_calibration
 
     is_file = len(recordings) == 1 and recordings[0].endswith(".toml")
     asked = CalibrationFile()
@@ -118,22 +116,17 @@ def calibrate(
                 name=out.stem,
                 workers=asked.workers or available_cores(),
                 on_progress=progress,
-                version=made_by(),
             )
     except KeyboardInterrupt:
         click.echo("Nothing was kept: the same command begins again", err=True)
         raise
     result.profile.write(out)
-    with log.status("Drawing"):
-        page = write_calibration(result, out)
     if as_json:
         click.echo(out.read_text(encoding="utf-8"), nl=False)
         return
-    _print(parameter_table(result.profile))
-    _print(ranking_table(result.profile))
+    _print(result.profile)
     click.echo(result.answer)
     click.echo(f"Profile:     {out}")
-    click.echo(f"Report:      {page}")
     click.echo(f"Use it:      frenetic run --as {shell(out)}")
 
 
@@ -151,5 +144,37 @@ def _announce(log: Log, found: Recordings, model: Model) -> None:
         log.print("There is one run only: the cross-validation holds roads out, not runs.")
 
 
-def _print(table: Table) -> None:
-    print_table([f"{'>' * one.is_number}{one.title}" for one in table.columns], table.rows)
+def _print(profile: Profile) -> None:
+    """Prints the parameters with their intervals, and the figures beside those of baselines."""
+    print_table(
+        ("parameter", ">fitted", ">from", ">to", ">bounds", "the data"),
+        [
+            (
+                one.name,
+                *(f"{value:.4g}" for value in (one.value, one.from_, one.to)),
+                f"{one.low:.4g} to {one.high:.4g}",
+                ("determine it" if one.is_determined else "do not determine it")
+                + ("; its interval ends at a bound" if one.at_bound else ""),
+            )
+            for one in profile.fitted
+        ],
+    )
+    assert profile.validation is not None
+    ranked = {"twin": profile.validation.twin, **profile.validation.baselines}
+    print_table(
+        ("ranking", ">AUC", ">rank correlation", ">top tenth", ">half found in", ">same outcome"),
+        [(name, *_cells(figures)) for name, figures in ranked.items()],
+    )
+
+
+def _cells(figures: Figures) -> tuple[str | None, ...]:
+    def text(value: float | None, form: str) -> str | None:
+        return None if value is None else form.format(value)
+
+    return (
+        signed(figures.auc),
+        signed(figures.rank_correlation),
+        text(figures.top_tenth, "{:.1f} ×"),
+        text(figures.early_half, "{:.0%}"),
+        text(figures.agreement, "{:.0%}"),
+    )

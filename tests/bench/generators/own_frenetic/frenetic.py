@@ -14,5 +14,4 @@ class Frenetic:
         while not self.executor.is_over():
             test = RoadTestFactory.create_road_test([(50.0, 20.0), (60.0, 60.0), (60.0, 90.0)])
             assert self.executor.validate_test(test) == (True, "")
-            assert test.get_road_length() > 70.0
             self.executor.execute_test(test)

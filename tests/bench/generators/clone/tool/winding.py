@@ -20,7 +20,9 @@ class Winding:
         while not self.executor.is_over():
             points = [(100.0 + random.uniform(-6.0, 6.0), 15.0 * i) for i in range(1, 10)]
             test = RoadTestFactory.create_road_test(points)
-            assert self.executor.validate_test(test)[0]
-            assert self.executor.execute_test(test)[0] == "PASS" or not test.verdict[0]
+            assert test.polygon.is_valid()
+            valid = self.executor.validate_test(test)
+            outcome, _, _ = self.executor.execute_test(test)
+            assert valid == test.verdict == (outcome == "PASS", valid[1])
         stats = {**vars(self.executor.stats), "generation": self.executor.get_remaining_time()}
         Path("seen.json").write_text(json.dumps(stats), encoding="utf-8")

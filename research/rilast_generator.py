@@ -1,4 +1,4 @@
-"""RILaST behind the interface of the competition's pipeline, see the recipe `rilast-2025`.
+"""RILaST behind the interface of the competition's pipeline, see field.md.
 
 RILaST (GitHub: swat-lab-optimization/RILaST) is no generator of the competition but a program of
 its own: a genetic algorithm in the latent space of an autoencoder that was trained on roads of much
