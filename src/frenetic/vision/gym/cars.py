@@ -10,7 +10,6 @@ at most 1, less the share of the car that is outside its lane, less `FAILURE` if
 from __future__ import annotations
 
 import math
-from numbers import Integral
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -344,11 +343,6 @@ def checked_actions(actions: npt.ArrayLike, count: int) -> FloatArray:
     if not np.isfinite(given).all():
         raise ValueError(f"an action is not finite: {given[~np.isfinite(given).all(axis=1)][0]}")
     return given
-
-
-def plain_seed(seed: Any) -> Any:
-    """A seed as a Python int, which Gymnasium wants, if it is a whole number of any type."""
-    return int(seed) if isinstance(seed, Integral) else seed
 
 
 def _longer(array: FloatArray, axis: int, needed: int) -> FloatArray:

@@ -25,7 +25,7 @@ from frenetic.road import MAP_SIZE, Road
 from frenetic.road.files import find_roads
 from frenetic.search.random_search import RandomRoads
 from frenetic.simulators import Drive, EmbeddedSimulator
-from frenetic.vision.gym.cars import START, STEP, WAIT, Cars, Seen, checked_actions, plain_seed
+from frenetic.vision.gym.cars import START, STEP, WAIT, Cars, Seen, checked_actions
 
 Vector = npt.NDArray[np.float32]
 Flags = npt.NDArray[np.bool_]
@@ -84,7 +84,7 @@ class LaneKeepingEnv(gymnasium.Env[Seen, Vector]):
             FreneticError: ``road`` is none.
         """
         road = _given_road(options)
-        super().reset(seed=plain_seed(seed))
+        super().reset(seed=seed)
         self._cars.place(0, self._source.draw(self.np_random) if road is None else road)
         self._cars.step(_START, _NO_ACTION)
         return self._cars.observation(0), {}
@@ -132,7 +132,6 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
     Args:
         num_envs: number of cars.
         autoreset_mode: `gymnasium.vector.AutoresetMode` or its value: ``NextStep`` or ``SameStep``.
-        max_episode_steps: steps after which an episode is truncated; None for the rules' limit.
         roads, map_size, camera, render_mode, simulator: see `LaneKeepingEnv`.
 
     Raises:
@@ -145,22 +144,19 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
         *,
         num_envs: Count = 1,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        max_episode_steps: Count | None = None,
         roads: Sequence[Road | Path | str] | None = None,
         map_size: float = MAP_SIZE,
         camera: Camera | None = None,
         render_mode: None = None,
         **simulator: Any,
     ) -> None:
-        limits = {"num_envs": num_envs, "max_episode_steps": max_episode_steps}
-        check(limits, LaneKeepingVectorEnv.__init__)
+        check({"num_envs": num_envs}, LaneKeepingVectorEnv.__init__)
         self.num_envs = num_envs
         self.render_mode = render_mode
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         if self.autoreset_mode is AutoresetMode.DISABLED:
             raise ValueError("autoreset_mode is Disabled: NextStep or SameStep is needed")
         self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
-        self._most = max_episode_steps
         self._source = RoadSource(roads, map_size)
         self._cars = Cars(num_envs, EmbeddedSimulator(**simulator), camera)
         self.single_observation_space = self._cars.observation_space
@@ -187,11 +183,10 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
             ValueError: the seeds are not one for each car.
         """
         road = _given_road(options)
-        seed = plain_seed(seed)
         super().reset(seed=seed if isinstance(seed, int) else None)
         for k, own in enumerate(self._seeds(seed)):
             if own is not None:
-                self._generators[k], _ = seeding.np_random(plain_seed(own))
+                self._generators[k], _ = seeding.np_random(own)
         self._start(np.ones(self.num_envs, np.bool_), road)
         return self._cars.observations(), {}
 
@@ -212,10 +207,8 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
         cars = self._cars
         cars.step(np.where(resets, START, STEP), given)
         truncated = cars.timed_out
-        if self._most is not None:
-            truncated |= (cars.steps >= self._most) & (cars.ends == RUNNING)
-        terminated = (cars.ends != RUNNING) & ~cars.timed_out
-        self._has_ended = terminated | truncated
+        self._has_ended = cars.ends != RUNNING
+        terminated = self._has_ended & ~truncated
         rewards = cars.rewards.copy()
         infos: dict[str, Any] = {}
         ended = _numbers(self._has_ended)

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
-from msgspec import structs
 
 from frenetic._support.arrays import FloatArray
 from frenetic.drivers.camera import Camera
@@ -17,7 +16,7 @@ from frenetic.drivers.driver import Controls, DriveSetup, Observation
 from frenetic.drivers.laws import setup_array
 from frenetic.errors import DriverError
 from frenetic.vision.neural.convention import Convention
-from frenetic.vision.neural.model import LONGEST, Model, check_loading, read_model
+from frenetic.vision.neural.model import Model, read_model
 from frenetic.vision.policy import VECTOR_SIZE, controls_of, vector_of
 
 if TYPE_CHECKING:
@@ -78,14 +77,12 @@ class Network:
         self._given = {name: value for name, value in given.items() if value is not None}
         self._path = str(model)
         self._data = read_model(self._path)
-        if self._data != DAVE2.read_bytes():
-            check_loading(self._data)
         self._load()
         # Without an answer it is of no use.
         if self.convention.inputs == "vector":
-            self._run(np.zeros((1, VECTOR_SIZE)), LONGEST)
+            self._run(np.zeros((1, VECTOR_SIZE)))
         else:
-            self._answer(np.full(self.camera.shape, 128, dtype=np.uint8), LONGEST)
+            self._answer(np.full(self.camera.shape, 128, dtype=np.uint8))
 
     @property
     def options(self) -> dict[str, Any]:
@@ -102,17 +99,16 @@ class Network:
 
     def _load(self) -> None:
         self._model = Model(self._data)
-        convention = Convention.of(self._model.metadata, self._given)
-        if convention.inputs == "vector":
-            _check_vector(self._model)
-            self.convention = convention
-            return
-        if self._model.type is np.uint8:
-            if (convention.mean, convention.std) != (0.0, 1.0):
-                raise ValueError("its input is uint8, pixels in 0..255: it takes no mean and std")
-            convention = structs.replace(convention, std=1.0 / 255.0)
-        self.convention = convention
+        self.convention = convention = Convention.of(self._model.metadata, self._given)
         """What it is fed with, and what its outputs mean."""
+        if convention.inputs == "vector":
+            shape = self._model.shape
+            if len(shape) != 2 or shape[1] not in (VECTOR_SIZE, None):
+                raise ValueError(
+                    f"its input has the shape {_shown(shape)}: a vector is needed,"
+                    f" (1, {VECTOR_SIZE}) floats"
+                )
+            return
         self._is_nchw, height, width = _image_shape(self._model.shape, convention)
         cut = sum(convention.crop)
         self.camera = _camera(convention.camera, height and height + cut, width)
@@ -159,12 +155,11 @@ class Network:
         share = min(max(steering / setup.max_steering, -1.0), 1.0)
         return Controls(steering, max(1.0 - share**2 - (observation.speed / limit) ** 2, 0.0))
 
-    def _answer(self, image: Image, limit: float | None = None) -> FloatArray:
+    def _answer(self, image: Image) -> FloatArray:
         """The network's numbers for a camera's image.
 
         Raises:
-            ValueError: they are too few or too many, one is not finite, or they take longer than
-                `limit` s.
+            ValueError: they are too few or too many, or one is not finite.
         """
         top, bottom = self.convention.crop
         kept = image[top : image.shape[0] - bottom]
@@ -174,17 +169,15 @@ class Network:
         fed = channels.reshape(1, -1, height, width)
         if not self._is_nchw:
             fed = fed.transpose(0, 2, 3, 1)
-        if self._model.type is np.uint8:
-            fed = fed.round().clip(0.0, 255.0)
-        return self._run(fed, limit)
+        return self._run(fed)
 
-    def _run(self, fed: npt.NDArray[Any], limit: float | None = None) -> FloatArray:
+    def _run(self, fed: npt.NDArray[Any]) -> FloatArray:
         """The network's numbers for what it is fed with.
 
         Raises:
             ValueError: see `_answer`.
         """
-        answer = self._model.run(np.ascontiguousarray(fed, dtype=self._model.type), limit)
+        answer = self._model.run(np.ascontiguousarray(fed, dtype=np.float32))
         outputs = self.convention.outputs
         if len(answer) != len(outputs.split("-")):
             raise ValueError(
@@ -270,20 +263,6 @@ def _neighbours(
 
 def _shown(shape: Sequence[int | None]) -> str:
     return f"({', '.join('any' if size is None else str(size) for size in shape)})"
-
-
-def _check_vector(model: Model) -> None:
-    """Checks that a model takes vectors.
-
-    Raises:
-        ValueError: it does not.
-    """
-    shape = model.shape
-    if model.type is np.uint8 or len(shape) != 2 or shape[1] not in (VECTOR_SIZE, None):
-        raise ValueError(
-            f"its input has the shape {_shown(shape)}: a vector is needed, (1, {VECTOR_SIZE})"
-            " floats"
-        )
 
 
 def _image_shape(
