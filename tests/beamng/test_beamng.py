@@ -5,15 +5,12 @@ from __future__ import annotations
 import math
 import os
 import pickle
-import re
-import socket
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import beamngpy
@@ -23,7 +20,6 @@ import pytest
 from beamng_stand_in import DROP, HANG, StandIn, Trouble, World, program
 
 from frenetic.beamng import BeamngError, BeamngSimulator
-from frenetic.beamng.link import end_process
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.doctor import examine
 from frenetic.drivers import BeamngAi, Controls, Delayed, Driver, DriveSetup, Observation, Stanley
@@ -274,30 +270,8 @@ def test_it_says_why_it_cannot_be_entered(name: str, monkeypatch: pytest.MonkeyP
         assert server.connections == 1, "it is asked once"
 
 
-def test_port_of_the_car_that_cannot_be_reached_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    with StandIn() as server:
-        with socket.create_server(("127.0.0.1", 0)) as closed:
-            port = closed.getsockname()[1]
-        nobody = SimpleNamespace(getsockname=lambda: ("127.0.0.1", port))
-        monkeypatch.setattr(server, "_listen", lambda: nobody)
-        monkeypatch.setattr(server, "_serve", lambda *_: None)
-        monkeypatch.setattr("beamngpy.connection.connection.sleep", lambda _: None)
-        with (
-            pytest.raises(BeamngError, match=rf"the car's port {port} .*: BeamNG.tech opens one"),
-            connected(server),
-        ):
-            pass
-
-
-@pytest.mark.parametrize(
-    "trouble",
-    [
-        on("StopScenario", 2, DROP),
-        on("DeleteScenario", 2, "there is no such file"),
-    ],
-)
-def test_drive_counts_whatever_becomes_of_its_road(trouble: Trouble, tmp_path: Path) -> None:
-    with StandIn(trouble=trouble) as server:
+def test_drive_counts_whatever_becomes_of_its_road(tmp_path: Path) -> None:
+    with StandIn(trouble=on("StopScenario", 2, DROP)) as server:
         summary = campaign(connected(server, reply_limit=3.0), tmp_path).run()
         assert server.types().count("GetSystemInfo") == 3, "measured, driven once, the rest"
     assert summary.errors == 0
@@ -342,19 +316,10 @@ def test_drive_that_takes_too_long_is_the_fault_of_who_is_slow(stand_in: StandIn
     ("options", "text"),
     [
         ({"steps_per_second": 50}, "steps_per_second is 50: a whole number that's a multiple of"),
-        ({"aggression": 0.0}, "aggression is 0.0: a number > 0 is needed"),
         ({"aggression": 2.5}, "aggression is 2.5: a number <= 2 is needed"),
         ({"level": "italy"}, "give its height with ground"),
-        ({"ground": math.nan}, "ground is nan: a number"),
-        ({"port": 0}, "port is 0: a whole number >= 1 is needed"),
-        ({"host": 5}, "host is 5: a text is needed"),
-        ({"headless": "yes"}, "headless is 'yes': true or false is needed"),
-        ({"wall_limit": 0.0}, "wall_limit is 0.0: a number > 0 is needed"),
-        ({"reply_limit": "abc"}, "reply_limit is 'abc': a number is needed"),
         ({"headless": True}, "give home, too"),
         ({"restart_every": 5}, "give home, too"),
-        ({"restart_every": 0}, "restart_every is 0: a whole number >= 1 is needed"),
-        ({"home": ""}, "home is '': a text of length >= 1 is needed"),
         ({"home": "/opt/b", "host": "10.0.0.1"}, "home excludes host and port"),
         ({"home": "/opt/b", "user": "/a b"}, "no folder with a space"),
     ],
@@ -492,30 +457,6 @@ def test_it_is_started_anew_after_so_many_drives(tmp_path: Path) -> None:
     assert not any(is_alive(one) for one in processes)
 
 
-@pytest.mark.parametrize(("period", "message"), [(0.1, None), (0.02, r"multiples of 0\.05 s")])
-def test_a_driver_may_have_a_multiple_of_the_period(
-    stand_in: StandIn, period: float, message: str | None
-) -> None:
-    class Own(Stanley):
-        def __init__(self) -> None:
-            super().__init__()
-            self.period, self.times = period, list[float]()
-
-        def act(self, observation: Observation) -> Controls:
-            self.times.append(observation.time)
-            return super().act(observation)
-
-    driver = Own()
-    with connected(stand_in) as simulator:
-        drive = simulator.drive(ROAD, driver)
-    if message is not None:
-        assert re.search(message, str(drive.error))
-        return
-    assert judge(ROAD, drive).outcome is Outcome.PASS
-    assert np.allclose(np.diff(driver.times), 0.1)
-    assert np.allclose(np.diff(drive.trajectory.time), 0.05)
-
-
 @linux
 def test_program_that_ends_at_once_is_told(tmp_path: Path) -> None:
     program(tmp_path).write_text("#!/bin/sh\nexit 3\n")
@@ -548,37 +489,6 @@ def test_launch_says_what_the_options_say(tmp_path: Path, monkeypatch: pytest.Mo
 def test_home_without_a_program(tmp_path: Path) -> None:
     with pytest.raises(BeamngError, match="starting it"), BeamngSimulator(home=str(tmp_path)):
         pass
-
-
-class Stubborn:
-    """A process that ends only when its tree is killed."""
-
-    pid = 4711
-    stdin = None
-
-    def __init__(self) -> None:
-        self.is_killed = False
-
-    def wait(self, timeout: float) -> int:
-        if not self.is_killed:
-            raise subprocess.TimeoutExpired("BeamNG.tech", timeout)
-        return 1
-
-
-def test_windows_ends_the_whole_tree_of_beamng(monkeypatch: pytest.MonkeyPatch) -> None:
-    """There a process that was started by another outlives it."""
-    process = Stubborn()
-    calls: list[list[str]] = []
-
-    def run(command: list[str], **_: object) -> None:
-        calls.append(command)
-        process.is_killed = True
-
-    monkeypatch.setattr(subprocess, "run", run)
-    monkeypatch.setattr(sys, "platform", "win32")
-    monkeypatch.setenv("SYSTEMROOT", "/windows")
-    end_process(process)  # type: ignore[arg-type]
-    assert calls == [["/windows/System32/taskkill.exe", "/F", "/T", "/PID", "4711"]]
 
 
 # Its own checks

@@ -356,20 +356,9 @@ class Link:
 
     def _connect(self, ego: Any) -> None:
         """Connects to the car; BeamNGpy alone would wait for its first answer for ever."""
-        from beamngpy.logging import BNGError  # an extra
-
-        host = self._bng.host
         port = int(self._bng.vehicles.start_connection(ego, ego.extensions)["result"])
-        ego.connection = _connection(host, port, LOAD_LIMIT)
-        try:
-            ego.connect(self._bng)
-        except BNGError as error:
-            if ego.connection.skt is not None:
-                raise
-            raise BeamngError(
-                f"the car's port {port} at {host} cannot be reached: BeamNG.tech opens one for"
-                " every car, which a firewall has to let through"
-            ) from error
+        ego.connection = _connection(self._bng.host, port, LOAD_LIMIT)
+        ego.connect(self._bng)
 
     def unload(self) -> None:
         """Removes the scene, if there is one."""

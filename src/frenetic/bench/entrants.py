@@ -15,10 +15,6 @@ from frenetic import trust
 from frenetic._support.words import part_word
 from frenetic.errors import FreneticError
 
-RESERVED = frozenset(
-    {"con", "prn", "aux", "nul"} | {f"{port}{i}" for port in ("com", "lpt") for i in range(10)}
-)
-"""Names that Windows reserves."""
 PLACES = ("path", "copy", "pipeline", "python")
 """Options of a generator."""
 _PIPELINE = ("code_pipeline/executors.py", "self_driving/simulation_data.py")
@@ -173,7 +169,7 @@ def folder_names(entrants: Sequence[Entrant]) -> dict[str, str]:
             raise FreneticError(f"two take part as {entrant.name!r}: give one of them another name")
         plain = re.sub(r"[^A-Za-z0-9_-]+", "-", entrant.name).strip("-").lower() or "entrant"
         folder, number = plain, 2
-        while folder in RESERVED or folder in found.values():
+        while folder in found.values():
             folder, number = f"{plain}-{number}", number + 1
         found[entrant.name] = folder
     return found

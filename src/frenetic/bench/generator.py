@@ -168,18 +168,11 @@ class GeneratorProcess:
     def _keep(self, stream: IO[bytes]) -> None:
         """Writes the generator's output into its file, up to a limit, and closes the stream."""
         room = MOST_LOGGED
-        file: IO[bytes] | None = None
-        with suppress(OSError):
-            file = self._log.open("wb", buffering=0)
-        with suppress(OSError, ValueError), stream:
+        with suppress(OSError, ValueError), stream, self._log.open("wb", buffering=0) as file:
             while data := stream.read1(65536):  # type: ignore[attr-defined]
-                if room > 0 and file is not None:
-                    text = data if len(data) < room else data[:room] + _LEFT_OUT
-                    with suppress(OSError):  # it goes on even without its output
-                        file.write(text)
+                if room > 0:
+                    file.write(data if len(data) < room else data[:room] + _LEFT_OUT)
                 room -= len(data)
-        if file is not None:
-            file.close()
 
     def _ending(self) -> str:
         with suppress(subprocess.TimeoutExpired):

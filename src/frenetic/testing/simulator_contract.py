@@ -193,7 +193,7 @@ class SimulatorContract:
 
     def test_rules_may_be_set_between_drives(self, road: Road) -> None:
         """The next drive follows the new rules, as if the simulator had been made with them."""
-        rules = Rules(speed_limit=25.0)
+        rules = Rules(speed_limit=45.0)
         with self.make(Rules()) as simulator:
             self.drive_in(simulator, road, self.driver())
             simulator.rules = rules
