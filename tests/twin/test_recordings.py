@@ -69,7 +69,6 @@ def row_of(**more: Any) -> str:
         (row_of(max_oob_share=HUGE), r"`\$.max_oob_share`"),
         (row_of(max_oob_share=math.nan), "row 1 holds no object of JSON: .*byte"),
         (row_of(trajectory={"time": [0, 1]}), r"missing required field `x` - at `\$.trajectory`"),
-        (row_of(trajectory=[[0, 1, 2], [1, 2]]), r"got 2 - at `\$.trajectory\[1\]`"),
         (row_of(trajectory=3), r"got `int` - at `\$.trajectory`"),
         (row_of(trajectory=MOVES | {"speed": 5}), r"`\$.trajectory.speed`"),
         (row_of(trajectory=MOVES | {"x": [HUGE] * 2}), r"`\$.trajectory.x\[0\]`"),
@@ -130,8 +129,12 @@ def test_a_line_of_json_ends_with_a_line_feed_alone(tmp_path: Path) -> None:
 
 
 def test_a_speed_that_is_not_told_is_that_of_the_places(tmp_path: Path) -> None:
-    rows = [[0.5 * i, 60.0 + 5.0 * i, 100.0] for i in range(9)]
-    line = row_of(road_points=[[60, 100], [110, 100]], curvatures=None, trajectory=rows)
+    path = {
+        "time": [0.5 * i for i in range(9)],
+        "x": [60.0 + 5.0 * i for i in range(9)],
+        "y": [100.0] * 9,
+    }
+    line = row_of(road_points=[[60, 100], [110, 100]], curvatures=None, trajectory=path)
     (table := tmp_path / "tests.jsonl").write_text(line, encoding="utf-8")
     (drive,) = read_recordings([table]).drives
     assert drive.speed == pytest.approx([10.0] * 21)

@@ -276,17 +276,6 @@ class Judged(Struct):
     """The same in the competition's files."""
 
 
-class Moment(Struct, array_like=True):
-    """A row of a trajectory; what follows is not read."""
-
-    time: Finite
-    """s."""
-    x: Finite
-    """m."""
-    y: Finite
-    """m."""
-
-
 class Course(Struct):
     """A trajectory as columns."""
 
@@ -312,17 +301,11 @@ class Record(Struct):
 class Row(RoadEntries):
     """The entries of a test file or row that describe its road and drive."""
 
-    x: Finite | None = None
-    """Where the road begins, if there is no `pose`."""
-    y: Finite | None = None
-    heading: Finite | None = None
-    recording: Any = None
-    search: Any = None
     run: Any = None
     max_oob_share: Finite | None = None
     mean_oob_distance: Finite | None = None
     std_steering: Finite | None = None
-    trajectory: Course | list[Moment] | None = None
+    trajectory: Course | None = None
     execution_data: list[Record] | None = None
 
 
@@ -352,8 +335,6 @@ def _drive_of(
         entries = {**entries, "execution_data": named}
     row = _converted(entries, Row, where)
     row.lane_width = terms.lane_width or row.lane_width
-    if row.pose is None and row.x is not None and row.y is not None and row.heading is not None:
-        row.pose = row.x, row.y, row.heading  # as in our own tables
     if row.curvatures is None and row.road_points is None:
         raise FreneticError(f"{where} has neither 'curvatures' nor 'road_points'")
     try:
@@ -375,11 +356,10 @@ def _drive_of(
         if (value := getattr(row, key)) is not None
     }
     recording, run = map(str, places)
-    groups = [str(one) for one in (row.recording, row.search, row.run) if one is not None]
     return RecordedDrive(
         name=name,
         recording=recording,
-        run=", ".join([run, *groups]),
+        run=run if row.run is None else f"{run}, {row.run}",
         road=road,
         rules=_rules(terms),
         failed=outcome is Outcome.FAIL,
@@ -402,10 +382,8 @@ def _with_width(road: Road, terms: Terms) -> Road:
     return replace(road, lane_width=terms.lane_width)
 
 
-def _trajectory(given: Course | list[Moment], where: object) -> tuple[FloatArray, FloatArray]:
+def _trajectory(given: Course, where: object) -> tuple[FloatArray, FloatArray]:
     """(path, speed) of a trajectory."""
-    if isinstance(given, list):
-        given = Course([m.time for m in given], [m.x for m in given], [m.y for m in given])
     n = len(given.time)
     if n < 2 or {len(given.x), len(given.y)} != {n} or len(given.speed) not in (0, n):
         raise FreneticError(f"{where}: its trajectory needs as many times as places, two or more")
@@ -427,7 +405,8 @@ def _competition_records(
     records: Sequence[Record], where: object
 ) -> tuple[FloatArray, FloatArray, dict[str, float]]:
     """(path, speed, measures) of the competition's records."""
-    path, _ = _trajectory([Moment(r.timer, r.pos[0], r.pos[1]) for r in records], where)
+    places = ([r.pos[i] for r in records] for i in (0, 1))
+    path, _ = _trajectory(Course([r.timer for r in records], *places), where)
     ahead, moving = (
         np.array([getattr(r, name)[:2] for r in records], dtype=np.float64)
         for name in ("dir", "vel")
