@@ -412,13 +412,9 @@ def started_process(simulator: BeamngSimulator) -> int:
 
 
 @linux
-def test_it_is_started_and_ended(tmp_path: Path) -> None:
+def test_it_is_ended_however_it_is_left(tmp_path: Path) -> None:
     program(tmp_path / "home")
     simulator = BeamngSimulator(home=str(tmp_path / "home"), headless=True)
-    with simulator:
-        started = started_process(simulator)
-        assert judge(ROAD, simulator.drive(ROAD, Stanley())).outcome is Outcome.PASS
-    assert not is_alive(started)
     with suppress(KeyboardInterrupt), simulator:
         started = started_process(simulator)
         raise KeyboardInterrupt

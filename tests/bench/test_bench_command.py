@@ -113,26 +113,12 @@ def test_a_run_of_a_strategy_is_that_of_the_command_run(frenetic: Frenetic) -> N
     assert exported[0] == exported[1]
 
 
-def test_what_is_missing_is_run(frenetic: Frenetic, wiggly: str) -> None:
-    few = ("--simulations", "3", "--repeats", "2", "--out", "b")
-    frenetic("bench", "--generator", wiggly, "--strategy", "random", *few)
-    before = Path("b/wiggly/01/campaign.sqlite").read_bytes()
-    kept = Path("b/random/01/campaign.sqlite").stat().st_mtime_ns
-    Path("b/wiggly/02/campaign.sqlite").unlink()  # as if it had never been finished
-    assert frenetic("bench", "--resume", "--out", "b").code == 0
-    assert Path("b/wiggly/02/campaign.sqlite").is_file()
-    assert Path("b/wiggly/01/campaign.sqlite").read_bytes() == before
-    assert Path("b/random/01/campaign.sqlite").stat().st_mtime_ns == kept
-
-
 def test_too_few_repeats_are_told_before_the_first_drive(frenetic: Frenetic) -> None:
     three = [text for seed in (1, 2, 3) for text in ("--strategy", f"random,max_redraws={seed}")]
     few = frenetic("bench", *three, "--simulations", "1", "--repeats", "1", "--out", "few")
     told = "3 generators need at least 5 repeats: with 1 no difference can be shown"
     assert few.err.index("1 run of 1 simulations") < few.err.index(told)
     assert told not in frenetic("bench", "--resume", "--out", "few").err
-    enough = frenetic("bench", *three, "--simulations", "1", "--repeats", "5", "--out", "enough")
-    assert "at least" not in enough.err
     alone = frenetic("bench", "--strategy", "random", *LEAST)
     assert "at least" not in alone.err
 
@@ -167,32 +153,22 @@ def test_published_generators_are_listed_with_what_they_need(frenetic: Frenetic)
         (["--strategy", "name=x"], ["a name is needed before the options"]),
         (["--strategy", "random,name=x,name=y"], ["the option name is there twice"]),
         (["--strategy", "randon"], ["unknown strategy 'randon'", "did you mean 'random'"]),
-        (["--strategy", "random", "--strategy", "random"], ["two take part as 'random'"]),
         (["--strategy", "random,sed=1"], ["has no option 'sed'"]),
-        (["--strategy", "random,seed=1"], ["option seed", "not allowed"]),
         (["--generator", "nowhere.py:One"], ["One cannot be built", "nowhere.py"]),
-        (["--generator", "nowhere:One"], ["One cannot be built", "nowhere"]),
         (["--generator", "wiggly.py:Wigly"], ["Wigly cannot be built", "Wiggly"]),
         (
             ["--generator", "wiggly.py:Wiggly,a=1"],
             ["no option 'a'", "takes path, copy, pipeline, python"],
         ),
-        (["--generator", "src.wiggly"], ["'src.wiggly' is not package.module:Class", "the class"]),
         (["--generator", "wiggly"], ["no published generator 'wiggly'", "package.module:Class"]),
         (["--strategy", "random,copy=."], ["has no option 'copy'"]),
-        (["--generator", "wiggly.py:Wiggly,copy=no"], ["there is no folder 'no'"]),
-        (["--generator", "optangle"], ["generator 'optangle'", "did you mean 'optangle-2024'"]),
         (["--generator", "optangle-2024"], ["say where its files are", "branch tools24"]),
-        (["--generator", "optangle-2024,path=."], ["optangle.py is not there"]),
-        (["--generator", "rigaa-2023,path=."], ["make a test cost 40 s or more"]),
         (["--generator", "crag-2024,path=.,copy=."], ["say where its files are, no more"]),
-        (["--simulations", "0"], ["--simulations", "0 is not in the range x>=1"]),
         (["nothing.toml"], ["there is no file nothing.toml"]),
         (["--preset", "sbst2023"], ["no preset 'sbst2023'", "did you mean", "sbft2024"]),
         (["--resume"], ["--resume needs the folder of a bench"]),
         (["--resume", "--out", "nothing"], ["holds no bench"]),
         (["--out", "full"], ["is not empty", "place with --out"]),
-        (["--driver", "plannr"], ["unknown driver 'plannr'"]),
     ],
 )
 def test_mistakes(

@@ -16,6 +16,7 @@ import msgspec
 from filelock import FileLock
 
 from frenetic import trust
+from frenetic._support.bounds import Count, Index, check
 from frenetic._support.files import write_file
 from frenetic._support.words import counted
 from frenetic.analysis.comparison import (
@@ -37,7 +38,7 @@ from frenetic.errors import FreneticError
 from frenetic.registry import STRATEGIES
 from frenetic.run_file import drive_entries, write_entries
 from frenetic.simulators.embedded import compile_kernels
-from frenetic.spec import describe, require_count
+from frenetic.spec import describe
 from frenetic.versions import differences, package_versions
 
 BENCHES: Final = Path("benches")
@@ -61,8 +62,8 @@ class Bench:
 
     entrants: tuple[Entrant, ...]
     terms: Terms
-    repeats: int = 10
-    seed: int = 1
+    repeats: Count = 10
+    seed: Index = 1
     folder: Path = field(default_factory=lambda: campaign.new_folder(BENCHES))
     """Its folder; a text is taken, too."""
     preset: Preset | None = None
@@ -70,12 +71,7 @@ class Bench:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "folder", Path(self.folder))
-        for name, least in (("repeats", 1), ("seed", 0)):
-            try:
-                number = require_count(name, getattr(self, name), least)
-            except ValueError as error:
-                raise FreneticError(str(error)) from None
-            object.__setattr__(self, name, number)
+        check({"repeats": self.repeats, "seed": self.seed}, Bench)
         if not self.entrants:
             raise FreneticError("nobody takes part: name a generator or a strategy")
         object.__setattr__(self, "entrants", tuple(self.entrants))
@@ -122,7 +118,7 @@ class Bench:
         self,
         *,
         resume: bool = False,
-        workers: int = 1,
+        workers: Count = 1,
         on_start: Callable[[], None] | None = None,
         on_progress: OnProgress = lambda *_: None,
         on_end: Callable[[RunState], None] = lambda _: None,
@@ -145,7 +141,7 @@ class Bench:
             FreneticError: the folder holds something else, another process uses it, a generator
                 cannot be built, or the simulator does not start.
         """
-        require_count("workers", workers)
+        check({"workers": workers}, Bench.run)
         campaign.prepare(self.terms.simulator)
         compile_kernels()
         compile_measures()
@@ -328,9 +324,7 @@ def read_record(folder: Path | str) -> Record:
         return msgspec.json.decode(path.read_bytes(), type=Record)
     except FileNotFoundError:
         raise FreneticError(f"{folder} holds no bench: give the folder of one") from None
-    except OSError as error:
-        raise FreneticError(f"{path} cannot be read: {error.strerror or error}") from None
-    except (ValueError, RecursionError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise FreneticError(
             f"{path} is damaged or of another version of frenetic ({error}): restore it from a"
             " copy, or begin a new bench"

@@ -14,6 +14,7 @@ from typing import Any, Final, Self
 import msgspec
 import numpy as np
 
+from frenetic._support.bounds import Count, Positive, check
 from frenetic._support.json_value import JSONValue
 from frenetic.analysis.sparseness import largest_distances, unlike_lines
 from frenetic.bench.entrants import Entrant
@@ -38,7 +39,7 @@ from frenetic.road.validity import interpolate, min_radius, overlaps_itself
 from frenetic.search import Strategy
 from frenetic.simulators.capabilities import check_pair
 from frenetic.simulators.simulator import Simulator
-from frenetic.spec import Budget, Part, Spec, require_count
+from frenetic.spec import Budget, Part, Spec
 
 COMPETITION: Final = "competition"
 """Folder in a run's with its tests for the competition's tools."""
@@ -61,11 +62,11 @@ class Terms:
 
     simulator: Simulator
     driver: Driver
-    simulations: int = 200
+    simulations: Count = 200
     """Budget of each run, in drives."""
-    seconds_per_test: float = 36.0
+    seconds_per_test: Positive = 36.0
     """Virtual s that each executed test costs, as a generator sees it."""
-    patience: float = 600.0
+    patience: Positive = 600.0
     """Wall time that a generator may take between two tests, in s."""
     map_size: float = MAP_SIZE
     """m."""
@@ -93,11 +94,8 @@ class Terms:
     def __post_init__(self) -> None:
         check_pair(self.simulator, self.driver)
         Objective.load(self.objective)
-        require_count("simulations", self.simulations)
-        for name in ("seconds_per_test", "patience"):
-            value = getattr(self, name)
-            if not 0.0 < value < float("inf"):
-                raise FreneticError(f"{name} is {value}: a positive number of seconds is needed")
+        checked = ("simulations", "seconds_per_test", "patience")
+        check({name: getattr(self, name) for name in checked}, Terms)
 
     @property
     def time(self) -> float:
