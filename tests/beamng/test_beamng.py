@@ -369,20 +369,6 @@ def campaign(simulator: BeamngSimulator, folder: Path, **options: object) -> Cam
     )
 
 
-def test_campaign_goes_on_after_a_lost_connection(tmp_path: Path) -> None:
-    with StandIn(trouble=on("Step", 400, DROP)) as server:
-        summary = campaign(connected(server), tmp_path).run()
-    assert summary.simulations == 3
-    assert summary.errors == 0
-    with CampaignStore.open(tmp_path) as store:
-        assert sorted(record.attempts for record in store.tests() if record.outcome.is_driven) == [
-            1,
-            1,
-            2,
-        ]
-        assert store.config["car"] == {"length": 4.508, "width": 1.61, "centre_ahead": 0.0}
-
-
 def test_simulator_can_be_sent_to_a_worker(stand_in: StandIn) -> None:
     assert connected(stand_in).workers_at_most == 1
     with connected(stand_in) as simulator:

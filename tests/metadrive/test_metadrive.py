@@ -17,7 +17,6 @@ from metadrive.engine.engine_utils import engine_initialized, get_engine
 from metadrive_drives import STRAIGHT, WINDING, Fixed, digest, run
 from panda3d.core import LPoint3, NodePath, PerspectiveLens, Point2, Vec3
 
-from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.drivers import Camera, Controls, Observation, Stanley
 from frenetic.drivers.loading import load_driver
 from frenetic.errors import DriverError, FreneticError
@@ -25,7 +24,6 @@ from frenetic.metadrive import MetaDriveIdm, MetaDriveSimulator, drawing, world
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.road import Road
-from frenetic.search import Frenetic2021
 from frenetic.simulators import Rules, Simulator
 from frenetic.testing import SimulatorContract
 from frenetic.vision.marking_follower import MarkingFollower
@@ -133,26 +131,6 @@ def test_nothing_imports_metadrive_before_it_is_needed() -> None:
         "print('metadrive' in sys.modules)\n"
     )
     assert run(code).split() == ["False"]
-
-
-def test_campaign_is_the_same_in_one_and_in_two_processes(tmp_path: Path) -> None:
-    results = []
-    for workers in (1, 2):
-        folder = tmp_path / str(workers)
-        Campaign(
-            strategy=Frenetic2021(seed=4, max_redraws=10),
-            simulator=MetaDriveSimulator(),
-            driver=MetaDriveIdm(target_speed=60.0),
-            budget=Budget(simulations=5),
-            folder=folder,
-            workers=workers,
-            ordered=True,
-        ).run()
-        with CampaignStore.open(folder) as store:
-            results.append([(r.outcome, r.moobd, r.reason) for r in store.tests()])
-    assert results[0] == results[1]
-    assert {outcome for outcome, *_ in results[0]} <= {Outcome.PASS, Outcome.FAIL, Outcome.INVALID}
-    assert not engine_initialized()
 
 
 class Screenless(BaseSensor):  # type: ignore[misc]

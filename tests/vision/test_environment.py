@@ -227,11 +227,8 @@ def test_failing_roads_of_a_campaign(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"roads": []}, "at least one road"),
         ({"roads": "mine.json"}, "a list of roads is needed"),
         ({"roads": ["nowhere.json"]}, "there is no file nowhere.json"),
-        ({"friction": -1.0}, "friction"),
-        ({"map_size": -1.0}, "map_size"),
         ({"camera": {"width": 20}}, "camera"),
     ],
 )
@@ -255,12 +252,6 @@ def test_steps_that_cannot_be_taken() -> None:
         pass
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(np.zeros(2, np.float32))
-
-
-def test_a_map_without_room_for_a_road_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("frenetic.search.random_search._MOST_REFUSED", 3)
-    with pytest.raises(ValueError, match="map_size is 10 m: none of 3 random roads"):
-        LaneKeepingEnv(map_size=10.0).reset(seed=1)
 
 
 def test_without_gymnasium_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

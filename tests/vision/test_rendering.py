@@ -175,11 +175,7 @@ def test_a_long_road_and_a_wide_lane_can_be_drawn() -> None:
     ("options", "message"),
     [
         ({"width": 0}, "the camera's width is 0: a whole number >= 2 is needed"),
-        ({"width": 160.5}, "width is 160.5: a whole number is needed"),
-        ({"height": True}, "height is True"),
-        ({"field_of_view": 180.0}, "field_of_view is 180.0: a number <= 160 is needed"),
         ({"up": float("nan")}, "up is nan"),
-        ({"pitch": "10"}, "pitch is '10'"),
         ({"width": 2000, "height": 2000}, "2000 x 2000 pixels: at most"),
         ({"distortion": -0.5}, "distortion is -0.5: with this field of view its corners"),
     ],
