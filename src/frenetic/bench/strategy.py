@@ -100,14 +100,10 @@ class GeneratorStrategy(ObservingStrategy):
         self._patience = patience
         self._ledger = Ledger()
         self._attempt: Attempt | None = None  # that is to be told
-        self._since = time.monotonic()
-        """Time of the last answer."""
 
     def start(self) -> None:
         """Waits until the generator is built or has failed to be."""
-        message = self._receive()
-        if self.ending is None and (message is None or message.get("kind") != "ready"):
-            self.ending = Ending(End.CRASHED, "its process sent what is no message")
+        self._receive()
 
     def ask(self) -> Candidate:
         """The road of the next test that the generator wants executed.
@@ -137,7 +133,6 @@ class GeneratorStrategy(ObservingStrategy):
             "records": self._records(evaluation, attempt),
             "spent": (self._simulations - self._left) * self._seconds_per_test,
         }
-        self._since = time.monotonic()
         self._send(answer)
 
     def dismiss(self) -> Ending:
@@ -177,31 +172,30 @@ class GeneratorStrategy(ObservingStrategy):
             asked = f"it asked for no test for {limit:.3g} s, with {left:.3g} s of its budget left"
             self.ending = Ending(End.HUNG, hung or asked)
             return None
-        self.computing += _seconds(message, time.monotonic() - self._since)
+        self.computing += float(message.get("seconds", 0.0))
         if message.get("kind") == "end":
             self.ending = self._ending_of(message)
             return None
         return message
 
     def _judged(self, question: Mapping[str, Any]) -> dict[str, Any]:
-        """The answer to a question about a road."""
-        if question["kind"] == "overlaps":
-            left, right = np.array(question["left"]), np.array(question["right"])
-            stands = (np.diff(0.5 * (left + right), axis=0) == 0.0).all(axis=1).any()
-            return {"overlaps": bool(stands or overlaps_itself(left, right))}
-        points = pairs_of(question["road_points"])
-        if points is None:
-            return {"valid": False, "description": WRONG_TYPE}
-        verdict = check_validity(points, self._tester.map_size)
-        return {"valid": verdict.valid, "description": verdict.message}
+        """The answer to a question about a road; what is no road is invalid."""
+        try:
+            if question["kind"] == "overlaps":
+                left, right = np.array(question["left"]), np.array(question["right"])
+                stands = (np.diff(0.5 * (left + right), axis=0) == 0.0).all(axis=1).any()
+                return {"overlaps": bool(stands or overlaps_itself(left, right))}
+            points = pairs_of(question["road_points"])
+            if points is None:
+                return {"valid": False, "description": WRONG_TYPE}
+            verdict = check_validity(points, self._tester.map_size)
+            return {"valid": verdict.valid, "description": verdict.message}
+        except (RoadError, ValueError, IndexError) as error:
+            return {"valid": False, "overlaps": True, "description": str(error)}
 
     def _ending_of(self, message: Mapping[str, Any]) -> Ending:
         """The end that the generator reports."""
-        try:
-            end = End(str(message.get("how")))
-        except ValueError:
-            end = End.CRASHED
-        detail = " ".join(str(message.get("detail", "")).split())[:450]
+        end, detail = End(message["how"]), " ".join(message["detail"].split())[:450]
         if self._left <= 0 and (end is End.RETURNED or detail == "exit code 0"):
             end, detail = End.OVER, ""
         return Ending(end, detail)
@@ -244,9 +238,3 @@ def pairs_of(points: Any) -> FloatArray | None:
     if array.ndim != 2 or array.shape[1] != 2 or not np.isfinite(array).all():
         return None
     return array
-
-
-def _seconds(message: Mapping[str, Any], most: float) -> float:
-    """Time that a generator reports for itself, in s, at most the time that passed here."""
-    told = message.get("seconds")
-    return min(max(float(told), 0.0), most) if isinstance(told, (int, float)) else 0.0

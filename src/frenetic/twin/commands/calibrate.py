@@ -161,8 +161,9 @@ def _print(profile: Profile) -> None:
     )
     assert profile.validation is not None
     ranked = {"twin": profile.validation.twin, **profile.validation.baselines}
+    titles = "AUC", "rank correlation", "top tenth", "half found in", "same outcome", "offset error"
     print_table(
-        ("ranking", ">AUC", ">rank correlation", ">top tenth", ">half found in", ">same outcome"),
+        ("ranking", *(f">{title}" for title in titles)),
         [(name, *_cells(figures)) for name, figures in ranked.items()],
     )
 
@@ -177,4 +178,5 @@ def _cells(figures: Figures) -> tuple[str | None, ...]:
         text(figures.top_tenth, "{:.1f} ×"),
         text(figures.early_half, "{:.0%}"),
         text(figures.agreement, "{:.0%}"),
+        text(figures.offset_error, "{:.2f} m"),
     )
