@@ -63,11 +63,8 @@ def test_a_generator_and_a_strategy_are_held_against_each_other(
         for repeat in ("01", "02"):
             folder = Path("b", name, repeat)
             assert check_campaign(folder).findings == ()
-            assert len(list((folder / "competition").glob("test.*.json"))) >= 12
     assert Path("b/wiggly/01/generator.log").read_text() == "off we go\n"
     assert Path("b/index.html").is_file()
-    assert Path("b/table.csv").is_file()
-    assert "| Wiggly |" in Path("b/table.md").read_text()
     listed = frenetic("bench", "--resume", "--out", "b", "--json")
     assert [(one["generator"], one["run"], one["seed"]) for one in listed.json["runs"]] == [
         ("Wiggly", 1, 1),

@@ -92,10 +92,9 @@ def bench(
     """Compare road generators on the same driver, with repeats.
 
     Generators of the SBST/SBFT competition's pipeline run unmodified, each run in its own process
-    and folder, beside our strategies. Every run is a campaign with a folder for the competition's
-    tools. FILE.toml says what the options say and more, such as seconds_per_test,
-    patience and speed_limit; bench.toml in every bench's folder is one.
-    Options given beside it win.
+    and folder, beside our strategies. Every run is a campaign. FILE.toml says what the options say
+    and more, such as seconds_per_test, patience and speed_limit; bench.toml in every bench's folder
+    is one. Options given beside it win.
     """
     if as_list:
         _list_recipes(as_json)

@@ -1,4 +1,4 @@
-"""Results of a bench beside its runs: the page and the tables."""
+"""Results of a bench beside its runs: the page."""
 
 from __future__ import annotations
 
@@ -9,28 +9,24 @@ from typing import Final
 
 from frenetic._support.words import format_duration
 from frenetic.analysis.comparison import Comparison
-from frenetic.analysis.tables import write_table
 from frenetic.bench.bench import Bench
 from frenetic.bench.presets import COLUMNS, measured
 from frenetic.report.html.blocks import Block, Column, Fact, Facts, Section, Table
 from frenetic.report.html.comparison import write_comparison_page
 
 PAGE: Final = "index.html"
-TABLES: Final = ("table.csv", "table.md")
 
 
 def write_results(bench: Bench, comparison: Comparison) -> Path:
-    """Writes the page and the tables into a bench's folder; returns the page.
+    """Writes the page into a bench's folder; returns it.
 
     Args:
         bench: whose folder it is.
         comparison: of its entrants.
 
     Raises:
-        FreneticError: a file cannot be written.
+        FreneticError: it cannot be written.
     """
-    for name in TABLES:
-        write_table(comparison, bench.folder / name)
     number = len(comparison.groups)
     return write_comparison_page(
         comparison,

@@ -32,7 +32,6 @@ from frenetic.campaign.summary import Event, Summary
 from frenetic.campaign.tester import RoadTester
 from frenetic.drivers import Driver
 from frenetic.errors import FreneticError, StrategyError
-from frenetic.export import export_campaign
 from frenetic.registry import STRATEGIES
 from frenetic.road import MAP_SIZE, Road, check_validity
 from frenetic.road.validity import interpolate, min_radius, overlaps_itself
@@ -41,8 +40,6 @@ from frenetic.simulators.capabilities import check_pair
 from frenetic.simulators.simulator import Simulator
 from frenetic.spec import Budget, Part, Spec
 
-COMPETITION: Final = "competition"
-"""Folder in a run's with its tests for the competition's tools."""
 WORK: Final = "work"
 """Folder in a run's that is its generator's working directory."""
 RESULTS: Final = "results"
@@ -147,8 +144,7 @@ class RunState:
 def run_entrant(run: Run, terms: Terms, on_progress: OnProgress | None = None) -> Ending:
     """Runs an entrant until its budget is spent, or until it ends otherwise.
 
-    The folder becomes a campaign's, with the competition's results folder in it. An interrupted run
-    begins again.
+    The folder becomes a campaign's. An interrupted run begins again.
 
     Args:
         run: the entrant, its seed, and a folder of this run alone.
@@ -179,18 +175,10 @@ def run_entrant(run: Run, terms: Terms, on_progress: OnProgress | None = None) -
                 ending = strategy.dismiss()
         facts["strategy_seconds"] = round(strategy.computing, 4)
     ending = ending or Ending(End.OVER)
-    _note(run.folder, **facts)
-    export_campaign(run.folder, "competition", run.folder / COMPETITION, trajectories="failures")
-    _note(
-        run.folder, **{FACT: msgspec.to_builtins(ending)}
-    )  # last, since it marks the run as complete
-    return ending
-
-
-def _note(folder: Path, **facts: Any) -> None:
-    """Adds facts to a finished campaign."""
-    with CampaignStore.open(folder, readonly=False) as store:
+    facts[FACT] = msgspec.to_builtins(ending)
+    with CampaignStore.open(run.folder, readonly=False) as store:
         store.finish(finished_at=store.facts["finished_at"], **facts)
+    return ending
 
 
 def ending_of(folder: Path) -> Ending | None:
