@@ -310,6 +310,8 @@ def build(bench: Bench) -> Any:
     folders += [str(Path(module).parent)] if is_file else []
     # Python has put this script's folder first.
     sys.path[:1] = [*folders, "", clone] if clone else [str(STAND_INS), *folders, ""]
+    if clone:
+        sys.meta_path.append(Unused())
     os.environ["MPLBACKEND"] = "Agg"
     os.environ.setdefault("USERPROFILE", str(Path.home()))  # which the pipeline reads
     with _reported(f"importing the pipeline in {clone}"):
@@ -381,7 +383,7 @@ def run(bench: Bench) -> tuple[str, str]:
     return ("returned" if bench.remaining() > 0.0 else "over"), ""
 
 
-if __name__ in ("__main__", "__mp_main__"):  # or a process that a generator has spawned
+if __name__ == "__mp_main__":  # a process that a generator has spawned
     sys.meta_path.append(Unused())
 
 if __name__ == "__main__":
