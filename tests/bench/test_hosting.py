@@ -286,6 +286,7 @@ class Spending:
                 ask.execute_test(test)
             except SystemExit as error:
                 assert error.code == 123 and ask.is_force_timeout()
+        open("done", "w").close()
 """
 
 
@@ -296,6 +297,7 @@ def test_whole_tests_use_up_a_budget(tmp_path: Path) -> None:
     done = run("spending:Spending", tmp_path, bench=bench, path=str(tmp_path))
     assert done.end["how"] == "over", (done.end, done.log)
     assert (bench.executed, bench.refused) == (3, 1)
+    assert (tmp_path / "done").is_file()
 
 
 # --- generators that cannot be started ---------------------------------------------------------

@@ -222,11 +222,11 @@ class _Car:
         Raises:
             ArithmeticError: it is not finite.
         """
-        x, y, heading, *speeds = motion = self._world.motion()
+        motion = self._world.motion()
         if not all(map(math.isfinite, motion)):
             raise ArithmeticError(f"MetaDrive's physics broke: the car's motion is {motion}")
-        self._heading += wrap(heading - self._heading)
-        return [x, y, self._heading, *speeds, self._wheels]
+        self._heading += wrap(motion.heading - self._heading)
+        return list(motion._replace(heading=self._heading, steering=self._wheels))
 
     def picture(self) -> Image | None:
         """What the camera sees."""

@@ -33,6 +33,7 @@ from frenetic.metadrive.car import (
     VEHICLE,
 )
 from frenetic.road import Road
+from frenetic.simulators.stepped import Motion
 
 SEED: Final = 0
 """Seed of every road, so that the car is the same on each."""
@@ -49,23 +50,6 @@ STRAIGHT_RADIUS: Final = 200.0
 """Least radius of an arc that is called straight, in m."""
 CAMERA: Final = "frenetic_camera"
 _NEAREST: Final = 0.1  # m, of what a camera sees
-
-
-class Motion(NamedTuple):
-    """Place and motion of the car in the physics."""
-
-    x: float
-    """Coordinate of the centre of mass, in m."""
-    y: float
-    """Coordinate of the centre of mass, in m."""
-    heading: float
-    """Heading in rad, in -pi..pi."""
-    speed: float
-    """Speed along the car, in m/s."""
-    lateral_speed: float
-    """Lateral speed in m/s, positive to the left."""
-    yaw_rate: float
-    """Yaw rate in rad/s, positive to the left."""
 
 
 class _PhysicsEngine(BaseEngine):  # type: ignore[misc]
