@@ -79,8 +79,6 @@ class Figures(Record, frozen=True, kw_only=True):
     """Share of equal outcomes."""
     offset_error: float | None = None
     """Median over drives of the median absolute error of the lateral offset, in m."""
-    speed_error: float | None = None
-    """The same of the speed, in m/s."""
 
 
 class Validation(Record, frozen=True, kw_only=True):

@@ -15,7 +15,6 @@ from frenetic.road import Road
 from frenetic.twin.calibration.driving import (
     FAILED,
     OFFSET_MEDIAN,
-    SPEED_MEDIAN,
     IntArray,
 )
 from frenetic.twin.calibration.loss import with_ties
@@ -92,10 +91,9 @@ def figures_of(
         return Figures(**found)
     found["twin_failures"] = int(rows[:, FAILED].sum())
     found["agreement"] = float((rows[:, FAILED] == failed).mean())
-    for name, column in (("offset_error", OFFSET_MEDIAN), ("speed_error", SPEED_MEDIAN)):
-        values = rows[:, column]
-        values = values[np.isfinite(values)]
-        found[name] = float(np.median(values)) if len(values) else None
+    errors = rows[:, OFFSET_MEDIAN]
+    errors = errors[np.isfinite(errors)]
+    found["offset_error"] = float(np.median(errors)) if len(errors) else None
     return Figures(**found)
 
 
