@@ -361,7 +361,8 @@ def test_a_clone_of_the_pipeline_changes_no_road_and_no_verdict(tmp_path: Path) 
     assert inside.own_pipeline == clone.resolve()
     lone = generator("random_roads:RandomRoads", "lone")
     assert lone.own_pipeline is None
-    ends = ran(bench_of(tmp_path / "bench", inside, copied, beside, lone))
+    checking = Entrant(name="checking", spec="winding:Winding", path=clone / "tool")
+    ends = ran(bench_of(tmp_path / "bench", inside, copied, beside, lone, checking))
     results = {name: results_of(end.run.folder) for name, end in ends.items()}
     assert results["inside"] == results["copied"] == results["beside"] == results["lone"]
     assert {end.ending for end in ends.values()} == {Ending(End.OVER)}

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from old_python import too_new_in
 from pids import ending, until, until_gone
@@ -21,6 +22,7 @@ from pids import ending, until, until_gone
 import frenetic
 from frenetic.errors import RoadError
 from frenetic.road import check_validity
+from frenetic.road.validity import overlaps_itself
 
 BENCH = Path(frenetic.__file__).parent / "bench"
 MAIN = BENCH / "host.py"
@@ -51,8 +53,8 @@ class Bench:
 
     def answer(self, message: Message) -> Message:
         if message["kind"] == "overlaps":
-            assert len(message["left"]) == len(message["right"]) > 2
-            return {"overlaps": False}
+            left, right = (np.array(message[side]) for side in ("left", "right"))
+            return {"overlaps": overlaps_itself(left, right)}
         road_points = message["road_points"]
         if message["kind"] == "valid":
             verdict = check_validity(road_points)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import code_pipeline
 from code_pipeline.tests_generation import RoadTestFactory
+from self_driving.road_polygon import RoadPolygon
 
 
 class Winding:
@@ -21,8 +22,11 @@ class Winding:
             points = [(100.0 + random.uniform(-6.0, 6.0), 15.0 * i) for i in range(1, 10)]
             test = RoadTestFactory.create_road_test(points)
             assert test.polygon.is_valid()
+            assert not RoadPolygon(
+                [(60.0, 20.0), (90.0, 50.0), (60.0, 50.0), (90.0, 20.0)]
+            ).is_valid()
             valid = self.executor.validate_test(test)
             outcome, _, _ = self.executor.execute_test(test)
-            assert valid == test.verdict == (outcome == "PASS", valid[1])
+            assert valid == test.verdict == (outcome != "INVALID", valid[1])
         stats = {**vars(self.executor.stats), "generation": self.executor.get_remaining_time()}
         Path("seen.json").write_text(json.dumps(stats), encoding="utf-8")
