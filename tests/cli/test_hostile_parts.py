@@ -63,9 +63,19 @@ COMMANDS: Final = {
     "run on two": (*RUN, "--workers", "2", "--json"),
     "drive": ("drive", "road.json", "--json"),
 }
-
-
-Check = Callable[[str, str, str, str], None]
+CASES: Final = [
+    *(("Driver", deed, moment, "drive") for deed in WORDS for moment in ("importing", "making")),
+    *(("Driver", deed, "leaving", "drive") for deed in DEEDS),
+    *(("Driver", deed, "leaving", "run") for deed in ("dies", "hangs", "closes all")),
+    ("Driver", "leaves its folder", "importing", "run on two"),
+    ("Driver", "leaves its folder", "making", "drive"),
+    ("Driver", "leaves a thread", "importing", "drive"),
+    ("Driver", "leaves a thread", "making", "run"),
+    ("Simulator", "leaves its folder", "importing", "run on two"),
+    ("Simulator", "dies", "making", "run on two"),
+    ("Simulator", "dies", "leaving", "run on two"),
+]
+"""Kind of part, deed, moment and command."""
 
 
 @pytest.fixture(scope="session")
@@ -79,34 +89,6 @@ def usual(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None]
         return results()
 
 
-@pytest.fixture
-def check(
-    frenetic: Frenetic, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, usual: list[object]
-) -> Check:
-    """Runs a command with a part that does one deed at one moment."""
-    monkeypatch.setattr(recipe, "LIMIT", LIMIT)
-
-    def call(kind: str, deed: str, moment: str, command: str) -> None:
-        (elsewhere := tmp_path / command / "elsewhere").mkdir(parents=True)
-        monkeypatch.chdir(elsewhere.parent)
-        write(kind, **{moment: DEEDS[deed].format(elsewhere=str(elsewhere))})
-        Path("road.json").write_text(json.dumps({"curvatures": [0.0, 0.02, 0.03, 0.0, 0.0]}))
-        answer = frenetic(*COMMANDS[command], f"--{kind.lower()}", "hostile.py:Hostile")
-        assert Path.cwd() == elsewhere.parent
-        assert not list(elsewhere.iterdir())
-        if moment != "leaving" and deed in WORDS:
-            step = "" if deed == "exits" else f": {moment} "
-            assert answer.refuses("'hostile.py:Hostile'", f"{step}{WORDS[deed]}")
-            assert not Path("results").exists()
-        elif command == "drive":
-            assert answer.json["outcome"] == "PASS"
-        else:
-            assert answer.code == 0, answer.err
-            assert results() == usual
-
-    return call
-
-
 def write(kind: str, **code: str) -> None:
     text = PART.format(kind=kind, **dict.fromkeys(MOMENTS, "pass") | code)
     Path("hostile.py").write_text(text, encoding="utf-8")
@@ -117,15 +99,32 @@ def results() -> list[object]:
         return [(test.outcome, test.moobd) for test in store.tests()]
 
 
-@pytest.mark.parametrize("moment", MOMENTS)
-@pytest.mark.parametrize("deed", DEEDS)
-def test_no_driver_harms_the_command(check: Check, deed: str, moment: str) -> None:
+@pytest.mark.parametrize(("kind", "deed", "moment", "command"), CASES)
+def test_no_part_harms_the_command(
+    frenetic: Frenetic,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    usual: list[object],
+    kind: str,
+    deed: str,
+    moment: str,
+    command: str,
+) -> None:
     """Neither its process nor its folder, nor what comes out."""
-    for command in COMMANDS:
-        check("Driver", deed, moment, command)
-
-
-@pytest.mark.parametrize("moment", MOMENTS)
-@pytest.mark.parametrize("deed", ["leaves its folder", "dies"])
-def test_nor_does_a_simulator(check: Check, deed: str, moment: str) -> None:
-    check("Simulator", deed, moment, "run on two")
+    monkeypatch.setattr(recipe, "LIMIT", LIMIT)
+    (elsewhere := tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path)
+    write(kind, **{moment: DEEDS[deed].format(elsewhere=str(elsewhere))})
+    Path("road.json").write_text(json.dumps({"curvatures": [0.0, 0.02, 0.03, 0.0, 0.0]}))
+    answer = frenetic(*COMMANDS[command], f"--{kind.lower()}", "hostile.py:Hostile")
+    assert Path.cwd() == tmp_path
+    assert not list(elsewhere.iterdir())
+    if moment != "leaving" and deed in WORDS:
+        step = "" if deed == "exits" else f": {moment} "
+        assert answer.refuses("'hostile.py:Hostile'", f"{step}{WORDS[deed]}")
+        assert not Path("results").exists()
+    elif command == "drive":
+        assert answer.json["outcome"] == "PASS"
+    else:
+        assert answer.code == 0, answer.err
+        assert results() == usual
