@@ -109,6 +109,11 @@ def hang_in_c(marks: Marks) -> None:
     ctypes.PyDLL(None).sleep(int(LIMIT))
 
 
+def start_process_and_hang(marks: Marks) -> None:
+    start_process(marks)
+    (hang_in_c if sys.platform == "linux" else hang)(marks)
+
+
 def await_go(marks: Marks) -> None:
     marks.wait_for("go")
 
@@ -180,16 +185,6 @@ class OddError(BaseException):
 
 def raise_odd_error(marks: Marks) -> None:
     raise OddError("so odd")
-
-
-def swallow_everything(marks: Marks) -> None:
-    end = time.monotonic() + LIMIT
-    while time.monotonic() < end:
-        try:
-            while time.monotonic() < end:
-                pass
-        except BaseException:
-            continue
 
 
 def change_folder(marks: Marks) -> None:
@@ -282,18 +277,19 @@ class FaultySimulator(DummySimulator):
         folder: Path | str = ".",
         *,
         start: Fault | None = None,
-        drive: Fault | None = None,
+        drive: Fault | Sequence[Fault] | None = None,
         end: Fault | None = None,
         drift: Callable[[Road], float] = bend,
         rules: Rules | None = None,
     ) -> None:
         super().__init__(drift, rules=rules)
         self.marks = Marks(Path(folder))
-        self.faults = (start, drive, end)
+        self.faults = [
+            (fault,) if isinstance(fault, Fault) else fault or () for fault in (start, drive, end)
+        ]
 
     def _strike(self, k: int, samples: int | None = None) -> None:
-        fault = self.faults[k]
-        if fault is not None:
+        for fault in self.faults[k]:
             fault.strike(samples)
 
     def _count(self, name: str) -> None:

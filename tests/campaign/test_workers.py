@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
@@ -122,13 +122,12 @@ FATAL: dict[str, tuple[str, ...]] = {
     "raise_odd_error": (LOST + "OddError: so odd (faulty.py:",),
     "raise_error": (STALLED,),
     "hang_in_c": (LOST + "its drive took more than 3 s",),
-    "swallow_everything": (LOST + "its drive took more than 3 s",),
     "close_everything": (LOST,),
     "write_nonsense": (LOST,),
     # Whatever asks for memory first finds none.
     "limit_memory": (LOST, "the simulator raised MemoryError"),
 }
-"""Reasons of the one test that they cost."""
+"""Deed -> reasons of the one test that it costs."""
 HARMLESS = (
     "change_folder",
     "change_signals",
@@ -145,35 +144,35 @@ HARMLESS = (
 
 
 @posix_only
-@pytest.mark.parametrize(
-    ("deed", "workers"),
-    [*((deed, 1) for deed in (*FATAL, *HARMLESS)), ("fork_and_kill", 2), ("start_process", 2)],
-)
+@pytest.mark.parametrize("deeds", [tuple(FATAL), HARMLESS], ids=["fatal", "harmless"])
 def test_a_driver_costs_at_most_its_own_test(
-    tmp_path: Path, marks: Marks, deed: str, workers: int
+    tmp_path: Path, marks: Marks, deeds: Sequence[str]
 ) -> None:
-    fault = Fault(getattr(faulty, deed), marks.folder, samples=9)
+    """Each deed on a road of its own, between others on which it does nothing."""
+    samples = {deed: number for number, deed in enumerate(deeds, start=8)}
+    faults = [Fault(getattr(faulty, deed), marks.folder, samples[deed]) for deed in deeds]
     search = campaign(
         tmp_path / "c",
-        6,
-        strategy=Straight(8, 9, 8, 8, 8, 8),
-        simulator=FaultySimulator(marks.folder, drive=fault),
-        workers=workers,
-        drive_limit=3.0 if "took more" in FATAL.get(deed, ("",))[0] else LIMIT,
+        2 * len(deeds),
+        strategy=Straight(*(one for deed in deeds for one in (samples[deed], 7))),
+        simulator=FaultySimulator(marks.folder, drive=faults),
+        drive_limit=3.0 if "hang_in_c" in deeds else LIMIT,
     )
     search.isolate = True
     here = Path.cwd(), sys.stdout, signal.getsignal(signal.SIGTERM), os.fstat(1), os.fstat(2)
     before = set(children(os.getpid()))
     summary = search.run()
-    assert (summary.passed, summary.errors) == ((5, 1) if deed in FATAL else (6, 0))
-    if deed in FATAL:
-        with CampaignStore.open(tmp_path / "c") as store:
-            test = store.test(2)
-        assert (test.outcome, test.attempts) == (Outcome.ERROR, 2)
-        assert "\n" not in test.reason
-        names = range(1, workers + 1)
-        assert test.reason.startswith(tuple(t.format(n) for t in FATAL[deed] for n in names))
-    else:  # in peace
+    errors = len(deeds) if deeds is not HARMLESS else 0
+    with CampaignStore.open(tmp_path / "c") as store:
+        tests = {deed: store.test(2 * number + 1) for number, deed in enumerate(deeds)}
+    told = {deed: (test.outcome, test.reason, test.attempts) for deed, test in tests.items()}
+    assert (summary.passed, summary.errors) == (2 * len(deeds) - errors, errors), told
+    for deed, (outcome, reason, attempts) in told.items():
+        if errors:
+            assert (outcome, attempts) == (Outcome.ERROR, 2)
+            assert "\n" not in reason
+            assert reason.startswith(tuple(text.format(1) for text in FATAL[deed])), deed
+    if not errors:  # in peace
         assert len(marks.numbers("end")) == len(events(tmp_path / "c", "worker_started"))
     assert check_campaign(tmp_path / "c").findings == ()
     assert os.getpid() not in marks.pids()
