@@ -10,9 +10,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
 
-from distributed import Status
 from pids import descendants, ending, until
 
 HERE = Path(__file__).parent
@@ -88,15 +86,6 @@ class Cluster:
 def dask_setup(worker: object) -> None:
     """Called by each worker at its start: nothing may depend on when garbage is collected."""
     gc.disable()
-
-
-def pause(dask_worker: Any) -> None:
-    """To be run on a worker: it takes no tasks until it goes on, as when it is short of memory."""
-    dask_worker.status = Status.paused
-
-
-def go_on(dask_worker: Any) -> None:
-    dask_worker.status = Status.running
 
 
 def end(process: subprocess.Popen[bytes]) -> None:

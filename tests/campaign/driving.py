@@ -15,13 +15,10 @@ import pytest
 from campaigns import refused
 from faulty import (
     STALLED,
-    Deed,
-    FarAway,
     Fault,
     FaultyDriver,
     FaultySimulator,
     Marks,
-    NoDrive,
     await_go,
     kill,
     raise_error,
@@ -37,8 +34,6 @@ from frenetic.campaign import RoadTester
 from frenetic.campaign.log import LOG
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.workers import Workers
-from frenetic.outcome import Outcome
-from frenetic.simulators import Simulator
 from frenetic.testing import DummyDriver, DummySimulator
 
 MINE = """
@@ -90,10 +85,10 @@ def await_attempts(workers: Workers, count: int = 1) -> list[Attempt]:
     return attempts
 
 
-def drive_one(workers: Workers, number: int = 1) -> Attempt:
+def drive_one(workers: Workers, number: int = 1, samples: int = 8) -> Attempt:
     """Tests a straight road."""
     await_free(workers)
-    workers.submit(straight(number))
+    workers.submit(straight(number, samples))
     (attempt,) = await_attempts(workers)
     return attempt
 
@@ -146,15 +141,6 @@ class WorkersContract:
             assert drive_all(workers, [8] * 8)[8].failure is None
         assert len(marks.numbers("start")) == len(marks.numbers("end")) == self.COUNT + 1
 
-    @pytest.mark.parametrize("simulator", [NoDrive(), FarAway()])
-    def test_nonsense_of_a_simulator_is_a_failed_attempt(
-        self, workers_of: WorkersOf, simulator: Simulator
-    ) -> None:
-        with workers_of(simulator) as workers:
-            for attempt in drive_all(workers, [8, 9]).values():
-                assert attempt.failure is not None
-                assert attempt.result.outcome is Outcome.ERROR
-
     def test_a_simulator_that_does_not_start_is_one_line(
         self, workers_of: WorkersOf, marks: Marks
     ) -> None:
@@ -193,29 +179,22 @@ class ProcessesContract(WorkersContract):
 
     COUNT = 2
 
-    @pytest.mark.parametrize("deed", [kill, sys_exit])
     def test_a_worker_that_is_lost_costs_an_attempt_and_comes_back(
-        self, workers_of: WorkersOf, marks: Marks, tmp_path: Path, deed: Deed
+        self, workers_of: WorkersOf, marks: Marks, tmp_path: Path
     ) -> None:
-        driver = FaultyDriver(Fault(deed, marks.folder, times=1))
-        with workers_of(DummySimulator(), driver) as workers:
-            await_free(workers, 2)
-            attempt = drive_one(workers, 7)
-            assert (attempt.candidate_id, attempt.worker_lost) == (7, True)
-            assert f"{attempt.worker} was lost: " in str(attempt.failure)
-            assert ("SystemExit: 3 (faulty.py:" in str(attempt.failure)) is (deed is sys_exit)
+        deeds = [Fault(kill, marks.folder, 9, times=1), Fault(sys_exit, marks.folder, 10, times=1)]
+        with workers_of(FaultySimulator(marks.folder, drive=deeds)) as workers:
+            for number, samples in enumerate([9, 10], start=1):
+                await_free(workers, 2)
+                attempt = drive_one(workers, number, samples)
+                assert (attempt.candidate_id, attempt.worker_lost) == (number, True)
+                assert f"{attempt.worker} was lost: " in str(attempt.failure)
+                assert ("SystemExit: 3 (faulty.py:" in str(attempt.failure)) is (samples == 10)
+                lost = events(tmp_path, "worker_lost")[-1]
+                assert (lost["test"], lost["message"]) == (number, attempt.failure)
             await_free(workers, 2)
             assert all(one.failure is None for one in drive_all(workers, [8, 9, 10]).values())
-        (lost,) = events(tmp_path, "worker_lost")
-        assert (lost["test"], lost["message"]) == (7, attempt.failure)
-
-    def test_those_that_start_do_the_work_of_those_that_do_not(
-        self, workers_of: WorkersOf, marks: Marks
-    ) -> None:
-        start = Fault(refuse_connection, marks.folder, times=1)
-        with workers_of(FaultySimulator(marks.folder, start=start)) as workers:
-            attempts = drive_all(workers, [8, 9, 10, 11])
-        assert all(attempt.failure is None for attempt in attempts.values())
+        assert len(events(tmp_path, "worker_lost")) == 2
 
     def test_a_driver_that_cannot_be_copied_is_one_line(self, workers_of: WorkersOf) -> None:
         driver = DummyDriver()

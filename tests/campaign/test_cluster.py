@@ -7,7 +7,7 @@ import re
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from functools import partial
 from importlib.metadata import version
@@ -16,7 +16,7 @@ from pathlib import Path
 import cloudpickle
 import pytest
 from campaigns import campaign, refused
-from clusters import HERE, ONE_SEAT, Cluster, end, go_on, pause
+from clusters import HERE, ONE_SEAT, Cluster, end
 from contents import contents
 from distributed import Client
 from driving import (
@@ -49,7 +49,6 @@ from frenetic.campaign.log import CampaignLog
 from frenetic.campaign.workers import cluster as cluster_module
 from frenetic.campaign.workers.cluster import ClusterWorkers
 from frenetic.drivers import Driver
-from frenetic.registry import DRIVERS
 from frenetic.simulators import Simulator
 from frenetic.spec import driver_of
 from frenetic.testing import DummyDriver, DummySimulator
@@ -124,24 +123,13 @@ def test_an_ordered_campaign_is_the_one_of_a_single_process(
     assert all(name.startswith("127.0.0.1:") for name in workers - {"None"})
 
 
-@pytest.mark.parametrize(
-    ("spec", "made"),
-    [
-        ("{folder}/filed.py:Mine", DRIVERS.make),
-        ("placed:Mine", partial(driver_of, options={}, layers={})),
-    ],
-)
 def test_workers_need_no_copy_of_a_users_file(
-    cluster: Cluster,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    spec: str,
-    made: Callable[[str], Driver],
+    cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    was_there = write_mine(tmp_path, "placed" if spec.startswith("placed") else "filed")
+    was_there = write_mine(tmp_path, "placed")
     monkeypatch.chdir(tmp_path)
     with own_modules():
-        driver = made(spec.format(folder=tmp_path))
+        driver = driver_of("placed:Mine", {}, {})
         with workers_of(cluster, tmp_path, DummySimulator(), driver) as workers:
             for path in tmp_path.glob("*.py"):
                 path.unlink()
@@ -151,29 +139,6 @@ def test_workers_need_no_copy_of_a_users_file(
 
 
 # What goes wrong with workers
-
-
-def test_a_worker_without_a_nanny_dies_for_good(
-    cluster: Cluster, tmp_path: Path, marks: Marks
-) -> None:
-    simulator = FaultySimulator(marks.folder, drive=Fault(await_go, marks.folder, times=3))
-    with (
-        cluster.started("--name", "mortal", "--no-nanny", *ONE_SEAT) as process,
-        workers_of(cluster, tmp_path, simulator) as workers,
-    ):
-        await_free(workers, 3)
-        for candidate in roads([8, 9, 10]):
-            workers.submit(candidate)
-        until(lambda: len(marks.numbers("await_go")) == 3, "all drive")
-        assert process.pid in marks.pids()
-        process.kill()
-        marks.make("go")
-        attempts = await_attempts(workers, 3)
-        (lost,) = [attempt for attempt in attempts if attempt.worker_lost]
-        assert lost.failure == "worker mortal was lost: it died or left the cluster"
-        assert sorted(attempt.candidate_id for attempt in attempts) == [1, 2, 3]
-        attempts_without = drive_all(workers, [8, 9, 10])
-        assert "mortal" not in {attempt.worker for attempt in attempts_without.values()}
 
 
 def test_a_worker_that_hangs_is_started_again_by_its_nanny(
@@ -234,18 +199,6 @@ def test_workers_may_come_and_leave(cluster: Cluster, tmp_path: Path, marks: Mar
             until(lambda: not workers.wait(0.1) and workers.free == 2, "it has left")
             retiring.join()
             until(lambda: len(marks.numbers("end")) == 2, "its simulators end")
-        assert len(drive_all(workers, [8, 9, 10])) == 3
-
-
-def test_a_worker_that_is_short_of_memory_gets_no_roads(cluster: Cluster, tmp_path: Path) -> None:
-    with workers_of(cluster, tmp_path, DummySimulator()) as workers, client_of(cluster) as client:
-        await_free(workers, 2)
-        client.run(pause)
-        try:
-            until(lambda: not workers.wait(0.1) and not workers.free, "they take no tasks")
-        finally:
-            client.run(go_on)
-        until(lambda: not workers.wait(0.1) and workers.free == 2, "they go on")
         assert len(drive_all(workers, [8, 9, 10])) == 3
 
 
