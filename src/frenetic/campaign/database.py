@@ -21,7 +21,7 @@ from frenetic.errors import CampaignError
 
 DATABASE: Final = "campaign.sqlite"
 """Name of the database in a campaign's folder."""
-FORMAT: Final = 2
+FORMAT: Final = 3
 """Format of the database (`PRAGMA user_version`); another one is refused."""
 APPLICATION_ID: Final = int.from_bytes(b"FrnC")
 """Mark of our campaigns among SQLite files (`PRAGMA application_id`)."""

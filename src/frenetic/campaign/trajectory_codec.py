@@ -19,12 +19,10 @@ A point of the car's box moves by less than 0.2 mm, so an oracle that judges the
 finds the oob distances that it found in the original one, to well within 1 mm.
 
 Layout, all numbers little-endian: CRC-32 of the rest (4 bytes), number of records n (4 bytes),
-number of columns k (1 byte), for each column its place in `RESOLUTIONS` (1 byte), for each column
-the bytes per difference (1 byte), then one zlib stream of the first two records as 64-bit integers,
-(k, 2) in row-major order, and the other n - 2 differences. These are zigzag-coded
-(the sign in the lowest bit) and laid out byte by byte: first the lowest bytes of all columns that
-have any, then the next higher bytes of the columns that need two, and so on, so that the mostly
-empty high bytes stand together.
+number of columns k (1 byte), bytes per difference (1 byte), for each column its place in
+`RESOLUTIONS` (1 byte), then one zlib stream of the differences, of which the first are from 0. These
+are zigzag-coded (the sign in the lowest bit) and laid out byte by byte, first the lowest bytes of
+all, then the next higher ones and so on, so that the mostly empty high bytes stand together.
 """
 
 from __future__ import annotations
@@ -60,7 +58,7 @@ RESOLUTIONS: Final = {
 
 A stored trajectory names its columns by their places here, so new ones come at the end."""
 
-_HEADER: Final = struct.Struct("<IB")
+_HEADER: Final = struct.Struct("<IBB")
 _CRC: Final = struct.Struct("<I")
 _PLACES: Final = bytes(range(len(RESOLUTIONS)))
 _LEVEL: Final = 1  # the highest levels save another 5 % of the bytes at twice the time
@@ -85,18 +83,13 @@ def encode(trajectory: Trajectory) -> bytes:
     count = len(trajectory)
     if count > MAX_RECORDS:
         raise ValueError(f"the trajectory has {count} records: at most {MAX_RECORDS} can be stored")
-    steps = _to_steps(trajectory)
-    widths = np.zeros(_COLUMNS, dtype=np.uint8)
-    parts = [steps[:, :2].astype("<i8").tobytes()]
-    if count > 2:
-        differences = _differences(steps)
-        # Zigzag: 0, -1, 1, -2 .. become 0, 1, 2, 3 .., so that small stays small.
-        codes = ((differences << 1) ^ (differences >> 63)).view(np.uint64)
-        widths[:] = [(largest.bit_length() + 7) // 8 for largest in codes.max(axis=1).tolist()]
-        for plane in range(widths.max()):
-            wide_enough = codes[widths > plane] >> np.uint64(8 * plane)
-            parts.append(wide_enough.astype(np.uint8).tobytes())
-    data = _HEADER.pack(count, _COLUMNS) + _PLACES + widths.tobytes() + _compress(b"".join(parts))
+    differences = np.diff(_to_steps(trajectory), axis=1, prepend=0)
+    differences[:_SMOOTH] = np.diff(differences[:_SMOOTH], axis=1, prepend=0)
+    # Zigzag: 0, -1, 1, -2 .. become 0, 1, 2, 3 .., so that small stays small.
+    codes = ((differences << 1) ^ (differences >> 63)).astype("<u8", copy=False)
+    width = (int(codes.max(initial=0)).bit_length() + 7) // 8
+    planes = codes.view(np.uint8).reshape(_COLUMNS, count, 8)[..., :width].transpose(2, 0, 1)
+    data = _HEADER.pack(count, _COLUMNS, width) + _PLACES + _compress(planes.tobytes())
     return _CRC.pack(zlib.crc32(data)) + data
 
 
@@ -121,54 +114,29 @@ def decode_columns(data: bytes) -> FloatArray:
     own = data[_CRC.size :]
     if len(own) < _HEADER.size or zlib.crc32(own) != _CRC.unpack_from(data)[0]:
         raise CampaignError("a stored trajectory is damaged: it does not match its checksum")
-    count, there = _HEADER.unpack_from(own)
-    rows, stream = own[_HEADER.size :][: 2 * there], own[_HEADER.size + 2 * there :]
-    places, widths = rows[:there], rows[there:]
+    count, there, width = _HEADER.unpack_from(own)
+    places, stream = own[_HEADER.size :][:there], own[_HEADER.size + there :]
     if places != _PLACES:
         raise CampaignError(
             f"a stored trajectory has the columns {list(places)}, this version of frenetic reads"
             f" {list(_PLACES)}: another one wrote it"
         )
-    if count > MAX_RECORDS or len(widths) != there or max(widths) > 8:
+    if count > MAX_RECORDS or width > 8:
         raise CampaignError(
-            f"a stored trajectory is damaged: it claims {count} records of {list(widths)} bytes"
+            f"a stored trajectory is damaged: it claims {count} records of {width} bytes"
         )
-    first = min(count, 2)
-    rest = count - first
-    head_size = _COLUMNS * first * 8
-    body = _decompress(stream, head_size + rest * sum(widths))
-    heads = np.frombuffer(body, dtype="<i8", count=_COLUMNS * first).reshape(_COLUMNS, first)
-    steps = np.empty((_COLUMNS, count), dtype=np.int64)
-    steps[:, :first] = heads
-    if rest:
-        _sum_up(steps, _unzigzag(_read_planes(body[head_size:], widths, rest)))
+    body = np.frombuffer(_decompress(stream, _COLUMNS * count * width), np.uint8)
+    planes = np.zeros((_COLUMNS, count, 8), np.uint8)
+    planes[..., :width] = body.reshape(width, _COLUMNS, count).transpose(1, 2, 0)
+    codes = planes.view("<u8")[..., 0].astype(np.uint64, copy=False)
+    steps = (codes >> np.uint64(1)).view(np.int64) ^ -(codes & np.uint64(1)).view(np.int64)
+    # Damaged input may overflow; integers of numpy arrays wrap around silently then.
+    np.cumsum(steps[:_SMOOTH], axis=1, out=steps[:_SMOOTH])
+    np.cumsum(steps, axis=1, out=steps)
     if count and max(-int(steps.min()), int(steps.max())) > _LIMIT:
         raise CampaignError("a stored trajectory is damaged: a value is out of range")
     columns: FloatArray = steps / _STEPS_PER_UNIT
     return columns
-
-
-def _read_planes(data: bytes, widths: bytes, count: int) -> npt.NDArray[np.uint64]:
-    """Return the (11, count) codes whose bytes `data` holds plane by plane, lowest first."""
-    codes = np.zeros((_COLUMNS, count), dtype="<u8")
-    places = codes.view(np.uint8).reshape(_COLUMNS, count, 8)
-    taken = 0
-    for plane in range(max(widths)):
-        wide_enough = [k for k, width in enumerate(widths) if width > plane]
-        size = len(wide_enough) * count
-        plane_bytes = np.frombuffer(data, dtype=np.uint8, count=size, offset=taken)
-        places[wide_enough, :, plane] = plane_bytes.reshape(-1, count)
-        taken += size
-    return codes.astype(np.uint64, copy=False)
-
-
-def _unzigzag(codes: npt.NDArray[np.uint64]) -> _Steps:
-    """Return the numbers behind codes, in their place: 0, 1, 2, 3 .. become 0, -1, 1, -2 .."""
-    signs = (codes & np.uint64(1)).view(np.int64)
-    codes >>= np.uint64(1)
-    numbers = codes.view(np.int64)
-    numbers ^= np.negative(signs, out=signs)
-    return numbers
 
 
 def _to_steps(trajectory: Trajectory) -> _Steps:
@@ -187,26 +155,6 @@ def _to_steps(trajectory: Trajectory) -> _Steps:
         )
     steps: _Steps = np.rint(columns, out=columns).astype(np.int64)
     return steps
-
-
-def _differences(steps: _Steps) -> _Steps:
-    """(11, n - 2): second differences of the smooth columns, first differences of the others."""
-    changes = steps[:, 1:] - steps[:, :-1]
-    differences = changes[:, 1:]
-    differences[:_SMOOTH] -= changes[:_SMOOTH, :-1].copy()
-    return differences
-
-
-def _sum_up(steps: _Steps, differences: _Steps) -> None:
-    """Fill in `steps` (11, n) from its first two records: the inverse of `_differences`.
-
-    Damaged input may overflow; integers of numpy arrays wrap around silently then.
-    """
-    changes = differences
-    changes[:_SMOOTH, 0] += steps[:_SMOOTH, 1] - steps[:_SMOOTH, 0]
-    np.cumsum(changes[:_SMOOTH], axis=1, out=changes[:_SMOOTH])
-    changes[:, 0] += steps[:, 1]
-    np.cumsum(changes, axis=1, out=steps[:, 2:])
 
 
 def _compress(data: bytes) -> bytes:
