@@ -161,7 +161,7 @@ def test_a_changed_warm_start_is_found_and_not_resumed(
     shutil.copytree(second, folder)
     with CampaignStore.open(folder) as store:
         rows: Any = store.fact("earlier")
-    rows[2][name] = value
+    (rows[2] if name in rows[2] else rows[2]["arrays"])[name] = value
     change = "UPDATE fact SET value = ? WHERE name = 'earlier'"
     for renew, why in ((False, "the fact earlier does not match"), (True, "what it started from")):
         execute(folder, change, json.dumps(rows), renew=renew)

@@ -40,7 +40,9 @@ class Counts:
         self._keys: set[int] = set()  # of the roads that were added
 
     @classmethod
-    def of(cls, by_outcome: Mapping[Outcome, int], min_moobd: float | None, roads: int) -> Self:
+    def of(
+        cls, by_outcome: Mapping[Outcome, int], min_moobd: float | None = None, roads: int = 0
+    ) -> Self:
         """The counts of a number per outcome."""
         numbers = {name: by_outcome[outcome] for outcome, name in _NAMES.items()}
         return cls(**numbers, min_moobd=min_moobd, roads=roads)

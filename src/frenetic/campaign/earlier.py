@@ -8,7 +8,7 @@ earlier campaign is needed no more.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -21,8 +21,8 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Finite, Index, NotNegative, Positive
 from frenetic._support.json_value import JSONValue
 from frenetic._support.words import counted
+from frenetic.campaign.counts import Counts
 from frenetic.campaign.objective import Objective, evaluation_of
-from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import CampaignError, RoadError
@@ -37,6 +37,11 @@ from frenetic.search.random_search import EARLIER, GIVEN
 from frenetic.search.records import Candidate, Evaluation, Origin, Trace
 from frenetic.spec import EarlierCampaign, earlier_of
 
+_APART: Final = 1.0
+"""Least difference of two taken tests, in m."""
+_MOST: Final = {Outcome.FAIL: (500, 5000), Outcome.PASS: (100, 1000)}
+"""Most tests that are taken, and that are looked at for it, of each campaign."""
+
 
 @dataclass(frozen=True, eq=False)
 class EarlierTest:
@@ -48,17 +53,6 @@ class EarlierTest:
     """Id of the test there; 0 for a real road."""
     evaluation: Evaluation
     """Result, as the strategy is told it; its candidate counts from 1 in this order."""
-
-    @property
-    def number(self) -> int:
-        """Number from 1 among all tests that a search starts from."""
-        return self.evaluation.candidate.id
-
-
-_APART: Final = 1.0
-"""Least difference of two taken tests, in m."""
-_MOST: Final = {Outcome.FAIL: (500, 5000), Outcome.PASS: (100, 1000)}
-"""Most tests that are taken, and that are looked at for it, of each campaign."""
 
 
 def take_roads(
@@ -122,35 +116,57 @@ def take_earlier(
     Raises:
         CampaignError: there is no campaign in a folder, it is damaged, or nothing in it fits.
     """
-    approaches = _Approaches()
+    near: dict[int, list[FloatArray]] = {}  # by side, what was taken
     campaigns: list[EarlierCampaign] = []
     tests: list[EarlierTest] = []
     for number, folder in enumerate(folders, start=1):
+        taken = left_out = 0
         with CampaignStore.open(Path(folder)) as store:
-            fitting = _Fitting(tester, step)
-            own = [
-                EarlierTest(number, record.id, _numbered(told, len(tests) + place))
-                for place, (record, told) in enumerate(
-                    _worth_taking(store, objective, fitting, approaches), start=1
-                )
-            ]
-            by_outcome = store.by_outcome()
+            for outcome, (most, looked_at) in _MOST.items():
+                end = taken + most
+                for record in store.tests(outcome, "moobd", looked_at):
+                    if taken == end:
+                        break
+                    if not _fits(record.candidate, tester, step):
+                        left_out += 1
+                        continue
+                    told = evaluation_of(record, partial(store.trajectory, record.id), objective)
+                    if told.trace is not None and _is_new(told, near):
+                        taken += 1
+                        tests.append(_kept(number, record.id, told, len(tests) + 1))
+            counts = Counts.of(store.by_outcome())
         campaigns.append(
-            EarlierCampaign(
-                str(folder),
-                simulations=sum(n for one, n in by_outcome.items() if one.is_simulated),
-                failures=by_outcome[Outcome.FAIL],
-                taken=len(own),
-                left_out=fitting.refused,
-            )
+            EarlierCampaign(str(folder), counts.simulations, counts.failed, taken, left_out)
         )
-        tests += own
     if folders and not tests:
         raise CampaignError(
             f"nothing can be taken from {', '.join(map(str, folders))}: no road was driven there"
             " that fits this map and the strategy's step; start without them"
         )
     return tuple(campaigns), tests
+
+
+def _fits(road: Candidate, tester: RoadTester, step: float | None) -> bool:
+    return (step is None or road.step == step) and tester.fitted(road)[1].valid
+
+
+def _is_new(told: Evaluation, near: dict[int, list[FloatArray]]) -> bool:
+    """Whether a test is near no other one, to which it is added then."""
+    worst = places_of(told, told.candidate, 0.0)[0]
+    others = near.setdefault(worst.side, [])
+    if others and nearest_square(np.array(others), worst.vector, _APART**2) < _APART**2:
+        return False
+    others.append(worst.vector)
+    return True
+
+
+def _kept(campaign: int, test: int, told: Evaluation, number: int) -> EarlierTest:
+    """A result under another number, which needs its campaign no more."""
+    road, trace = told.candidate, told.trace
+    slopes: dict[str, Any] = {name: getattr(road, name) for name in profile.NAMES}
+    candidate = Candidate(number, road.curvatures, road.step, Origin(EARLIER), **slopes)
+    told = replace(told, candidate=candidate, budget_spent=0.0, read_trace=lambda: trace)
+    return EarlierTest(campaign, test, told)
 
 
 def stored_earlier(
@@ -198,37 +214,28 @@ def still_failing(store: CampaignStore) -> str:
 
 
 class _Row(Struct):
-    """An `EarlierTest` in the fact; arrays are float64, in base64."""
+    """An `EarlierTest` in the fact."""
 
     campaign: Index
     test: Index
     step: Positive
-    curvatures: bytes
     outcome: Literal["PASS", "FAIL", "DROPPED"]
     moobd: Finite | None
     objective: Finite | None
     place: Finite | None
     side: Side | None
     duration: NotNegative | None
-    distance: bytes
-    lateral_offset: bytes
-    speed: bytes
-    superelevation: bytes | None = None
-    grade: bytes | None = None
-    widening: bytes | None = None
+    arrays: dict[str, bytes]
+    """Curvatures, profiles and trace: float64, in base64."""
     name: str | None = None
     """Of a real road."""
 
 
 FACT: Final = "earlier"
 """Name of the fact with the tests that were taken."""
-_OF_EVALUATION: Final = ("objective", "place", "side", "duration")
+_OF_EVALUATION: Final = ("outcome", "moobd", "objective", "place", "side", "duration")
+_OF_ROAD: Final = ("curvatures", *profile.NAMES)
 _OF_TRACE: Final = ("distance", "lateral_offset", "speed")
-_OUTCOMES: Final[Mapping[Outcome, Literal["FAIL", "DROPPED"]]] = {
-    Outcome.FAIL: "FAIL",
-    Outcome.DROPPED: "DROPPED",
-}
-_NO_TRACE: Final = Trace(*(np.empty(0) for _ in _OF_TRACE))
 
 
 def fact_of(tests: Sequence[EarlierTest]) -> dict[str, JSONValue]:
@@ -237,25 +244,20 @@ def fact_of(tests: Sequence[EarlierTest]) -> dict[str, JSONValue]:
 
 
 def _row_of(test: EarlierTest) -> _Row:
-    told = test.evaluation
-    candidate, trace = told.candidate, told.trace or _NO_TRACE
-    arrays: dict[str, Any] = {name: getattr(trace, name) for name in _OF_TRACE}
-    arrays |= {name: getattr(candidate, name) for name in profile.NAMES}
-    packed: dict[str, Any] = {
-        name: np.ascontiguousarray(values, np.float64).tobytes()
-        for name, values in arrays.items()
-        if values is not None
-    }
+    told, road = test.evaluation, test.evaluation.candidate
+    arrays = {name: getattr(road, name) for name in _OF_ROAD}
+    arrays |= {name: getattr(told.trace, name, None) for name in _OF_TRACE}
     return _Row(
-        campaign=test.campaign,
-        test=test.test,
-        step=float(candidate.step),
-        curvatures=candidate.curvatures.tobytes(),
-        outcome=_OUTCOMES.get(told.outcome, "PASS"),
-        moobd=None if told.moobd is None else float(told.moobd),
+        test.campaign,
+        test.test,
+        float(road.step),
         **{name: getattr(told, name) for name in _OF_EVALUATION},
-        **packed,
-        name=candidate.notes.get(GIVEN),
+        arrays={
+            name: np.ascontiguousarray(values, np.float64).tobytes()
+            for name, values in arrays.items()
+            if values is not None
+        },
+        name=road.notes.get(GIVEN),
     )
 
 
@@ -275,87 +277,25 @@ def read_earlier(store: CampaignStore) -> list[EarlierTest]:
 
 
 def _test_of(number: int, row: _Row) -> EarlierTest:
-    trace = Trace(*(np.frombuffer(getattr(row, name)) for name in _OF_TRACE))
+    arrays: dict[str, Any] = {name: np.frombuffer(data) for name, data in row.arrays.items()}
+    road = {name: arrays[name] for name in _OF_ROAD if name in arrays}
+    slopes = {name: values.reshape(-1, 2) for name, values in road.items() if name in profile.NAMES}
     is_driven = row.outcome != "DROPPED"
-    if not int(is_driven) <= len(trace.distance) == len(trace.lateral_offset) == len(trace.speed):
-        raise ValueError("a drive has not as many offsets and speeds as distances")
-    if is_driven and row.moobd is None:
-        raise ValueError("a drive has no MOOBD")
-    slopes: dict[str, Any] = {
-        name: np.frombuffer(packed).reshape(-1, 2)
-        for name in profile.NAMES
-        if (packed := getattr(row, name)) is not None
-    }
+    trace = None
+    if is_driven:
+        trace = Trace(*(arrays.get(name, np.empty(0)) for name in _OF_TRACE))
+        if not 1 <= len(trace.distance) == len(trace.lateral_offset) == len(trace.speed):
+            raise ValueError("a drive has not as many offsets and speeds as distances")
+        if row.moobd is None:
+            raise ValueError("a drive has no MOOBD")
     candidate = Candidate(
         number,
-        np.frombuffer(row.curvatures),
+        road.get("curvatures", np.empty(0)),
         row.step,
         Origin(EARLIER if is_driven else GIVEN),
         notes={} if row.name is None else {GIVEN: row.name},
         **slopes,
     )
-    told = Evaluation(
-        candidate,
-        Outcome(row.outcome),
-        row.moobd,
-        0.0,
-        **{name: getattr(row, name) for name in _OF_EVALUATION},
-        read_trace=lambda: trace if is_driven else None,
-    )
+    values: dict[str, Any] = {name: getattr(row, name) for name in _OF_EVALUATION}
+    told = Evaluation(candidate, budget_spent=0.0, **values, read_trace=lambda: trace)
     return EarlierTest(row.campaign, row.test, told)
-
-
-def _worth_taking(
-    store: CampaignStore, objective: Objective, fitting: _Fitting, approaches: _Approaches
-) -> Iterator[tuple[Test, Evaluation]]:
-    for outcome, (most, looked_at) in _MOST.items():
-        taken = 0
-        for record in store.tests(outcome, "moobd", looked_at):
-            if taken == most:
-                break
-            if not fitting.accepts(record):
-                continue
-            told = evaluation_of(record, partial(store.trajectory, record.id), objective)
-            if told.trace is not None and approaches.add_new(told):
-                taken += 1
-                yield record, told
-
-
-def _numbered(told: Evaluation, number: int) -> Evaluation:
-    """The same result of a candidate with another number, which needs its campaign no more."""
-    road, trace = told.candidate, told.trace
-    slopes: dict[str, Any] = {name: getattr(road, name) for name in profile.NAMES}
-    candidate = Candidate(number, road.curvatures, road.step, Origin(EARLIER), **slopes)
-    return replace(told, candidate=candidate, budget_spent=0.0, read_trace=lambda: trace)
-
-
-class _Fitting:
-    """Accepts roads that fit the new campaign, and counts the others."""
-
-    def __init__(self, tester: RoadTester, step: float | None) -> None:
-        self._tester = tester
-        self._step = step
-        self.refused = 0
-
-    def accepts(self, record: Test) -> bool:
-        road = record.candidate
-        fits = self._step is None or road.step == self._step
-        fits = fits and self._tester.fitted(road)[1].valid
-        self.refused += not fits
-        return fits
-
-
-class _Approaches:
-    """Approaches of what was taken, by side."""
-
-    def __init__(self) -> None:
-        self._by_side: dict[int, list[FloatArray]] = {}
-
-    def add_new(self, told: Evaluation) -> bool:
-        """Adds that of a test, unless it is near another one."""
-        worst = places_of(told, told.candidate, 0.0)[0]
-        others = self._by_side.setdefault(worst.side, [])
-        if others and nearest_square(np.array(others), worst.vector, _APART**2) < _APART**2:
-            return False
-        others.append(worst.vector)
-        return True

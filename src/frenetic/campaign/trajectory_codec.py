@@ -20,9 +20,10 @@ finds the oob distances that it found in the original one, to well within 1 mm.
 
 Layout, all numbers little-endian: CRC-32 of the rest (4 bytes), number of records n (4 bytes),
 number of columns k (1 byte), bytes per difference (1 byte), for each column its place in
-`RESOLUTIONS` (1 byte), then one zlib stream of the differences, of which the first are from 0. These
-are zigzag-coded (the sign in the lowest bit) and laid out byte by byte, first the lowest bytes of
-all, then the next higher ones and so on, so that the mostly empty high bytes stand together.
+`RESOLUTIONS` (1 byte), then one zlib stream of the differences, of which the first are from 0.
+These are zigzag-coded (the sign in the lowest bit) and laid out byte by byte, first the lowest
+bytes of all, then the next higher ones and so on, so that the mostly empty high bytes stand
+together.
 """
 
 from __future__ import annotations
