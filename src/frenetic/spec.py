@@ -343,19 +343,11 @@ class Spec:
             ) from None
         values = structs.asdict(record)
         command = values.pop("command")
-        strategy, driver, simulator = (Part(made=config[kind]) for kind in _PARTS)
+        named = cls() if command is None else cls.from_options(structs.asdict(command))
         for kind in _PARTS:
-            del values[kind]
-        if command is None:
-            return cls(strategy=strategy, driver=driver, simulator=simulator, **values)
-        named = cls.from_options(structs.asdict(command) | {"map_size": values.pop("map_size")})
-        return replace(
-            named,
-            strategy=replace(named.strategy, made=strategy.made),
-            driver=replace(named.driver, made=driver.made),
-            simulator=replace(named.simulator, made=simulator.made),
-            **values,
-        )
+            part = Part() if command is None else getattr(named, kind)
+            values[kind] = replace(part, made=config[kind])
+        return replace(named, **values)
 
     @classmethod
     def from_drive_record(cls, record: Any, *, source: object) -> Spec:
@@ -838,7 +830,9 @@ def is_built_in(part: object) -> bool:
 
 
 def _plain(value: object, depth: int = 0) -> JSONValue:
-    """A value as JSON, or else its repr without addresses and with sets in order."""
+    """A value as JSON, or else its repr without addresses; a set is a list in order."""
+    if isinstance(value, (set, frozenset)):
+        value = sorted(value, key=repr)
     if value is None or isinstance(value, (bool, int, str)):
         return value
     if isinstance(value, float) and math.isfinite(value):
@@ -852,7 +846,7 @@ def _plain(value: object, depth: int = 0) -> JSONValue:
     if isinstance(value, (type, FunctionType)):
         return f"{value.__module__}:{value.__qualname__}"
     try:
-        text = _repr(value)
+        text = repr(value)
     except Exception:
         text = f"<{_class_name(type(value))}>"
     if _ADDRESS.search(text):
@@ -865,32 +859,6 @@ def _plain(value: object, depth: int = 0) -> JSONValue:
         data = value.tobytes() if hasattr(value, "tobytes") else text.encode(errors="replace")
         digest = f" SHA-256 {hashlib.sha256(data).hexdigest()[:16]}"
     return text[:_LONGEST] + digest
-
-
-def _repr(value: object) -> str:
-    """The repr of a value; of a set, also in a dataclass, in an order that every process gives."""
-    if is_dataclass(value) and not isinstance(value, type):
-        own = [(item.name, getattr(value, item.name)) for item in fields(value) if item.repr]
-
-        def told(of: Callable[[object], str]) -> str:
-            items = ", ".join(f"{name}={of(one)}" for name, one in own)
-            return f"{type(value).__qualname__}({items})"
-
-        text = repr(value)
-        return told(_repr) if told(repr) == text else text  # it may have a repr of its own
-    is_set = type(value).__repr__ in (set.__repr__, frozenset.__repr__)
-    # Numbers have the same hashes in every process, and records have them in this order.
-    if not isinstance(value, (set, frozenset)) or not is_set or all(map(_is_numeric, value)):
-        return repr(value)
-    items = f"{{{', '.join(sorted(map(_repr, value)))}}}"
-    return items if type(value) is set else f"{type(value).__name__}({items})"
-
-
-def _is_numeric(value: object) -> bool:
-    """Whether it is a number, or a tuple of numbers."""
-    if isinstance(value, tuple):
-        return all(map(_is_numeric, value))
-    return isinstance(value, numbers.Number)
 
 
 def part_text(part: object, recorded: object = None) -> str:
@@ -970,43 +938,28 @@ class _Described(Struct, forbid_unknown_fields=True, rename={"kind": "class"}):
     margin: float | None = None
 
 
-def _driving() -> list[tuple[str, Any, Any]]:
-    """Entries of a command line that say how roads are driven: name, type, default."""
-    parts: list[Any] = [
-        (f"{kind}_options", dict[str, Any], field(default_factory=dict)) for kind in _PARTS
-    ]
-    return [*parts, ("layers", dict[str, Finite], field(default_factory=dict))]
-
-
-def _judged_by() -> tuple[str, Any, Any]:
-    """The entry of a command line that says the criteria."""
+def _command_type(*more: Any, **options: Any) -> Any:
+    """The type of a record's ``command``, or of a `drive_record` with more entries."""
     from frenetic.criteria import JUDGED_BY_LANE, Profile  # numpy takes its time
 
-    return "criteria", Profile, JUDGED_BY_LANE
-
-
-def _command_type(*needed: str) -> Any:
-    """The type of a record's ``command``, with the parts that it has to name."""
-    optional = str | None
-    names: list[Any] = [(k, str) if k in needed else (k, optional, None) for k in _PARTS]
-    limits = [("speed_limit", Positive), ("oob_tolerance", Share), ("wall_limit", Positive)]
-    return defstruct("Command", [*names, *limits, _judged_by(), *_driving()], kw_only=True)
+    named = {f"{kind}_options": dict[str, Any] for kind in _PARTS} | {"layers": dict[str, Finite]}
+    entries: list[Any] = [
+        *((kind, str) for kind in ("driver", "simulator")),
+        ("strategy", str | None, None),
+        *(("speed_limit", Positive), ("oob_tolerance", Share), ("wall_limit", Positive)),
+        ("criteria", Profile, JUDGED_BY_LANE),
+        *((name, kind, field(default_factory=dict)) for name, kind in named.items()),
+        *more,
+    ]
+    return defstruct("Command", entries, kw_only=True, **options)
 
 
 def _driven_type() -> Any:
     """The type of a `drive_record`."""
     from frenetic.road.classes import RoadClass  # numba takes its time
 
-    named = [("driver", str), ("simulator", str), ("map_size", Positive)]
-    limits = [("speed_limit", Positive), ("oob_tolerance", Share), ("wall_limit", Positive)]
-    entries: list[Any] = [
-        *named,
-        *limits,
-        _judged_by(),
-        *_driving(),
-        ("road_class", RoadClass | None, None),
-    ]
-    return defstruct("Driven", entries, kw_only=True, forbid_unknown_fields=True)
+    more = ("map_size", Positive), ("road_class", RoadClass | None, None)
+    return _command_type(*more, forbid_unknown_fields=True)
 
 
 def _record_type() -> Any:
@@ -1036,7 +989,7 @@ def _record_type() -> Any:
         ("from_roads", str | None, None),
         ("versions", dict[str, str]),
         ("behaviours", dict[str, str], {}),
-        ("command", _command_type(*_PARTS) | None, None),
+        ("command", _command_type() | None, None),
     ]
     return defstruct("Record", entries, kw_only=True)
 
@@ -1083,12 +1036,3 @@ def decode_budget(value: Any) -> Budget:
     """
     budget: Budget = _convert(value, Budget)
     return budget
-
-
-def decode_command(value: Any, *needed: str) -> dict[str, Any]:
-    """The options of a record's command line, which has to name the needed parts.
-
-    Raises:
-        ValueError: it is none.
-    """
-    return structs.asdict(_convert(value, _command_type(*needed)))
