@@ -10,7 +10,7 @@ import shlex
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from datetime import datetime
 from functools import partial
@@ -244,7 +244,7 @@ class Campaign(Shown):
         """Whether its folder and database exist."""
         self.description = dict(description or {})
         self.notes: tuple[str, ...] = ()
-        """What `resume` has to say about changed parts, and those that it could not compare."""
+        """What it starts from, each in a sentence."""
         self.isolate = False
         """Whether a single worker drives in a process of its own, unless only compiled code of ours
         drives."""
@@ -388,23 +388,14 @@ class Campaign(Shown):
         if self.from_roads is not None:
             words, roads = take_roads(self.from_roads, self.tester, step)
             starts, taken = [words, *starts], [*roads, *taken]
-        configuration = self.configuration()
+        self.notes = tuple(f"starts from {one}" for one in starts)
         facts: dict[str, JSONValue] = {SOURCES: self._sources(), STARTED_IN: str(Path.cwd())}
-        with ExitStack() as stack:
-            stack.enter_context(self.strategy)
-            store = stack.enter_context(
-                CampaignStore.create(self.folder, configuration, facts | fact_of(taken))
-            )
-            log = stack.enter_context(CampaignLog(self.folder))
-            self.started = True
+        facts |= fact_of(taken)
+        made = CampaignStore.create(self.folder, self.configuration(), facts)
+        with self.strategy, made as store:
             summary = Summary(seed=self.seed, folder=self.folder)
-            _log_start(log, LogEvent.STARTED, summary, configuration)
-            self.notes = tuple(f"starts from {one}" for one in starts)
-            for note in self.notes:
-                log.write(LogEvent.LOG, note, logger=__name__)
             start(self.strategy, read_earlier(store), summary)
-            stack.enter_context(_saying_what_is_stored(store, summary))
-            return self._search(store, log, summary, {}, limit, on_event)
+            return self._search(LogEvent.STARTED, store, summary, {}, limit, on_event)
 
     def _allow(self, simulations: int | None) -> int | None:
         """The number of simulations at which to stop, which the budget allows; None for no other.
@@ -435,20 +426,14 @@ class Campaign(Shown):
         on_event: Callable[[Event], object] | None,
     ) -> Summary:
         """Searches on after an earlier `run` or `resume` of this object."""
-        with ExitStack() as stack:
-            store = stack.enter_context(CampaignStore.open(self.folder, readonly=False))
+        with self.strategy, CampaignStore.open(self.folder, readonly=False) as store:
             if sum(store.by_outcome().values()) != summary.told:
                 raise CampaignError(
                     f"{self.folder} was written by another process since: resume() a campaign with"
                     " a fresh strategy"
                 )
-            stack.enter_context(self.strategy)
             summary.spend(self._required_budget, summary.seconds)
-            store.reopen(budget=asdict(self._required_budget))
-            log = stack.enter_context(CampaignLog(self.folder))
-            _log_start(log, LogEvent.RESUMED, summary, self.configuration())
-            stack.enter_context(_saying_what_is_stored(store, summary))
-            return self._search(store, log, summary, outstanding, limit, on_event)
+            return self._search(LogEvent.RESUMED, store, summary, outstanding, limit, on_event)
 
     def stop(self) -> None:
         """Stops the campaign after the running tests, like the first Ctrl-C.
@@ -479,30 +464,20 @@ class Campaign(Shown):
             CampaignError: there is no such campaign, another process writes it, it was made with
                 other parts, the strategy replays differently, or as for `run`.
         """
-        with ExitStack() as stack:
-            store = stack.enter_context(CampaignStore.open(self.folder, readonly=False))
+        with CampaignStore.open(self.folder, readonly=False) as store:
             if self.budget is None:
                 self.budget = stored_budget(store)
             prepare(self.tester.simulator, is_here=self.cluster is None)
             self._keep_margin()
             self.start_from, taken = stored_earlier(store)
-            configuration = self.configuration()
-            self._check_same(store, configuration)
+            self._check_same(store, self.configuration())
             store.require_sound()
-            stack.enter_context(self.strategy)
-            summary, outstanding = replay(
-                store, self.strategy, self.budget, self.objective, earlier=taken
-            )
-            summary.seed, summary.folder = self.seed, self.folder
-            # However this process ends, the campaign is resumed to this budget.
-            store.reopen(budget=asdict(self.budget))
-            log = stack.enter_context(CampaignLog(self.folder))
-            self.started = True
-            _log_start(log, LogEvent.RESUMED, summary, configuration)
-            for note in self.notes:
-                log.write(LogEvent.LOG, note, level="warning", logger=__name__)
-            stack.enter_context(_saying_what_is_stored(store, summary))
-            return self._search(store, log, summary, outstanding, None, on_event)
+            with self.strategy:
+                summary, outstanding = replay(
+                    store, self.strategy, self.budget, self.objective, earlier=taken
+                )
+                summary.seed, summary.folder = self.seed, self.folder
+                return self._search(LogEvent.RESUMED, store, summary, outstanding, None, on_event)
 
     def _is_interruption(self, error: BaseException) -> bool:
         """Whether an error of a search comes of Ctrl-C."""
@@ -527,22 +502,13 @@ class Campaign(Shown):
         return {"objective": version_of(self.objective.measure).text}
 
     def _check_same(self, store: CampaignStore, configuration: Mapping[str, JSONValue]) -> None:
-        """Checks that a stored campaign was made on these terms with these parts; fills `notes`.
+        """Checks that a stored campaign was made on these terms with these parts.
 
         Raises:
             CampaignError: it was not.
         """
         ours = json.loads(json.dumps(configuration, default=plain))
-        for name in (
-            "rules",
-            "map_size",
-            "margin",
-            "lane_width",
-            "road_class",
-            "domain",
-            "lookahead",
-            "objective",
-        ):
+        for name in _TERMS:
             theirs = store.config.get(name, MOOBD if name == "objective" else None)
             if ours[name] != theirs:
                 raise CampaignError(
@@ -576,14 +542,36 @@ class Campaign(Shown):
 
     def _search(
         self,
+        event: LogEvent,
         store: CampaignStore,
-        log: CampaignLog,
         summary: Summary,
         outstanding: dict[int, Candidate],
         limit: int | None,
         on_event: Callable[[Event], object] | None,
     ) -> Summary:
         """Tests until the budget is spent; the common part of `run` and `resume`."""
+        self.started = True
+        if event is LogEvent.RESUMED:
+            # However this process ends, the campaign is resumed to this budget.
+            store.reopen(budget=asdict(self._required_budget))
+        with CampaignLog(self.folder) as log, _saying_what_is_stored(store, summary):
+            configuration = self.configuration()
+            fields: dict[str, Any] = {name: configuration[name] for name in _LOGGED}
+            after = f" after {counted(summary.told, 'result')}" if summary.told else ""
+            log.write(event, event + after, process_id=os.getpid(), host=platform.node(), **fields)
+            for note in self.notes if event is LogEvent.STARTED else ():
+                log.write(LogEvent.LOG, note, logger=__name__)
+            return self._searched(log, store, summary, outstanding, limit, on_event)
+
+    def _searched(
+        self,
+        log: CampaignLog,
+        store: CampaignStore,
+        summary: Summary,
+        outstanding: dict[int, Candidate],
+        limit: int | None,
+        on_event: Callable[[Event], object] | None,
+    ) -> Summary:
         write_run_file(self.spec(), self.folder)
         interrupted = False
         self._search_so_far = None
@@ -602,7 +590,8 @@ class Campaign(Shown):
                 self._interrupt = interrupt
                 with self._workers(log) as workers:
                     compile_kernels()  # which the strategy needs here, while they start
-                    _await_start(workers, interrupt)
+                    while not workers.free and not interrupt.requested:
+                        workers.wait(_START_POLL)
                     say("started", summary.now(summary.seconds))
                     start = time.perf_counter() - summary.seconds
                     dispatcher = Dispatcher(
@@ -636,9 +625,8 @@ class Campaign(Shown):
             interrupted = self._is_interruption(error)
             if not interrupted:
                 log.progress(summary.now(time.perf_counter() - start))
-                cause: dict[str, Any] = {}
-                if trace := traceback_of(error):
-                    cause["traceback"] = trace
+                trace = traceback_of(error)
+                cause: dict[str, Any] = {"traceback": trace} if trace else {}
                 log.write(LogEvent.GAVE_UP, reason_of(error), level="error", **cause)
                 raise
         finally:
@@ -659,10 +647,9 @@ class Campaign(Shown):
             **{FACTS: end.facts},
         )
         log.progress(end)
+        last = LogEvent.INTERRUPTED if interrupted else LogEvent.FINISHED
         fields: dict[str, Any] = end.as_json()
-        log.write(
-            LogEvent.INTERRUPTED if interrupted else LogEvent.FINISHED, end.in_words(), **fields
-        )
+        log.write(last, end.in_words(), **fields)
         return end
 
     def _second_drive(self, store: CampaignStore) -> SecondDrive | None:
@@ -733,6 +720,17 @@ def _usual_workers(simulator: Simulator, lookahead: int | None) -> int:
     return usual if lookahead is None else min(usual, lookahead)
 
 
+_TERMS: Final = (
+    "rules",
+    "map_size",
+    "margin",
+    "lane_width",
+    "road_class",
+    "domain",
+    "lookahead",
+    "objective",
+)
+"""Entries of the configuration on which a resumed campaign is the same."""
 _LOGGED: Final = (
     "seed",
     "strategy",
@@ -747,14 +745,6 @@ _LOGGED: Final = (
 """The configuration in the log's first line."""
 
 
-def _log_start(
-    log: CampaignLog, event: LogEvent, summary: Summary, configuration: Mapping[str, JSONValue]
-) -> None:
-    fields: dict[str, Any] = {name: configuration[name] for name in _LOGGED}
-    text = f"{event} after {counted(summary.told, 'result')}" if summary.told else str(event)
-    log.write(event, text, process_id=os.getpid(), host=platform.node(), **fields)
-
-
 @contextmanager
 def _saying_what_is_stored(store: CampaignStore, summary: Summary) -> Iterator[None]:
     """Adds to an error how far the campaign came."""
@@ -767,9 +757,3 @@ def _saying_what_is_stored(store: CampaignStore, summary: Summary) -> Iterator[N
         spent = f"{summary.budget_spent:.0%} of the budget spent"
         # A strategy's fault stays one: a bench goes on with the others.
         raise type(error)(f"{error}; {stored} stored, {spent}") from error
-
-
-def _await_start(workers: Workers, interrupt: Interrupt) -> None:
-    """Waits until one worker is ready."""
-    while not workers.free and not interrupt.requested:
-        workers.wait(_START_POLL)
