@@ -195,11 +195,9 @@ def test_the_answer_says_who_is_better_by_how_much() -> None:
     assert worse.verdict is Verdict.WORSE
     assert worse.answer.startswith("new is worse: of 200 fresh roads, it fails on 31, old on 12")
     level = result(paired((5, FAIL, PASS), (4, PASS, FAIL), (191, PASS, PASS)))
-    assert level.verdict is Verdict.MIXED
-    assert level.answer.startswith(
-        "mixed: of all 200 roads, 5 pass now and 4 fail now; of 200 fresh roads, new fails on 4,"
-        " old on 5 (difference "
-    )
+    assert level.verdict is Verdict.LEVEL
+    assert level.answer.startswith("no difference shown: of 200 fresh roads, new fails on 4,")
+    assert level.answer.endswith("; of all 200 roads, 5 pass now and 4 fail now")
     assert "fresh roads, 800," in level.notes[-1]
 
 
@@ -220,15 +218,14 @@ def test_better_by_crawling_is_said() -> None:
     assert result(paired(*pairs, slower=1.5)).answer.startswith("new is better but 50 % slower: ")
     for slower in (1.0, 1.001, 0.9):
         assert result(paired(*pairs, slower=slower)).answer.startswith("new is better: ")
-    for slower, words in ((1.5, "50 % longer"), (0.5, "50 % less")):
-        time, _ = result(paired(*pairs, slower=slower)).trade_offs
-        assert words in time
+    for slower, words in ((1.5, "+50.0 % with new"), (0.5, "-50.0 % with new")):
+        assert words in result(paired(*pairs, slower=slower)).time_in_words
     few = result(paired((5, PASS, PASS), slower=2.0))
-    assert all("too few roads to tell" in text for text in few.trade_offs)
+    assert "too few roads to tell (median +100.0 %)" in few.time_in_words
     assert not few.is_slower
     fresh: Any = back_to_back_document(few)["sets"]
-    unknown = {"value": 0.0, "low": None, "high": None, "cannot_tell": True}
-    assert fresh[0]["moobd_difference"] == unknown
+    unknown = {"value": 1.0, "low": None, "high": None, "cannot_tell": True}
+    assert fresh[0]["time"]["relative_difference"] == unknown
 
 
 def test_drives_that_broke_cannot_win() -> None:
@@ -250,17 +247,6 @@ def test_what_makes_a_verdict_doubtful_is_noted() -> None:
     own = paired((3, PASS, PASS), (7, FAIL, PASS), roads=RoadSet.OLD)
     notes = result(roads, own).notes
     assert any("old passes 3 of the 10 roads on which its campaign failed" in one for one in notes)
-    noisy: Any = {"class": "l:Noisy", "options": {"offset": 0.1}, "driver": {"class": "a:New"}}
-    assert "different noise" in BackToBack({"class": "a:Old"}, noisy, {}, 0, (roads,)).notes[0]
-    assert not any("different noise" in note for note in notes)
-
-
-def test_changes_of_drives_that_do_not_repeat_are_no_mixed_result() -> None:
-    fresh = paired((3, FAIL, PASS), (3, PASS, FAIL), (94, PASS, PASS))
-    repeating = paired((10, FAIL, FAIL), roads=RoadSet.OLD)
-    assert result(fresh, repeating).verdict is Verdict.MIXED
-    unsteady = paired((4, PASS, FAIL), (6, FAIL, FAIL), roads=RoadSet.OLD)
-    assert result(fresh, unsteady).verdict is Verdict.LEVEL
 
 
 def test_a_failure_is_new_only_where_the_old_version_passes(campaign: Path) -> None:

@@ -26,7 +26,6 @@ from frenetic.analysis.statistics import Estimate, median_estimate, paired_share
 from frenetic.campaign.record import Test
 from frenetic.oracle import Side
 from frenetic.outcome import Outcome
-from frenetic.versions import over_each_other
 
 SLOWER: Final = 0.01
 """Least share of the time by which a version counts as slower."""
@@ -68,8 +67,6 @@ class Verdict(StrEnum):
 
     BETTER = "new is better"
     WORSE = "new is worse"
-    MIXED = "mixed"
-    """No difference is shown: some roads pass now, and some fail now."""
     LEVEL = "no difference shown"
     """The interval of the difference holds 0."""
     UNKNOWN = "cannot tell"
@@ -140,18 +137,6 @@ class PairedRoads:
             if drive.outcome is Outcome.ERROR
         ]
 
-    def unsteady(self, version: Version) -> int:
-        """Roads on which some drives of a version failed and some passed."""
-        return sum(0.0 < failing_share(pair.drives(version)) < 1.0 for pair in self.judged)
-
-    def standing(self, version: Version) -> int:
-        """Failing drives of a version in which it did not leave its lane: it stood, or was slow."""
-        return sum(
-            drive.outcome is Outcome.FAIL and drive.test.result.finding is None
-            for pair in self.pairs
-            for drive in pair.drives(version)
-        )
-
     @cached_property
     def difference(self) -> Estimate | None:
         """Failure rate of the new version minus that of the old, -1..1; None without pairs."""
@@ -178,17 +163,6 @@ class PairedRoads:
             for version in Version
         )
         return paired_share_difference(old, new, repeats=self.repeats)
-
-    @cached_property
-    def moobd_difference(self) -> Estimate | None:
-        """Median of the new version's mean MOOBD minus the old one's, in m; None without pairs."""
-        differences = [
-            new - old
-            for pair in self.judged
-            if (old := _mean(pair.old, "moobd")) is not None
-            and (new := _mean(pair.new, "moobd")) is not None
-        ]
-        return median_estimate(differences) if differences else None
 
     @cached_property
     def both_passed(self) -> tuple[tuple[float, float], ...]:
@@ -345,18 +319,8 @@ class BackToBack:
 
     @property
     def verdict(self) -> Verdict:
-        """Verdict by the fresh roads; mixed if they show no difference, but all roads changes.
-
-        Where the old version's drives do not repeat, changes show nothing.
-        """
-        verdict = self.fresh.verdict
-        repeats = all(
-            own.failing(Version.OLD) == len(own.judged)
-            for own in self.sets
-            if own.roads is RoadSet.OLD
-        )
-        is_mixed = self._count(Change.PASSES_NOW) and self._count(Change.FAILS_NOW) and repeats
-        return Verdict.MIXED if verdict is Verdict.LEVEL and is_mixed else verdict
+        """Verdict by the fresh roads."""
+        return self.fresh.verdict
 
     @cached_property
     def distinct(self) -> tuple[DistinctFailure, ...]:
@@ -399,33 +363,29 @@ class BackToBack:
         if verdict in (Verdict.BETTER, Verdict.WORSE):
             return f"{verdict}{_slower_by(self)}: of {roads}, it fails {new}, old {old} {rates}"
         counts = f"of {roads}, new fails {new}, old {old} {rates}"
-        passing, failing = self._count(Change.PASSES_NOW), self._count(Change.FAILS_NOW)
+        passing, failing = (
+            sum(own.count(change) for own in self.sets)
+            for change in (Change.PASSES_NOW, Change.FAILS_NOW)
+        )
         every = counted(sum(len(own.judged) for own in self.sets), "road")
         changes = f"of all {every}, {passing} pass now and {failing} fail now"
-        if verdict is Verdict.MIXED:
-            return f"{verdict}: {changes}; {counts}"
         if verdict is Verdict.UNKNOWN:
             return f"cannot tell which is better, drives that broke decide: {counts}; {changes}"
         return f"{verdict}: {counts}; {changes}"
 
-    def _count(self, change: Change) -> int:
-        return sum(roads.count(change) for roads in self.sets)
-
     @property
-    def trade_offs(self) -> tuple[str, ...]:
-        """Differences in time and in distance to failing on the fresh roads, each in a sentence."""
-        fresh, told = self.fresh, []
-        time, times = fresh.time_difference, fresh.mean_times
-        if time is not None and times is not None:
-            old, new = times
-            told.append(
-                f"time where both pass: {_compared(time, 100.0, '%', 'longer', 'less')} with new,"
-                f" on average {new:.1f} s instead of {old:.1f} s"
-            )
-        moobd = fresh.moobd_difference
-        if moobd is not None:
-            told.append(f"MOOBD: {_compared(moobd, 1.0, 'm', 'higher', 'lower')} with new")
-        return tuple(told)
+    def time_in_words(self) -> str:
+        """Difference in time on the fresh roads, in a sentence; empty without any."""
+        found, times = self.fresh.time_difference, self.fresh.mean_times
+        if found is None or times is None:
+            return ""
+        old, new = times
+        low, value, high = (f"{100.0 * end:+.1f}" for end in (found.low, found.value, found.high))
+        if math.isinf(found.low):
+            shown = f"too few roads to tell (median {value} %)"
+        else:
+            shown = f"{value} % with new (median, 95 % interval {low} to {high} %)"
+        return f"time where both pass: {shown}, on average {new:.1f} s instead of {old:.1f} s"
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -434,10 +394,6 @@ class BackToBack:
 
     def _notes(self) -> Iterator[str]:
         fresh = self.fresh
-        if _layers(self.old) != _layers(self.new):
-            yield (
-                "the versions have different noise, delay or view: the answer is about these, too"
-            )
         if any(roads.pairs for roads in self.sets[1:]):
             yield (
                 "the answer rests on the fresh roads; failing roads were found by searching against"
@@ -451,11 +407,6 @@ class BackToBack:
                     f"{version} broke in {counted(len(broken), 'drive')}, which count as neither"
                     f" passed nor failed, most often: {reason}"
                 )
-            if standing := fresh.standing(version):
-                yield f"{version} stood still or was too slow in {standing} of its failures"
-            unsteady = sum(roads.unsteady(version) for roads in self.sets)
-            if unsteady:
-                yield f"{version} passes and fails on the same road on {counted(unsteady, 'road')}"
         for own in self.sets:
             passed = len(own.judged) - own.failing(Version.OLD)
             if own.roads is RoadSet.OLD and passed:
@@ -468,33 +419,12 @@ class BackToBack:
             yield f"four times as many fresh roads, {more}, halve the interval"
 
 
-def _layers(driver: Mapping[str, JSONValue]) -> list[tuple[object, object]]:
-    """Classes and options of the layers over a driver."""
-    *layers, _ = over_each_other(driver)
-    return [(layer["class"], layer.get("options")) for layer in layers]
-
-
 def _slower_by(result: BackToBack) -> str:
     time = result.fresh.time_difference
     if time is None or not result.is_slower:
         return ""
     word = "but" if result.verdict is Verdict.BETTER else "and"
     return f" {word} {time.value:.0%} slower".replace("%", " %")
-
-
-def _compared(found: Estimate, scale: float, unit: str, more: str, less: str) -> str:
-    """A median difference and its interval in words."""
-    if math.isinf(found.low):
-        return f"too few roads to tell (median {scale * found.value:+.2g} {unit})"
-    if found.sign == 0:
-        texts = [f"{scale * end:+.2g}" for end in (found.value, found.low, found.high)]
-        return (
-            f"no difference shown (median {texts[0]} {unit}, 95 % interval {texts[1]} to {texts[2]}"
-            f" {unit})"
-        )
-    low, value, high = sorted(abs(scale * v) for v in (found.low, found.value, found.high))
-    word = more if found.sign > 0 else less
-    return f"{value:.2g} {unit} {word} (median, 95 % interval {low:.2g} to {high:.2g} {unit})"
 
 
 def _points(share: float) -> str:
@@ -554,7 +484,6 @@ def _set_document(roads: PairedRoads) -> dict[str, JSONValue]:
         "broken": {str(version): len(roads.broken(version)) for version in Version},
         "difference": estimate(roads.difference),
         "difference_with_broken": estimate(roads.difference_with_broken),
-        "moobd_difference": estimate(roads.moobd_difference),
         "both_passed": len(roads.both_passed),
         "time": {
             "old": old_time,

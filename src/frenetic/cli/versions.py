@@ -145,7 +145,7 @@ def _print(result: BackToBack, specs: Mapping[Version, Spec]) -> None:
             if roads.pairs
         ],
     )
-    for text in result.trade_offs:
+    if text := result.time_in_words:
         click.echo(capitalised(text))
     _print_distinct(result)
     for note in result.notes:
