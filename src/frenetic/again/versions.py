@@ -4,13 +4,12 @@ ISTQB's glossary calls so what executes the same tests on two variants and compa
 Both versions drive on fresh random roads, which no search has chosen, and on those on which the old
 one failed in its campaign; `frenetic.again.paired` says what the pairs show.
 
-The fresh roads are a campaign of their own, which the old version drives, in the folder of its
-campaign. Every other drive is a rerun of the campaign whose road it is.
+The fresh roads are a campaign of their own, which the old version drives, in the folder ``again``
+of its campaign. Every other drive is a rerun of the campaign whose road it is.
 """
 
 from __future__ import annotations
 
-import hashlib
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -21,11 +20,11 @@ from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 from frenetic._support.json_value import JSONValue
-from frenetic.again.campaigns import How
+from frenetic.again.campaigns import How, campaign_again, complete
 from frenetic.again.paired import BackToBack, Pair, PairedRoads, RoadSet
 from frenetic.again.rerun import drive_tests
 from frenetic.again.verdicts import Repeat
-from frenetic.campaign.campaign import LOOKAHEAD, SOURCES, Campaign
+from frenetic.campaign.campaign import SOURCES, Campaign
 from frenetic.campaign.counts import key_of
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.record import Test
@@ -43,12 +42,10 @@ from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import Conditions
 from frenetic.spec import Budget, Part, Spec, describe, part_text, require_count
 from frenetic.trust import NOT_DRIVING
-from frenetic.versions import SHORT, comparison_key, sources_named
+from frenetic.versions import comparison_key, sources_named
 
 FRESH: Final = 200
 """Default number of fresh roads."""
-FOLDER: Final = "fresh"
-"""Folder, in that of the old version's campaign, of the campaigns with fresh roads."""
 
 
 @dataclass(frozen=True)
@@ -201,9 +198,11 @@ def drive(
     tester = RoadTester.on(setting, simulator, driver)
     missing, is_interrupted = plan.drives, False
     if old is None:
-        key = hashlib.sha256(comparison_key(*described).encode()).hexdigest()[:SHORT]
-        fresh = plan.old / FOLDER / f"seed-{plan.seed}-{key}"
-        done = _drive_fresh(plan, tester, fresh, spec, how)
+        campaign = _fresh_campaign(plan, tester, spec, how)
+        fresh = campaign.folder
+        if _simulations(campaign) < plan.fresh:
+            complete(campaign, how)
+        done = _simulations(campaign)
         missing, is_interrupted = missing - min(done, plan.fresh), done < plan.fresh
     else:
         check_differ(old.driver, described[0])
@@ -227,40 +226,24 @@ def drive(
     return VersionDrives(*described, fresh, drives, missing)
 
 
-def _drive_fresh(plan: Plan, tester: RoadTester, folder: Path, spec: Spec | None, how: How) -> int:
-    """Makes the campaign with the fresh roads, or goes on with it; returns its drives."""
-    exists, done = (folder / DATABASE).exists(), 0
-    if exists:
-        with CampaignStore.open(folder) as store:
-            done = store.counts().simulations
-    if done >= plan.fresh:
-        return done
+def _fresh_campaign(plan: Plan, tester: RoadTester, spec: Spec | None, how: How) -> Campaign:
+    """The campaign with the fresh roads, possibly driven."""
     budget = Budget(simulations=plan.fresh)
-    campaign = Campaign(
-        strategy=RandomSearch(
-            seed=plan.seed, map_size=tester.map_size, road_class=tester.road_class
-        ),
-        simulator=tester.simulator,
-        driver=tester.driver,
-        budget=budget,
-        folder=folder,
-        **tester.terms,
-        workers=how["workers"],
-        drive_limit=how["drive_limit"],
-        ordered=True,
-    )
+    strategy = RandomSearch(seed=plan.seed, map_size=tester.map_size, road_class=tester.road_class)
+    what, terms = ["fresh", plan.seed], {"fresh": True}
+    campaign = campaign_again(plan.old, strategy, tester, budget, what=what, terms=terms, how=how)
     if spec is not None:
-        random = Part("random")
-        campaign.named = replace(
-            spec,
-            strategy=random,
-            seed=plan.seed,
-            budget=budget,
-            lookahead=LOOKAHEAD,
-            cluster=None,
-        )
-    search = campaign.resume if exists else campaign.run
-    return search(on_event=how["on_event"]).simulations
+        more: Any = {"seed": plan.seed, "budget": budget, "lookahead": None, "cluster": None}
+        campaign.named = replace(spec, strategy=Part("random"), **more)
+    return campaign
+
+
+def _simulations(campaign: Campaign) -> int:
+    """Number of stored drives."""
+    if not (campaign.folder / DATABASE).exists():
+        return 0
+    with CampaignStore.open(campaign.folder) as store:
+        return store.counts().simulations
 
 
 def _fresh_tests(folder: Path, number: int) -> list[Test]:
