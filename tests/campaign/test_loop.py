@@ -104,7 +104,6 @@ class FakeWorkers:
 
     Args:
         losses: how often the attempt at a candidate is lost.
-        busy: how many candidates keep them busy; as many as they can have if None.
     """
 
     def __init__(
@@ -112,10 +111,8 @@ class FakeWorkers:
         count: int,
         choose: Choose = lambda ids: ids[:1],
         losses: Mapping[int, int] | None = None,
-        busy: int | None = None,
     ) -> None:
         self.count = count
-        self.busy = count if busy is None else busy
         self.choose = choose
         self.losses = Counter(losses or {})
         self.outcome_of: Callable[[int], Outcome] = lambda number: Outcome.PASS
@@ -127,10 +124,6 @@ class FakeWorkers:
     @property
     def free(self) -> int:
         return self.count - len(self.running)
-
-    @property
-    def needed(self) -> int:
-        return max(0, self.busy - len(self.running))
 
     def submit(self, candidate: Candidate) -> None:
         assert self.free
@@ -357,21 +350,6 @@ def test_in_order_siblings_are_driven_last(tmp_path: Path) -> None:
     assert submitted[False][:2] == [1, 2]
     assert submitted[True][:3] == [1, 4, 7]
     assert len(submitted[True]) < 25 < 35 < len(submitted[False])
-
-
-def test_in_order_doubtful_siblings_are_not_driven_ahead(tmp_path: Path) -> None:
-    """Workers that may have seven candidates get those that keep them busy, and all sure ones."""
-    first: list[int] = []
-
-    def choose(ids: list[int]) -> list[int]:
-        first[:] = first or ids
-        return ids[:1]
-
-    outcomes = [Outcome.PASS, Outcome.PASS, Outcome.PASS, Outcome.FAIL]
-    strategy, fake = Families(outcomes, 4, names_parents=True), FakeWorkers(7, choose, busy=3)
-    summary = faked(tmp_path, strategy, Budget(simulations=20), fake, lookahead=9).run()
-    assert first == [1, 5, 9]  # each the first of its family
-    assert summary.simulations == len(fake.submitted) == 20
 
 
 def test_in_order_the_end_does_not_wait_for_what_comes_too_late(tmp_path: Path) -> None:

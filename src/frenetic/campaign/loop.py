@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import time
 from collections import Counter, deque
 from collections.abc import Iterator
@@ -36,7 +35,6 @@ MAX_INVALID_IN_A_ROW: Final = 5_000
 PROGRESS_INTERVAL: Final = 5.0
 """Time between two lines of progress in the log, in s."""
 
-_SURE, _DOUBTFUL, _DOOMED = range(3)  # prospects of a waiting candidate
 _HEARTBEAT: Final = 1.0  # s between two looks at the clock while nothing comes back
 
 
@@ -185,9 +183,7 @@ class Dispatcher:
             return len(self._outstanding) < self._lookahead
         if self._would_exceed(self._limit):
             return False
-        # What is asked later is chosen better, and less of it is dropped.
-        room = self._workers.needed if self._is_selective else self._workers.free
-        return not self._interrupt.requested and len(self._waiting) < room
+        return not self._interrupt.requested and len(self._waiting) < self._workers.free
 
     def _would_exceed(self, simulations: int | None) -> bool:
         """Whether one more candidate may be more than so many simulations."""
@@ -214,42 +210,31 @@ class Dispatcher:
             return
         while self._waiting and self._workers.free:
             candidate = self._next()
-            if candidate is None:
-                return
             self._waiting.remove(candidate.id)
             if self._is_wanted(candidate):
                 self._submit(candidate)
             elif not self._lookahead:  # else when its turn comes
                 self._drop(candidate)
 
-    def _next(self) -> Candidate | None:
-        """The waiting candidate to submit next; None if all should wait for running tests.
+    def _next(self) -> Candidate:
+        """The waiting candidate to submit next.
 
         It is the oldest that will surely be wanted: a selective strategy is likely to lose interest
         in a candidate when an older one of the same parents fails. The order does not change what
         is asked and told, only what is driven in vain, so siblings come last.
         """
+        oldest = self._outstanding[min(self._waiting)]
         if not self._is_selective or not self._lookahead:
-            return self._outstanding[min(self._waiting)]
-        chosen, least = None, _DOOMED + 1
-        doubts: dict[tuple[int, ...], int] = {}  # by parents: about the children to come
+            return oldest
+        doubtful: set[tuple[int, ...]] = set()  # parents of a child that has not passed
         for candidate in self._outstanding.values():
             parents = candidate.origin.parents
-            doubt = doubts.get(parents, _SURE)
-            if candidate.id in self._waiting and doubt < least:
-                chosen, least = candidate, doubt
-                if doubt == _SURE:
-                    return chosen
-            if parents:
-                doubts[parents] = max(doubt, self._doubt_after(candidate.id))
-        return chosen if self._workers.needed else None
-
-    def _doubt_after(self, candidate_id: int) -> int:
-        """Doubt whether the younger siblings of a candidate will be wanted."""
-        if candidate_id not in self._ended:
-            return _DOUBTFUL
-        failed = self._ended[candidate_id].result.outcome is Outcome.FAIL
-        return _DOOMED if failed else _SURE
+            if candidate.id in self._waiting and parents not in doubtful:
+                return candidate
+            attempt = self._ended.get(candidate.id)
+            if parents and (attempt is None or attempt.result.outcome is Outcome.FAIL):
+                doubtful.add(parents)
+        return oldest
 
     def _take(self, attempt: Attempt) -> None:
         """Records an attempt; a lost one is repeated unless it was the last."""
@@ -377,7 +362,7 @@ class Dispatcher:
     def _log_notice(self) -> None:
         """Logs what the strategy has to say about its search, once."""
         before, self._summary.notice = self._summary.notice, self._strategy.notice or ""
-        if _without_numbers(self._summary.notice) not in ("", _without_numbers(before)):
+        if self._summary.notice and not before:
             self._log.write(LogEvent.NOTICE, self._summary.notice, level="warning")
 
     def _log_progress(self) -> None:
@@ -391,8 +376,3 @@ class Dispatcher:
                 self._store.keep(**{FACTS: facts})
             summary = self._summary.now(time.perf_counter() - self._start)
             self._log.progress(summary)
-
-
-def _without_numbers(notice: str) -> str:
-    """A notice whose numbers may change while it says the same."""
-    return re.sub(r"[\d.-]+", "", notice)

@@ -109,22 +109,17 @@ class LocalWorkers:
     @property
     def free(self) -> int:
         """Number of candidates that can be submitted now."""
-        return max(0, sum(self._room(seat, AHEAD) for seat in self._seats) - len(self._backlog))
+        return max(0, sum(map(self._room, self._seats)) - len(self._backlog))
 
-    @property
-    def needed(self) -> int:
-        """Number of these that keeps all workers busy: others only wait in them."""
-        return max(0, sum(self._room(seat, AHEAD - 1) for seat in self._seats) - len(self._backlog))
-
-    def _room(self, seat: _Seat, most: int) -> int:
+    def _room(self, seat: _Seat) -> int:
         if not seat.is_ready:
             return 0
-        capacity = min(most, self._ahead) if seat.pace <= QUICK else 1
+        capacity = self._ahead if seat.pace <= QUICK else 1
         return max(0, capacity - len(seat.candidates))
 
     def submit(self, candidate: Candidate) -> None:
         """Hands a candidate to a free worker."""
-        free = [seat for seat in self._seats if self._room(seat, AHEAD)]
+        free = [seat for seat in self._seats if self._room(seat)]
         seat = min(free, key=lambda seat: len(seat.candidates))
         seat.candidates.append(candidate)
         seat.worker.send("test", candidate, limit=self._drive_limit)
@@ -135,7 +130,7 @@ class LocalWorkers:
         Raises:
             CampaignError: there are no workers left and none can be started.
         """
-        while self._backlog and any(self._room(seat, AHEAD) for seat in self._seats):
+        while self._backlog and any(self._room(seat) for seat in self._seats):
             self.submit(self._backlog.popleft())
         there = [seat for seat in self._seats if not seat.is_lost]
         if not there:

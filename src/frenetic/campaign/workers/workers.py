@@ -26,11 +26,6 @@ class Workers(Protocol):
     def free(self) -> int:
         """Number of candidates that can be submitted now; 0 while workers start."""
 
-    @property
-    def needed(self) -> int:
-        """Number of these that keeps all workers busy: others only wait in them."""
-        return self.free
-
     def submit(self, candidate: Candidate) -> None:
         """Hands a candidate to a free worker, to be tested as by `RoadTester.test`."""
 
