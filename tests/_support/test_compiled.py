@@ -119,20 +119,6 @@ print(total(np.arange(5)), total(np.arange(5.0)))
 def test_who_never_gets_a_turn_does_without(folder: Path, error: str) -> None:
     with start(folder, ALONE.format(error=error)) as alone:
         assert alone.communicate()[0] == "10.0 10.0\n"
-    with start(folder, BOTH) as reader:
-        assert reader.communicate()[0] == "10.0 10.0 2\n"
-
-
-def test_many_processes_leave_a_cache_that_works(folder: Path) -> None:
-    code = "import numpy as np\nfrom kernels import total\ninput()\nprint(total(np.arange({})))"
-    processes = [start(folder, code.format(end)) for end in ("5", "5.0", "5", "5.0")]
-    for process in processes:
-        assert process.stdin
-        process.stdin.write("\n")
-        process.stdin.flush()
-    assert [process.communicate()[0] for process in processes] == ["10.0\n"] * 4
-    with start(folder, BOTH) as reader:
-        assert reader.communicate()[0] == "10.0 10.0 2\n"
 
 
 def test_one_that_is_killed_while_it_compiles_hurts_nobody(folder: Path) -> None:
