@@ -104,8 +104,7 @@ def test_its_values_are_kept_and_named(tmp_path: Path) -> None:
     best = max(values.values())
     first = min(one for one, value in values.items() if value == best)
     assert text.startswith("oob-share: largest share of the car outside its lane, higher is worse")
-    assert f"threshold -0.4; best {max(list(values.values())[:3]):.3g} after 3, " in text
-    assert text.endswith(f"{best:.3g} after 30 drives, in test {first}")
+    assert text.endswith(f"; best {best:.3g}, in test {first}")
     assert check_campaign(folder).findings == ()
     last = (folder / "campaign.log").read_text(encoding="utf-8").splitlines()[-1]
     assert json.loads(last)["best"] == best

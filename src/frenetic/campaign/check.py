@@ -45,15 +45,7 @@ TIME_TOLERANCE: Final = 1e-4
 DISTANCE_TOLERANCE: Final = 1e-3
 """Largest difference along the road, in m: inside a bend a place moves further than the car."""
 
-_TOLERANCES: Final[Mapping[str, tuple[str, float, str]]] = {
-    "moobd": ("moobd", MOOBD_TOLERANCE, " m"),
-    "max_oob_share": ("max_oob_share", SHARE_TOLERANCE, ""),
-    "duration": ("duration", TIME_TOLERANCE, " s"),
-    "departure time": ("time", TIME_TOLERANCE, " s"),
-    "departure distance": ("distance", DISTANCE_TOLERANCE, " m"),
-    "departure x": ("x", MOOBD_TOLERANCE, " m"),
-    "departure y": ("y", MOOBD_TOLERANCE, " m"),
-}
+_TOLERANCES: Final = (MOOBD_TOLERANCE, SHARE_TOLERANCE, TIME_TOLERANCE, DISTANCE_TOLERANCE)
 
 
 @dataclass(frozen=True)
@@ -232,28 +224,28 @@ def _difference(stored: Result, verdict: Result) -> str:
     if verdict.outcome is not stored.outcome:
         again = f"judged again it is {verdict.outcome}: {verdict.reason}"
         return f"it is stored as {stored.outcome}, {again}"
-    for what, (name, tolerance, unit) in _TOLERANCES.items():
-        is_place = what.startswith("departure")
-        before, now = (
-            getattr(one.departure if is_place else one, name, None) for one in (stored, verdict)
-        )
-        if before is None and now is None:
-            continue
-        if before is None or now is None or not abs(before - now) <= tolerance:
-            old, new = (_number(number, unit) for number in (before, now))
-            return f"{what} is stored as {old}, judged again it is {new}"
-    broken = [{finding.criterion for finding in one.findings} for one in (stored, verdict)]
-    if broken[0] != broken[1]:
-        before, now = (" and ".join(sorted(names)) or "nothing" for names in broken)
-        return f"it broke {before}, judged again {now}"
-    sides: list[Any] = [one.departure and one.departure.side for one in (stored, verdict)]
-    if sides[0] != sides[1]:
-        return f"it left to the {sides[0]}, judged again to the {sides[1]}"
-    return ""
+    both = zip(_numbers(stored).items(), _numbers(verdict).values(), _TOLERANCES, strict=True)
+    for (name, before), now, tolerance in both:
+        is_near = before == now or (None not in (before, now) and abs(before - now) <= tolerance)
+        if not is_near:
+            old, new = ("nothing" if one is None else f"{one:.6g}" for one in (before, now))
+            return f"{name} is stored as {old}, judged again it is {new}"
+    old, new = (
+        " and ".join(sorted(f"{one.criterion} {one.side or ''}".strip() for one in result.findings))
+        for result in (stored, verdict)
+    )
+    return "" if old == new else f"it broke {old or 'nothing'}, judged again {new or 'nothing'}"
 
 
-def _number(value: float | None, unit: str) -> str:
-    return "nothing" if value is None else f"{value:.6g}{unit}"
+def _numbers(result: Result) -> dict[str, Any]:
+    """What is compared: lengths in m, a share, and a time in s."""
+    place = result.departure
+    return {
+        "moobd": result.moobd,
+        "max_oob_share": result.max_oob_share,
+        "duration": result.duration,
+        "departure distance": None if place is None else place.distance,
+    }
 
 
 def _refused_otherwise(test: Test, setting: Setting) -> str:

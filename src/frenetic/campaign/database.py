@@ -205,24 +205,21 @@ def translated(path: Path) -> Iterator[None]:
         ) from error
 
 
+_IN_USE: Final = "is in use by another program ({}): close it and try again"
 _EXPLAINED: Final[Mapping[int, str]] = {
     sqlite3.SQLITE_FULL: (
         "cannot grow, the disk is full: free some space and resume the campaign; what was stored "
         "is safe"
     ),
-    sqlite3.SQLITE_READONLY: "cannot be written ({}): check the permissions of the file and folder",
-    sqlite3.SQLITE_PERM: "cannot be used ({}): check the permissions of the file and folder",
-    sqlite3.SQLITE_CANTOPEN: "cannot be opened ({}): check the permissions of the file and folder",
-    sqlite3.SQLITE_BUSY: "is in use by another program ({}): close it and try again",
-    sqlite3.SQLITE_LOCKED: "is in use by another program ({}): close it and try again",
-    sqlite3.SQLITE_IOERR: "cannot be read or written ({}): check the disk and try again",
+    sqlite3.SQLITE_BUSY: _IN_USE,
+    sqlite3.SQLITE_LOCKED: _IN_USE,
     sqlite3.SQLITE_CORRUPT: "is damaged ({}): restore it from a copy, or run the campaign again",
     sqlite3.SQLITE_NOTADB: (
         "is not a database, or is damaged ({}): restore it from a copy, or choose another folder"
     ),
-    sqlite3.SQLITE_CONSTRAINT: (
-        "refuses what does not fit the rest ({}): a candidate is asked once, then told once"
-    ),
 }
 """SQLite's primary result code -> its meaning for the campaign and what to do."""
-_UNEXPLAINED: Final = "cannot be used ({}): restore it from a copy, or run the campaign again"
+_UNEXPLAINED: Final = (
+    "cannot be used ({}): check the permissions of file and folder, and the disk; if these are in"
+    " order, restore it from a copy"
+)

@@ -105,7 +105,7 @@ class Objective:
 
 
 def in_words(config: Mapping[str, Any], values: Mapping[int, float]) -> str:
-    """What a campaign minimised, its threshold, and its best values in the order of the tests.
+    """What a campaign minimised, and its best value.
 
     Args:
         config: of the campaign.
@@ -116,20 +116,10 @@ def in_words(config: Mapping[str, Any], values: Mapping[int, float]) -> str:
     known = OBJECTIVES.built_in.get(name)
     order = f"{'higher' if is_higher else 'lower'} is worse"
     text = f"{name}: {known[1] if known else order}"
-    strategy = config.get("strategy")
-    options = strategy.get("options") if isinstance(strategy, Mapping) else None
-    threshold = options.get("threshold") if isinstance(options, Mapping) else None
-    if isinstance(threshold, int | float):
-        text += f", threshold {threshold:g}"
-    elif isinstance(options, Mapping) and "random_roads" in options:
-        text += ", threshold adapts to the driver"
     if not values:
         return text
-    best = (np.maximum if is_higher else np.minimum).accumulate(list(values.values()))
-    places = sorted({max(len(best) // 10, 1), max(len(best) // 2, 1), len(best)})
-    first = list(values)[int(np.argmax(best == best[-1]))]
-    course = ", ".join(f"{best[place - 1]:.3g} after {place}" for place in places)
-    return f"{text}; best {course} drives, in test {first}"
+    first = (max if is_higher else min)(values, key=lambda test: values[test])
+    return f"{text}; best {values[first]:.3g}, in test {first}"
 
 
 def objectives(store: CampaignStore) -> dict[int, float]:
