@@ -534,16 +534,13 @@ class Spec:
         simulator: Simulator = _made(SIMULATORS, self.simulator, available)
         return simulator
 
-    def make_parts(
-        self, *, isolate: bool, drive_limit: float | None = None
-    ) -> tuple[Driver, Simulator]:
+    def make_parts(self, *, isolate: bool) -> tuple[Driver, Simulator]:
         """Driver and simulator.
 
         Args:
             isolate: whether the simulator gets a process of its own, unless only compiled code of
                 ours drives, see `frenetic.simulators.isolated`. A script that isolates needs
                 ``if __name__ == "__main__":``.
-            drive_limit: s of wall time after which a drive in that process counts as hanging.
 
         Raises:
             FreneticError: one of them cannot be made.
@@ -551,7 +548,7 @@ class Spec:
         from frenetic.simulators.isolated import isolated  # numba takes its time
 
         driver, simulator = self.make_driver(), self.make_simulator()
-        return driver, isolated(simulator, driver, drive_limit) if isolate else simulator
+        return driver, isolated(simulator, driver) if isolate else simulator
 
     # To words
 

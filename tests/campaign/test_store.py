@@ -285,7 +285,6 @@ def require_same(store: CampaignStore, asked: Asked, told: list[Test]) -> None:
     assert plain(list(store.candidates())) == plain(asked)
     failed = [test["told"] for test in expected if test["attempt"]["result"]["outcome"] == "FAIL"]
     assert [test.told for test in store.tests(Outcome.FAIL, limit=2)] == failed[:2]
-    assert [test.told for test in store.tests(after=3)] == list(range(4, len(told) + 1))
     moobds = sorted((test.moobd is None, test.moobd or 0.0) for test in told)
     by_moobd = [test.moobd for test in store.tests(order_by="moobd")]
     assert by_moobd == [None if is_missing else moobd for is_missing, moobd in moobds]
@@ -409,7 +408,6 @@ def test_ids_and_limits_are_whole_numbers_of_numpy_too(store: CampaignStore) -> 
         (store.test, "1", "id is '1': a whole number is needed"),
         (lambda order: store.tests(order_by=order), "id", "order_by is 'id'"),
         (lambda limit: store.tests(limit=limit), -1, "limit is -1: a whole number of at least 0"),
-        (lambda after: store.tests(after=after), 1.5, "after is 1.5: a whole number of at least 0"),
         (store.tests, "fail", "outcome is 'fail': one of PASS, FAIL, INVALID"),
     ]
     for call, value, complaint in mistakes:
@@ -418,7 +416,7 @@ def test_ids_and_limits_are_whole_numbers_of_numpy_too(store: CampaignStore) -> 
     one: Any = np.int64(1)
     assert store.test(one).id == store.candidate(one).id == 1
     assert store.trajectory(one) is not None
-    assert [test.id for test in store.tests(limit=one, after=one)] == [2]
+    assert [test.id for test in store.tests(limit=one)] == [1]
 
 
 def test_a_candidate_is_asked_once_then_told_once_in_order(finished: Path) -> None:

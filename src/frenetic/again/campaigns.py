@@ -34,8 +34,6 @@ class How(TypedDict, total=False):
 
     workers: int
     """Number of roads driven at once, as for `Campaign`; 1 by default."""
-    drive_limit: float | None
-    """Wall time in s, likewise."""
     out: Path | str | None
     """Folder of the campaign that drives them; by default one in the campaign's own."""
     on_event: Callable[[Event], object] | None
@@ -87,7 +85,6 @@ def campaign_again(
         folder=place,
         **tester.terms,
         workers=min(workers, budget.simulations or workers),
-        drive_limit=how.get("drive_limit"),
         objective=objective,
         description={TERMS: {**terms, "digest": digest}},
     )

@@ -169,7 +169,6 @@ def drive(
     *,
     spec: Spec | None = None,
     workers: int = 1,
-    drive_limit: float | None = None,
     on_event: Callable[[Event], object] | None = None,
 ) -> VersionDrives:
     """Lets a version drive on the planned roads, unless its drives are stored.
@@ -182,7 +181,6 @@ def drive(
             roads.
         spec: names of the old campaign's parts, for the record of the fresh roads.
         workers: number of roads driven at once, as for `Campaign`.
-        drive_limit: wall time in s, likewise.
         on_event: called with each event of the campaigns that drive, see `Campaign.run`.
 
     Raises:
@@ -191,7 +189,7 @@ def drive(
         ValueError: an option is out of range.
     """
     described = describe(driver), describe(simulator)
-    how: Any = {"workers": workers, "drive_limit": drive_limit, "on_event": on_event}
+    how: How = {"workers": workers, "on_event": on_event}
     with CampaignStore.open(plan.old) as store:
         setting = store.setting
     # Not `campaign_tester`, which warns of another version than the campaign's.
@@ -335,13 +333,11 @@ def back_to_back(
     seed: int | None = None,
     repeats: int = 1,
     workers: int = 1,
-    drive_limit: float | None = None,
 ) -> BackToBack:
     """Compares two versions of a driver, see `plan` and `drive` for arguments and errors."""
     chosen = plan(campaign, fresh=fresh, seed=seed, repeats=repeats)
-    how: Any = {"workers": workers, "drive_limit": drive_limit}
-    first = drive(chosen, simulator, old, **how)
-    return pair_up(chosen, first, drive(chosen, simulator, new, first, **how))
+    first = drive(chosen, simulator, old, workers=workers)
+    return pair_up(chosen, first, drive(chosen, simulator, new, first, workers=workers))
 
 
 def _conditions(driver: Driver, repeats: int) -> tuple[Conditions, ...]:

@@ -168,18 +168,12 @@ class TellingDriver:
 
 
 class TellingSimulator:
-    """The simulator of whoever asks and tells.
-
-    Args:
-        rules: by which the drives are judged there, for the campaign's record.
-        car: likewise.
-    """
+    """The simulator of whoever asks and tells, with rules and a car for the campaign's record."""
 
     BEHAVIOUR: ClassVar[int] = 1
 
-    def __init__(self, rules: Rules | None = None, car: CarBody | None = None) -> None:
-        self.rules = rules or Rules()
-        self.car = car or CarBody()
+    def __init__(self) -> None:
+        self.rules, self.car = Rules(), CarBody()
 
     def __enter__(self) -> Self:
         return self

@@ -264,7 +264,6 @@ class Campaign(Shown):
         folder: Path | str | None = None,
         workers: int | None = None,
         cluster: str | None = None,
-        drive_limit: float | None = None,
         isolate: bool = False,
     ) -> Campaign:
         """The campaign of named parts.
@@ -275,7 +274,6 @@ class Campaign(Shown):
             workers: number of roads driven at once; by default the simulator's usual number, or one
                 per core.
             cluster: as for the class.
-            drive_limit: likewise.
             isolate: whether a single worker, too, drives in a process of its own, see
                 `Spec.make_parts`.
 
@@ -301,7 +299,6 @@ class Campaign(Shown):
             cluster=cluster,
             ordered=spec.lookahead is not None,
             lookahead=spec.lookahead or LOOKAHEAD,
-            drive_limit=drive_limit,
             objective=spec.objective,
             start_from=[earlier.folder for earlier in spec.start_from],
             from_roads=spec.from_roads,

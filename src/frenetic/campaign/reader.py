@@ -126,7 +126,6 @@ class CampaignReader(Shown):
         order_by: Order = "told",
         limit: int | None = None,
         with_trajectory: bool = False,
-        after: int = 0,
     ) -> Iterator[Test]:
         """The tests that are stored at this moment; later ones do not show up.
 
@@ -135,7 +134,6 @@ class CampaignReader(Shown):
             order_by: the order of telling, or ``moobd``: lowest first, those without one last.
             limit: most tests.
             with_trajectory: whether they come with their trajectories.
-            after: only of tests told later than the first so many.
 
         Raises:
             ValueError: an unknown outcome or order, or a number that is no whole one from 0.
@@ -149,11 +147,7 @@ class CampaignReader(Shown):
         self.write()
         # A stored test never changes, so the ids are a snapshot, and no transaction stays open
         # between two tests.
-        rows = [
-            row
-            for row in self._index(require_count("after", after, 0))
-            if only is None or row[2] == only
-        ]
+        rows = [row for row in self._index() if only is None or row[2] == only]
         if order_by == "moobd":
             rows.sort(key=lambda row: (row[3] is None, row[3] or 0.0))
         ids = [row[1] for row in rows[:limit]]
@@ -163,16 +157,16 @@ class CampaignReader(Shown):
             for test in self._read(ids[start : start + _AT_ONCE], with_trajectory)
         )
 
-    def _index(self, after: int = 0) -> list[tuple[int, int, str, float | None]]:
+    def _index(self) -> list[tuple[int, int, str, float | None]]:
         """Number of telling, id, outcome and MOOBD of all results, in the order of telling.
 
         Raises:
             CampaignError: a number is missing.
         """
         rows = self._select(
-            "SELECT told, id, outcome, moobd FROM test WHERE told > ? ORDER BY told", (after,)
+            "SELECT told, id, outcome, moobd FROM test WHERE told IS NOT NULL ORDER BY told"
         )
-        for number, row in enumerate(rows, start=after + 1):
+        for number, row in enumerate(rows, start=1):
             if row[0] != number:
                 raise self._damaged(f"the result told as number {number} is missing")
         return rows

@@ -109,18 +109,11 @@ class RoadTester:
             return self._driven(candidate.id, road, driver)
 
     def attempt(
-        self,
-        candidate: Candidate,
-        worker: str | None = None,
-        *,
-        keep: bool = False,
-        pack: bool = True,
+        self, candidate: Candidate, worker: str | None = None, *, keep: bool = False
     ) -> Attempt:
         """Tests a candidate for a worker: timed, with a packed trajectory (see `Attempt.pack`)."""
         start = time.perf_counter()
-        attempt = self.test(candidate)
-        if pack:
-            attempt = attempt.pack(keep=keep)
+        attempt = self.test(candidate).pack(keep=keep)
         return replace(attempt, worker=worker, seconds=time.perf_counter() - start)
 
     def fitted(self, candidate: Candidate) -> tuple[Road | None, Verdict]:

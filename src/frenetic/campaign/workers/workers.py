@@ -68,15 +68,11 @@ class InProcessWorker(Workers):
 
     Args:
         tester: tests the candidates.
-        is_entered: whether the caller has entered the simulator and will leave it.
-        packs: whether its attempts hold a packed trajectory beside the exact one.
     """
 
-    def __init__(self, tester: RoadTester, *, is_entered: bool = False, packs: bool = True) -> None:
+    def __init__(self, tester: RoadTester) -> None:
         self._tester = tester
-        self._packs = packs
-        self._is_entered = is_entered
-        self._started = is_entered
+        self._started = False
         self._task: Candidate | None = None
 
     @property
@@ -101,7 +97,7 @@ class InProcessWorker(Workers):
         candidate = self._task
         start = time.perf_counter()
         try:
-            attempt = self._tester.attempt(candidate, NAME, keep=True, pack=self._packs)
+            attempt = self._tester.attempt(candidate, NAME, keep=True)
         except KeyboardInterrupt:
             raise
         except BaseException as error:
@@ -110,7 +106,7 @@ class InProcessWorker(Workers):
             reason, trace = reason_of(error), traceback_of(error)
             attempt = Attempt.lost(candidate.id, NAME, seconds, reason, trace)
         if attempt.simulator_broke or attempt.worker_lost:
-            self._end(None, None, None)
+            self.__exit__(None, None, None)
         self._task = None
         return (attempt,)
 
@@ -124,9 +120,13 @@ class InProcessWorker(Workers):
         return self
 
     def __exit__(self, *raised: Any) -> None:
-        """Ends the simulator, unless the caller does."""
-        if not self._is_entered:
-            self._end(*raised)
+        """Ends the simulator."""
+        if self._started:
+            self._started = False
+            try:
+                self._tester.simulator.__exit__(*raised)
+            except Exception as trouble:  # what it has driven stands
+                logger.warning("the simulator did not end well: %s", reason_of(trouble))
 
     def _start(self) -> None:
         if not self._started:
@@ -135,11 +135,3 @@ class InProcessWorker(Workers):
             except Exception as error:
                 raise CampaignError(f"the simulator does not start: {reason_of(error)}") from error
             self._started = True
-
-    def _end(self, *raised: Any) -> None:
-        if self._started:
-            self._started = False
-            try:
-                self._tester.simulator.__exit__(*raised)
-            except Exception as trouble:  # what it has driven stands
-                logger.warning("the simulator did not end well: %s", reason_of(trouble))
