@@ -133,9 +133,9 @@ class Minimising(Strategy):
         self,
         start: Shape,
         rules: Rules,
-        guard: float = GUARD,
-        conditions: Conditions = MappingProxyType({}),
-        usual: Conditions = MappingProxyType({}),
+        guard: float,
+        conditions: Conditions,
+        usual: Conditions,
     ) -> None:
         self.options = {"curvatures": list(start.values), "step": start.step, "guard": guard}
         if start.slopes:

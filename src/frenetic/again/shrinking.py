@@ -141,9 +141,8 @@ class Shrinker:
     def __init__(
         self,
         start: Shape,
-        neighbours: Callable[[Shape], Iterable[Shape]] = lambda shape: (),  # noqa: ARG005
-        *,
-        place: float | None = None,
+        neighbours: Callable[[Shape], Iterable[Shape]],
+        place: float | None,
     ) -> None:
         self.best = start
         """The smallest shape with the property."""

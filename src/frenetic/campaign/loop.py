@@ -55,14 +55,14 @@ class Dispatcher:
         store: CampaignStore,
         log: CampaignLog,
         budget: Budget,
-        limit: int | None = None,
+        limit: int | None,
         objective: Objective,
         lookahead: int | None,
         interrupt: Interrupt,
         summary: Summary,
         outstanding: dict[int, Candidate],
         unreported: deque[tuple[int, Summary]],
-        second: SecondDrive | None = None,
+        second: SecondDrive | None,
     ) -> None:
         self._strategy = strategy
         self._is_selective = has_own(strategy, "is_wanted")

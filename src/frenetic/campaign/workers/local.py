@@ -73,7 +73,7 @@ class LocalWorkers:
         count: of processes.
         drive_limit: s of wall time after which a worker that tests one candidate counts as hanging
             and is killed.
-        log: gets the events of the workers, if given.
+        log: gets the events of the workers.
         ahead: whether a worker with quick tests may have several candidates at once.
 
     Raises:
@@ -86,7 +86,7 @@ class LocalWorkers:
         count: int,
         *,
         drive_limit: float,
-        log: CampaignLog | None = None,
+        log: CampaignLog,
         ahead: bool = True,
     ) -> None:
         able = capabilities(tester.simulator)
@@ -157,9 +157,8 @@ class LocalWorkers:
     def _ready(self, seat: _Seat) -> None:
         seat.is_ready = seat.has_started = True
         seat.failed_starts = 0
-        if self._log is not None:
-            name = seat.worker.name
-            self._log.write(LogEvent.WORKER_STARTED, f"{name} started", worker=name)
+        name = seat.worker.name
+        self._log.write(LogEvent.WORKER_STARTED, f"{name} started", worker=name)
 
     def _answered(self, seat: _Seat, attempt: Attempt) -> Attempt:
         if attempt.traceback:
@@ -237,9 +236,8 @@ class LocalWorkers:
         """Remembers and logs the reason of a worker's loss; returns it in a sentence."""
         seat.loss, name = reason, seat.worker.name
         loss = f"{name} was lost: {reason}"
-        if self._log is not None:
-            fields |= {"worker": name, "reason": reason}
-            self._log.write(LogEvent.WORKER_LOST, loss, level="warning", **fields)
+        fields |= {"worker": name, "reason": reason}
+        self._log.write(LogEvent.WORKER_LOST, loss, level="warning", **fields)
         return loss
 
 
