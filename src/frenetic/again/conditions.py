@@ -1,13 +1,11 @@
-"""Conditions of drives and their ranges, also as JSON."""
+"""Conditions of drives and their ranges."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from msgspec import convert
 
 from frenetic._support.bounds import Index, check
 from frenetic._support.scalars import take_numpy_scalars
@@ -58,18 +56,6 @@ class Variation:
         if row.attribute:
             own = own_amount(simulator, name)
         return cls(name, *row.around(own))
-
-    @classmethod
-    def read(cls, item: Any) -> Variation:
-        """A variation from JSON.
-
-        Raises:
-            ValueError: it is none.
-        """
-        try:
-            return convert(item, cls)
-        except FreneticError as error:
-            raise ValueError(str(error)) from None
 
     @property
     def is_fixed(self) -> bool:

@@ -34,7 +34,7 @@ from frenetic.campaign.log import CampaignLog
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Event, Summary
-from frenetic.campaign.tester import RoadTester, road_through
+from frenetic.campaign.tester import RoadTester, fitted
 from frenetic.campaign.workers import Workers
 from frenetic.criteria import LANE
 from frenetic.drive import CarBody, Drive, Rules, Trajectory
@@ -214,19 +214,9 @@ class _Client(Workers):
         return asked
 
     def submit(self, candidate: Candidate) -> None:
-        try:
-            if candidate.points is None:
-                road, verdict = self._tester.fitted(candidate)
-            else:
-                verdict = check_validity(candidate.points, self._tester.map_size)
-                road = road_through(candidate.points, self._tester.lane_width)
-            message = verdict.message
-            if not verdict.valid:
-                road = None
-        except RoadError as error:
-            road, message = None, str(error)
-        if road is None:
-            self._refused.append(Attempt.undriven(candidate.id, Outcome.INVALID, message))
+        road, verdict = fitted(candidate, self._tester)
+        if road is None or not verdict.valid:
+            self._refused.append(Attempt.undriven(candidate.id, Outcome.INVALID, verdict.message))
             return
         self._asked -= 1
         self._running[candidate.id] = road, time.perf_counter()

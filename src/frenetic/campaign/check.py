@@ -15,12 +15,12 @@ from frenetic.campaign.database import DATABASE
 from frenetic.campaign.log import told_in_log
 from frenetic.campaign.record import Setting, Test
 from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.tester import fitted
 from frenetic.criteria import Criterion, Profile, quantity
 from frenetic.drive import Drive, Rules
 from frenetic.errors import CampaignError, RoadError
 from frenetic.oracle import Result, judge
 from frenetic.outcome import Outcome
-from frenetic.road import check_validity
 from frenetic.spec import fault_of
 from frenetic.versions import changed_packages
 
@@ -176,7 +176,8 @@ def judged_otherwise(test: Test, setting: Setting) -> str:
     Empty if there is none beyond rounding, or nothing to judge.
     """
     if test.outcome is Outcome.INVALID:
-        return _refused_otherwise(test, setting)
+        is_valid = fitted(test.candidate, setting)[1].valid
+        return "it is stored as INVALID, but its road is valid" if is_valid else ""
     if not test.outcome.is_driven or test.trajectory is None:
         return ""
     try:
@@ -246,17 +247,3 @@ def _numbers(result: Result) -> dict[str, Any]:
         "duration": result.duration,
         "departure distance": None if place is None else place.distance,
     }
-
-
-def _refused_otherwise(test: Test, setting: Setting) -> str:
-    """Finding if a refused road is valid; otherwise empty."""
-    candidate = test.candidate
-    try:
-        if candidate.points is not None:
-            verdict = check_validity(candidate.points, setting.map_size)
-        else:
-            road = candidate.road(setting.lane_width, road_class=setting.road_class)
-            _, verdict = road.placed(setting.map_size, setting.margin, setting.road_class)
-    except RoadError:
-        return ""
-    return "it is stored as INVALID, but its road is valid" if verdict.valid else ""

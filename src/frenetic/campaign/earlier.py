@@ -24,7 +24,7 @@ from frenetic._support.words import counted
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.objective import Objective, evaluation_of
 from frenetic.campaign.store import CampaignStore
-from frenetic.campaign.tester import RoadTester
+from frenetic.campaign.tester import RoadTester, fitted
 from frenetic.errors import CampaignError, RoadError
 from frenetic.oracle import Side
 from frenetic.outcome import Outcome
@@ -85,7 +85,7 @@ def take_roads(
             notes={GIVEN: name},
             **{name: getattr(road, name) for name in profile.NAMES},
         )
-        if tester.fitted(candidate)[1].valid:
+        if fitted(candidate, tester)[1].valid:
             tests.append(EarlierTest(0, 0, Evaluation(candidate, Outcome.DROPPED, None, 0.0)))
     if not tests:
         raise RoadError(
@@ -147,7 +147,8 @@ def take_earlier(
 
 
 def _fits(road: Candidate, tester: RoadTester, step: float | None) -> bool:
-    return (step is None or road.step == step) and tester.fitted(road)[1].valid
+    has_step = road.points is None and step in (None, road.step)
+    return has_step and fitted(road, tester)[1].valid
 
 
 def _is_new(told: Evaluation, near: dict[int, list[FloatArray]]) -> bool:

@@ -90,14 +90,10 @@ class RoadTester:
 
         A road that the simulator cannot lay is INVALID, too.
         """
+        road, verdict = fitted(candidate, self)
+        if road is None or not verdict.valid:
+            return _refused(candidate.id, verdict.message, road.pose if road else None)
         try:
-            if candidate.points is not None:
-                road = self._through(candidate.points)
-            else:
-                fitted, verdict = self.fitted(candidate)
-                if fitted is None or not verdict.valid:
-                    return _refused(candidate.id, verdict.message, fitted.pose if fitted else None)
-                road = fitted
             check_road(self.simulator, self.driver, road)
         except RoadError as error:
             return _refused(candidate.id, str(error))
@@ -116,32 +112,9 @@ class RoadTester:
         attempt = self.test(candidate).pack(keep=keep)
         return replace(attempt, worker=worker, seconds=time.perf_counter() - start)
 
-    def fitted(self, candidate: Candidate) -> tuple[Road | None, Verdict]:
-        """A candidate's road fitted into the map, and the verdict on it there.
-
-        Returns:
-            (None, invalid) if the curvatures make no road or no pose fits.
-        """
-        try:
-            road = candidate.road(self.lane_width, road_class=self.road_class)
-            return road.placed(self.map_size, self.margin, self.road_class)
-        except RoadError as error:
-            return None, Verdict(False, str(error))
-
     def drive(self, road: Road) -> Drive:
         """Drives a road; a simulator that raises gives a drive with an error."""
         return self._drive(road, self.driver)[0]
-
-    def _through(self, points: FloatArray) -> Road:
-        """The road through points in place.
-
-        Raises:
-            RoadError: they are not valid, or there is none.
-        """
-        verdict = check_validity(points, self.map_size)
-        if not verdict.valid:
-            raise RoadError(verdict.message)
-        return road_through(points, self.lane_width)
 
     def _driven(self, candidate_id: int, road: Road, driver: Driver) -> Attempt:
         drive, broke = self._drive(road, driver)
@@ -180,6 +153,23 @@ class RoadTester:
 
 def _refused(candidate_id: int, reason: str, pose: Pose | None = None) -> Attempt:
     return Attempt.undriven(candidate_id, Outcome.INVALID, reason, pose)
+
+
+def fitted(candidate: Candidate, terms: RoadTester | Setting) -> tuple[Road | None, Verdict]:
+    """A candidate's road on the map, fitted into it or through points, and the verdict on it there.
+
+    Returns:
+        (None, invalid) if there is no road, no pose fits, or points are not valid.
+    """
+    points = candidate.points
+    try:
+        if points is None:
+            road = candidate.road(terms.lane_width, road_class=terms.road_class)
+            return road.placed(terms.map_size, terms.margin, terms.road_class)
+        verdict = check_validity(points, terms.map_size)
+        return road_through(points, terms.lane_width) if verdict.valid else None, verdict
+    except RoadError as error:
+        return None, Verdict(False, str(error))
 
 
 def road_through(points: FloatArray, lane_width: float) -> Road:

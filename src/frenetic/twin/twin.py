@@ -20,7 +20,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic.analysis.failures import THRESHOLD, Failure
 from frenetic.analysis.segments import segment_of
 from frenetic.campaign.objective import MOOBD, Objective, evaluate
-from frenetic.campaign.tester import RoadTester
+from frenetic.campaign.tester import RoadTester, fitted
 from frenetic.drive import Rules
 from frenetic.errors import CampaignError, reason_of
 from frenetic.oracle import Side, assess, judge
@@ -102,7 +102,7 @@ class Twin:
         self, candidate: Candidate, budget_spent: float, objective: str | Objective = MOOBD
     ) -> Evaluation:
         """The evaluation of a candidate, as a strategy is told it."""
-        road, verdict = self.tester.fitted(candidate)
+        road, verdict = fitted(candidate, self.tester)
         if road is None or not verdict.valid:
             return Evaluation(candidate, Outcome.INVALID, None, budget_spent)
         drive = replace(self.tester.drive(road), rules=self.rules)
