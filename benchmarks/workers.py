@@ -29,6 +29,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from frenetic.campaign import Budget, Campaign, CampaignStore, Event, RoadTester
+from frenetic.campaign.log import CampaignLog
 from frenetic.campaign.workers import Attempt, LocalWorkers
 from frenetic.drivers import Planner
 from frenetic.registry import STRATEGIES
@@ -121,7 +122,11 @@ def attempts_of_local_workers(
     """None when all is ready, then the attempts of our own workers."""
     waiting = list(reversed(candidates))
     done = 0
-    with LocalWorkers(tester, count, drive_limit=60.0) as workers:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        CampaignLog(Path(folder)) as log,
+        LocalWorkers(tester, count, drive_limit=60.0, log=log) as workers,
+    ):
         while not workers.free:
             workers.wait(1.0)
         yield None
