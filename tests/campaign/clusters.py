@@ -77,7 +77,7 @@ class Cluster:
             ],
             stdout=log,
             stderr=subprocess.STDOUT,
-            env=os.environ | {"PYTHONPATH": os.pathsep.join(map(str, (path, HERE, SHARED)))},
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(map(str, (path, HERE, SHARED, HERE.parents[1] / "src")))},
         )
         self._stack.callback(end, process)
         return process
