@@ -16,6 +16,7 @@ from pids import descendants, ending, until
 HERE = Path(__file__).parent
 """Parts of campaigns are in files here, which workers find as if they were installed there."""
 SHARED = HERE.parent / "shared"
+SOURCES = HERE.parents[1] / "src"
 ONE_SEAT = ("--nthreads", "1", "--resources", "simulator=1")
 
 
@@ -77,7 +78,7 @@ class Cluster:
             ],
             stdout=log,
             stderr=subprocess.STDOUT,
-            env=os.environ | {"PYTHONPATH": os.pathsep.join(map(str, (path, HERE, SHARED, HERE.parents[1] / "src")))},
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(map(str, (path, HERE, SHARED, SOURCES)))},
         )
         self._stack.callback(end, process)
         return process
