@@ -78,7 +78,8 @@ class Cluster:
             ],
             stdout=log,
             stderr=subprocess.STDOUT,
-            env=os.environ | {"PYTHONPATH": os.pathsep.join(map(str, (path, HERE, SHARED, SOURCES)))},
+            env=os.environ
+            | {"PYTHONPATH": os.pathsep.join(map(str, (path, HERE, SHARED, SOURCES)))},
         )
         self._stack.callback(end, process)
         return process
