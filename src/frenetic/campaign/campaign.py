@@ -59,7 +59,7 @@ from frenetic.simulators.capabilities import bare, capabilities, check_class
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.isolated import IsolatedSimulator, is_named
 from frenetic.simulators.simulator import Simulator
-from frenetic.simulators.worlds import check_can_vary
+from frenetic.simulators.worlds import check_pair_in
 from frenetic.spec import (
     MAX_WORKERS,
     Budget,
@@ -231,7 +231,7 @@ class Campaign(Shown):
         if road_class is not None:
             check_class(simulator, driver, road_class)
         if strategy.domain is not None:
-            check_can_vary(simulator, strategy.domain.conditions)
+            check_pair_in(strategy.domain.all_at_once(), simulator, driver)
         self.objective = Objective.load(objective)
         self.budget = budget
         self.workers = workers
