@@ -49,7 +49,7 @@ class Again(Strategy):
         conditions: ByTest = ({},),
         instead: Iterable[str] = (),
     ) -> None:
-        tests, instead = list(tests), sorted(instead)
+        tests = list(tests)
         by_test: dict[int, list[dict[str, float]]] = {}
         for number in tests:
             own = conditions[number] if isinstance(conditions, Mapping) else conditions
@@ -59,6 +59,7 @@ class Again(Strategy):
         with CampaignStore.open(campaign) as store:
             roads = [_driven(store, number) for number in tests]
             made_at = store.fact("created_at")
+        instead = sorted(name for name in instead if any(name in one.conditions for one in roads))
         self._campaign = str(campaign)
         self.options: Mapping[str, Any] = {
             "made_at": made_at,  # the campaign may be moved, and be named from elsewhere

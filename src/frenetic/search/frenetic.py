@@ -121,7 +121,8 @@ class Frenetic(Strategy):
         road_class: Class of the roads, see `Strategy.road_class`; it takes the place of step and
             lengths.
         domain: Domain of roads and conditions, see `Strategy.domain`: then a child has its parent's
-            conditions, and of one that did not fail another one is the same road in others.
+            conditions, and of one that did not fail another one is the same road in others. Until
+            the first failure, half of the random roads have a condition that few drives have.
 
     Raises:
         ValueError: An option is out of range; the message says which and what is allowed.
