@@ -111,7 +111,9 @@ def test_an_export_says_what_a_file_cannot_hold(frenetic: Frenetic, path: Path) 
     assert "Note: test 1 was driven with friction 0." in one.err
     tables = frenetic("export", "c", "--format", "csv")
     assert "conditions" not in tables.err
-    assert '""friction"": 0.' in Path("c/exports/csv/tests.csv").read_text("utf-8")
+    header = Path("c/exports/csv/tests.csv").read_text("utf-8").partition("\n")[0]
+    assert "friction" in header
+    assert "gust_at" in header
 
 
 def test_a_condition_goes_where_it_belongs(frenetic: Frenetic) -> None:
