@@ -175,8 +175,7 @@ _with_option: Final = click.option(
     "layers",
     type=Amount(),
     multiple=True,
-    help="A condition: delay=0.1, friction=0.5 or, for a camera, fog=60; may be repeated ('frenetic"
-    " list quantities').",
+    help="A condition: delay=0.1, friction=0.5; may be repeated ('frenetic list quantities').",
 )
 as_option: Final = click.option(
     "--as",
