@@ -329,9 +329,7 @@ class Frenetic(Strategy):
         return self._budget_spent * (driven + len(self._ledger)) / driven if driven else 0.0
 
     def _random_road(self) -> Candidate:
-        road = self._roads.issue(
-            self._rng, self._ledger, self.domain, is_blind=self._is_blind
-        )
+        road = self._roads.issue(self._rng, self._ledger, self.domain, is_blind=self._is_blind)
         self._proposed.add(fingerprint(road.curvatures))
         return road
 
