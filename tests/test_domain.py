@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from frenetic import Budget, Campaign, CampaignStore
+from frenetic import Budget, Campaign, CampaignStore, Evaluation, Outcome
 from frenetic.domain import Distribution, Domain
 from frenetic.errors import FreneticError
 from frenetic.quantities import SEED, in_words
@@ -159,3 +159,32 @@ def test_without_a_domain_nothing_changes() -> None:
         strategy: Any = kind(seed=1)
         for _ in range(5):
             assert strategy.ask().conditions == {}
+
+
+def test_until_something_fails_a_search_has_rare_conditions_in_half_of_its_roads() -> None:
+    rare = {"low": 0.1, "high": 0.3, "chance": 0.1}
+    domain = Domain.made("x", {"conditions": {"delay": rare, "load": {"low": 0, "high": 300}}})
+    shares = {}
+    for kind in (Frenetic, RandomSearch):
+        strategy: Any = kind(seed=1, domain=domain)
+        asked = [strategy.ask().conditions for _ in range(400)]
+        delays = [one["delay"] for one in asked if "delay" in one]
+        shares[kind] = len(delays) / len(asked)
+        # Evenly over their range, as the others are.
+        assert np.quantile(delays, (0.1, 0.5, 0.9)) == pytest.approx((0.12, 0.2, 0.28), abs=0.03)
+        loads = [one["load"] for one in asked]
+        assert np.quantile(loads, (0.1, 0.5, 0.9)) == pytest.approx((30, 150, 270), abs=25)
+    assert shares[Frenetic] == pytest.approx(0.5, abs=0.08)
+    assert shares[RandomSearch] == pytest.approx(0.1, abs=0.05)
+
+
+def test_after_a_failure_conditions_are_drawn_as_the_domain_says() -> None:
+    rare = {"low": 0.1, "high": 0.3, "chance": 0.1}
+    domain = Domain.made("x", {"conditions": {"delay": rare}})
+    strategy = Frenetic(seed=1, domain=domain, random_roads=300)
+    first = strategy.ask()
+    strategy.tell(Evaluation(first, Outcome.FAIL, -1.0, 0.001))
+    asked = [strategy.ask() for _ in range(250)]
+    drawn = [one.conditions for one in asked if one.origin.operator == "random"]
+    assert len(drawn) > 200
+    assert sum("delay" in one for one in drawn) / len(drawn) == pytest.approx(0.1, abs=0.06)

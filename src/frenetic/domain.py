@@ -262,6 +262,11 @@ class Domain:
         clipped: FloatArray = np.clip(shares, 0.0, 1.0)
         return clipped
 
+    def all_at_once(self) -> dict[str, float]:
+        """Conditions with every quantity of it, to be checked before anything is driven."""
+        places = {axis: 0.0 for axis in self.axes if axis != SEED}
+        return places | {name: found.low for name, found in self.conditions.items()}
+
     def in_words(self) -> str:
         """Its conditions for people."""
         texts = []

@@ -31,6 +31,7 @@ from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.search.random_search import RandomRoads
 from frenetic.search.records import Candidate, Origin
+from frenetic.simulators.worlds import check_pair_in
 from frenetic.spec import require_count
 
 FILE: Final = "estimate.json"
@@ -251,10 +252,12 @@ def estimate(
         on_drive: called after each plain drive and each level, with the drives and failures so far.
 
     Raises:
-        FreneticError: its roads do not fit, or a drive broke.
+        FreneticError: its roads do not fit, a drive broke, or simulator or driver cannot have its
+            conditions.
         ValueError: a number is out of range.
     """
     drives = require_count("drives", drives, least=100)
+    check_pair_in(domain.all_at_once(), tester.simulator, tester.driver)
     draws = _Draws(domain, tester, np.random.default_rng(seed))
     found: list[_Point] = []
 

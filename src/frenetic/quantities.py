@@ -56,6 +56,8 @@ class Quantity:
     """Attribute of a simulator, where it is no layer."""
     is_seeded: bool = False
     """Whether the layer draws random numbers: then ``over`` takes a ``seed``, too."""
+    needs_camera: bool = False
+    """Whether only a driver with a camera can have the layer."""
     place_of: str = ""
     """Quantity whose place along the road it is, in m; it is drawn wherever that one varies."""
     taxon: str = "dynamic_elements.subject_vehicle"
@@ -301,14 +303,15 @@ def named(conditions: Mapping[str, float]) -> list[str]:
     return [name for name in conditions if name != SEED and not quantity(name).place_of]
 
 
-def without(conditions: Mapping[str, float], name: str) -> dict[str, float]:
-    """The conditions without a quantity, its place, and a seed that nothing else needs."""
-    left = [other for other in named(conditions) if other != name]
+def without(conditions: Mapping[str, float], *names: str) -> dict[str, float]:
+    """The conditions without some quantities, their places, and a seed that nothing else needs."""
+    left = [other for other in named(conditions) if other not in names]
     has_seed = any(quantity(other).is_seeded for other in left)
     return {
         other: amount
         for other, amount in conditions.items()
-        if (has_seed if other == SEED else (quantity(other).place_of or other) in left)
+        if other not in names
+        and (has_seed if other == SEED else (quantity(other).place_of or other) in left)
     }
 
 

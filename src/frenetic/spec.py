@@ -35,7 +35,7 @@ from frenetic._support.json_value import JSONValue, plain
 from frenetic._support.scalars import take_numpy_scalars
 from frenetic._support.words import counted, part_word
 from frenetic.errors import CampaignError, FreneticError, describe_error
-from frenetic.quantities import SEED, quantity
+from frenetic.quantities import SEED, quantities, quantity
 from frenetic.recipe import Guest, Named, Recipe, Told
 from frenetic.registry import (
     SIMULATORS,
@@ -265,13 +265,15 @@ class Spec:
 
         Args:
             given: name -> value of an option: of a part such as ``driver``, of its options
-                (``driver_options``, a mapping or pairs), of the ``layers`` (likewise), of the
-                ``road_class`` and of `NUMBERS`. A record's ``command`` is such a mapping, too.
+                (``driver_options``, a mapping or pairs), of the ``layers`` (likewise: amounts of
+                any quantities), of the ``road_class`` and of `NUMBERS`. A record's ``command`` is
+                such a mapping, too.
             others: fields of the spec from elsewhere.
 
         Raises:
             FreneticError: a rule is out of range.
         """
+        given = _placed(given)
         parts = {
             kind: Part(given[kind], dict(given[f"{kind}_options"]))
             for kind in _PARTS
@@ -298,6 +300,7 @@ class Spec:
         """
         asked = {k: v for k, v in given.items() if v is not None and v != ()}
         asked = {**_class_rules(asked), **asked}
+        asked = _placed(asked, self.simulator.options if not asked.get("simulator") else {})
         strategy, driver, simulator = (
             getattr(self, kind).replaced(asked.get(kind), dict(asked.get(f"{kind}_options", ())))
             for kind in _PARTS
@@ -320,6 +323,13 @@ class Spec:
             map_size=asked.get("map_size", self.map_size),
             **_of_class(asked),
         )
+
+    @property
+    def conditions(self) -> dict[str, float]:
+        """Amounts that it says: of layers over the driver, and options of the simulator."""
+        rows = {row.attribute: row.name for row in quantities().values() if row.attribute}
+        options = self.simulator.options.items()
+        return {rows[name]: amount for name, amount in options if name in rows} | {**self.layers}
 
     # From and to JSON
 
@@ -611,13 +621,7 @@ def drive_record(
     if not isinstance(command, Mapping):
         return None
     known = {**command, **{name: config.get(name) for name in ("map_size", "road_class")}}
-    for name, amount in conditions.items():
-        attribute = "" if name == SEED else quantity(name).attribute
-        if attribute == "rules":
-            known["speed_limit"] = amount
-        else:
-            kind = "simulator_options" if attribute else "layers"
-            known[kind] = {**known.get(kind, {}), attribute or name: amount}
+    known = _placed({**known, "layers": {**command.get("layers", {}), **conditions}})
     return {name: known[name] for name in drive_options() if name in known}
 
 
@@ -663,6 +667,34 @@ def _class_rules(given: Mapping[str, Any]) -> dict[str, Any]:
     if road_class in (None, COMPETITION):
         return {}
     return {name: getattr(road_class, name) for name in ("speed_limit", "map_size")}
+
+
+def _placed(
+    given: Mapping[str, Any], recorded: Mapping[str, Any] = MappingProxyType({})
+) -> dict[str, Any]:
+    """Given options with each condition where it belongs: rules, simulator, or over the driver.
+
+    Args:
+        given: as for `Spec.from_options`.
+        recorded: options that the simulator has; without effect elsewhere, none is added.
+
+    Raises:
+        UnknownNameError: there is no such quantity.
+    """
+    layers: dict[str, float] = {}
+    options = dict(given.get("simulator_options") or ())
+    placed = dict(given)
+    for name, amount in dict(given.get("layers") or ()).items():
+        row = None if name == SEED else quantity(name)
+        if row is None or row.layer:
+            layers[name] = amount
+        elif row.attribute == "rules":
+            placed["speed_limit"] = amount
+        elif amount != row.nothing or row.attribute in {*options, *recorded}:
+            options[row.attribute] = amount
+    if "layers" in given:
+        placed["layers"] = layers
+    return placed | ({"simulator_options": options} if options else {})
 
 
 def _layers(given: Mapping[str, Any]) -> dict[str, float]:

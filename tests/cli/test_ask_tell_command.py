@@ -139,6 +139,30 @@ def test_what_cannot_be_used_is_answered_and_changes_nothing(tmp_path: Path) -> 
     assert client.end()["simulations"] == 4
 
 
+def test_a_domain_gives_conditions(tmp_path: Path) -> None:
+    file = tmp_path / "town.toml"
+    file.write_text(
+        'roads = "urban-50,length=300"\n[conditions]\nfriction = { low = 0.3, high = 0.5 }\n'
+        "fog = { low = 20, high = 60 }\ngust = 9\n"
+    )
+    client = Client(tmp_path / "told", "--odd", str(file), "--seed", "3")
+    roads = [client.road() for _ in range(3)]
+    for road in roads:
+        conditions = road["conditions"]
+        assert conditions.keys() == {"friction", "fog", "gust", "gust_at"}
+        assert 0.3 <= conditions["friction"] <= 0.5
+        assert road["lane_width"] == 3.25, "the class's"
+        client.tell(road)
+    client.end()
+    with CampaignStore.open(tmp_path / "told") as store:
+        assert [dict(test.candidate.conditions) for test in store.tests()] == [
+            road["conditions"] for road in roads
+        ]
+        assert (store.setting.rules.speed_limit, store.setting.map_size) == (50.0, 400.0)
+        assert store.setting.domain is not None
+    assert check_campaign(tmp_path / "told").is_sound
+
+
 def test_killed_it_goes_on_with_the_same_roads(tmp_path: Path) -> None:
     options = ("--seed", "5", "--simulations", "20")
     roads: dict[str, list[dict[str, Any]]] = {"whole": [], "part": []}

@@ -52,7 +52,7 @@ CALLS: Final = {
     "estimate --odd odd.toml --drives 100": "domain method rate low high drives failures",
     "compare one=c two=d": "groups measures notes order",
     "compare c --driver aggression=0.9 --fresh 2": (
-        "answer verdict old new sets causes distinct_failures notes seed repeats simulator"
+        "answer verdict old new sets causes distinct_failures notes seed repeats simulator domain"
     ),
     "drive bend.json": (
         "road outcome reason moobd moobd_distance max_oob_share duration length findings fault"
@@ -68,6 +68,7 @@ CALLS: Final = {
     ),
     "rank bend.json": "rank road length outcome reason max_oob_share moobd distance side like",
     "list": "drivers objectives quantities simulators strategies",
+    "list simulators": "name target origin summary lays",
     "doctor --simulator embedded": "simulator health checks note",
 }
 """A command line -> the keys of its JSON document, or of the first one in it."""
@@ -102,7 +103,11 @@ MISTAKES: Final = [
         "do not reach it: leave them out",
     ),
     ("run --with noise=1e308", "noise is 1e+308: 0 to 10 m is needed"),
-    ("run --with friction=0.7", "set it by --simulator embedded,friction="),
+    ("run --with load=100 --simulator metadrive", "'metadrive' has no option 'load'"),
+    ("run --odd windy.toml --simulator metadrive", "MetaDriveSimulator cannot vary gust"),
+    ("run --odd windy.toml --simulator commonroad", "CommonRoadSimulator cannot vary friction"),
+    ("run --odd windy.toml --simulator beamng,port=1", "BeamngSimulator cannot vary friction"),
+    ("run --odd foggy.toml", "fog changes what a camera sees, and the driver has none"),
     ("run --strategy seed=5", "the option seed of the strategy is not allowed"),
     ("run --strategy random --from c", "starts from no earlier campaign or real road: give none"),
     ("run --from nowhere", "nowhere does not exist"),
@@ -150,6 +155,8 @@ MISTAKES: Final = [
         "DummySimulator cannot vary friction",
         "leave it out",
     ),
+    ("rerun c --simulator metadrive --vary start --vary load", "cannot vary load", "list simul"),
+    ("rerun windy --simulator commonroad", "CommonRoadSimulator cannot vary friction"),
     (
         "rerun c --simulator metadrive --driver metadrive-idm --with delay=0 --vary noise"
         " --workers 2",
@@ -171,6 +178,7 @@ MISTAKES: Final = [
     ("estimate c", "c searched no domain"),
     ("estimate --odd nowhere.toml", "nowhere.toml"),
     ("estimate --odd odd.toml --drives 5", "100"),
+    ("estimate --odd windy.toml --simulator metadrive", "MetaDriveSimulator cannot vary gust"),
     ("run --odd odd.toml --strategy frenetic-2021", "searches roads alone"),
     ("compare nowhere", "nowhere is no folder"),
     ("compare c e", "1 group of campaigns", "at least two"),
@@ -232,11 +240,30 @@ def place(
         for kind in ("driver", "strategy", "objective"):
             Path(f"{kind}.toml").write_text(f"{kind} = 'strange.py:A'\n")
         Path("odd.toml").write_text(ODD)
+        Path("windy.toml").write_text(WINDY)
+        Path("foggy.toml").write_text(ODD + "fog = { low = 10, high = 50, chance = 0.1 }\n")
+        windy = (
+            "run",
+            "--simulations",
+            "2",
+            "--odd",
+            "windy.toml",
+            "--seed",
+            "1",
+            "--out",
+            "windy",
+        )
+        prepare(*windy, "--driver", "aggression=5", "--workers", "1")
         Path("simulator.toml").write_text("simulator = 'beamng,home=/opt/theirs'\n")
     return folder
 
 
 ODD = 'roads = "urban-50,length=200"\n[conditions]\nfriction = { low = 0.2, high = 1.0 }\n'
+WINDY = """
+[conditions]
+friction = { low = 0.1, high = 0.2 }
+gust = { low = -18, high = 18, chance = 0.2 }
+"""
 BEND = [0.0, 0.01, 0.0, 0.0, 0.01, 0.012, -0.03, -0.036, -0.05, 0.0, 0.0, 0.0, 0.02, 0.02]
 """The default driver leaves its lane here."""
 

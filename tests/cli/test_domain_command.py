@@ -60,16 +60,70 @@ def test_a_domain_is_searched_shown_and_driven_again(frenetic: Frenetic, path: P
     shown = frenetic("show", "c", number).out
     assert "conditions" in shown
     assert "friction 0." in shown
-    assert "different" not in frenetic("drive", "c", number).out
+    driven = frenetic("drive", "c", number).out
+    assert "different" not in driven
+    (line,) = [line for line in shown.splitlines() if line.startswith("conditions")]
+    assert line in driven, "in its conditions, which it says"
     file = Path(f"c/failures/test-{int(number):05}.json")
     document = json.loads(file.read_text("utf-8"))
     friction = document["driven"]["simulator_options"]["friction"]
     assert f"friction {friction:g}" in shown
     again = frenetic("drive", str(file)).out
     assert "FAIL" in again
+    assert f"friction {friction:g}" in again
+    dry = frenetic("drive", str(file), "--with", "friction=1")
+    assert "PASS" in dry.out, "what the command line says wins"
+    assert "PASS" in frenetic("drive", "c", number, "--with", "friction=1").out
+    assert frenetic("minimise", "c", number, "--with", "friction=1").refuses("this one is PASS")
     small = frenetic("minimise", "c", number, "--json").json[0]
     assert small["conditions"].keys() == {"friction"}, "the gust is needed, it says"
     assert small["conditions"]["friction"] >= friction
+
+
+def test_failures_in_a_domain_are_driven_again_and_compared(frenetic: Frenetic, path: Path) -> None:
+    frenetic("run", "--odd", str(path), "--simulations", "40", "--seed", "1", "--out", "c")
+    number = str(frenetic("show", "c", "--outcome", "fail", "--json").json["listed"][0]["id"])
+    again = frenetic("rerun", "c", number, "--junit", "again.xml")
+    assert "1 of 1 drive ended exactly as before" in again.out
+    assert "conditions" in again.out
+    assert "friction 0." in again.out
+    assert 'name="conditions" value="friction 0.' in Path("again.xml").read_text("utf-8")
+    (test,) = frenetic("rerun", "c", number, "--json").json["tests"]
+    own = test["conditions"]
+    assert own.keys() == {"friction", "gust", "gust_at"}
+    assert test["drives"][0]["conditions"] == own
+    around = frenetic("rerun", "c", number, "--vary", "friction", "--times", "4")
+    assert "friction around each test's own" in around.out
+    dry = ("rerun", "c", number, "--with", "friction=1", "--with", "gust=0")
+    assert "1 passes now" in frenetic(*dry).out
+    assert frenetic(*dry, "--json").json["tests"][0]["conditions"] == {}
+    compared = frenetic("compare", "c", "--driver", "aggression=0.9", "--fresh", "5")
+    assert "domain: town: friction 0.1 to 1, gust -18 to 18 m/s\n" in compared.out
+    assert "such as" in compared.out
+    assert "conditions" in compared.out
+
+
+def test_an_export_says_what_a_file_cannot_hold(frenetic: Frenetic, path: Path) -> None:
+    frenetic("run", "--odd", str(path), "--simulations", "2", "--seed", "1", "--out", "c")
+    whole = frenetic("export", "c", "--format", "competition")
+    assert "do not say in which conditions of town each test was driven" in whole.err
+    one = frenetic("export", "c", "1", "--format", "opendrive")
+    assert "Note: test 1 was driven with friction 0." in one.err
+    tables = frenetic("export", "c", "--format", "csv")
+    assert "conditions" not in tables.err
+    header = Path("c/exports/csv/tests.csv").read_text("utf-8").partition("\n")[0]
+    assert "friction" in header
+    assert "gust_at" in header
+
+
+def test_a_condition_goes_where_it_belongs(frenetic: Frenetic) -> None:
+    words = ("run", "--simulations", "1", "--seed", "1", "--out", "c")
+    done = frenetic(*words, "--with", "friction=0.5", "--with", "speed=60", "--with", "delay=0.1")
+    assert done.code == 0
+    config = frenetic("show", "c", "--json").json["config"]["command"]
+    assert config["simulator_options"] == {"friction": 0.5}
+    assert config["layers"] == {"delay": 0.1}
+    assert config["speed_limit"] == 60.0
 
 
 def test_a_strategy_without_conditions_is_refused(frenetic: Frenetic, path: Path) -> None:

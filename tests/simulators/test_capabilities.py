@@ -8,12 +8,16 @@ from typing import Any
 import pytest
 
 from frenetic.beamng import BeamngSimulator
+from frenetic.commonroad import CommonRoadSimulator
 from frenetic.drivers import Delayed, Driver, Planner
 from frenetic.drivers.loading import load_driver
 from frenetic.errors import DriverError, FreneticError
 from frenetic.metadrive import MetaDriveSimulator
+from frenetic.quantities import quantities
 from frenetic.simulators import EmbeddedSimulator, Rules, Simulator
 from frenetic.simulators.capabilities import Capabilities, capabilities, check_pair, usual
+from frenetic.simulators.worlds import check_can_vary
+from frenetic.spec import describe
 from frenetic.testing import DummyDriver, DummySimulator
 
 
@@ -69,6 +73,33 @@ def test_what_is_preloaded_is_there(simulator: Any) -> None:
     assert usual(simulator).preloads
     for name in usual(simulator).preloads:  # the server of processes leaves out what is missing
         assert find_spec(name) is not None
+
+
+@pytest.mark.parametrize(
+    "kind", [EmbeddedSimulator, MetaDriveSimulator, CommonRoadSimulator, DummySimulator]
+)
+def test_a_class_says_which_quantities_its_simulators_lay(kind: type) -> None:
+    of_class, of_one = usual(kind), capabilities(kind())
+    assert of_class.variable == of_one.variable
+    laid = [row.name for row in quantities().values() if of_class.lays(row)]
+    simulator, names = kind(), {row.name: row for row in quantities().values()}
+    for name, row in names.items():
+        if name in laid:
+            check_can_vary(simulator, [name])
+        else:
+            with pytest.raises(FreneticError, match=f"cannot vary {name}: .* {row.attribute!r}"):
+                check_can_vary(simulator, [name])
+    assert {"speed", "delay", "noise", "fog"} <= {*laid}
+
+
+def test_every_quantity_that_one_of_ours_lays_is_an_option_of_it() -> None:
+    for kind in (EmbeddedSimulator, MetaDriveSimulator, CommonRoadSimulator):
+        for row in quantities().values():
+            if row.attribute != "rules" and row.attribute in usual(kind).variable:
+                amount = 0.25 * row.usual[0] + 0.75 * row.usual[1]
+                made: Any = kind(**{row.attribute: amount})
+                assert getattr(made, row.attribute) == amount
+                assert describe(made) != describe(kind()), "its record says it"
 
 
 def test_what_can_be_varied_is_what_can_be_set() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -29,6 +29,9 @@ class Variation:
     low: float
     high: float
     """Equal to `low` if the quantity is only set, not varied."""
+    is_usual: bool = field(default=False, compare=False)
+    """Whether it is the usual range around the campaign's amount, and around a test's own amount
+    where that has one."""
 
     def __post_init__(self) -> None:
         take_numpy_scalars(self)
@@ -55,7 +58,14 @@ class Variation:
         check_can_vary(simulator, [name])
         if row.attribute:
             own = own_amount(simulator, name)
-        return cls(name, *row.around(own))
+        return cls(name, *row.around(own), is_usual=True)
+
+    def of(self, own: Conditions) -> Variation:
+        """The variation for a test with these conditions."""
+        if not self.is_usual or self.quantity not in own:
+            return self
+        low, high = quantity(self.quantity).around(own[self.quantity])
+        return replace(self, low=low, high=high)
 
     @property
     def is_fixed(self) -> bool:

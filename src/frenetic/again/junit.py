@@ -12,6 +12,7 @@ from frenetic._support.files import write_file
 from frenetic.again.rerun import Rerun
 from frenetic.again.verdicts import Change, Repeats, matches_text
 from frenetic.errors import CampaignError
+from frenetic.quantities import in_words
 
 SUITE: Final = "frenetic rerun"
 """Name of the suites in a file."""
@@ -61,8 +62,10 @@ def _add_outcome(case: ET.Element, test: Repeats) -> None:
     judged = [drive for drive in test.drives if drive.outcome.is_driven]
     worst = min(judged or test.drives, key=lambda drive: drive.margin)
     candidate = test.recorded.candidate
+    conditions = in_words(worst.conditions)
     properties = {
         "change": str(test.change),
+        **({"conditions": conditions} if conditions else {}),
         **({"match": matches} if matches else {}),
         "failed": f"{test.failed} of {test.judged}",
         "outcome": str(worst.outcome),

@@ -24,6 +24,7 @@ from frenetic.analysis.causes import in_words
 from frenetic.analysis.failures import COMPARED, Failure, cluster_failures
 from frenetic.analysis.statistics import Estimate, median_estimate, paired_share_difference
 from frenetic.campaign.record import Test
+from frenetic.domain import Domain
 from frenetic.oracle import Side
 from frenetic.outcome import Outcome
 
@@ -230,6 +231,8 @@ class DistinctFailure:
     """Folder of the campaign with the road of the most severe failure."""
     test_id: int
     """Test of that road."""
+    conditions: Mapping[str, float]
+    """Its conditions."""
     otherwise: int
     """Number of the old version's roads on which the new one fails, so or otherwise."""
     passed_before: int
@@ -283,6 +286,7 @@ def distinct_failures(sets: Iterable[PairedRoads]) -> tuple[DistinctFailure, ...
                 len(new),
                 roads.folder,
                 worst.test_id,
+                worst.conditions,
                 sum(failing_share(pair.new) > 0.0 for _, _, pair, _ in old),
                 len(passed),
             )
@@ -311,6 +315,8 @@ class BackToBack:
     """Seed of the fresh roads."""
     sets: tuple[PairedRoads, ...]
     """The fresh roads first."""
+    domain: Domain | None = None
+    """Domain of the roads and their conditions; None for the usual conditions."""
 
     @property
     def fresh(self) -> PairedRoads:
@@ -448,6 +454,7 @@ def back_to_back_document(result: BackToBack) -> dict[str, JSONValue]:
         "simulator": dict(result.simulator),
         "seed": result.seed,
         "repeats": result.fresh.repeats,
+        "domain": None if result.domain is None else result.domain.entries(),
         "sets": [_set_document(roads) for roads in result.sets],
         "causes": {cause: list(roads) for cause, roads in result.causes.items()},
         "distinct_failures": [
@@ -460,6 +467,7 @@ def back_to_back_document(result: BackToBack) -> dict[str, JSONValue]:
                 "new": one.new,
                 "campaign": str(one.folder),
                 "test_id": one.test_id,
+                "conditions": dict(one.conditions),
             }
             for one in result.distinct
         ],
@@ -493,6 +501,7 @@ def _set_document(roads: PairedRoads) -> dict[str, JSONValue]:
         "tests": [
             {
                 "test_id": pair.record.id,
+                "conditions": dict(pair.record.candidate.conditions),
                 "change": str(pair.change),
                 **{
                     str(version): [

@@ -1,9 +1,9 @@
 """Rerun: a campaign's roads, driven again; again and again, otherwise, elsewhere, or by another.
 
-The roads lie where they lay. With the campaign's own parts, each drive is the same unless driver or
-simulator is not repeatable. Conditions vary within given ranges: the friction of the road, the
-speed limit, the driver's noise and so on. Another driver shows what is fixed, another simulator
-what says something of the driver.
+The roads lie where they lay, in the conditions that a test of a domain has. With the campaign's own
+parts, each drive is the same unless driver or simulator is not repeatable. Conditions vary within
+given ranges: the friction of the road, the speed limit, the driver's noise and so on. Another
+driver shows what is fixed, another simulator what says something of the driver.
 
 In the same conditions a failure is *repeatable* or *not repeatable*. Where conditions vary it is
 *robust* if the same failure is there in at least half of the drives and *fragile* if in less; the
@@ -25,7 +25,7 @@ from msgspec import ValidationError, convert, to_builtins
 from frenetic._support.json_value import JSONValue
 from frenetic.again.campaigns import How, campaign_again, complete, driven_again, terms_of
 from frenetic.again.conditions import Variation, draw_conditions
-from frenetic.again.strategy import Again
+from frenetic.again.strategy import Again, ByTest
 from frenetic.again.verdicts import Change, Repeat, Repeats, matches_json, matches_text
 from frenetic.analysis.failures import Failure
 from frenetic.analysis.statistics import spearman
@@ -36,9 +36,9 @@ from frenetic.drive import CarBody, Rules
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
-from frenetic.simulators.capabilities import check_pair
+from frenetic.quantities import SEED, without
 from frenetic.simulators.simulator import Simulator
-from frenetic.simulators.worlds import Conditions, check_can_vary, in_conditions
+from frenetic.simulators.worlds import check_pair_in
 from frenetic.spec import Budget, describe, part_text, version_notes
 from frenetic.versions import SHORT, comparison_key, differences
 
@@ -188,12 +188,13 @@ def rerun(
     times: int = 1,
     vary: Sequence[Variation] = (),
     seed: int = 0,
+    instead: Iterable[str] = (),
     **how: Unpack[How],
 ) -> Rerun:
-    """Drives tests of a campaign again, each where it lay on the map.
+    """Drives tests of a campaign again, each where it lay on the map, in its own conditions.
 
-    Each road is driven in the same conditions as every other. An interrupted rerun goes on, a
-    complete one is read.
+    A varied quantity has the same amounts in every test, but for a usual range around a test's own
+    amount. An interrupted rerun goes on, a complete one is read.
 
     Args:
         folder: of the campaign.
@@ -203,40 +204,55 @@ def rerun(
         times: drives of each.
         vary: ranges of the varied quantities; none by default.
         seed: of the conditions.
+        instead: quantities of which the tests' own amounts do not count, since simulator or driver
+            have others.
         how: see `How`.
 
     Raises:
         CampaignError: the campaign is damaged, a test was not driven, or as for
             `frenetic.again.campaigns`.
-        FreneticError: the simulator cannot vary one of the quantities.
+        FreneticError: the simulator cannot vary one of the quantities, a test's own among them.
         ValueError: an option is out of range.
     """
     seed = int(seed)  # which may be numpy's
-    conditions = draw_conditions(vary, times, seed)
-    check_can_vary(simulator, [variation.quantity for variation in vary])
-    # All have the same layers over the driver.
-    with in_conditions(conditions[0], simulator, driver) as layered:
-        check_pair(simulator, layered)
+    instead = sorted(instead)
+    vary = [replace(one, is_usual=one.is_usual and one.quantity not in instead) for one in vary]
+    drawn = draw_conditions(vary, times, seed)
     with CampaignStore.open(folder) as store:
         if tests is None:
             tests = [test.id for test in store.tests(Outcome.FAIL, order_by="moobd")]
+        tests = list(tests)
+        candidates = [store.test(number, with_trajectory=False).candidate for number in tests]
         tester = campaign_tester(store, simulator, driver)
-    return drive_tests(folder, tester, tests, conditions, seed=seed, variations=vary, how=how)
+    own = {one.id: without(one.conditions, *instead) for one in candidates}
+    # Of tests with the same quantities one stands for all.
+    for found in ({}, *{frozenset(found): found for found in own.values()}.values()):
+        check_pair_in({**found, **drawn[0]}, simulator, driver)
+    conditions: ByTest = drawn
+    if any(one.of(found) != one for one in vary for found in own.values()):
+        conditions = {
+            number: draw_conditions([one.of(found) for one in vary], times, seed)
+            for number, found in own.items()
+        }
+    return drive_tests(
+        folder, tester, tests, conditions, seed=seed, variations=vary, instead=instead, how=how
+    )
 
 
 def drive_tests(
     folder: Path | str,
     tester: RoadTester,
     tests: Iterable[int],
-    conditions: Sequence[Conditions] = ({},),
+    conditions: ByTest = ({},),
     *,
     seed: int = 0,
     variations: Sequence[Variation] = (),
+    instead: Iterable[str] = (),
     how: How,
 ) -> Rerun:
-    """The same in given conditions; arguments and errors are those of `rerun`."""
+    """The same in given conditions, as `Again` takes them; see `rerun` for the rest."""
     tests = list(dict.fromkeys(tests))
-    strategy = Again(folder, tests, conditions)
+    strategy = Again(folder, tests, conditions, instead)
     simulator = tester.simulator
     if not tests:
         return Rerun(
@@ -306,13 +322,26 @@ def read_rerun(folder: Path | str, source: Path | str) -> Rerun:
             store.setting.car,
             terms.planned,
             tuple(
-                Repeats(recorded[number][0], tuple(own), terms.variations, is_own)
+                _repeats(recorded[number][0], own, terms.variations, is_own)
                 for number, own in drives.items()
             ),
             terms.seed,
             terms.variations,
             Path(folder),
         )
+
+
+def _repeats(
+    recorded: Test, drives: Sequence[Repeat], variations: Sequence[Variation], is_own: bool
+) -> Repeats:
+    """The drives of a test, and whether only the variations are not its campaign's."""
+    own = recorded.candidate.conditions
+    varied = [variation.quantity for variation in variations]
+    is_own &= all(
+        without(drive.conditions, *varied, SEED) == without(own, *varied, SEED) for drive in drives
+    )
+    ranges = tuple(variation.of(own) for variation in variations)
+    return Repeats(recorded, tuple(drives), ranges, is_own)
 
 
 def read_reruns(folder: Path | str) -> list[Rerun]:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar, Final, TypeAlias
 
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
+from frenetic.quantities import without
 from frenetic.road import profile
 from frenetic.search.records import Candidate, Evaluation, Origin, Source
 from frenetic.search.strategy import Ledger, SearchEnded, Strategy
@@ -16,6 +18,9 @@ from frenetic.simulators.worlds import check_conditions
 OPERATOR: Final = "again"
 """Operator in the origin of roads that are driven again."""
 
+ByTest: TypeAlias = Sequence[Mapping[str, float]] | Mapping[int, Sequence[Mapping[str, float]]]
+"""Conditions of each drive of a test: all tests alike, or by their ids."""
+
 
 class Again(Strategy):
     """Proposes the roads of a campaign's tests, each once in each of some conditions.
@@ -23,8 +28,11 @@ class Again(Strategy):
     Args:
         campaign: its folder.
         tests: ids of the tests; they have to be driven ones.
-        conditions: of each drive of a test, by the names of `frenetic.quantities`
-            as far as they differ from the campaign's; by default one drive in the campaign's own.
+        conditions: of each drive of a test, by the names of `frenetic.quantities`, as far as they
+            differ from the test's own; all tests alike, or by their ids. By default one drive in
+            the test's own conditions.
+        instead: quantities of which the tests' own amounts do not count, since driver or simulator
+            have others.
 
     Raises:
         CampaignError: there is no such campaign or test, it is damaged, or a test was not driven.
@@ -38,28 +46,41 @@ class Again(Strategy):
         self,
         campaign: Path | str,
         tests: Iterable[int],
-        conditions: Sequence[Mapping[str, float]] = ({},),
+        conditions: ByTest = ({},),
+        instead: Iterable[str] = (),
     ) -> None:
         tests = list(tests)
-        for one in conditions:
+        by_test: dict[int, list[dict[str, float]]] = {}
+        for number in tests:
+            own = conditions[number] if isinstance(conditions, Mapping) else conditions
+            by_test[number] = [dict(one) for one in own]
+        for one in chain(*by_test.values()):
             check_conditions(one)
         with CampaignStore.open(campaign) as store:
             roads = [_driven(store, number) for number in tests]
             made_at = store.fact("created_at")
+        instead = sorted(name for name in instead if any(name in one.conditions for one in roads))
         self._campaign = str(campaign)
         self.options: Mapping[str, Any] = {
             "made_at": made_at,  # the campaign may be moved, and be named from elsewhere
             "tests": tests,
-            "conditions": [dict(one) for one in conditions],
+            "conditions": {str(number): own for number, own in by_test.items()}
+            if isinstance(conditions, Mapping)
+            else [dict(one) for one in conditions],
+            **({"instead": instead} if instead else {}),
         }
-        self._drives = iter(
-            [(road, i, one) for road in roads for i, one in enumerate(self.options["conditions"])]
-        )
+        drives = [
+            (road, i, {**without(road.conditions, *instead), **one})
+            for road in roads
+            for i, one in enumerate(by_test[road.id])
+        ]
+        self._count = len(drives)
+        self._drives = iter(drives)
         self._ledger = Ledger()
 
     def __len__(self) -> int:
         """Number of drives in all."""
-        return len(self.options["tests"]) * len(self.options["conditions"])
+        return self._count
 
     def ask(self) -> Candidate:
         """The next road; raises `SearchEnded` after the last."""

@@ -22,7 +22,7 @@ from frenetic.campaign.record import Test
 from frenetic.campaign.repeat import Match
 from frenetic.oracle import Finding
 from frenetic.outcome import Outcome
-from frenetic.quantities import quantity
+from frenetic.quantities import quantity, without
 from frenetic.simulators.worlds import Conditions
 
 LEVEL: Final = 0.5
@@ -199,6 +199,11 @@ class Repeats:
         """The campaign's test."""
         return self.recorded.id
 
+    @property
+    def conditions(self) -> Conditions:
+        """The conditions of its drives, without those that vary."""
+        return without(self.drives[0].conditions, *(one.quantity for one in self.variations))
+
     def count(self, outcome: Outcome) -> int:
         """Drives with this outcome."""
         return sum(drive.outcome is outcome for drive in self.drives)
@@ -296,6 +301,7 @@ class Repeats:
         """The test as a JSON object, with figures derived from its drives."""
         return {
             "test": self.id,
+            "conditions": dict(self.conditions),
             "change": str(self.change),
             "stability": None if self.stability is None else str(self.stability),
             "failed": self.failed,

@@ -1,8 +1,9 @@
 """Back-to-back testing: whether a new version of a driver is better than the old one.
 
 ISTQB's glossary calls so what executes the same tests on two variants and compares the results.
-Both versions drive on fresh random roads, which no search has chosen, and on those on which the old
-one failed in its campaign; `frenetic.again.paired` says what the pairs show.
+Both versions drive on fresh random roads, which no search has chosen, in conditions of the
+campaign's domain if it has one, and on those on which the old one failed in its campaign;
+`frenetic.again.paired` says what the pairs show.
 
 The fresh roads are a campaign of their own, which the old version drives, in the folder ``again``
 of its campaign. Every other drive is a rerun of the campaign whose road it is.
@@ -11,18 +12,20 @@ of its campaign. Every other drive is a rerun of the campaign whose road it is.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import MappingProxyType
 from typing import Any, Final
 
 from frenetic._support.json_value import JSONValue
 from frenetic.again.campaigns import How, campaign_again, complete
 from frenetic.again.paired import BackToBack, Pair, PairedRoads, RoadSet
 from frenetic.again.rerun import drive_tests
+from frenetic.again.strategy import ByTest
 from frenetic.again.verdicts import Repeat
 from frenetic.campaign.campaign import SOURCES, Campaign
 from frenetic.campaign.counts import key_of
@@ -31,6 +34,7 @@ from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Event
 from frenetic.campaign.tester import RoadTester
+from frenetic.domain import Domain
 from frenetic.drivers import Driver, Noisy
 from frenetic.drivers.driver import stack_of
 from frenetic.errors import CampaignError
@@ -196,7 +200,7 @@ def drive(
     tester = RoadTester.on(setting, simulator, driver)
     missing, is_interrupted = plan.drives, False
     if old is None:
-        campaign = _fresh_campaign(plan, tester, spec, how)
+        campaign = _fresh_campaign(plan, tester, setting.domain, spec, how)
         fresh = campaign.folder
         if _simulations(campaign) < plan.fresh:
             complete(campaign, how)
@@ -208,26 +212,36 @@ def drive(
     tests = _fresh_tests(fresh, plan.fresh)
     first = {test.id: (Repeat(test, test),) for test in tests} if old is None else {}
     drives = {}
-    conditions = _conditions(driver, plan.repeats)
     for roads, folder, ids, own in (
         (RoadSet.FRESH, fresh, [test.id for test in tests], first),
         (RoadSet.OLD, plan.old, plan.failures, {}),
     ):
-        rest = conditions[1:] if own else conditions
+        rest = plan.repeats - bool(own)
         found: dict[int, tuple[Repeat, ...]] = {} if rest else dict.fromkeys(ids, ())
         if rest and ids and not is_interrupted:
-            rerun = drive_tests(folder, tester, ids, rest, how=how)
+            by_test = {
+                number: _conditions(driver, plan.repeats, one)[-rest:]
+                for number, one in _own_conditions(folder, ids).items()
+            }
+            first_of, *others = by_test.values()
+            is_alike = all(one == first_of for one in others)
+            conditions: ByTest = first_of if is_alike else by_test
+            rerun = drive_tests(folder, tester, ids, conditions, how=how)
             missing -= len(rerun.drives)
             is_interrupted = rerun.missing > 0
-            found = {one.id: one.drives for one in rerun.tests if len(one.drives) == len(rest)}
+            found = {one.id: one.drives for one in rerun.tests if len(one.drives) == rest}
         drives[roads] = {number: own.get(number, ()) + again for number, again in found.items()}
     return VersionDrives(*described, fresh, drives, missing)
 
 
-def _fresh_campaign(plan: Plan, tester: RoadTester, spec: Spec | None, how: How) -> Campaign:
+def _fresh_campaign(
+    plan: Plan, tester: RoadTester, domain: Domain | None, spec: Spec | None, how: How
+) -> Campaign:
     """The campaign with the fresh roads, possibly driven."""
     budget = Budget(simulations=plan.fresh)
-    strategy = RandomSearch(seed=plan.seed, map_size=tester.map_size, road_class=tester.road_class)
+    strategy = RandomSearch(
+        seed=plan.seed, map_size=tester.map_size, road_class=tester.road_class, domain=domain
+    )
     what, terms = ["fresh", plan.seed], {"fresh": True}
     campaign = campaign_again(plan.old, strategy, tester, budget, what=what, terms=terms, how=how)
     if spec is not None:
@@ -280,7 +294,9 @@ def pair_up(plan: Plan, old: VersionDrives, new: VersionDrives) -> BackToBack:
         )
         folder = old.fresh if roads is RoadSet.FRESH else plan.old
         sets.append(PairedRoads(roads, folder, tuple(pairs), plan.repeats))
-    return BackToBack(old.driver, new.driver, old.simulator, plan.seed, tuple(sets))
+    with CampaignStore.open(plan.old) as store:
+        domain = store.setting.domain
+    return BackToBack(old.driver, new.driver, old.simulator, plan.seed, tuple(sets), domain)
 
 
 def on_shared_roads(old: Path, new: Path) -> BackToBack | None:
@@ -315,12 +331,12 @@ def on_shared_roads(old: Path, new: Path) -> BackToBack | None:
     pairs = tuple(
         Pair(test, (Repeat(test, test),), (Repeat(test, drives[1][key]),))
         for key, test in drives[0].items()
-        if key in drives[1]
+        if key in drives[1] and drives[1][key].candidate.conditions == test.candidate.conditions
     )
     simulator: Any = ours.get("simulator")
     seed: Any = ours.get("seed")
     sets = (PairedRoads(RoadSet.SHARED, old, pairs, 1),)
-    return BackToBack(driver, new_driver, simulator, seed, sets)
+    return BackToBack(driver, new_driver, simulator, seed, sets, setting.domain)
 
 
 def back_to_back(
@@ -340,12 +356,31 @@ def back_to_back(
     return pair_up(chosen, first, drive(chosen, simulator, new, first, workers=workers))
 
 
-def _conditions(driver: Driver, repeats: int) -> tuple[Conditions, ...]:
-    """Conditions of the repeats: with noise each has its own errors, the same for both versions."""
-    noise = None
+def _conditions(
+    driver: Driver, repeats: int, own: Conditions = MappingProxyType({})
+) -> tuple[Conditions, ...]:
+    """Conditions of the repeats of a test: with what is random each has its own errors.
+
+    They are the same for both versions.
+
+    Args:
+        driver: with its layers.
+        repeats: number of drives.
+        own: conditions of the test.
+    """
+    noise: dict[str, float] = {}
     for layer in stack_of(driver):
-        if isinstance(layer, Noisy):
-            noise = layer.offset
-    if noise is None:
+        if isinstance(layer, Noisy) and "noise" not in own:
+            noise = {"noise": layer.offset}
+    if not noise and SEED not in own:
         return ({},) * repeats
-    return ({}, *({"noise": noise, SEED: number} for number in range(1, repeats)))
+    first = int(own.get(SEED, 0))
+    return ({}, *({**noise, SEED: first + number} for number in range(1, repeats)))
+
+
+def _own_conditions(folder: Path, tests: Iterable[int]) -> dict[int, Conditions]:
+    with CampaignStore.open(folder) as store:
+        return {
+            number: store.test(number, with_trajectory=False).candidate.conditions
+            for number in tests
+        }

@@ -8,13 +8,17 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from msgspec import convert
+
 from frenetic._support.files import require_list
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.earlier import FACT
 from frenetic.campaign.objective import MOOBD
 from frenetic.campaign.store import CampaignStore
+from frenetic.domain import Domain
 from frenetic.errors import CampaignError
 from frenetic.registry import part_name
+from frenetic.road.classes import RoadClass
 from frenetic.versions import short_version
 
 PARTS: Final = (
@@ -26,12 +30,17 @@ PARTS: Final = (
     "map_size",
     "margin",
     "lane_width",
+    "road_class",
+    "domain",
     "lookahead",
     "objective",
     "start_from",
     "behaviours",
 )
 """Parts of a configuration that repeats share; the strategy's seed differs."""
+
+_NAMED: Final[Mapping[str, Any]] = {"road_class": RoadClass, "domain": Domain}
+"""Parts with a name of their own -> what they are."""
 
 
 def find_campaigns(place: Path | str) -> list[Path]:
@@ -118,6 +127,8 @@ def _word(part: str, value: Any, others: Sequence[Any]) -> str:
     """Value of a part, as opposed to other configurations."""
     if part == "start_from":
         return "warm-started" if value else "started afresh"
+    if part in _NAMED:
+        return _named_word(part, value, others)
     if not isinstance(value, dict):
         return f"{part}={value}"
     if "class" not in value:
@@ -135,6 +146,25 @@ def _word(part: str, value: Any, others: Sequence[Any]) -> str:
     if isinstance(inner, dict):
         word += f" over {_word(part, inner, [o.get('driver') for o in alike])}"
     return word
+
+
+def _named_word(part: str, value: Any, others: Sequence[Any]) -> str:
+    """The name of a road class or domain, with the differences from others of that name."""
+    if value is None:
+        return "on the competition's roads" if part == "road_class" else "without a domain"
+    alike = [one for one in others if one is not None and one["name"] == value["name"]]
+    if part == "domain":
+        differing = {
+            name: found
+            for name, found in value["conditions"].items()
+            if any(one["conditions"].get(name) != found for one in alike)
+        }
+        name = str(value["name"])
+        told = convert({"name": name, "conditions": differing}, Domain).in_words()
+        return f"in {told if differing else name}"
+    own, *theirs = ({**one, "sources": None} for one in (value, *alike))
+    settings = _settings(own, theirs)
+    return f"on {value['name']}{f'({settings})' if settings else ''}"
 
 
 def _version(part: Mapping[str, Any]) -> str:
@@ -168,16 +198,19 @@ def shared_parts(configurations: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     """The parts that are set and alike in all configurations, in words."""
     first = configurations[0]
     return {
-        part.replace("_", " "): _in_words(first[part])
+        part.replace("_", " "): _in_words(part, first[part])
         for part in PARTS
         if first[part] is not None
         and all(configuration[part] == first[part] for configuration in configurations)
     }
 
 
-def _in_words(value: Any) -> str:
+def _in_words(part: str, value: Any) -> str:
+    if part in _NAMED:
+        return str(convert(value, _NAMED[part]).in_words())
     if not isinstance(value, Mapping):
         return str(value)
     if "class" in value:
         return _word("", value, [])
-    return ", ".join(f"{name} {_in_words(one)}" for name, one in value.items() if one is not None)
+    named = {name: one for name, one in value.items() if one is not None}
+    return ", ".join(f"{name} {_in_words('', one)}" for name, one in named.items())

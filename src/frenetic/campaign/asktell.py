@@ -10,10 +10,11 @@ A campaign is searched and stored like any other, but its roads are driven by wh
 | ``{"end": {}}``, or the end of the input | ``{"summary": {..}}`` |
 
 A candidate has an ``id``, ``points`` every 2 m or denser in m on the map, ``curvatures`` in 1/m,
-their ``step`` in m, the ``pose`` of its first point and the ``lane_width`` in m; invalid roads are
-not handed out. Any number may be asked for before one is told; ``wait`` means that one has to be
-told first. `Told` says what can be told. An unusable request is answered with ``{"error": ".."}``
-and changes nothing.
+their ``step`` in m, the ``pose`` of its first point and the ``lane_width`` in m, profiles of a road
+that is not flat, and ``conditions``: names of `frenetic.quantities` with amounts, empty without a
+domain. Invalid roads are not handed out. Any number may be asked for before one is told; ``wait``
+means that one has to be told first. `Told` says what can be told. An unusable request is answered
+with ``{"error": ".."}`` and changes nothing.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ from frenetic.campaign.summary import Event, Summary
 from frenetic.campaign.tester import RoadTester, fitted
 from frenetic.campaign.workers import Workers
 from frenetic.criteria import LANE
+from frenetic.domain import Domain
 from frenetic.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
 from frenetic.errors import CampaignError, RoadError
@@ -168,12 +170,17 @@ class TellingDriver:
 
 
 class TellingSimulator:
-    """The simulator of whoever asks and tells, with rules and a car for the campaign's record."""
+    """The simulator of whoever asks and tells, who lays any road in any conditions.
+
+    Args:
+        rules: by which the drives are judged there, for the campaign's record, as its car.
+    """
 
     BEHAVIOUR: ClassVar[int] = 1
+    lays_slopes: Final = True
 
-    def __init__(self) -> None:
-        self.rules, self.car = Rules(), CarBody()
+    def __init__(self, rules: Rules | None = None) -> None:
+        self.rules, self.car = rules or Rules(), CarBody()
 
     def __enter__(self) -> Self:
         return self
@@ -226,6 +233,7 @@ class _Client(Workers):
                     "id": candidate.id,
                     "points": road.road_points.round(6).tolist(),
                     **entries_of(road),
+                    "conditions": dict(candidate.conditions),
                 }
             }
         )
@@ -295,6 +303,7 @@ class ToldCampaign(Campaign):
         requests: lines, each with one JSON object.
         answer: called with each answer.
         name: of what drives, for the campaign's record.
+        rules: by which it judges, likewise.
         others: as for `Campaign`, without driver and simulator.
     """
 
@@ -304,12 +313,16 @@ class ToldCampaign(Campaign):
         answer: Callable[[Any], None],
         *,
         name: str = "told",
+        rules: Rules | None = None,
         **others: Any,
     ) -> None:
-        super().__init__(simulator=TellingSimulator(), driver=TellingDriver(name), **others)
+        super().__init__(simulator=TellingSimulator(rules), driver=TellingDriver(name), **others)
         self._answer = answer
         self._requests = requests
         self._client = _Client(self.tester, requests, answer)
+
+    def _check_conditions(self, domain: Domain) -> None:
+        """Whoever drives lays them."""
 
     def _workers(self, log: CampaignLog) -> Workers:  # noqa: ARG002 - nothing is lost here
         return self._client

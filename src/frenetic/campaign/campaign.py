@@ -47,6 +47,7 @@ from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Event, EventKind, Summary
 from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers, available_cores
+from frenetic.domain import Domain
 from frenetic.drivers.driver import Driver
 from frenetic.errors import CampaignError, FreneticError, reason_of, traceback_of
 from frenetic.registry import options_of
@@ -59,7 +60,7 @@ from frenetic.simulators.capabilities import bare, capabilities, check_class
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.isolated import IsolatedSimulator, is_named
 from frenetic.simulators.simulator import Simulator
-from frenetic.simulators.worlds import check_can_vary
+from frenetic.simulators.worlds import check_pair_in
 from frenetic.spec import (
     MAX_WORKERS,
     Budget,
@@ -231,7 +232,7 @@ class Campaign(Shown):
         if road_class is not None:
             check_class(simulator, driver, road_class)
         if strategy.domain is not None:
-            check_can_vary(simulator, strategy.domain.conditions)
+            self._check_conditions(strategy.domain)
         self.objective = Objective.load(objective)
         self.budget = budget
         self.workers = workers
@@ -255,6 +256,9 @@ class Campaign(Shown):
         self._unreported: deque[tuple[int, Summary]] = deque()
         """Stored tests of which the caller does not know as yet, since its `on_event` raised."""
         self._interrupt: Interrupt | None = None  # while it runs
+
+    def _check_conditions(self, domain: Domain) -> None:
+        check_pair_in(domain.all_at_once(), self.tester.simulator, self.tester.driver)
 
     @classmethod
     def of(

@@ -8,13 +8,16 @@ import sys
 from collections.abc import Iterator
 from contextlib import redirect_stdout
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from frenetic.cli.options import Duration, as_usage_error, folder_option
-from frenetic.cli.parts import part_choice
-from frenetic.spec import Budget, Part, Spec
+from frenetic.cli.parts import odd_option, part_choice, was_given
+from frenetic.spec import Budget, Spec
+
+if TYPE_CHECKING:
+    from frenetic.domain import Domain
 
 DEFAULT_SIMULATIONS = 1000
 
@@ -25,27 +28,34 @@ DEFAULT_SIMULATIONS = 1000
 @click.option("--failures", type=int, metavar="N", help="Stop after N failures.")
 @part_choice("strategy", "How to search (see 'frenetic list strategies').", "frenetic")
 @click.option("--name", default="told", show_default=True, help="What drives, for the record.")
+@odd_option
 @click.option(
-    "--map-size", type=float, default=200.0, show_default=True, help="m, side of the map."
+    "--map-size",
+    type=float,
+    default=200.0,
+    show_default=True,
+    help="m, side of the map; unless given, a domain's roads say it.",
 )
 @click.option("--seed", type=click.IntRange(0), help="Repeats a search. [default: a new one]")
 @folder_option("Folder for the results; one that holds this search is gone on with.")
+@click.pass_context
 def ask_tell(
+    context: click.Context,
+    /,
     simulations: int | None,
     seconds: float | None,
     failures: int | None,
-    strategy: str,
-    strategy_options: tuple[tuple[str, Any], ...],
     name: str,
-    map_size: float,
+    domain: Domain | None,
     seed: int | None,
     out: Path | None,
+    **_: Any,
 ) -> None:
     """Search for a simulator that you run: JSON lines on stdin and stdout.
 
-    Write {"ask": {}} and read {"candidate": ..}, a road; drive it, and write {"tell": {"id": 1,
-    "outcome": "FAIL", "moobd": -0.4}}. The campaign is stored and shown like any other. The page on
-    ask-tell has all requests.
+    Write {"ask": {}} and read {"candidate": ..}, a road and, of a domain, conditions; drive it, and
+    write {"tell": {"id": 1, "outcome": "FAIL", "moobd": -0.4}}. The campaign is stored and shown
+    like any other. The page on ask-tell has all requests.
     """
     from frenetic.campaign import CampaignStore, new_folder
     from frenetic.campaign.asktell import ToldCampaign
@@ -67,9 +77,11 @@ def ask_tell(
     with redirect_stdout(sys.stderr):  # a strategy's prints, say
         with as_usage_error():
             budget = Budget(simulations=simulations, time=seconds, failures=failures)
-            spec = Spec(
-                strategy=Part(strategy, dict(strategy_options)), seed=seed, map_size=map_size
-            )
+            given = dict(context.params)
+            road_class = None if domain is None else domain.road_class
+            if road_class is not None and not was_given(context, "map_size"):
+                del given["map_size"]  # which the class says
+            spec = Spec.from_options({**given, "road_class": road_class}, seed=seed)
             campaign = ToldCampaign(
                 _lines(),
                 answer,
@@ -77,7 +89,8 @@ def ask_tell(
                 strategy=spec.make_strategy(),
                 budget=budget,
                 folder=folder,
-                map_size=map_size,
+                map_size=spec.map_size,
+                rules=spec.rules,
             )
         summary = campaign.serve()
     click.echo(f"{summary.in_words()}, results in {folder}", err=True)

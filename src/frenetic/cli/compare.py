@@ -81,9 +81,9 @@ def compare(
     groups by distinct failures.
 
     With --driver or --as it says instead whether that driver is better than the one of the campaign
-    named. Both drive on fresh random roads, on which the answer rests, and on those on which the
-    campaign failed. The same command goes on after Ctrl-C. The exit code is 0 if the new version is
-    better, 1 if it is worse, 3 if neither is shown.
+    named. Both drive on fresh random roads, of its domain if it has one, on which the answer rests,
+    and on those on which the campaign failed. The same command goes on after Ctrl-C. The exit code
+    is 0 if the new version is better, 1 if it is worse, 3 if neither is shown.
 
     Two campaigns of two drivers are compared on the random roads that both drove, which the same
     seed gives them; nothing is driven for it.
@@ -153,6 +153,8 @@ def _print_drivers(drivers: BackToBack, comparison: Comparison) -> None:
     click.echo(drivers.answer)
     for version, campaign in (("old", old), ("new", new)):
         click.echo(f"{version}: {campaign.folder}, {campaign.counts.in_words()}")
+    if drivers.domain is not None:
+        click.echo(f"domain: {drivers.domain.in_words()}")
     with CampaignStore.open(new.folder) as store:
         driver = Spec.from_json(store.config, source=new.folder).driver
     words = [] if driver.name is None else driver.words("driver")

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,7 +29,13 @@ from frenetic.cli.options import (
     road_option,
     source_arguments,
 )
-from frenetic.cli.parts import given_options, recorded_options, roads_option
+from frenetic.cli.parts import (
+    given_options,
+    given_quantities,
+    recorded_options,
+    roads_option,
+)
+from frenetic.quantities import in_words, without
 
 if TYPE_CHECKING:
     from frenetic.campaign import Test
@@ -54,6 +60,10 @@ class Asked:
     """The campaign's."""
     recorded: object = None
     """Its driver, in a road's file."""
+    is_replaced: bool = False
+    """Whether the command line gives other parts or conditions than the file's."""
+    conditions: Mapping[str, float] = field(default_factory=dict)
+    """The test's, but for those that the command line says."""
     behind: Callable[[float], Asked | None] | None = None
     """What is left of a map's stretch behind a place in m along it; None if it is no such road."""
 
@@ -124,7 +134,10 @@ def drive(
             document = {"road": asked.name, "length": asked.road.length, **result.as_json()}
             documents.append(document | parts | ({} if plot is None else {"plot": str(plot)}))
         else:
-            _print_drive(result, asked, plot, _who(asked, parts), parts.get("differs"))
+            facts = [("driver", _who(asked, parts))]
+            if text := in_words({**spec.conditions, **asked.conditions}):
+                facts.append(("conditions", text))
+            _print_drive(result, asked, plot, facts, parts.get("differs"))
             if spec.rules.criteria or (len(roads) == 1 and map_roads is None):
                 print_measures(parts.get("measures", []), spec.rules.criteria)
     if as_json:
@@ -162,24 +175,30 @@ def _of_campaign(
     with CampaignStore.open(folder) as store:
         tests = [store.test(number) for number in dict.fromkeys(test_ids)]
         is_made = not dry or any(not test.road.is_plain for test in tests)
-        spec = recorded_spec(store, given_options(context), checked=is_made)
+        given = given_options(context)
+        spec = recorded_spec(store, given, checked=is_made)
+    instead = given_quantities(spec, given)
     roads = []
     for test in tests:
         fitted, verdict = test.road.placed(spec.map_size, spec.margin, spec.road_class)
-        roads.append(Asked(f"{folder} {test.id}", fitted or test.road, verdict, test))
+        name, conditions = f"{folder} {test.id}", without(test.candidate.conditions, *instead)
+        roads.append(Asked(name, fitted or test.road, verdict, test, conditions=conditions))
     return spec, roads
 
 
 def _of_file(context: click.Context, path: Path, lane: int | None) -> tuple[Spec, list[Asked]]:
     """The same for a road file."""
     from frenetic.road.files import read_road
+    from frenetic.spec import DRIVEN
 
     file = read_road(path, lane=lane)
     spec, loaded = file_spec(context, file), file.road()
     check_map_size(spec.map_size)
     fitted, verdict = loaded.placed(spec.map_size, road_class=spec.road_class)
     recorded = file.entries.get("driver")
-    return spec, [Asked(str(path), fitted or loaded, verdict, recorded=recorded)]
+    is_replaced = DRIVEN not in file.entries or bool(given_options(context))
+    asked = Asked(str(path), fitted or loaded, verdict, None, recorded, is_replaced)
+    return spec, [asked]
 
 
 def _of_map(
@@ -271,8 +290,9 @@ def _driven(
                 entered.enter_context(simulator)
                 compiled()
                 is_entered = True
-            conditions = {} if asked.test is None else asked.test.candidate.conditions
-            with in_conditions(conditions, simulator, driver) as layered:
+            if asked.conditions:
+                parts["conditions"] = dict(asked.conditions)
+            with in_conditions(asked.conditions, simulator, driver) as layered:
                 the_drive = RoadTester(simulator, layered).drive(asked.road)
             result = judge(asked.road, the_drive)
             if plot is not None:
@@ -333,7 +353,7 @@ def _who(asked: Asked, parts: dict[str, Any]) -> str:
     who = [f"{now} in {part_text(parts['simulator'])}"]
     if isinstance(recorded, dict):
         before = part_text(recorded, driver)
-        if before != now:
+        if asked.is_replaced and before != now:
             who.append(f"recorded with {before}")
         if note := other_version("driver", recorded, driver):
             who.append(note)
@@ -341,10 +361,14 @@ def _who(asked: Asked, parts: dict[str, Any]) -> str:
 
 
 def _print_drive(
-    result: Result, asked: Asked, plot: Path | None, who: str, differs: str | None
+    result: Result,
+    asked: Asked,
+    plot: Path | None,
+    facts: Sequence[tuple[str, str]],
+    differs: str | None,
 ) -> None:
     click.echo(f"{result.outcome}  {result.reason}")
-    facts = [("road", f"{asked.road.length:.1f} m, {asked.name}"), ("driver", who)]
+    facts = [("road", f"{asked.road.length:.1f} m, {asked.name}"), *facts]
     facts += facts_of_drive(result, result.duration if result.outcome.is_driven else None)
     if differs is not None:
         words = f"differs from the campaign: {differs}" if differs else "as in the campaign"

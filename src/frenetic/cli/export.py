@@ -13,7 +13,7 @@ import click
 
 from frenetic._support.entry_points import installed
 from frenetic._support.words import read_part
-from frenetic.cli.console import Log, counted_progress
+from frenetic.cli.console import Log, counted_progress, shell
 from frenetic.cli.options import (
     as_usage_error,
     file_option,
@@ -23,6 +23,7 @@ from frenetic.cli.options import (
     source_arguments,
 )
 from frenetic.outcome import Outcome
+from frenetic.quantities import in_words
 from frenetic.registry import hint
 
 if TYPE_CHECKING:
@@ -147,12 +148,21 @@ def _export_campaign(
 
     log = Log()
     with as_usage_error(), counted_progress(log, "Exporting") as show:
-        campaigns = []
+        campaigns: list[Counts] = []
+        domains: dict[str, None] = {}
         for place in find_campaigns(source):
             with CampaignStore.open(place) as store:
                 campaigns.append(store.counts())
+                if (domain := store.setting.domain) is not None and domain.conditions:
+                    domains[domain.name] = None
         counts = Counts.total(campaigns)
         folder = export_campaign(source, name, out, outcomes=outcomes, on_progress=show, **options)
+    if name == "competition" and domains:
+        log.print(
+            f"Note: the competition's files do not say in which conditions of {', '.join(domains)}"
+            " each test was driven; the other formats do",
+            markup=False,
+        )
     if as_json:
         document = {"folder": str(folder), "format": name, "outcomes": list(outcomes)}
         click.echo(json.dumps({**document, "campaign": counts.counts_json()}))
@@ -187,6 +197,14 @@ def _export_roads(
             _exported(source, number, options, lane=lane, roads=roads)
             for number in test_ids or (None,)
         ]
+    for exported, _ in written:
+        test = exported.test
+        if test is not None and (conditions := in_words(test.candidate.conditions)):
+            Log().print(
+                f"Note: test {test.id} was driven with {conditions}, which the file does not say;"
+                f" 'frenetic show {shell(source)} {test.id}' does",
+                markup=False,
+            )
     documents = []
     for exported, default in written:
         if out is not None and str(out) == "-":

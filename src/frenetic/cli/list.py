@@ -12,6 +12,7 @@ from frenetic.cli.console import print_table
 from frenetic.cli.options import json_option
 from frenetic.criteria import QUANTITIES, profiles
 from frenetic.criteria import quantity as quantity_of
+from frenetic.errors import FreneticError
 from frenetic.quantities import quantities
 from frenetic.registry import DRIVERS, OBJECTIVES, SIMULATORS, STRATEGIES
 
@@ -73,7 +74,14 @@ def _documents(kind: str) -> list[dict[str, Any]]:
         return [one.as_json() for one in profiles().values()]
     if kind != "quantities":
         registry = _REGISTRIES[kind]
-        return [{**asdict(one), "summary": registry.about(one)} for one in registry.entries()]
+        return [
+            {
+                **asdict(one),
+                "summary": registry.about(one),
+                **({"lays": _laid_by(one.name)} if registry is SIMULATORS else {}),
+            }
+            for one in registry.entries()
+        ]
     return [
         {
             "name": row.name,
@@ -81,10 +89,23 @@ def _documents(kind: str) -> list[dict[str, Any]]:
             "range": [row.low, row.high],
             "usual": list(row.usual),
             "taxon": row.taxon,
+            "needs_camera": row.needs_camera,
             "about": row.about,
         }
         for row in quantities().values()
     ]
+
+
+def _laid_by(simulator: str) -> list[str] | None:
+    """Quantities that a simulator lays, for a driver without a camera; None if it has no class."""
+    from frenetic.spec import usual_of
+
+    try:
+        able = usual_of(simulator)
+    except FreneticError:  # its package is broken
+        return None
+    rows = quantities().values()
+    return [row.name for row in rows if able.lays(row) and not row.needs_camera]
 
 
 def _classes() -> list[RoadClass]:
@@ -158,11 +179,22 @@ def _print(kind: str, title: str | None) -> None:
         return
     registry = _REGISTRIES[kind]
     entries = registry.entries()
+    laid, layers = [], [row for row in quantities().values() if row.layer]
+    if registry is SIMULATORS:
+        over = [row.name for row in layers]
+        laid = [", ".join(n for n in _laid_by(e.name) or () if n not in over) for e in entries]
     print_table(
-        ("name", "from", "what it is"),
-        [(entry.name, entry.origin, registry.about(entry)) for entry in entries],
+        ("name", "from", "what it is", *(["conditions"] if laid else [])),
+        [
+            (entry.name, entry.origin, registry.about(entry), *laid[i : i + 1])
+            for i, entry in enumerate(entries)
+        ],
         title=title,
     )
+    if laid:
+        plain, seen = ([r.name for r in layers if r.needs_camera is n] for n in (False, True))
+        told = f"; over one with a camera: {', '.join(seen)}" if seen else ""
+        click.echo(f"Over the driver, in all of them: {', '.join(plain)}{told}.")
     files = "".join(f", or path/to/file{suffix}" for suffix in registry.files)
     word = registry.target.capitalize()
     click.echo(

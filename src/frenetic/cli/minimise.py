@@ -29,8 +29,9 @@ from frenetic.cli.options import (
     json_option,
     source_arguments,
 )
-from frenetic.cli.parts import given_options, part_options
+from frenetic.cli.parts import given_options, given_quantities, part_options
 from frenetic.errors import FreneticError
+from frenetic.quantities import without
 from frenetic.spec import Spec
 
 if TYPE_CHECKING:
@@ -201,7 +202,9 @@ def _of_campaign(
             if given:
                 road = road.with_stem(f"{road.stem}-other")
             files = MinimisedFiles.beside(out or road)
-            works.append(Work(f"Test {number}", record.road, files, record))
+            left = without(record.candidate.conditions, *given_quantities(spec, given))
+            test = replace(record, candidate=replace(record.candidate, conditions=left))
+            works.append(Work(f"Test {number}", record.road, files, test))
     if not works:
         raise click.UsageError(f"{folder} holds no failing road: there is nothing to minimise")
     return spec, works

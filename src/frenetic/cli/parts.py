@@ -14,7 +14,7 @@ from click.shell_completion import CompletionItem
 from frenetic._support.words import read_part
 from frenetic.cli.options import Decorator, with_options
 from frenetic.errors import FreneticError
-from frenetic.quantities import quantity
+from frenetic.quantities import quantities, quantity
 from frenetic.registry import SIMULATORS
 from frenetic.spec import NUMBERS, Part, Spec, drive_options, usual_of
 from frenetic.trust import REGISTRIES
@@ -102,7 +102,7 @@ def part_choice(
 
 
 class Amount(click.ParamType):  # type: ignore[type-arg]  # generic in click's newest only
-    """NAME=VALUE for a quantity of the driver."""
+    """NAME=VALUE for a quantity."""
 
     name = "name=value"
 
@@ -112,10 +112,6 @@ class Amount(click.ParamType):  # type: ignore[type-arg]  # generic in click's n
         """(name, amount)."""
         name, equals, text = (part.strip() for part in str(value).partition("="))
         row = quantity(name)
-        if not row.layer:
-            option = f"--simulator embedded,{row.attribute}={row.usual[0]:g}"
-            option = "--speed-limit" if row.attribute == "rules" else option
-            self.fail(f"{name} is no condition of the driver: set it by {option}", param, ctx)
         try:
             amount = float(text) if equals else math.nan
         except ValueError:
@@ -179,8 +175,7 @@ _with_option: Final = click.option(
     "layers",
     type=Amount(),
     multiple=True,
-    help="A condition: delay=0.1 or, for a camera, fog=60; may be repeated ('frenetic list"
-    " quantities').",
+    help="A condition: delay=0.1, friction=0.5; may be repeated ('frenetic list quantities').",
 )
 as_option: Final = click.option(
     "--as",
@@ -263,6 +258,20 @@ def given_options(context: click.Context) -> dict[str, Any]:
     """Name -> value of the options of `driver_options` that the command line gives."""
     names = (AS, *drive_options())
     return {name: context.params[name] for name in names if was_given(context, name)}
+
+
+def given_quantities(spec: Spec, given: Mapping[str, Any]) -> list[str]:
+    """Quantities whose amounts the command line says, in place of those of tests.
+
+    Args:
+        spec: with the given options.
+        given: as for `with_given`.
+    """
+    layers = dict(given.get("layers") or ())
+    if given.get(AS) is not None:
+        return [*layers, *spec.conditions]
+    options = dict(given.get("simulator_options") or ())
+    return [*layers, *(row.name for row in quantities().values() if row.attribute in options)]
 
 
 def asked_spec(context: click.Context, **usual: Any) -> Spec:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -23,8 +23,9 @@ from frenetic.cli.options import (
     json_option,
     workers_option,
 )
-from frenetic.cli.parts import part_options
+from frenetic.cli.parts import given_quantities, part_options
 from frenetic.cli.search import fail_on_failure_option
+from frenetic.quantities import in_words
 
 if TYPE_CHECKING:
     from frenetic.again.conditions import Variation
@@ -61,7 +62,7 @@ def variation(asked: AskedRange, simulator: Simulator, layers: Mapping[str, floa
     type=Range("friction=0.8:1.0"),
     multiple=True,
     help="What differs between the drives, as in --vary friction=0.8:1.0; a name alone means"
-    " its usual range ('frenetic list quantities'). May be repeated.",
+    " its usual range ('frenetic list quantities'), around a test's own amount. May be repeated.",
 )
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the draws.")
 @part_options
@@ -92,10 +93,11 @@ def rerun(
 ) -> None:
     """Drive failing roads of a CAMPAIGN again and say which fail again, and how.
 
-    Each road is driven where it lay on the map, as the campaign drove it unless options change
-    that: without any, the command says whether failures repeat. With --vary each drive is in its
-    own conditions, drawn from the ranges: a failure is fragile if it is surely there in less than
-    half of them, robust if in half or more. Another --driver shows what is fixed, another
+    Each road is driven where it lay on the map, in its conditions, as the campaign drove it unless
+    options change that: without any, the command says whether failures repeat. With --vary each
+    drive is in its own conditions, drawn from the ranges: a failure is fragile if it is surely
+    there in less than half of them, robust if in half or more. Amounts that --vary, --with or
+    --simulator give win over a test's own. Another --driver shows what is fixed, another
     --simulator what says something of the driver. A failure is the same if it is on the same side
     within 30 m along the road, and road, offsets and speeds before it differ by at most 2 m, as
     within one distinct failure. The same command goes on with an interrupted one, and shows a
@@ -126,6 +128,7 @@ def rerun(
             times=times,
             vary=variations,
             seed=seed,
+            instead=given_quantities(spec, given),
             workers=workers,
             out=out,
             on_event=on_event,
@@ -152,6 +155,13 @@ def rerun(
         raise click.exceptions.Exit(1)
 
 
+def _varied(found: Rerun) -> Iterator[str]:
+    """What varied in all tests, for people."""
+    for i, one in enumerate(found.variations):
+        ranges = {test.variations[i] for test in found.tests}
+        yield str(one) if ranges <= {one} else f"{one.quantity} around each test's own"
+
+
 def _driven_tests(store: CampaignStore) -> list[int]:
     return [test.id for test in store.tests() if test.outcome.is_driven]
 
@@ -164,7 +174,7 @@ def _print(
 
     tests, drives = found.tests, found.drives
     up_to = "up to " if found.missing else ""
-    what = ", ".join(map(str, found.variations)) or ("in the same conditions" if times > 1 else "")
+    what = ", ".join(_varied(found)) or ("in the same conditions" if times > 1 else "")
     failed, judged = (sum(getattr(test, n) for test in tests) for n in ("failed", "judged"))
     matches = matches_text(drives)
     shares = f"{failed} of {judged} drives fail{f' ({matches})' if matches else ''}"
@@ -215,7 +225,7 @@ def _print_changes(tests: Sequence[Repeats]) -> None:
             )
         )
     columns = (">test", ">MOOBD (m)", ">now (m)", "it", "how", "what happened now")
-    print_table(columns, rows)
+    _print_rows(columns, tests, rows)
 
 
 def _print_shares(tests: Sequence[Repeats]) -> None:
@@ -236,4 +246,15 @@ def _print_shares(tests: Sequence[Repeats]) -> None:
             )
         )
     numbers = (">test", ">MOOBD (m)", ">fails", ">same failure", ">share", ">95 % interval")
-    print_table((*numbers, "it is", "what matters"), rows)
+    _print_rows((*numbers, "it is", "what matters"), tests, rows)
+
+
+def _print_rows(
+    columns: Sequence[str], tests: Sequence[Repeats], rows: Sequence[Sequence[object]]
+) -> None:
+    """Prints a row for each test, with its conditions where one has any."""
+    told = [in_words(test.conditions) or None for test in tests]
+    if any(told):
+        columns = (*columns, "conditions")
+        rows = [(*row, text) for row, text in zip(rows, told, strict=True)]
+    print_table(columns, rows)

@@ -18,6 +18,7 @@ from frenetic.cli.again import interrupted, recorded_spec, shown_driving
 from frenetic.cli.console import Log, print_table, two_digits
 from frenetic.cli.options import as_usage_error
 from frenetic.errors import CampaignError
+from frenetic.quantities import in_words
 
 if TYPE_CHECKING:
     from frenetic.again.paired import BackToBack, Version
@@ -132,6 +133,8 @@ def _print(result: BackToBack, specs: Mapping[Version, Spec]) -> None:
         _, *words = spec.driver.words("driver")
         driver = result.old if version is Version.OLD else result.new
         click.echo(f"{version}: {shlex.join(words)} ({short_version(innermost(driver))})")
+    if result.domain is not None:
+        click.echo(f"domain: {result.domain.in_words()}")
     print_table(
         ("", ">judged", ">old fails", ">new fails", *(f">{change}" for change in shown)),
         [
@@ -166,8 +169,10 @@ def _print_distinct(result: BackToBack) -> None:
         [(cause, *roads) for cause, roads in result.causes.items()],
         title=counted(len(result.causes), "cause"),
     )
+    listed = sorted(distinct, key=lambda one: fates.index(one.fate))[:_LISTED]
+    in_conditions = ["conditions"] if any(one.conditions for one in listed) else []
     print_table(
-        ("", ">old fails", ">new fails", ">MOOBD (m)", "what happens", "such as"),
+        ("", ">old fails", ">new fails", ">MOOBD (m)", "what happens", "such as", *in_conditions),
         [
             (
                 one.fate,
@@ -176,8 +181,9 @@ def _print_distinct(result: BackToBack) -> None:
                 two_digits(one.moobd),
                 one.description,
                 f"{one.folder} {one.test_id}",
+                *(in_words(one.conditions) or None for _ in in_conditions),
             )
-            for one in sorted(distinct, key=lambda one: fates.index(one.fate))[:_LISTED]
+            for one in listed
         ],
         title=f"{counted(len(distinct), 'distinct failure')}: {told}"
         + (f"; {_LISTED} are listed" if len(distinct) > _LISTED else ""),

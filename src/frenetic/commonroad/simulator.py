@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, ClassVar, Final, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
 
+from frenetic._support.bounds import Positive
 from frenetic._support.words import pip_install
+from frenetic.drive import Rules
 from frenetic.drivers.driver import DriveSetup
 from frenetic.errors import FreneticError
 from frenetic.road import Pose, Road
 from frenetic.simulators.embedded.vehicle import Vehicle
+from frenetic.simulators.simulator import Amount, unusual_amounts
 from frenetic.simulators.stepped import Motion, SteppedSimulator
 
 if TYPE_CHECKING:
@@ -29,6 +33,9 @@ class CommonRoadSimulator(SteppedSimulator):
     Args:
         rules: speed limit, oob tolerance and when a drive ends.
         wall_limit: s of wall time that a drive may take; then it is an ERROR.
+        steering_lag: s, time constant of the steering.
+        start_offset: as for `SteppedSimulator`.
+        start_heading: likewise.
     """
 
     needs: Final = ("vehiclemodels",)
@@ -39,9 +46,31 @@ class CommonRoadSimulator(SteppedSimulator):
     """Distributions whose versions belong to it."""
 
     car = VEHICLE.body()
-    steering_lag: float = VEHICLE.steering_lag
+    steering_lag = Amount[float]("lag", VEHICLE.steering_lag)
     """Time constant of the steering, in s; it may be set between two drives."""
     period_step = 0.01
+
+    def __init__(
+        self,
+        *,
+        rules: Rules | None = None,
+        wall_limit: Positive = 60.0,
+        steering_lag: float = VEHICLE.steering_lag,
+        start_offset: float = 0.0,
+        start_heading: float = 0.0,
+    ) -> None:
+        super().__init__(
+            rules=rules,
+            wall_limit=wall_limit,
+            start_offset=start_offset,
+            start_heading=start_heading,
+        )
+        self.steering_lag = steering_lag
+
+    @property
+    def options(self) -> Mapping[str, Any]:
+        """Its unusual conditions."""
+        return unusual_amounts(self)
 
     def setup(self, road: Road) -> DriveSetup:
         """The setup of a drive along the road for its driver."""

@@ -22,9 +22,20 @@ _CHANGED: Final = 0.4
 """Share of children on another road whose conditions change a little, too."""
 
 
-def drawn(rng: np.random.Generator, domain: Domain | None, length: float) -> dict[str, float]:
-    """Conditions from the domain's distribution, on a road of ``length`` m; {} without a domain."""
-    return {} if domain is None else domain.at(rng.random(domain.dimension), length)
+def drawn(
+    rng: np.random.Generator, domain: Domain | None, length: float, *, is_blind: bool = False
+) -> dict[str, float]:
+    """Conditions from the domain's distribution, on a road of ``length`` m; {} without a domain.
+
+    While no failure is known (``is_blind``), what few drives have is there in half of them.
+    """
+    if domain is None:
+        return {}
+    shares = rng.random(domain.dimension)
+    if is_blind:
+        for i in range(len(shares)):
+            shares[i] = _often(domain, i, float(shares[i]))
+    return domain.at(shares, length)
 
 
 def inherited(
@@ -58,7 +69,8 @@ def changed(
     shares = domain.shares_of(parent.conditions, length)
     way, which = rng.random(), rng.random(len(shares)) < 0.5
     if way < 0.25:
-        shares[rng.integers(len(shares))] = rng.random()
+        i = int(rng.integers(len(shares)))
+        shares[i] = _often(domain, i, rng.random())
     elif way < 0.5:
         for i in np.flatnonzero(which).tolist():
             _step(rng, domain, shares, i, _MUCH)
@@ -82,6 +94,15 @@ def moved_along(conditions: Mapping[str, float], way: float) -> dict[str, float]
             if found[name] < 0.0:
                 found = without(found, of)
     return found
+
+
+def _often(domain: Domain, i: int, share: float) -> float:
+    """A share of the domain's drives, even in 0..1, as one of which half have the amount."""
+    axis = domain.axes[i]
+    chance = domain.conditions[axis].chance if axis in domain.conditions else 1.0
+    if chance >= 0.5:
+        return share
+    return 2.0 * share * (1.0 - chance) if share < 0.5 else 1.0 - 2.0 * (1.0 - share) * chance
 
 
 def _step(

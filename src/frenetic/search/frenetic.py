@@ -121,7 +121,8 @@ class Frenetic(Strategy):
         road_class: Class of the roads, see `Strategy.road_class`; it takes the place of step and
             lengths.
         domain: Domain of roads and conditions, see `Strategy.domain`: then a child has its parent's
-            conditions, and of one that did not fail another one is the same road in others.
+            conditions, and of one that did not fail another one is the same road in others. Until
+            the first failure, half of the random roads have a condition that few drives have.
 
     Raises:
         ValueError: An option is out of range; the message says which and what is allowed.
@@ -230,8 +231,7 @@ class Frenetic(Strategy):
                 share = max(share, _LEAST_SHARE)
             if self._rng.random() < share:
                 return self._earlier_road()
-        is_blind = self.domain is not None and not self._archive.has_failures
-        share = _BLIND_SHARE if is_blind else _RANDOM_SHARE
+        share = _BLIND_SHARE if self._is_blind else _RANDOM_SHARE
         if self._in_random_phase or self._rng.random() < share:
             return self._random_road()
         if len(self._severities) >= self._pool_end:
@@ -329,15 +329,21 @@ class Frenetic(Strategy):
         return self._budget_spent * (driven + len(self._ledger)) / driven if driven else 0.0
 
     def _random_road(self) -> Candidate:
-        road = self._roads.issue(self._rng, self._ledger, self.domain)
+        road = self._roads.issue(self._rng, self._ledger, self.domain, is_blind=self._is_blind)
         self._proposed.add(fingerprint(road.curvatures))
         return road
+
+    @property
+    def _is_blind(self) -> bool:
+        """Whether it searches conditions, and no failure says which."""
+        return self.domain is not None and not self._archive.has_failures
 
     def _given_road(self, road: Candidate) -> Candidate:
         """A stretch of a real road, as it is."""
         self._proposed.add(fingerprint(road.curvatures))
         own = {name: getattr(road, name) for name in ("notes", *profile.NAMES)}
-        own["conditions"] = drawn(self._rng, self.domain, road.length)
+        is_blind = self._is_blind
+        own["conditions"] = drawn(self._rng, self.domain, road.length, is_blind=is_blind)
         return self._ledger.issue(road.curvatures, road.step, Origin(GIVEN), **own)
 
     def _earlier_road(self) -> Candidate:

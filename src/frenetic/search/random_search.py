@@ -202,12 +202,17 @@ class RandomRoads:
         return random_grade(rng, self._road_class, (len(curvatures) - 1) * self.step)
 
     def issue(
-        self, rng: np.random.Generator, ledger: Ledger, domain: Domain | None = None
+        self,
+        rng: np.random.Generator,
+        ledger: Ledger,
+        domain: Domain | None = None,
+        *,
+        is_blind: bool = False,
     ) -> Candidate:
-        """Issue a random road, in a domain with conditions."""
+        """Issue a random road, in a domain with conditions, see `conditions.drawn`."""
         values = self.draw(rng)
         grade = self.grade(rng, values)
-        conditions = drawn(rng, domain, (len(values) - 1) * self.step)
+        conditions = drawn(rng, domain, (len(values) - 1) * self.step, is_blind=is_blind)
         origin = Origin(RANDOM)
         return ledger.issue(values, self.step, origin, grade=grade, conditions=conditions)
 

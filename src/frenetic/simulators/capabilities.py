@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 from frenetic._support.bounds import Count, Positive, check
 from frenetic.drivers.driver import Driver, SelectiveDriver, camera_of, period_of, stack_of
 from frenetic.errors import DriverError, FreneticError, RoadError
-from frenetic.quantities import attributes
+from frenetic.quantities import Quantity, attributes
 from frenetic.recipe import Named
 from frenetic.road import Road
 from frenetic.simulators.checks import Check
@@ -48,11 +48,18 @@ class Usual:
     place_options: tuple[str, ...] = ()
     """Names of its options that say where it is and change no drive: a campaign may be resumed
     with others, and a road's file never gives them."""
+    variable: frozenset[str] = frozenset()
+    """Attributes of it that `frenetic.quantities` names: they may be set between two drives. A
+    `steering_lag` of None is that of its ``vehicle``."""
 
     @property
     def missing(self) -> list[str]:
         """Those of `needs` that are not installed."""
         return [module for module in self.needs if find_spec(module) is None]
+
+    def lays(self, row: Quantity) -> bool:
+        """Whether it lays a quantity: by an attribute, or as a layer over the driver."""
+        return not row.attribute or row.attribute in self.variable
 
 
 @dataclass(frozen=True)
@@ -78,9 +85,6 @@ class Capabilities(Usual):
     """Whether it gives a driver with a camera its picture."""
     lays_slopes: bool = False
     """Whether its roads lean, rise and widen as `Road` says; others are not driven in it."""
-    variable: frozenset[str] = frozenset()
-    """Attributes of it that `frenetic.quantities` names: they may be set between two drives. A
-    `steering_lag` of None is that of its ``vehicle``."""
 
     @property
     def drive_limit(self) -> float:
@@ -94,7 +98,7 @@ def usual(factory: Callable[..., Any]) -> Usual:
     Raises:
         FreneticError: a declared value is invalid.
     """
-    return Usual(**_declared(factory, Usual))
+    return Usual(**_declared(factory, Usual) | {"variable": _variable(factory) | {"rules"}})
 
 
 def capabilities(simulator: Simulator) -> Capabilities:
@@ -103,8 +107,13 @@ def capabilities(simulator: Simulator) -> Capabilities:
     Raises:
         FreneticError: a declared value is invalid.
     """
-    variable = frozenset(name for name in attributes() if hasattr(simulator, name))
-    return Capabilities(**_declared(simulator, Capabilities) | {"variable": variable})
+    found = _declared(simulator, Capabilities)
+    return Capabilities(**found | {"variable": _variable(simulator)})
+
+
+def _variable(part: object) -> frozenset[str]:
+    """The attributes with amounts that a simulator or its class has."""
+    return frozenset(name for name in attributes() if hasattr(part, name))
 
 
 def bare(simulator: Any) -> Any:

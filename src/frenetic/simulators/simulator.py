@@ -79,8 +79,10 @@ class Amount(Generic[T]):
     def __set_name__(self, owner: type, attribute: str) -> None:
         self._attribute = attribute
 
-    def __get__(self, simulator: object, owner: type | None = None) -> T:
-        value: T = vars(simulator).get(f"_{self._attribute}", self.usual)
+    def __get__(self, simulator: object | None, owner: type | None = None) -> T:
+        value: T = self.usual
+        if simulator is not None:
+            value = vars(simulator).get(f"_{self._attribute}", value)
         return value
 
     def __set__(self, simulator: object, value: T) -> None:

@@ -45,6 +45,9 @@ class SteppedSimulator(StartingPlace, Ready):
     Args:
         rules: speed limit, oob tolerance and when a drive ends.
         wall_limit: s of wall time that a drive may take; then it is an ERROR.
+        start_offset: m to the left of the ego lane's centre at which the car starts, -2 to 2.
+        start_heading: rad to the left of the road's direction in which it points there, within an
+            eighth of a turn.
 
     `rules`, `start_offset` and `start_heading` may be set between two drives.
     """
@@ -64,10 +67,19 @@ class SteppedSimulator(StartingPlace, Ready):
     period_step: ClassVar[float] = RECORD_PERIOD
     """Least time that `step` can be asked for, in s: whole milliseconds."""
 
-    def __init__(self, *, rules: Rules | None = None, wall_limit: Positive = 60.0) -> None:
+    def __init__(
+        self,
+        *,
+        rules: Rules | None = None,
+        wall_limit: Positive = 60.0,
+        start_offset: float = 0.0,
+        start_heading: float = 0.0,
+    ) -> None:
         check({"wall_limit": wall_limit}, SteppedSimulator.__init__)
         self.rules = rules or Rules()
         self.wall_limit = wall_limit
+        self.start_offset = start_offset
+        self.start_heading = start_heading
 
     def start(self, road: Road, pose: Pose, setup: DriveSetup) -> Motion:
         """Puts the car at rest on the road.

@@ -1,8 +1,8 @@
 """Conditions that differ from those in which a road was driven.
 
 A simulator offers those of `frenetic.quantities` that it can vary as attributes that may be set
-between two drives: ``rules``, which every simulator has, and ``friction``, ``start_offset`` and
-``start_heading`` if it can. The others are layers over the driver.
+between two drives (`frenetic.simulators.capabilities`): ``rules``, which every simulator has, and
+``friction``, ``start_offset`` and so on if it can. The others are layers over the driver.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from frenetic.drivers.driver import Driver
 from frenetic.drivers.loading import under
 from frenetic.errors import FreneticError
 from frenetic.quantities import SEED, named, quantities, quantity
-from frenetic.simulators.capabilities import capabilities, class_name
+from frenetic.simulators.capabilities import capabilities, check_pair, class_name
 from frenetic.simulators.simulator import Simulator
 
 Conditions: TypeAlias = Mapping[str, float]
@@ -47,13 +47,13 @@ def check_can_vary(simulator: Simulator, names: Iterable[str]) -> None:
     Raises:
         FreneticError: the simulator cannot vary one of them.
     """
-    variable = capabilities(simulator).variable
-    for name in names:
-        attribute = quantity(name).attribute
-        if attribute and attribute not in variable:
+    able = capabilities(simulator)
+    for row in map(quantity, names):
+        if not able.lays(row):
             raise FreneticError(
-                f"{class_name(simulator)} cannot vary {name}: it has no attribute"
-                f" {attribute!r}; leave it out, or use another simulator, such as the embedded one"
+                f"{class_name(simulator)} cannot vary {row.name}: it has no attribute"
+                f" {row.attribute!r}; leave it out, or use another simulator, such as the embedded"
+                " one ('frenetic list simulators')"
             )
 
 
@@ -101,6 +101,16 @@ def in_conditions(conditions: Conditions, simulator: Simulator, driver: Driver) 
         yield under(conditions, driver)
     finally:
         _set(simulator, before)
+
+
+def check_pair_in(conditions: Conditions, simulator: Simulator, driver: Driver) -> None:
+    """Checks whether a driver can drive in a simulator in some conditions, as `check_pair` does.
+
+    Raises:
+        FreneticError: the simulator cannot be put into them, or the driver cannot have them.
+    """
+    with in_conditions(conditions, simulator, driver) as layered:
+        check_pair(simulator, layered)
 
 
 def _set(simulator: Simulator, values: Mapping[str, object]) -> None:

@@ -20,6 +20,7 @@ SCENE: Final = Quantity(
     usual=(0.0, 1000.0),
     nothing=0.0,
     layer=f"{_LAYERS}:Elsewhere",
+    needs_camera=True,
     taxon="scenery",
     words=("a scene of a lower seed", "a scene of a higher seed"),
 )
@@ -31,6 +32,7 @@ WEAR: Final = Quantity(
     usual=(0.0, 0.8),
     nothing=0.0,
     layer=f"{_LAYERS}:Worn",
+    needs_camera=True,
     taxon="scenery.drivable_area.lane_specification",
 )
 FOG: Final = Quantity(
@@ -42,6 +44,7 @@ FOG: Final = Quantity(
     usual=(30.0, 300.0),
     nothing=math.inf,
     layer=f"{_LAYERS}:Foggy",
+    needs_camera=True,
     taxon="environmental_conditions.particulates",
     words=("thicker fog", "thinner fog"),
 )
@@ -54,6 +57,7 @@ RAIN: Final = Quantity(
     usual=(0.0, 20.0),
     nothing=0.0,
     layer=f"{_LAYERS}:Rainy",
+    needs_camera=True,
     is_seeded=True,
     taxon="environmental_conditions.weather.rainfall",
 )
@@ -66,6 +70,7 @@ BLUR: Final = Quantity(
     usual=(0.0, 0.05),
     nothing=0.0,
     layer=f"{_LAYERS}:Blurred",
+    needs_camera=True,
 )
 LIGHT: Final = Quantity(
     name="light",
@@ -75,6 +80,7 @@ LIGHT: Final = Quantity(
     usual=(0.4, 1.6),
     nothing=1.0,
     layer=f"{_LAYERS}:Lit",
+    needs_camera=True,
     taxon="environmental_conditions.illumination",
 )
 GRAIN: Final = Quantity(
@@ -85,6 +91,7 @@ GRAIN: Final = Quantity(
     usual=(0.0, 20.0),
     nothing=0.0,
     layer=f"{_LAYERS}:Grainy",
+    needs_camera=True,
     is_seeded=True,
 )
 

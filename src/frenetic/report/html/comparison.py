@@ -164,7 +164,7 @@ def _headline(comparison: Comparison, lead: str) -> Headline:
             Fact("simulations", _range([one.simulations for one in campaigns]) + " each"),
             *(
                 Fact(part, comparison.shared[part])
-                for part in ("driver", "simulator")
+                for part in ("driver", "simulator", "domain")
                 if part in comparison.shared
             ),
         ),

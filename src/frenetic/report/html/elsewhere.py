@@ -9,9 +9,10 @@ from msgspec.json import encode
 
 from frenetic._support.words import signed
 from frenetic.again.rerun import Rerun, names_of
-from frenetic.again.verdicts import matches_text
+from frenetic.again.verdicts import Repeat, matches_text
 from frenetic.campaign.store import CampaignStore
 from frenetic.oracle import assess
+from frenetic.quantities import in_words
 from frenetic.report.html.blocks import Block, Column, Paragraph, Part, Section, Table
 from frenetic.report.html.tests import drive_columns
 from frenetic.spec import part_text
@@ -79,11 +80,16 @@ def _table(rerun: Rerun) -> Table:
             signed(test.drives[0].moobd, none=""),
             str(test.change),
             matches_text(test.drives),
-            test.drives[0].reason,
+            _reason(test.drives[0]),
         )
         for test in rerun.tests
     )
     return Table(_COLUMNS, rows, links=tuple(f"#test-{one.id}" for one in rerun.tests))
+
+
+def _reason(drive: Repeat) -> str:
+    """What happened, and in which conditions of a domain."""
+    return "; ".join(filter(None, [drive.reason, in_words(drive.conditions)]))
 
 
 def _drives(store: CampaignStore, rerun: Rerun) -> Iterator[dict[str, Any]]:
@@ -96,7 +102,7 @@ def _drives(store: CampaignStore, rerun: Rerun) -> Iterator[dict[str, Any]]:
             yield {
                 "test": test.id,
                 "agreement": test.verdict,
-                "reason": again.reason,
+                "reason": _reason(again),
                 "moobd": again.moobd,
                 "columns": drive_columns(drive.trajectory, assess(road, drive)),
             }
