@@ -2,12 +2,21 @@
 
 Roads and conditions are drawn as the domain distributes them; a search's failures, which are not,
 take no part. Where failures are common, plain drives are counted: with n departures in L km the
-interval is the exact one of a Poisson rate (Garwood 1936), also for n = 0. Where they are rare,
-subset simulation (Au and Beck 2001) goes there by levels: of many drives the worst fifth are kept,
-by how far the car was from its lane's edge; each is changed a little at random, in a way that keeps
-the domain's distribution among drives as bad as these; and so on until many fail. The chance of a
-failure is the product of the levels' shares. It is done several times independently; such
-products are about lognormal, and the interval is Cox's for the mean of a lognormal distribution.
+interval is the exact one of a Poisson rate (Garwood 1936), also for n = 0.
+
+Where they are rare, conditions are drawn from elsewhere and each drive weighs as much as its
+conditions are more probable in the domain (importance sampling): first from a wider distribution,
+then around the conditions of the failures so far. All drives count together by the balance
+heuristic (Veach and Guibas 1995). The interval is that of a weighted sum of Poisson numbers (Fay
+and Feuer 1997); Garwood's is the case of equal weights.
+
+Where too few failures carry the estimate so, as where the road decides, subset simulation (Au and
+Beck 2001) goes there by levels: of many drives the worst fifth are kept, by how far the car was
+from its lane's edge; each is changed a little at random, in a way that keeps the domain's
+distribution among drives as bad as these; and so on until many fail. The chance of a failure is the
+product of the levels' shares. It is done several times independently; such products are about
+lognormal, and the interval is Cox's for the mean of a lognormal distribution. Its failures are
+tried as places for importance sampling, too.
 """
 
 from __future__ import annotations
@@ -38,12 +47,27 @@ FILE: Final = "estimate.json"
 """Name of the file in a campaign's folder."""
 CONFIDENCE: Final = 0.95
 REPEATS: Final = 6
-"""Independent subset simulations."""
+"""Independent subset simulations at a time."""
 _PILOT: Final = 0.2
 """Share of the drives that are plain ones at first."""
 _ENOUGH: Final = 50
 """Failures that all plain drives together should have, as far as these say, to go on so."""
+_WIDELY: Final = 0.1
+"""Share of the drives in a wider distribution."""
+_SUBSET: Final = 0.5
+"""Share of the drives left that go into the first subset simulations."""
+_WIDE: Final = 3.0
+"""Standard deviation of the first draws from elsewhere, in those of the domain."""
+_SCALES: Final = ((1.0, 0.25), (0.75, 0.3), (0.5, 0.3), (0.25, 0.15))
+"""Where draws are made around: so far on the way from the usual to a failure, and how often."""
+_CENTRES: Final = 200
+_REGION: Final = 2.0
+"""Distance of failures that are of one region, in deviations of the domain's distribution."""
+_CARRIED: Final = 20.0
+"""Failures of equal weight that carry an estimate by importance sampling as well."""
 _KEPT: Final = 0.2
+_FEWEST: Final = 10
+"""Drives of a level."""
 _LEVELS: Final = 5
 """Levels for which there are enough drives."""
 _MOST_LEVELS: Final = 9
@@ -51,7 +75,7 @@ _STEP: Final = 0.5
 """Share of a point's normal numbers that a change draws anew, as the root of the squares."""
 _REDRAWS: Final = 1000
 
-Method = Literal["plain", "subset simulation", "none"]
+Method = Literal["plain", "importance sampling", "subset simulation", "none"]
 
 
 @dataclass(frozen=True)
@@ -154,12 +178,10 @@ class _Draws:
         self.roads.keep_margin(tester.margin)
         self.drives = 0
 
-    def candidate(self, point: _Point) -> Candidate | None:
-        """The candidate of a point; None if its road is not valid."""
+    def candidate(self, point: _Point) -> Candidate:
+        """The candidate of a point, whose road may be invalid."""
         rng = np.random.default_rng(point.seed)
         values = self.roads.made(rng, _shares(point.road))
-        if not self.roads.accepts(values):
-            return None
         length = (len(values) - 1) * self.roads.step
         conditions = self.domain.at(_shares(point.conditions), length)
         grade = self.roads.grade(rng, values)
@@ -167,11 +189,13 @@ class _Draws:
             1, values, self.roads.step, Origin("random"), conditions=conditions, grade=grade
         )
 
-    def fresh(self) -> _Point:
-        """A point from the domain's distribution, driven."""
+    def fresh(self, conditions: FloatArray | None = None) -> _Point:
+        """A point from the domain's distribution, or in these conditions, driven."""
         for _ in range(_REDRAWS):
             point = _Point(
-                self.rng.standard_normal(self.domain.dimension),
+                self.rng.standard_normal(self.domain.dimension)
+                if conditions is None
+                else conditions,
                 self.rng.standard_normal(self.roads.numbers),
                 int(self.rng.integers(2**62)),
             )
@@ -189,8 +213,6 @@ class _Draws:
             FreneticError: the drive broke.
         """
         candidate = self.candidate(point)
-        if candidate is None:
-            return None
         attempt = self.tester.test(candidate)
         result = attempt.result
         if result.outcome is Outcome.INVALID:
@@ -225,6 +247,119 @@ class _Draws:
             new = replace(point, seed=int(rng.integers(2**62)))
         driven = self.driven(new)
         return driven if driven is not None and driven.severity <= level else point
+
+
+class _Weighted:
+    """Drives in conditions from several distributions, which count together.
+
+    A distribution is normal numbers around centres. A failure weighs as much as its conditions are
+    more probable in the domain than among all draws, by the balance heuristic.
+    """
+
+    def __init__(self, draws: _Draws, plain: list[_Point], on_drive: Callable[[], object]) -> None:
+        self._draws, self._on_drive = draws, on_drive
+        self._points: list[_Point] = []
+        self._sources: list[tuple[int, Callable[[FloatArray], FloatArray]]] = []
+        self._hints: list[tuple[float, FloatArray]] = []
+        self._add(plain, lambda points: np.ones(len(points)))
+
+    def widely(self, count: int) -> None:
+        """Draws each condition from the domain's distribution or from a wider one."""
+        shape = count, self._draws.domain.dimension
+        rng = self._draws.rng
+        wide = np.where(rng.random(shape) < 0.5, _WIDE, 1.0)
+
+        def often(points: FloatArray) -> FloatArray:
+            squares = points**2
+            wider = np.exp(0.5 * (squares - squares / _WIDE**2)) / _WIDE
+            ratios: FloatArray = np.prod(0.5 + 0.5 * wider, axis=1)
+            return ratios
+
+        self._drive(wide * rng.standard_normal(shape), often)
+
+    def hint(self, chance: float, failures: list[_Point]) -> None:
+        """Draws around these failures, too, which are a share of all in the domain."""
+        self._hints += [(chance / len(failures), point.conditions) for point in failures]
+
+    def converges(self, count: int) -> bool:
+        """Draws around failures; whether they carry an estimate.
+
+        It draws so many, fewer if they surely will not.
+        """
+        driven = 0
+        for share in (0.1, 0.15, 0.2, 0.25, 0.3):
+            more = round(share * count)
+            if more == 0 or not (len(self._shares) or self._hints):
+                return False
+            self._around_failures(more)
+            driven += more
+            squares = float(np.sum(self._shares**2))
+            carried = float(np.sum(self._shares)) ** 2 / squares if squares else 0.0
+            if driven > more and carried * count / driven < _CARRIED:
+                return False
+        return True
+
+    def interval(self) -> tuple[float, float, float]:
+        """The chance of a failure, and the ends of its interval (Fay and Feuer 1997)."""
+        from scipy.stats import chi2  # takes its time
+
+        tail = 0.5 * (1.0 - CONFIDENCE)
+        chance, variance = float(np.sum(self._shares)), float(np.sum(self._shares**2))
+        most = float(np.max(self._shares))
+        above, wide = chance + most, variance + most**2
+        low = 0.5 * variance / chance * float(chi2.ppf(tail, 2.0 * chance**2 / variance))
+        high = 0.5 * wide / above * float(chi2.ppf(1.0 - tail, 2.0 * above**2 / wide))
+        return chance, low, high
+
+    def _around_failures(self, count: int) -> None:
+        rng = self._draws.rng
+        centres = np.array([*self._failed, *(conditions for _, conditions in self._hints)])
+        shares = np.array([*self._shares, *(share for share, _ in self._hints)])
+        shares = shares / shares.sum()
+        if len(shares) > _CENTRES:
+            centres = centres[rng.choice(len(shares), _CENTRES, p=shares)]
+            shares = np.full(_CENTRES, 1.0 / _CENTRES)
+        # The middle of a region that fails, rather than each of its points.
+        far = np.sum((centres[:, None] - centres) ** 2, axis=2)
+        near = shares * np.exp(-0.5 * far / _REGION**2)
+        centres = near @ centres / near.sum(axis=1, keepdims=True)
+        scales, often = np.array(_SCALES).T
+        around = np.concatenate([scale * centres for scale in scales])
+        shares = np.outer(often, shares).ravel()
+        which = rng.choice(len(shares), count, p=shares)
+
+        def ratios(points: FloatArray) -> FloatArray:
+            squares, total = np.sum(points**2, axis=1), np.zeros(len(points))
+            for centre, share in zip(around, shares, strict=True):
+                far = np.sum((points - centre) ** 2, axis=1)
+                total += share * np.exp(0.5 * (squares - far))
+            return total
+
+        self._drive(around[which] + rng.standard_normal((count, around.shape[1])), ratios)
+
+    def _drive(self, conditions: FloatArray, often: Callable[[FloatArray], FloatArray]) -> None:
+        points = []
+        for numbers in conditions:
+            points.append(self._draws.fresh(numbers))
+            self._on_drive()
+        self._add(points, often)
+
+    def _add(self, points: list[_Point], often: Callable[[FloatArray], FloatArray]) -> None:
+        """Counts drives from a distribution.
+
+        Args:
+            points: the drives.
+            often: how often it has (n, d) conditions, where once in the domain's distribution.
+        """
+        self._points += points
+        self._sources.append((len(points), often))
+        failed = [point.conditions for point in self._points if point.severity == -math.inf]
+        self._failed = np.array(failed).reshape(-1, self._draws.domain.dimension)
+        drawn = np.zeros(len(failed))
+        for count, often in self._sources:
+            drawn += count * often(self._failed)
+        self._shares = 1.0 / drawn
+        """Of each failure in the chance."""
 
 
 def _shares(normal: FloatArray) -> FloatArray:
@@ -274,10 +409,10 @@ def estimate(
     is_common = failures / len(found) * drives >= _ENOUGH
     if is_common:
         plain(drives - len(found))
-    way = math.fsum(one.length for one in found)
+    way = math.fsum(point.length for point in found)
     mean = way / len(found)
     low, high = rate_interval(failures, way / 1000.0)
-    found_plainly = Estimate(
+    counted_plainly = Estimate(
         domain=domain.name,
         method="plain" if failures else "none",
         rate=failures / way * 1000.0 if failures else None,
@@ -291,53 +426,67 @@ def estimate(
         seed=seed,
     )
     if is_common:
-        return found_plainly
-    each = int((drives - len(found)) / REPEATS / (1.0 + _LEVELS * (1.0 - _KEPT)))
-    chances = []
-    for _ in range(REPEATS):
-        chances.append(_chance(draws, max(each, 10)))
-        on_drive(draws.drives, failures)
-    if missed := sum(chance == 0.0 for chance in chances):
+        return counted_plainly
+
+    def ended(method: Method, chances: tuple[float, float, float]) -> Estimate:
+        rate, low, high = (chance * 1000.0 / mean for chance in chances)
+        return replace(
+            counted_plainly, method=method, rate=rate, low=low, high=high, drives=draws.drives
+        )
+
+    weighted = _Weighted(draws, found, lambda: on_drive(draws.drives, failures))
+    weighted.widely(round(_WIDELY * drives))
+    runs: list[float] = []
+    for share in (_SUBSET, 1.0):
+        if weighted.converges(max(drives - draws.drives, 0)):
+            return ended("importance sampling", weighted.interval())
+        left = share * (drives - draws.drives) / REPEATS
+        each = int(left / (1.0 + _LEVELS * (1.0 - _KEPT)))
+        if runs and each < _FEWEST:
+            break
+        each = max(each, _FEWEST)
+        for _ in range(REPEATS):
+            chance, reached = _chance(draws, each)
+            runs.append(chance)
+            weighted.hint(chance / REPEATS, reached)
+            on_drive(draws.drives, failures)
+    if missed := sum(chance == 0.0 for chance in runs):
         note = (
-            f"{missed} of {REPEATS} subset simulations reached no failure, so no more than that is"
-            " known: give it more --drives, or the failures of this driver do not announce"
+            f"{missed} of {len(runs)} subset simulations reached no failure, so no more than that"
+            " is known: give it more --drives, or the failures of this driver do not announce"
             " themselves"
         )
-        return replace(found_plainly, drives=draws.drives, note=note)
-    logs = np.log(chances)
-    variance = float(np.var(logs, ddof=1))
-    error = math.sqrt(variance / REPEATS + variance**2 / (2.0 * (REPEATS - 1)))
-    factor = math.exp(_student(REPEATS - 1) * error)
-    rate = float(np.mean(chances)) * 1000.0 / mean
-    return replace(
-        found_plainly,
-        method="subset simulation",
-        rate=rate,
-        low=rate / factor,
-        high=rate * factor,
-        drives=draws.drives,
-    )
+        return replace(counted_plainly, drives=draws.drives, note=note)
+    return ended("subset simulation", _lognormal_interval(runs))
 
 
-def _student(freedom: int) -> float:
+def _lognormal_interval(values: list[float]) -> tuple[float, float, float]:
+    """The mean of a lognormal distribution, from some values, with its interval (Cox)."""
     from scipy.stats import t  # takes its time
 
-    return float(t.ppf(0.5 + 0.5 * CONFIDENCE, freedom))
+    count = len(values)
+    variance = float(np.var(np.log(values), ddof=1))
+    error = math.sqrt(variance / count + variance**2 / (2.0 * (count - 1)))
+    factor = math.exp(float(t.ppf(0.5 + 0.5 * CONFIDENCE, count - 1)) * error)
+    mean = float(np.mean(values))
+    return mean, mean / factor, mean * factor
 
 
-def _chance(draws: _Draws, count: int) -> float:
-    """The chance that a drive fails, by one subset simulation of so many drives a level."""
+def _chance(draws: _Draws, count: int) -> tuple[float, list[_Point]]:
+    """The chance that a drive fails, by one subset simulation of so many drives a level.
+
+    Returns:
+        It, and the failures that were reached.
+    """
     points, chance = [draws.fresh() for _ in range(count)], 1.0
     kept = max(round(_KEPT * count), 2)
     for _ in range(_MOST_LEVELS):
         points.sort(key=lambda point: point.severity)
-        failed = sum(point.severity == -math.inf for point in points)
-        if failed >= kept:
-            return chance * failed / count
         level = points[kept - 1].severity
         parents = [point for point in points if point.severity <= level]
-        if level == math.inf or len(parents) == len(points):
-            break  # nothing is worse than anything
+        # The failures are enough, or nothing is worse than anything.
+        if level in (-math.inf, math.inf) or len(parents) == len(points):
+            break
         chance *= len(parents) / count
         chains = list(parents)
         points = list(parents)
@@ -346,8 +495,8 @@ def _chance(draws: _Draws, count: int) -> float:
                 if len(points) < count:
                     chains[i] = draws.changed(chains[i], level)
                     points.append(chains[i])
-    failed = sum(point.severity == -math.inf for point in points)
-    return chance * failed / count
+    failed = [point for point in points if point.severity == -math.inf]
+    return chance * len(failed) / count, failed
 
 
 def _two(value: float) -> str:
