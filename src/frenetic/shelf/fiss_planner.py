@@ -39,7 +39,11 @@ class FissPlanner:
 
     def reset(self, setup: DriveSetup) -> None:
         """Makes planner and controller for the car."""
-        self._setup, car, config = setup, self._fiss.VehicleParams(), self._fiss.LocalPlannerConfig()
+        self._setup, car, config = (
+            setup,
+            self._fiss.VehicleParams(),
+            self._fiss.LocalPlannerConfig(),
+        )
         car.length, car.width, car.wheelbase = setup.car_length, setup.car_width, setup.wheelbase
         car.rear_axle_to_center, car.max_steer = setup.rear_axle, setup.max_steering
         car.max_speed, car.max_lat_accel = 1.5 * setup.speed_limit, self.options["lateral"]

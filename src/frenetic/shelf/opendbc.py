@@ -9,6 +9,10 @@ from frenetic._support.bounds import Positive, check
 from frenetic.drivers import Controls, DriveSetup, Observation
 from frenetic.shelf import package, speed_plan
 
+PREVIEW: Final = 0.2
+"""How far ahead the lane's curvature is taken, in s."""
+RETURN: Final = 1.0
+"""How fast the car returns to the lane's centre, in 1/s."""
 _MASS: Final = 1500.0  # kg, where the simulator does not say
 _STIFFNESS: Final = 1e5  # N/rad of both axles, likewise
 
@@ -22,8 +26,6 @@ class Opendbc:
 
     Args:
         lateral: m/s^2, lateral acceleration that the planned speed keeps to in bends.
-        preview: s, how far ahead the lane's curvature is taken.
-        gain: 1/s, how fast it returns to the lane's centre.
     """
 
     BEHAVIOUR: ClassVar[int] = 1
@@ -34,11 +36,9 @@ class Opendbc:
     period: ClassVar[float] = 0.02
     """s: the 50 Hz at which a Tesla is steered."""
 
-    def __init__(
-        self, *, lateral: Positive = 3.0, preview: Positive = 0.2, gain: Positive = 1.0
-    ) -> None:
+    def __init__(self, *, lateral: Positive = 3.0) -> None:
         check(locals(), Opendbc.__init__)
-        self.options = {"lateral": lateral, "preview": preview, "gain": gain}
+        self.options = {"lateral": float(lateral)}
         self._params = package("opendbc.car.structs", "opendbc").CarParams
         self._model = package("opendbc.car.vehicle_model", "opendbc").VehicleModel
         self._limits = package("opendbc.car.tesla.values", "opendbc").CarControllerParams
@@ -62,11 +62,11 @@ class Opendbc:
 
     def act(self, observation: Observation) -> Controls:
         """The angle of the steering wheel, limited."""
-        speed, gain = max(observation.speed, 3.0), self.options["gain"]
-        lane = observation.lane(spacing=1.0, ahead=self.options["preview"] * speed + 1.0)
+        speed = max(observation.speed, 3.0)
+        lane = observation.lane(spacing=1.0, ahead=PREVIEW * speed + 1.0)
         course = observation.heading_error + math.atan2(observation.lateral_speed, speed)
-        back = 2.0 * math.sin(course) + gain * observation.lateral_offset / speed
-        curvature = lane.curvatures[-2:].mean() - gain * back / speed
+        back = 2.0 * math.sin(course) + RETURN * observation.lateral_offset / speed
+        curvature = lane.curvatures[-2:].mean() - RETURN * back / speed
         wanted = math.degrees(self._car.get_steer_from_curvature(curvature, speed, 0.0))
         measured = math.degrees(observation.steering) * self._car.sR
         self._angle = self._limited(

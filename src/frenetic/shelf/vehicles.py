@@ -89,7 +89,8 @@ class HighwayEnvCar(OwnCar):
     def _motion(self) -> Motion:
         slip, speed = math.atan(0.5 * math.tan(self._wheels)), float(self._car.speed)
         ahead, left = speed * math.cos(slip), speed * math.sin(slip)
-        return Motion(*self._car.position, self._car.heading, ahead, left, left / 2.5, self._wheels)
+        x, y = self._car.position
+        return Motion(x, y, self._car.heading, ahead, left, left / 2.5, self._wheels)
 
 
 class OpendbcCar(OwnCar):
@@ -103,7 +104,7 @@ class OpendbcCar(OwnCar):
     def _place(self, pose: Pose) -> None:
         self._module = package("opendbc.car.vehicle_model", "opendbc")
         self._model = self._module.VehicleModel(self._params())
-        self._state = [*pose, 0.0, 0.0, 0.0]  # x, y, heading, speed, lateral speed, yaw rate
+        self._state = Motion(*pose)
 
     @staticmethod
     def _params() -> Any:
@@ -124,7 +125,7 @@ class OpendbcCar(OwnCar):
         )
 
     def _advance(self, acceleration: float) -> None:
-        x, y, heading, speed, left, turn = self._state
+        x, y, heading, speed, left, turn, _ = self._state
         wheel = self._wheels * self._model.sR
         if speed < _KINEMATIC:
             left, turn = self._module.kin_ss_sol(wheel, speed, self._model)[:, 0].tolist()
@@ -134,10 +135,11 @@ class OpendbcCar(OwnCar):
             left, turn = left + STEP * change[0], turn + STEP * change[1]
         cos, sin = math.cos(heading), math.sin(heading)
         x, y = x + STEP * (cos * speed - sin * left), y + STEP * (sin * speed + cos * left)
-        self._state = [x, y, heading + STEP * turn, speed + STEP * acceleration, left, turn]
+        heading, speed = heading + STEP * turn, speed + STEP * acceleration
+        self._state = Motion(x, y, heading, speed, left, turn, self._wheels)
 
     def _motion(self) -> Motion:
-        return Motion(*self._state, self._wheels)
+        return self._state
 
 
 class RoxCar(OwnCar):
@@ -189,4 +191,6 @@ class FissCar(OwnCar):
 
     def _motion(self) -> Motion:
         s = self._car.state
-        return Motion(s.x, s.y, s.yaw, s.v, self.rear_axle * s.kappa * s.v, s.kappa * s.v, self._car.steer)
+        return Motion(
+            s.x, s.y, s.yaw, s.v, self.rear_axle * s.kappa * s.v, s.kappa * s.v, self._car.steer
+        )
