@@ -35,7 +35,7 @@ CARS: dict[str, type[OwnCar]] = {
 KEEPS = {
     "highway-env": 0.2,
     "opendbc": 0.15,
-    "rox-control": 0.06,
+    "rox-control": 0.1,
     "fiss-planner": 0.1,
     "scenic": 0.3,
     "donkeycar": 0.35,

@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import math
 from types import SimpleNamespace
-from typing import ClassVar
+from typing import ClassVar, Final
 
 from frenetic._support.bounds import Positive, check
 from frenetic.drivers import Controls, DriveSetup, Observation
 from frenetic.shelf import LATERAL, package, speed_plan
+
+AHEAD: Final = 60.0
+"""Length of track that it is shown, in m."""
+SPACING: Final = 5.0
+"""Distance between the track's points, in m."""
 
 
 class RoxControl:
     """rox-control's PurePursuitA, whose target is a fixed distance ahead of the rear axle.
 
     It steers in proportion to the angle to the target. The glue chooses the gain 2 / `look_ahead`,
-    with which that is pure pursuit (R. C. Coulter, CMU-RI-TR-92-01) for small angles.
+    with which that is pure pursuit (R. C. Coulter, CMU-RI-TR-92-01) for small angles, and shows it
+    60 m of track. It looks for its place on the lines through the track's segments instead of the
+    segments, and so at times takes a target far ahead; then it goes straight on for a moment.
 
     Args:
         lateral: m/s^2, lateral acceleration that the planned speed keeps to in bends.
@@ -43,7 +50,7 @@ class RoxControl:
 
     def act(self, observation: Observation) -> Controls:
         """Its curvature, in the frame of the rear axle."""
-        lane = observation.lane(ahead=self.options["look_ahead"] + 5.0, behind=5.0)
+        lane = observation.lane(spacing=SPACING, ahead=AHEAD, behind=SPACING)
         rear = self._setup.rear_axle
         self._pursuit.set_track(self._track([(x + rear, y) for x, y in lane.points.tolist()]))
         curvature = self._pursuit.control(SimpleNamespace(x=0.0, y=0.0, theta=0.0)).curvature
