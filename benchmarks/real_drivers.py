@@ -1,13 +1,14 @@
 """The speed at which real drivers begin to fail: by road class, steering lag, car and tolerance.
 
-    python benchmarks/real_drivers.py                            # about 20 minutes on two cores
-    python benchmarks/real_drivers.py --seeds 2 --classes rural-80 --cars embedded    # about two
+    python benchmarks/real_drivers.py                       # about half an hour on two cores
+    python benchmarks/real_drivers.py --seeds 2 --classes rural-80 --cars embedded     # two minutes
 
 All drivers get the same roads: of each seed some that are random, and those of a search on which
 our own `stanley` comes nearest to its lane's edge. They keep the speed limit, bends or not, if they
 can be told a speed. The first speed of a ladder at which one of the roads fails is found by
-bisection; a cell is the median over the seeds. The first number is for the tolerance of the
-competition, 95 % of the car outside its lane, the one in brackets for no corner outside.
+bisection; a cell has the median over the seeds for each lag. A car leaves its lane when more than
+95 % of it is outside. Drivers that need an environment of their own are driven there with
+``--out``, and shown with the others with ``--add``.
 """
 
 from __future__ import annotations
@@ -63,6 +64,7 @@ DRIVERS_OF: dict[str, tuple[str, dict[str, Any], type | None, str]] = {
     "donkeycar": ("donkeycar", STEADY, None, "donkeycar"),
 }
 """Name -> driver, options, its package's own car, module that it needs."""
+CARS = ("embedded", "commonroad", "own")
 OWN_SPEED = ("metadrive-expert",)
 """Drivers that drive as fast as they like."""
 LADDER = (0.4, 0.55, 0.7, 0.85, 1.0, 1.15, 1.3, 1.5, 1.7, 1.95, 2.2)
@@ -248,80 +250,88 @@ def assess(task: Task, length: float, drawn: int, searched: int, simulations: in
     )
 
 
-# --- The table -------------------------------------------------------------------------------
+# --- The tables ------------------------------------------------------------------------------
 
 
-def median(speeds: list[float | None], top: float) -> str:
+def middle(speeds: list[float | None], top: float) -> str:
     """The median speed; above the ladder's top it is not known."""
-    middle = statistics.median(2.0 * top if one is None else one for one in speeds)
-    return f"> {top:.0f}" if middle > top else f"{middle:.0f}"
+    found = statistics.median(2.0 * top if one is None else one for one in speeds)
+    return f"> {top:.0f}" if found > top else f"{found:.0f}"
 
 
-def cell(driver: str, found: list[Found], design_speed: float) -> str:
-    if driver in OWN_SPEED:
-        leaves, touches, drives = np.sum([one.usual for one in found], axis=0)
-        return f"{leaves} ({touches}) of {drives}"
-    top = ladder(design_speed)[-1]
-    speeds = ([getattr(one, what) for one in found] for what in ("leaves", "touches"))
-    first, edge = (median(values, top) for values in speeds)
-    return f"{first} ({edge})"
-
-
-def table(head: list[str], rows: list[list[str]]) -> str:
+def table(title: str, head: list[str], rows: list[list[str]]) -> str:
     lines = [head, ["---", *["---:"] * (len(head) - 1)], *rows]
-    return "\n".join(f"| {' | '.join(row)} |" for row in lines)
+    return f"{title}:\n\n" + "\n".join(f"| {' | '.join(row)} |" for row in lines)
 
 
-def report(results: dict[Task, Found], asked: argparse.Namespace, main_class: str) -> str:
+def report(results: dict[Task, Found]) -> str:
     """The tables, in Markdown."""
+    drivers = [name for name in DRIVERS_OF if any(task.driver == name for task in results)]
+    names = [name for name in classes() if any(task.roads == name for task in results)]
+    cars = [car for car in CARS if any(task.car == car for task in results)]
+    lags = sorted({task.lag for task in results})
+    main_class = next((t.roads for t in results if t.car != "embedded"), names[0])
 
-    def seeds(driver: str, roads: str, car: str, lag: float) -> list[Found]:
+    def of(driver: str, roads: str, car: str, lag: float) -> list[Found]:
         wanted = (driver, roads, car, lag)
         return [f for t, f in results.items() if (t.driver, t.roads, t.car, t.lag) == wanted]
 
-    def row(driver: str, lag: float, columns: list[tuple[str, str]]) -> list[str]:
-        cells = [(name, seeds(driver, name, car, lag)) for name, car in columns]
-        speeds = {name: class_of(name, asked.length).design_speed for name, _ in columns}
-        return [driver, f"{lag:g}", *(cell(driver, f, speeds[n]) if f else "-" for n, f in cells)]
+    def cell(what: str, driver: str, roads: str, car: str) -> str:
+        top = ladder(RoadClass.of(roads).design_speed)[-1]
+        parts = []
+        for found in (of(driver, roads, car, lag) for lag in lags):
+            if found and driver in OWN_SPEED:
+                counts = np.sum([one.usual for one in found], axis=0)
+                parts.append(f"{counts[int(what == 'touches')]} of {counts[2]}")
+            else:
+                parts.append(middle([getattr(f, what) for f in found], top) if found else "-")
+        return ", ".join(parts) if any(part != "-" for part in parts) else "-"
 
-    pairs = list(product(asked.drivers, asked.lags))
-    by_class = [(name, "embedded") for name in asked.classes]
-    by_car = [(main_class, car) for car in asked.cars]
-    middle = asked.lags[len(asked.lags) // 2]
-    worst, causes = [], []
-    for driver in asked.drivers:
-        found = [seeds(driver, name, "embedded", middle) for name in asked.classes]
-        values = (
-            [max(getattr(f, what) for f in one) for what in ("acceleration", "jerk")]
-            for one in found
-        )
-        worst.append([driver, *(f"{a:.1f}, {j:.1f}" for a, j in values)])
+    def column(one: list[Found]) -> str:
+        worst = (max(getattr(f, what) or 0.0 for f in one) for what in ("acceleration", "jerk"))
+        return ", ".join(f"{value:.1f}" for value in worst) if one else "-"
+
+    usual = lags[len(lags) // 2]
+    causes = []
+    for driver in drivers:
         counts = Counter(
             c for task, f in results.items() if task.driver == driver for c in f.causes
         )
-        words = ", ".join(f"{cause} ({n})" for cause, n in counts.most_common(3))
-        causes.append([driver, words or "-"])
-    classes_head, drives = (
-        ["driver", "lag, s", *asked.classes],
-        sum(f.drives for f in results.values()),
-    )
+        words = (f"{cause} ({n})" for cause, n in counts.most_common(3))
+        causes.append([driver, ", ".join(words) or "-"])
+    by_lag = "at lags of " + ", ".join(f"{lag:g}" for lag in lags) + " s"
     told = [
-        (
-            "Begins to fail at, km/h, embedded car",
-            table(classes_head, [row(*p, by_class) for p in pairs]),
-        ),
-        (
-            f"In other cars, {main_class}",
-            table(["driver", "lag, s", *asked.cars], [row(*p, by_car) for p in pairs]),
-        ),
-        (
-            f"Lateral acceleration, m/s², and jerk, m/s³, at the design speed, lag {middle:g} s",
-            table(["driver", *asked.classes], worst),
-        ),
-        ("What it does wrong where it begins to fail", table(["driver", "causes"], causes)),
+        table(
+            f"{title}, km/h, {by_lag}",
+            ["driver", *names],
+            [[d, *(cell(what, d, name, "embedded") for name in names)] for d in drivers],
+        )
+        for title, what in (("Leaves its lane", "leaves"), ("A corner leaves its lane", "touches"))
     ]
-    tables = "\n\n".join(f"{title}:\n\n{text}" for title, text in told)
-    return f"{tables}\n\n{drives} drives, {asked.seeds} seeds"
+    told += [
+        table(
+            f"Leaves its lane in other cars, {main_class}, km/h, {by_lag}",
+            ["driver", *cars],
+            [[d, *(cell("leaves", d, main_class, car) for car in cars)] for d in drivers],
+        ),
+        table(
+            f"Lateral acceleration, m/s², and jerk, m/s³, at the design speed, lag {usual:g} s",
+            ["driver", *names],
+            [[d, *(column(of(d, name, "embedded", usual)) for name in names)] for d in drivers],
+        ),
+        table("What it does wrong where it begins to fail", ["driver", "causes"], causes),
+    ]
+    return "\n\n".join([*told, f"{sum(f.drives for f in results.values())} drives"])
+
+
+def read(file: Path) -> dict[Task, Found]:
+    """The results in a file that `--out` made."""
+    rows = json.loads(file.read_text(encoding="utf-8"))
+    keys = Task.__annotations__
+    return {
+        Task(**{k: row.pop(k) for k in keys}): Found(**row)
+        for row in rows  # the rest
+    }
 
 
 def main() -> None:
@@ -329,16 +339,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--drivers", nargs="+", choices=here, default=here)
     parser.add_argument("--classes", nargs="+", choices=list(classes()), default=list(classes()))
-    cars = ["embedded", "commonroad", "own"]
-    parser.add_argument("--cars", nargs="+", choices=cars, default=cars)
+    parser.add_argument("--cars", nargs="+", choices=CARS, default=list(CARS))
     parser.add_argument("--lags", nargs="+", type=float, default=list(LAGS), help="s")
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--length", type=float, default=500.0, help="m of each road")
-    parser.add_argument("--random", type=int, default=2, help="random roads of each seed")
-    parser.add_argument("--searched", type=int, default=2, help="searched roads of each seed")
-    parser.add_argument("--simulations", type=int, default=80, help="of the search for them")
+    parser.add_argument("--random", type=int, default=1, help="random roads of each seed")
+    parser.add_argument("--searched", type=int, default=1, help="searched roads of each seed")
+    parser.add_argument("--simulations", type=int, default=60, help="of the search for them")
     parser.add_argument("--workers", type=int, default=os.cpu_count())
     parser.add_argument("--out", type=Path, help="JSON file of all results")
+    parser.add_argument(
+        "--add", nargs="+", type=Path, default=[], help="such files, to be shown too"
+    )
     asked = parser.parse_args()
     # The one in which all cars drive.
     main_class = "rural-80" if "rural-80" in asked.classes else asked.classes[0]
@@ -358,7 +370,8 @@ def main() -> None:
     with ProcessPoolExecutor(asked.workers) as pool:
         running = [pool.submit(assess, task, *terms) for task in tasks]
         results = {task: one.result() for task, one in zip(tasks, running, strict=True)}
-    print(report(results, asked, main_class))
+    added = {task: found for file in asked.add for task, found in read(file).items()}
+    print(report({**results, **added}))
     if asked.out is not None:
         rows = [asdict(task) | asdict(found) for task, found in results.items()]
         asked.out.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
