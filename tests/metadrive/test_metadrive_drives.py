@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import psutil
 import pytest
 from metadrive.engine.engine_utils import get_engine
 from metadrive.examples.ppo_expert import numpy_expert
+from metadrive.obs.state_obs import LidarStateObservation
 from metadrive_drives import STRAIGHT, WINDING, Fixed, digest, random_roads, run
 
 from frenetic.drivers import (
@@ -25,12 +27,15 @@ from frenetic.drivers import (
     Stanley,
 )
 from frenetic.metadrive import MetaDriveExpert, MetaDriveIdm, MetaDriveSimulator
+from frenetic.metadrive.car import Decision
+from frenetic.metadrive.expert import state_of
 from frenetic.metadrive.policies import make_policy
 from frenetic.metadrive.world import EGO_LANE, pieces_of
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
 from frenetic.simulators import EmbeddedSimulator, Rules, Vehicle
+from frenetic.testing import DriverContract
 
 
 @pytest.fixture(scope="module")
@@ -217,11 +222,77 @@ def test_pieces_of_a_road_are_its_arcs() -> None:
     assert all(piece.radius == piece.turn == 0.0 for piece in pieces_of(STRAIGHT))
 
 
-@pytest.mark.parametrize("driver", [MetaDriveIdm(), MetaDriveExpert()])
-def test_metadrives_drivers_refuse_other_simulators(driver: Driver) -> None:
-    drive = EmbeddedSimulator().drive(WINDING, driver)
-    name = driver.name  # type: ignore[attr-defined]
-    assert drive.error == f"{name} drives in MetaDrive only: choose the simulator metadrive"
+def test_idm_refuses_other_simulators() -> None:
+    drive = EmbeddedSimulator().drive(WINDING, MetaDriveIdm())
+    assert drive.error == "metadrive-idm drives in MetaDrive only: choose the simulator metadrive"
+
+
+class Compared:
+    """Drives by its observations, and keeps what the expert would see by them and in MetaDrive."""
+
+    def __init__(self, simulator: MetaDriveSimulator) -> None:
+        self.simulator = simulator
+        assert simulator._world is not None
+        self.sensor = LidarStateObservation(simulator._world.engine.global_config)
+
+    def reset(self, setup: DriveSetup) -> None:
+        self.setup, self.action, self.heading = setup, (0.0, 0.0), math.nan
+        self.pairs: list[tuple[float, Any, Any]] = []
+
+    def act(self, observation: Observation) -> Controls:
+        assert self.simulator._world is not None
+        vehicle = self.simulator._world.vehicle
+        vehicle.after_step()
+        turned = 0.0 if math.isnan(self.heading) else observation.heading - self.heading
+        ours = state_of(observation, self.setup, self.action, turned)
+        self.pairs.append((observation.distance, self.sensor.observe(vehicle), ours))
+        back = -0.8 * observation.heading_error - 0.2 * observation.lateral_offset
+        self.action = (back, 0.3 if observation.speed < 9.0 else 0.0)
+        self.heading = observation.heading
+        return Controls(*Decision.of_action(*self.action))
+
+
+def test_an_observation_has_what_the_expert_sees_in_metadrive(
+    simulator: MetaDriveSimulator,
+) -> None:
+    winding = [0.0, 0.0, 0.01, 0.02, 0.02, 0.0, -0.02, -0.03, -0.01, 0.0, 0.0, 0.03, 0.05, 0.03]
+    road = Road([*winding, 0.0, 0.0, 0.0])
+    driver = Compared(simulator)
+    drive = simulator.drive(road, driver)
+    assert drive.error is None, drive.error
+    # The last piece of 40 m is described twice in MetaDrive: our road goes on.
+    pairs = [(there, here) for distance, there, here in driver.pairs if distance < 115.0]
+    assert len(pairs) > 200
+    differences = np.abs([there - here for there, here in pairs]).max(axis=0)
+    # The heading of MetaDrive's lane jumps from point to point of a line.
+    assert differences[2] < 0.02
+    assert np.delete(differences, 2).max() < 0.003
+
+
+class Asked:
+    """A driver that its simulator does not recognise: it is asked by observations."""
+
+    def __init__(self, driver: MetaDriveExpert) -> None:
+        self.reset, self.act, self.period = driver.reset, driver.act, driver.period
+
+
+def test_expert_drives_by_observations_as_in_metadrives_world(
+    simulator: MetaDriveSimulator,
+) -> None:
+    bends = [0.0, 0.0, 0.01, 0.02, 0.02, 0.0, -0.02, -0.03, -0.01, 0.0]
+    road = Road([*bends, *bends, *bends, 0.0, 0.0, 0.0])  # 320 m
+    own, asked = (
+        simulator.drive(road, driver).trajectory
+        for driver in (MetaDriveExpert(), Asked(MetaDriveExpert()))
+    )
+    # Then it brakes harder than a driver of ours can.
+    apart = np.hypot(*(np.array([own.x[:285], own.y[:285]]) - [asked.x[:285], asked.y[:285]]))
+    assert apart.max() < 0.3
+
+
+class TestExpert(DriverContract):
+    def make(self) -> Driver:
+        return MetaDriveExpert()
 
 
 def test_layers_over_metadrives_drivers_are_refused(simulator: MetaDriveSimulator) -> None:

@@ -1,17 +1,21 @@
 """MetaDrive's own drivers as systems under test.
 
-They look at MetaDrive's world instead of an `Observation`, so only `MetaDriveSimulator` can ask
-them: it recognises them and lets MetaDrive's policies act, see `policies` beside this module.
+In MetaDrive they look at its world instead of an `Observation`: `MetaDriveSimulator` recognises
+them and lets MetaDrive's policies act, see `policies` beside this module. The expert drives
+elsewhere, too: an `Observation` has all that it sees on an empty road, see `expert`.
 """
 
 from __future__ import annotations
 
+import math
 from typing import ClassVar, NoReturn
 
 from frenetic._support.bounds import Positive, check
 from frenetic.drivers import Controls, Driver, DriveSetup, Observation
 from frenetic.drivers.driver import under_layers
 from frenetic.errors import DriverError
+from frenetic.metadrive.car import VEHICLE, Decision
+from frenetic.metadrive.expert import mean_action, state_of, weights
 from frenetic.simulators.simulator import Simulator
 
 
@@ -80,9 +84,43 @@ class MetaDriveIdm(MetaDriveDriver):
 
 
 class MetaDriveExpert(MetaDriveDriver):
-    """The neural network that comes with MetaDrive, trained there by PPO; its mean action."""
+    """The neural network that comes with MetaDrive, trained there by PPO; its mean action.
+
+    In another simulator it steers the wheels by the same angle as MetaDrive's car and accelerates
+    like it, as far as that car can.
+    """
 
     name = "metadrive-expert"
+    period: ClassVar[float] = 0.1
+    """s: the time between two decisions for which it was trained."""
+
+    def check_simulator(self, simulator: Simulator) -> None:
+        """Accepts any."""
+
+    def reset(self, setup: DriveSetup) -> None:
+        """Forgets the last drive.
+
+        Raises:
+            FreneticError: MetaDrive is not installed.
+        """
+        weights()
+        self._setup, self._action, self._heading = setup, (0.0, 0.0), math.nan
+
+    def act(self, observation: Observation) -> Controls:
+        """The network's action, as the controls of this car."""
+        turned = observation.heading - self._heading
+        turned = 0.0 if math.isnan(turned) else turned
+        seen = state_of(observation, self._setup, self._action, turned)
+        steering, pedal = (min(max(value, -1.0), 1.0) for value in mean_action(seen))
+        self._action, self._heading = (steering, pedal), observation.heading
+        decision = Decision.of_action(steering, pedal)
+        acceleration = (
+            decision.throttle * VEHICLE.engine_acceleration
+            - decision.brake * VEHICLE.brake_deceleration
+        )
+        return Controls.from_acceleration(
+            acceleration, decision.steering, speed=observation.speed, setup=self._setup
+        )
 
 
 def metadrive_driver(driver: Driver) -> MetaDriveDriver | None:

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import cache
 from typing import Any, Protocol
 
-import numpy as np
-from metadrive.examples.ppo_expert import numpy_expert
 from metadrive.obs.state_obs import LidarStateObservation
 from metadrive.policy.idm_policy import IDMPolicy
 
-from frenetic._support.arrays import FloatArray
 from frenetic.metadrive.car import Decision
 from frenetic.metadrive.drivers import MetaDriveDriver, MetaDriveIdm
+from frenetic.metadrive.expert import mean_action
 from frenetic.metadrive.world import SEED, World
 
 
@@ -46,42 +42,20 @@ class Idm:
 
 
 class Expert:
-    """MetaDrive's PPO expert: the mean action of its network.
-
-    `numpy_expert.expert` gives the same, but reads the weights again for each of its six layers.
-    """
+    """MetaDrive's PPO expert: the mean action of its network."""
 
     def __init__(self, world: World) -> None:
         self._vehicle = world.vehicle
         self._observation = LidarStateObservation(world.engine.global_config)
-        self._weights = _expert_weights()
 
     def act(self) -> Decision:
         """The network's action."""
         self._vehicle.after_step()  # looks where the car is
-        seen = numpy_expert.obs_correction(self._observation.observe(self._vehicle))
-        for layer in ("fc_1", "fc_2"):
-            seen = np.tanh(self._layer(layer, seen))
-        steering, throttle_brake, *_spreads = self._layer("fc_out", seen)
-        return _decision((steering, throttle_brake))
-
-    def _layer(self, name: str, inputs: FloatArray) -> FloatArray:
-        outputs: FloatArray = (
-            inputs @ self._weights[f"default_policy/{name}/kernel"]
-            + self._weights[f"default_policy/{name}/bias"]
-        )
-        return outputs
+        return _decision(mean_action(self._observation.observe(self._vehicle)))
 
     def close(self) -> None:
         """Ends nothing."""
         self._observation.destroy()
-
-
-@cache
-def _expert_weights() -> Mapping[str, FloatArray]:
-    """The network that MetaDrive brings."""
-    with np.load(numpy_expert.ckpt_path, allow_pickle=False) as file:
-        return dict(file)
 
 
 def make_policy(driver: MetaDriveDriver, world: World, speed_limit: float) -> Policy:

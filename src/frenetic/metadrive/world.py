@@ -32,6 +32,7 @@ from frenetic.metadrive.car import (
     PHYSICS_STEP,
     VEHICLE,
 )
+from frenetic.metadrive.expert import PIECE_LENGTH, STRAIGHT_RADIUS
 from frenetic.road import Road
 from frenetic.simulators.stepped import Motion
 
@@ -44,10 +45,6 @@ SETTLING_STEPS: Final = 60
 """Steps of the physics that the car stands before a drive: MetaDrive drops it onto its wheels."""
 EGO_LANE: Final = "ego"
 """The name of the ego lane in MetaDrive's map."""
-PIECE_LENGTH: Final = 40.0
-"""Approximate length of a piece, in m; MetaDrive's own maps have lanes of 40 m and more."""
-STRAIGHT_RADIUS: Final = 200.0
-"""Least radius of an arc that is called straight, in m."""
 CAMERA: Final = "frenetic_camera"
 _NEAREST: Final = 0.1  # m, of what a camera sees
 
