@@ -10,13 +10,7 @@ then around the conditions of the failures so far. All drives count together by 
 heuristic (Veach and Guibas 1995). The interval is that of a weighted sum of Poisson numbers (Fay
 and Feuer 1997); Garwood's is the case of equal weights.
 
-Where too few failures carry the estimate so, as where the road decides, subset simulation (Au and
-Beck 2001) goes there by levels: of many drives the worst fifth are kept, by how far the car was
-from its lane's edge; each is changed a little at random, in a way that keeps the domain's
-distribution among drives as bad as these; and so on until many fail. The chance of a failure is the
-product of the levels' shares. It is done several times independently; such products are about
-lognormal, and the interval is Cox's for the mean of a lognormal distribution. Its failures are
-tried as places for importance sampling, too.
+Where the road decides and not the conditions, that gains nothing: then the rest are plain drives.
 """
 
 from __future__ import annotations
@@ -46,16 +40,14 @@ from frenetic.spec import require_count
 FILE: Final = "estimate.json"
 """Name of the file in a campaign's folder."""
 CONFIDENCE: Final = 0.95
-REPEATS: Final = 6
-"""Independent subset simulations at a time."""
 _PILOT: Final = 0.2
 """Share of the drives that are plain ones at first."""
 _ENOUGH: Final = 50
 """Failures that all plain drives together should have, as far as these say, to go on so."""
-_WIDELY: Final = 0.1
-"""Share of the drives in a wider distribution."""
-_SUBSET: Final = 0.5
-"""Share of the drives left that go into the first subset simulations."""
+_FEW: Final = 5
+"""Failures below which plain drives say little."""
+_WIDELY: Final = (0.1, 0.1, 0.1)
+"""Shares of the other drives in a wider distribution; the first, others until one has failed."""
 _WIDE: Final = 3.0
 """Standard deviation of the first draws from elsewhere, in those of the domain."""
 _SCALES: Final = ((1.0, 0.25), (0.75, 0.3), (0.5, 0.3), (0.25, 0.15))
@@ -64,18 +56,14 @@ _CENTRES: Final = 200
 _REGION: Final = 2.0
 """Distance of failures that are of one region, in deviations of the domain's distribution."""
 _CARRIED: Final = 20.0
-"""Failures of equal weight that carry an estimate by importance sampling as well."""
-_KEPT: Final = 0.2
-_FEWEST: Final = 10
-"""Drives of a level."""
-_LEVELS: Final = 5
-"""Levels for which there are enough drives."""
-_MOST_LEVELS: Final = 9
-_STEP: Final = 0.5
-"""Share of a point's normal numbers that a change draws anew, as the root of the squares."""
+"""Failures of equal weight that have to carry an estimate by importance sampling as well."""
+_SURE: Final = 100.0
+"""Those above which no more is to be expected."""
+_AROUND: Final = (0.1, 0.15, 0.2, 0.25, 0.3)
+"""Shares of the drives left around failures, at which these are looked at anew."""
 _REDRAWS: Final = 1000
 
-Method = Literal["plain", "importance sampling", "subset simulation", "none"]
+Method = Literal["plain", "importance sampling", "none"]
 
 
 @dataclass(frozen=True)
@@ -84,7 +72,7 @@ class Estimate:
 
     domain: str
     method: Method
-    """None if subset simulation reached no failure: then there is an upper limit only."""
+    """None if no failure is known: then there is an upper limit only."""
     rate: float | None
     """Departures per 1,000 km."""
     low: float
@@ -227,27 +215,6 @@ class _Draws:
         way = candidate.length if result.outcome is Outcome.PASS or place is None else place
         return replace(point, severity=severity, length=way / 1000.0)
 
-    def changed(self, point: _Point, level: float) -> _Point:
-        """A step of a Markov chain that keeps the distribution among points as bad as a level."""
-        rng, way = self.rng, self.rng.random()
-        new = point
-        if way < 0.6 and len(point.conditions):
-            keep = math.sqrt(1.0 - _STEP * _STEP)
-            noise = rng.standard_normal(len(point.conditions))
-            moved = keep * point.conditions + _STEP * noise
-            which = rng.random(len(moved)) < 0.7
-            new = replace(point, conditions=np.where(which, moved, point.conditions))
-        elif way < 0.95 and self.roads.numbers:
-            size = int(rng.integers(1, max(self.roads.numbers // 2, 2)))
-            first = int(rng.integers(0, self.roads.numbers - size + 1))
-            road = point.road.copy()
-            road[first : first + size] = rng.standard_normal(size)
-            new = replace(point, road=road)
-        else:
-            new = replace(point, seed=int(rng.integers(2**62)))
-        driven = self.driven(new)
-        return driven if driven is not None and driven.severity <= level else point
-
 
 class _Weighted:
     """Drives in conditions from several distributions, which count together.
@@ -260,7 +227,6 @@ class _Weighted:
         self._draws, self._on_drive = draws, on_drive
         self._points: list[_Point] = []
         self._sources: list[tuple[int, Callable[[FloatArray], FloatArray]]] = []
-        self._hints: list[tuple[float, FloatArray]] = []
         self._add(plain, lambda points: np.ones(len(points)))
 
     def widely(self, count: int) -> None:
@@ -277,45 +243,9 @@ class _Weighted:
 
         self._drive(wide * rng.standard_normal(shape), often)
 
-    def hint(self, chance: float, failures: list[_Point]) -> None:
-        """Draws around these failures, too, which are a share of all in the domain."""
-        self._hints += [(chance / len(failures), point.conditions) for point in failures]
-
-    def converges(self, count: int) -> bool:
-        """Draws around failures; whether they carry an estimate.
-
-        It draws so many, fewer if they surely will not.
-        """
-        driven = 0
-        for share in (0.1, 0.15, 0.2, 0.25, 0.3):
-            more = round(share * count)
-            if more == 0 or not (len(self._shares) or self._hints):
-                return False
-            self._around_failures(more)
-            driven += more
-            squares = float(np.sum(self._shares**2))
-            carried = float(np.sum(self._shares)) ** 2 / squares if squares else 0.0
-            if driven > more and carried * count / driven < _CARRIED:
-                return False
-        return True
-
-    def interval(self) -> tuple[float, float, float]:
-        """The chance of a failure, and the ends of its interval (Fay and Feuer 1997)."""
-        from scipy.stats import chi2  # takes its time
-
-        tail = 0.5 * (1.0 - CONFIDENCE)
-        chance, variance = float(np.sum(self._shares)), float(np.sum(self._shares**2))
-        most = float(np.max(self._shares))
-        above, wide = chance + most, variance + most**2
-        low = 0.5 * variance / chance * float(chi2.ppf(tail, 2.0 * chance**2 / variance))
-        high = 0.5 * wide / above * float(chi2.ppf(1.0 - tail, 2.0 * above**2 / wide))
-        return chance, low, high
-
-    def _around_failures(self, count: int) -> None:
-        rng = self._draws.rng
-        centres = np.array([*self._failed, *(conditions for _, conditions in self._hints)])
-        shares = np.array([*self._shares, *(share for share, _ in self._hints)])
-        shares = shares / shares.sum()
+    def around_failures(self, count: int) -> None:
+        """Draws around the conditions of the failures so far, from the usual ones to them."""
+        rng, centres, shares = self._draws.rng, self._failed, self._shares / self._shares.sum()
         if len(shares) > _CENTRES:
             centres = centres[rng.choice(len(shares), _CENTRES, p=shares)]
             shares = np.full(_CENTRES, 1.0 / _CENTRES)
@@ -336,6 +266,24 @@ class _Weighted:
             return total
 
         self._drive(around[which] + rng.standard_normal((count, around.shape[1])), ratios)
+
+    @property
+    def carried(self) -> float:
+        """Number of failures of equal weight that would carry the estimate as well."""
+        squares = float(np.sum(self._shares**2))
+        return float(np.sum(self._shares)) ** 2 / squares if squares else 0.0
+
+    def interval(self) -> tuple[float, float, float]:
+        """The chance of a failure, and the ends of its interval (Fay and Feuer 1997)."""
+        from scipy.stats import chi2  # takes its time
+
+        tail = 0.5 * (1.0 - CONFIDENCE)
+        chance, variance = float(np.sum(self._shares)), float(np.sum(self._shares**2))
+        most = float(np.max(self._shares))
+        above, wide = chance + most, variance + most**2
+        low = 0.5 * variance / chance * float(chi2.ppf(tail, 2.0 * chance**2 / variance))
+        high = 0.5 * wide / above * float(chi2.ppf(1.0 - tail, 2.0 * above**2 / wide))
+        return chance, low, high
 
     def _drive(self, conditions: FloatArray, often: Callable[[FloatArray], FloatArray]) -> None:
         points = []
@@ -406,11 +354,23 @@ def estimate(
             on_drive(draws.drives, failures)
 
     plain(round(_PILOT * drives))
+    weighted = _Weighted(draws, found, lambda: on_drive(draws.drives, failures))
     is_common = failures / len(found) * drives >= _ENOUGH
-    if is_common:
-        plain(drives - len(found))
+    left, gains = drives - len(found), not is_common and domain.dimension > 0
+    for share in _WIDELY:
+        if gains and weighted.carried <= failures:  # none but plain ones
+            weighted.widely(round(share * left))
+    left = drives - draws.drives
+    for stage, share in enumerate(_AROUND):
+        # Else as many plain drives would carry the estimate better, or nothing has failed.
+        plainly = failures / len(found) * draws.drives if stage > 1 else 0.0
+        gains = gains and weighted.carried > plainly
+        if gains:
+            weighted.around_failures(round(share * left))
+    is_weighted = gains and weighted.carried >= _CARRIED
+    if not is_weighted:
+        plain(max(drives - draws.drives, 0))
     way = math.fsum(point.length for point in found)
-    mean = way / len(found)
     low, high = rate_interval(failures, way / 1000.0)
     counted_plainly = Estimate(
         domain=domain.name,
@@ -422,81 +382,26 @@ def estimate(
         failures=failures,
         plain=len(found),
         kilometres=way,
-        length=mean,
+        length=way / len(found),
         seed=seed,
     )
-    if is_common:
-        return counted_plainly
-
-    def ended(method: Method, chances: tuple[float, float, float]) -> Estimate:
-        rate, low, high = (chance * 1000.0 / mean for chance in chances)
+    if is_weighted:
+        rate, low, high = (
+            chance * 1000.0 / counted_plainly.length for chance in weighted.interval()
+        )
+        note = ""
+        if weighted.carried < _SURE:
+            note = (
+                f"few failures carry it, as {weighted.carried:.0f} plain ones would, so it may be"
+                " more: give it more --drives"
+            )
         return replace(
-            counted_plainly, method=method, rate=rate, low=low, high=high, drives=draws.drives
+            counted_plainly, method="importance sampling", rate=rate, low=low, high=high, note=note
         )
-
-    weighted = _Weighted(draws, found, lambda: on_drive(draws.drives, failures))
-    weighted.widely(round(_WIDELY * drives))
-    runs: list[float] = []
-    for share in (_SUBSET, 1.0):
-        if weighted.converges(max(drives - draws.drives, 0)):
-            return ended("importance sampling", weighted.interval())
-        left = share * (drives - draws.drives) / REPEATS
-        each = int(left / (1.0 + _LEVELS * (1.0 - _KEPT)))
-        if runs and each < _FEWEST:
-            break
-        each = max(each, _FEWEST)
-        for _ in range(REPEATS):
-            chance, reached = _chance(draws, each)
-            runs.append(chance)
-            weighted.hint(chance / REPEATS, reached)
-            on_drive(draws.drives, failures)
-    if missed := sum(chance == 0.0 for chance in runs):
-        note = (
-            f"{missed} of {len(runs)} subset simulations reached no failure, so no more than that"
-            " is known: give it more --drives, or the failures of this driver do not announce"
-            " themselves"
-        )
-        return replace(counted_plainly, drives=draws.drives, note=note)
-    return ended("subset simulation", _lognormal_interval(runs))
-
-
-def _lognormal_interval(values: list[float]) -> tuple[float, float, float]:
-    """The mean of a lognormal distribution, from some values, with its interval (Cox)."""
-    from scipy.stats import t  # takes its time
-
-    count = len(values)
-    variance = float(np.var(np.log(values), ddof=1))
-    error = math.sqrt(variance / count + variance**2 / (2.0 * (count - 1)))
-    factor = math.exp(float(t.ppf(0.5 + 0.5 * CONFIDENCE, count - 1)) * error)
-    mean = float(np.mean(values))
-    return mean, mean / factor, mean * factor
-
-
-def _chance(draws: _Draws, count: int) -> tuple[float, list[_Point]]:
-    """The chance that a drive fails, by one subset simulation of so many drives a level.
-
-    Returns:
-        It, and the failures that were reached.
-    """
-    points, chance = [draws.fresh() for _ in range(count)], 1.0
-    kept = max(round(_KEPT * count), 2)
-    for _ in range(_MOST_LEVELS):
-        points.sort(key=lambda point: point.severity)
-        level = points[kept - 1].severity
-        parents = [point for point in points if point.severity <= level]
-        # The failures are enough, or nothing is worse than anything.
-        if level in (-math.inf, math.inf) or len(parents) == len(points):
-            break
-        chance *= len(parents) / count
-        chains = list(parents)
-        points = list(parents)
-        while len(points) < count:
-            for i in range(len(chains)):
-                if len(points) < count:
-                    chains[i] = draws.changed(chains[i], level)
-                    points.append(chains[i])
-    failed = [point for point in points if point.severity == -math.inf]
-    return chance * len(failed) / count, failed
+    if failures < _FEW:
+        note = "too few failed to say more: give it more --drives"
+        return replace(counted_plainly, note=note)
+    return counted_plainly
 
 
 def _two(value: float) -> str:

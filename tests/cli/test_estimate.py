@@ -12,13 +12,15 @@ import pytest
 from scipy.stats import poisson
 
 from frenetic import EmbeddedSimulator, Planner
+from frenetic._support.arrays import FloatArray
 from frenetic.campaign import RoadTester
 from frenetic.campaign.record import Attempt
 from frenetic.domain import Domain
 from frenetic.errors import FreneticError
-from frenetic.estimate import REPEATS, Estimate, estimate, rate_interval
+from frenetic.estimate import Estimate, estimate, rate_interval
 from frenetic.oracle import Result
 from frenetic.outcome import Outcome
+from frenetic.search.random_search import RandomRoads
 from frenetic.search.records import Candidate
 
 if TYPE_CHECKING:
@@ -95,22 +97,57 @@ def test_common_failures_are_counted() -> None:
     assert "departures per 1,000 km" in found.in_words()
 
 
-def test_rare_failures_are_reached_by_levels() -> None:
-    held = 0
-    for seed in range(5):
-        found = estimate(DOMAIN, known(1e-4), drives=6000, seed=seed)
-        assert found.method == "subset simulation"
-        assert found.rate is not None
-        assert found.drives < 8000
-        held += found.low <= per_1000_km(found, 1e-4) <= found.high
-    assert held >= 4
+@pytest.mark.parametrize("share", [1e-3, 1e-5])
+def test_rare_failures_are_drawn_more_often_and_weighed(share: float) -> None:
+    drives, held = 3000, 0
+    for seed in range(6):
+        found = estimate(DOMAIN, known(share), drives=drives, seed=seed)
+        assert found.method == "importance sampling"
+        assert found.drives == pytest.approx(drives, abs=4)
+        held += found.low <= per_1000_km(found, share) <= found.high
+        low, high = rate_interval(round(10 * drives * share), 1.0)
+        if share > 1e-4:
+            assert found.high / found.low < high / low, "ten times as many plain drives"
+        else:
+            assert found.high / found.low < 2.0, "plain drives had no failure"
+    assert held >= 5
+
+
+@dataclass(frozen=True)
+class Winding(Known):
+    """Fails where the road turns by more than an angle, in any conditions."""
+
+    angle: float = 1.0
+
+    def test(self, candidate: Candidate) -> Attempt:
+        distance = self.angle - turn(candidate.curvatures)
+        outcome = Outcome.FAIL if distance < 0.0 else Outcome.PASS
+        return Attempt(candidate.id, replace(_RESULT, outcome=outcome, moobd=distance), None, None)
+
+
+def turn(curvatures: FloatArray) -> float:
+    return abs(float(curvatures.sum())) * 10.0
+
+
+def test_where_the_road_decides_the_rest_are_plain_drives() -> None:
+    rng = np.random.default_rng(5)
+    roads = RandomRoads(road_class=DOMAIN.road_class)
+    angle = float(np.quantile([turn(roads.made(rng)) for _ in range(50_000)], 1.0 - 3e-3))
+    tester = replace(Winding(**vars(known(0.5))), angle=angle)
+    held, methods = 0, set()
+    for seed in range(6):
+        found = estimate(DOMAIN, tester, drives=6000, seed=seed)
+        held += found.low <= per_1000_km(found, 3e-3) <= found.high
+        methods.add(found.method)
+    assert held >= 5
+    assert "plain" in methods
 
 
 def test_it_says_what_it_cannot_know() -> None:
     found = estimate(DOMAIN, known(0.0), drives=300, seed=1)
     assert found.rate is None
     assert found.low == 0.0
-    assert f"{REPEATS} of {REPEATS} subset simulations reached no failure" in found.note
+    assert "give it more --drives" in found.note
     assert found.in_words().startswith("fewer than ")
     assert found.high == pytest.approx(3.0 / found.kilometres * 1000.0, rel=0.01)
 

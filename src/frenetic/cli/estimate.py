@@ -35,8 +35,8 @@ def estimate(
     """Say how often a driver leaves its lane in a domain, per 1,000 km.
 
     The domain is --odd FILE, or that of a CAMPAIGN, whose driver it is then and whose report says
-    it, too. Common failures are counted in plain drives, rare ones by subset simulation. A search's
-    failures take no part.
+    it, too. Common failures are counted in plain drives; for rare ones, conditions in which the
+    driver fails are drawn more often and weighed. A search's failures take no part.
     """
     from frenetic.again.rerun import campaign_tester
     from frenetic.campaign import CampaignStore
