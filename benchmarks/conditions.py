@@ -1,7 +1,8 @@
 """Whether a search of roads and conditions finds joint faults, and whether estimates are right.
 
     python benchmarks/conditions.py search
-    python benchmarks/conditions.py frequency
+    python benchmarks/conditions.py frequency common
+    python benchmarks/conditions.py frequency rare --brute 0 --repeats 20
 
 ``search`` compares `frenetic` with `random` on six drivers, each with a fault that needs a road and
 a condition, in one domain: failures by that fault in 300 drives, over ten seeds; and what
@@ -32,7 +33,7 @@ from frenetic.drive import Drive
 from frenetic.drivers import Camera, Controls, Driver, Observation
 from frenetic.drivers.driver import stack_of
 from frenetic.drivers.layers import Delayed, Hasty, LimitedView
-from frenetic.estimate import estimate, rate_interval
+from frenetic.estimate import Estimate, estimate, rate_interval
 from frenetic.road import Road
 from frenetic.search import Strategy
 from frenetic.vision.appearance import Worn
@@ -223,61 +224,77 @@ def search(seeds: int, drives: int) -> None:
             )
 
 
-RARE: dict[str, Any] = {
-    "roads": "urban-50,length=500",
+COMMON: dict[str, Any] = {
+    "roads": "urban-50,length=200",
     "conditions": {
-        "friction": {"low": 0.1, "high": 1.0, "mean": 0.8, "deviation": 0.15},
-        "gust": {"low": -40.0, "high": 40.0, "mean": 0.0, "deviation": 6.0},
+        "friction": {"low": 0.1, "high": 1.0, "mean": 0.9, "deviation": 0.12},
+        "gust": {"low": -40.0, "high": 40.0, "mean": 0.0, "deviation": 8.0},
         "delay": {"low": 0.0, "high": 0.4, "mean": 0.0, "deviation": 0.1},
     },
 }
+"""About one departure in 100 km: conditions and roads together."""
+RARE: dict[str, Any] = {
+    "roads": "urban-50,length=200",
+    "conditions": {
+        **COMMON["conditions"],
+        "friction": {"low": 0.1, "high": 0.5, "chance": 3e-5},
+        "gust": {"low": -20.0, "high": 20.0, "mean": 0.0, "deviation": 4.0},
+    },
+}
+"""About one in 10,000 km: ice, in 3 of 100,000 drives."""
+DOMAINS = {"common": COMMON, "rare": RARE}
+_CHUNK = 5000
 
 
 def _tester(domain: Domain) -> RoadTester:
     assert domain.road_class is not None
     terms = {"map_size": domain.road_class.map_size, "road_class": domain.road_class}
     width = domain.road_class.lane_width
-    driver = Planner(lateral_acceleration=2.5, braking=2.5)
+    driver = Planner(lateral_acceleration=1.8, braking=1.5, lookahead_time=1.6)
     return RoadTester(EmbeddedSimulator(), driver, lane_width=width, **terms)  # type: ignore[arg-type]
 
 
-def _brute(seed: int, drives: int) -> tuple[int, float]:
+def _brute(seed: int, name: str) -> tuple[int, float]:
+    """Failures of plain drives, and km."""
     from frenetic.estimate import _Draws
 
-    domain = Domain.made("rare", RARE)
+    domain = Domain.made(name, DOMAINS[name])
     draws = _Draws(domain, _tester(domain), np.random.default_rng(10_000 + seed))
-    found = [draws.fresh() for _ in range(drives)]
+    found = [draws.fresh() for _ in range(_CHUNK)]
     return sum(one.severity == -math.inf for one in found), math.fsum(o.length for o in found)
 
 
-def _estimated(seed: int, drives: int) -> tuple[float | None, float, float, int]:
-    domain = Domain.made("rare", RARE)
-    found = estimate(domain, _tester(domain), drives=drives, seed=seed)
-    return found.rate, found.low, found.high, found.drives
+def _estimated(seed: int, name: str, drives: int) -> Estimate:
+    domain = Domain.made(name, DOMAINS[name])
+    return estimate(domain, _tester(domain), drives=drives, seed=seed)
 
 
-def frequency(brute: int, repeats: int, drives: int) -> None:
-    workers = os.cpu_count() or 1
-    with ProcessPoolExecutor(workers) as pool:
-        begin = time.perf_counter()
-        chunk = max(brute // (4 * workers), 1)
-        parts = list(pool.map(partial(_brute, drives=chunk), range(brute // chunk)))
-        failures, way = sum(n for n, _ in parts), sum(km for _, km in parts)
-        truth = failures / way * 1000.0
-        low, high = rate_interval(failures, way / 1000.0)
-        seconds = time.perf_counter() - begin
-        print(f"brute force: {brute} drives, {failures} failures in {way:.0f} km: {truth:.3g}")
-        print(f"  departures per 1,000 km ({low:.3g} to {high:.3g}), {seconds:.0f} s", flush=True)
-        found = list(pool.map(partial(_estimated, drives=drives), range(repeats)))
-    inside = sum(low <= truth <= high for _, low, high, _ in found)
-    known = [one for one in found if one[0] is not None]
-    print(f"estimates of about {drives} drives: {inside} of {repeats} intervals hold the truth;")
+def frequency(name: str, brute: int, repeats: int, drives: int, processes: int) -> None:
+    """Estimates against brute force in one domain."""
+    truth = math.nan
+    with ProcessPoolExecutor(processes) as pool:
+        if brute:
+            begin = time.perf_counter()
+            parts = list(pool.map(partial(_brute, name=name), range(brute // _CHUNK)))
+            failures, way = sum(n for n, _ in parts), sum(km for _, km in parts)
+            truth = failures / way * 1000.0
+            low, high = rate_interval(failures, way / 1000.0)
+            print(f"{name}: brute force, {brute} drives, {failures} failures in {way:.0f} km")
+            print(f"  {truth:.3g} departures per 1,000 km ({low:.3g} to {high:.3g}),", end=" ")
+            print(f"{time.perf_counter() - begin:.0f} s", flush=True)
+        found = list(pool.map(partial(_estimated, name=name, drives=drives), range(repeats)))
+    known = [one for one in found if one.rate is not None]
+    print(f"{name}: {repeats} estimates of {drives} drives, {len(known)} of them known,")
+    if brute:
+        print(f"  {sum(one.low <= truth <= one.high for one in found)} intervals hold the truth;")
     if known:
-        width = float(np.median([math.log(high / max(low, 1e-12)) for _, low, high, _ in known]))
-        mean = float(np.mean([rate for rate, *_ in known if rate is not None]))
-        # Of a Poisson count n, the logarithm of the interval is about 4 / sqrt(n) wide.
-        same = (3.92 / width) ** 2 / (failures / brute)
-        print(f"  mean {mean:.3g}, median ratio of the ends {math.exp(width):.2f};")
+        rates = [one.rate for one in known if one.rate is not None]
+        mean = float(np.mean(rates))
+        width = float(np.median([math.log(one.high / max(one.low, 1e-12)) for one in known]))
+        print(f"  mean {mean:.3g} per 1,000 km, median ratio of the ends {math.exp(width):.2f};")
+        # Of a Poisson count n, the logarithm of the interval is about 3.92 / sqrt(n) wide.
+        chance = mean / 1000.0 * known[0].length
+        same = (3.92 / width) ** 2 / chance
         print(f"  plain drives for the same width: {same:.0f}, {same / drives:.1f} times as many")
 
 
@@ -288,14 +305,16 @@ def main() -> None:
     one.add_argument("--seeds", type=int, default=len(SEEDS))
     one.add_argument("--drives", type=int, default=300)
     other = commands.add_parser("frequency")
+    other.add_argument("domain", choices=DOMAINS)
     other.add_argument("--brute", type=int, default=1_000_000)
     other.add_argument("--repeats", type=int, default=100)
-    other.add_argument("--drives", type=int, default=20_000)
+    other.add_argument("--drives", type=int, default=5_000)
+    other.add_argument("--processes", type=int, default=os.cpu_count())
     asked = parser.parse_args()
     if asked.command == "search":
         search(asked.seeds, asked.drives)
     else:
-        frequency(asked.brute, asked.repeats, asked.drives)
+        frequency(asked.domain, asked.brute, asked.repeats, asked.drives, asked.processes)
 
 
 if __name__ == "__main__":

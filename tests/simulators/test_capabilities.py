@@ -93,7 +93,8 @@ def test_a_class_says_which_quantities_its_simulators_lay(kind: type) -> None:
 
 
 def test_every_quantity_that_one_of_ours_lays_is_an_option_of_it() -> None:
-    for kind in (EmbeddedSimulator, MetaDriveSimulator, CommonRoadSimulator):
+    kinds: tuple[Any, ...] = (EmbeddedSimulator, MetaDriveSimulator, CommonRoadSimulator)
+    for kind in kinds:
         for row in quantities().values():
             if row.attribute != "rules" and row.attribute in usual(kind).variable:
                 amount = 0.25 * row.usual[0] + 0.75 * row.usual[1]
