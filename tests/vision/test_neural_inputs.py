@@ -202,6 +202,27 @@ def test_states_are_fed_back_from_zero_on(
     assert angles(network, images) == first
 
 
+def test_a_name_of_the_speed_is_no_state_and_a_direction_goes_first(tmp_path: Path) -> None:
+    file = write(
+        tmp_path / "m.onnx",
+        [
+            helper.make_node("Add", ["steering_in", "k"], ["steering_out"]),
+            helper.make_node("Mul", ["steering_out", "k"], ["steering"]),
+            helper.make_node("Mul", ["speed_in", "k"], ["speed_out"]),
+            helper.make_node("Mul", ["speed_out", "k"], ["throttle"]),
+        ],
+        further={"speed_in": (1, 1), "steering_in": (1, 1)},
+        gives=("steering", "steering_out", "throttle"),
+        tensors=[tensor(0.1, "k")],
+        outputs="steering-throttle",
+        steering="rad",
+    )
+    network = Network(str(file))
+    images = pictures(2, (4, 6, 3))
+    assert angles(network, images) == pytest.approx([0.01, 0.02])
+    assert network.act(seeing(images[0], 8.0)).throttle == pytest.approx(0.08)
+
+
 def test_drives_with_speed_frames_and_states_repeat(tmp_path: Path) -> None:
     file = write(
         tmp_path / "m.onnx",

@@ -18,7 +18,7 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic._support.words import pip_install
 from frenetic.drivers import DriveSetup, Observation
-from frenetic.errors import FreneticError, describe_error
+from frenetic.errors import FreneticError
 
 WEIGHTS: Final = Path("examples", "ppo_expert", "expert_weights.npz")
 """Place of the network in MetaDrive's package."""
@@ -66,8 +66,8 @@ def read_weights(data: bytes) -> Mapping[str, FloatArray]:
     try:
         with np.load(BytesIO(data), allow_pickle=False) as file:
             network = dict(file)
-    except Exception as error:  # of several classes: of a zip archive, of its arrays
-        raise ValueError(f"it is no .npz file of arrays: {describe_error(error)}") from None
+    except Exception:  # of several classes: of a zip archive, of its arrays
+        raise ValueError("it is no .npz file of numbers, as numpy.savez writes it") from None
     size = SIZE
     for layer, sizes in (("fc_1", None), ("fc_2", None), ("fc_out", ACTION_SIZES)):
         kernel, bias = (f"default_policy/{layer}/{part}" for part in ("kernel", "bias"))

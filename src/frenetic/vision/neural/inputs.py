@@ -40,14 +40,10 @@ class Inputs(NamedTuple):
                 f"states is {states}: its inputs are {', '.join(model.inputs)}, its outputs"
                 f" {', '.join(model.outputs)}"
             )
-        for name, shape in model.inputs.items():
-            alike = [
-                output
-                for output in _left(model.outputs, states.values())
-                if _are_a_pair(name, output) and _fit(shape, model.outputs[output] or shape)
-            ]
-            if name not in states and len(alike) == 1:
-                states[name] = alike[0]
+        for name in _left(model.inputs, states):
+            shapes = {one: model.outputs[one] for one in _left(model.outputs, states.values())}
+            if (following := _following(name, model.inputs[name], shapes)) is not None:
+                states[name] = following
         left = _left(model.inputs, states)
         speed = next((one for one in left if _is_number(model.inputs[one])), None)
         left = [one for one in left if one != speed]
@@ -140,11 +136,23 @@ def _fit(one: Shape, other: Shape) -> bool:
     )
 
 
-def _are_a_pair(name: str, output: str) -> bool:
-    """Whether two names are alike but for a direction, such as ``h_in`` and ``h_out``."""
-    one, other = (_WORD.findall(text.lower()) for text in (name, output))
-    kept = [[word for word in words if word not in _DIRECTIONS] for words in (one, other)]
-    return one != other and kept[0] == kept[1] and any(word.isalpha() for word in kept[0])
+def _following(name: str, shape: Shape, outputs: Mapping[str, Shape]) -> str | None:
+    """The one output named as an input but for a direction, such as ``h_out`` for ``h_in``.
+
+    One that has a direction goes first. A speed is no state.
+    """
+    words = _WORD.findall(name.lower())
+    stem = [word for word in words if word not in _DIRECTIONS]
+    if "speed" in stem or not any(word.isalpha() for word in stem):
+        return None
+    alike: dict[bool, list[str]] = {True: [], False: []}
+    for output, given in outputs.items():
+        others = _WORD.findall(output.lower())
+        kept = [word for word in others if word not in _DIRECTIONS]
+        if kept == stem and others != words and _fit(shape, given or shape):
+            alike[kept != others].append(output)
+    fitting = alike[True] or alike[False]
+    return fitting[0] if len(fitting) == 1 else None
 
 
 def _left(names: Mapping[str, Shape] | Sequence[str], without: object) -> list[str]:
