@@ -2,7 +2,7 @@
 
 In MetaDrive they look at its world instead of an `Observation`: `MetaDriveSimulator` recognises
 them and lets MetaDrive's policies act, see `policies` beside this module. Networks drive
-elsewhere, too: an `Observation` has all that it sees on an empty road, see `expert`.
+elsewhere, too: an `Observation` has all that they see on an empty road, see `expert`.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping
 from typing import Final, NamedTuple
 
 from frenetic._support.onnx_model import Model, Shape, shown_shape
@@ -149,11 +149,11 @@ def _following(name: str, shape: Shape, outputs: Mapping[str, Shape]) -> str | N
     for output, given in outputs.items():
         others = _WORD.findall(output.lower())
         kept = [word for word in others if word not in _DIRECTIONS]
-        if kept == stem and others != words and _fit(shape, given or shape):
+        if kept == stem and others != words and _fit(shape, given):
             alike[kept != others].append(output)
     fitting = alike[True] or alike[False]
     return fitting[0] if len(fitting) == 1 else None
 
 
-def _left(names: Mapping[str, Shape] | Sequence[str], without: object) -> list[str]:
-    return [one for one in names if one not in without]  # type: ignore[operator]
+def _left(names: Iterable[str], without: Container[str]) -> list[str]:
+    return [one for one in names if one not in without]

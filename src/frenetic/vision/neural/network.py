@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Final
@@ -132,12 +131,11 @@ class Network:
         self._weights, self._constants = convention.from_pixels()
 
     def _forget(self) -> None:
-        shapes = {name: self._model.inputs[name] for name in self._inputs.states}
         self._states = {
-            name: np.zeros([size or 1 for size in shape], dtype=np.float32)
-            for name, shape in shapes.items()
+            name: np.zeros([size or 1 for size in self._model.inputs[name]], dtype=np.float32)
+            for name in self._inputs.states
         }
-        self._seen: deque[npt.NDArray[np.float32]] = deque()
+        self._seen: list[npt.NDArray[np.float32]] = []
 
     # Driving
 
@@ -188,9 +186,7 @@ class Network:
         channels = self._weights @ pixels.reshape(-1, 3).T + self._constants
         planes = channels.reshape(-1, height, width)
         layout = self._image
-        self._seen.extend([planes] * (1 if self._seen else layout.frames))
-        while len(self._seen) > layout.frames:
-            self._seen.popleft()
+        self._seen = [*(self._seen[1:] or [planes] * (layout.frames - 1)), planes]
         fed = np.stack(self._seen)  # (frames, channels, height, width)
         if layout.has_frame_axis:
             fed = fed if layout.is_nchw else fed.transpose(0, 2, 3, 1)
