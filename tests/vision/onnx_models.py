@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,17 +22,20 @@ def write(
     shape: Sequence[int | str] = NCHW,
     kind: int = TensorProto.FLOAT,
     inputs: Sequence[str] = ("image",),
+    further: Mapping[str, Sequence[int | str]] = {},
+    gives: Sequence[str] = ("out",),
     tensors: Sequence[Any] = (),
     opset: int = 13,
     **convention: Any,
 ) -> Path:
-    """A model of nodes whose last one gives ``out``; its metadata hold the convention."""
+    """A model of nodes, with further inputs of their shapes; its metadata hold the convention."""
+    shapes = dict.fromkeys(inputs, shape) | dict(further)
     domains = {node.domain for node in nodes}
     graph = helper.make_graph(
         list(nodes),
         "test",
-        [helper.make_tensor_value_info(name, kind, list(shape)) for name in inputs],
-        [helper.make_tensor_value_info("out", TensorProto.FLOAT, None)],
+        [helper.make_tensor_value_info(name, kind, list(one)) for name, one in shapes.items()],
+        [helper.make_tensor_value_info(name, TensorProto.FLOAT, None) for name in gives],
         list(tensors),
     )
     model = helper.make_model(

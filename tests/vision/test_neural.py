@@ -240,7 +240,7 @@ REFUSED = [
     (
         of_node("Add", ["image", "b"], inputs=("image", "b")),
         {},
-        "it has 2 inputs (image, b): one, the image, is needed",
+        "its input b, (1, 3, 4, 6), is neither the image, one speed, nor a state that just one",
     ),
     (other_folder, {}, "it keeps weights in another file: export it as one file"),
     (of_node(*matmul, shape=(1, 3, "height", "width"), camera=SIZE), {}, "it cannot be computed"),

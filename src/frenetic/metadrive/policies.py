@@ -8,8 +8,7 @@ from metadrive.obs.state_obs import LidarStateObservation
 from metadrive.policy.idm_policy import IDMPolicy
 
 from frenetic.metadrive.car import Decision
-from frenetic.metadrive.drivers import MetaDriveDriver, MetaDriveIdm
-from frenetic.metadrive.expert import mean_action
+from frenetic.metadrive.drivers import MetaDriveDriver, MetaDriveIdm, ObservingDriver
 from frenetic.metadrive.world import SEED, World
 
 
@@ -41,17 +40,18 @@ class Idm:
         self._policy.destroy()
 
 
-class Expert:
-    """MetaDrive's PPO expert: the mean action of its network."""
+class Observing:
+    """A driver that acts by MetaDrive's observation."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: World, driver: ObservingDriver) -> None:
+        self._mean_action = driver.mean_action
         self._vehicle = world.vehicle
         self._observation = LidarStateObservation(world.engine.global_config)
 
     def act(self) -> Decision:
-        """The network's action."""
+        """The mean action."""
         self._vehicle.after_step()  # looks where the car is
-        return _decision(mean_action(self._observation.observe(self._vehicle)))
+        return _decision(self._mean_action(self._observation.observe(self._vehicle)))
 
     def close(self) -> None:
         """Ends nothing."""
@@ -62,7 +62,8 @@ def make_policy(driver: MetaDriveDriver, world: World, speed_limit: float) -> Po
     """The policy of a driver for the car that is in the world; ``speed_limit`` in km/h."""
     if isinstance(driver, MetaDriveIdm):
         return Idm(world, min(driver.target_speed, speed_limit))
-    return Expert(world)
+    assert isinstance(driver, ObservingDriver)
+    return Observing(world, driver)
 
 
 def _decision(action: Any) -> Decision:

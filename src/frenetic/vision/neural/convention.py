@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, Final, Literal, TypeAlias
+from typing import Annotated, Any, Final, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from msgspec import Struct, ValidationError, convert, json
+from msgspec import Meta, Struct, ValidationError, convert, json
 
 from frenetic._support.bounds import Finite, Index, Positive, check
 
 METADATA: Final = "frenetic"
 """Key in a model's metadata of its convention, a JSON object."""
+MOST_FRAMES: Final = 64
+"""Largest number of images that a network is fed with at once."""
 
 _YUV: Final = ((0.299, 0.587, 0.114), (-0.147, -0.289, 0.436), (0.615, -0.515, -0.1))
 _COLOURS: Final[Mapping[str, tuple[tuple[tuple[float, ...], ...], tuple[float, ...]]]] = {
@@ -50,6 +52,14 @@ class Convention(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Rows that are cut off the camera's image, at the top and at the bottom."""
     camera: Mapping[str, int | Finite] = {}
     """Fields of a `frenetic.Camera` that differ from its defaults."""
+    frames: Annotated[int, Meta(ge=1, le=MOST_FRAMES)] | None = None
+    """Images that it is fed with at once: the last ones that it was asked with, the oldest first;
+    before the first there was the same one. None to tell it by the input's shape."""
+    speed_scale: Positive = 1.0
+    """A further input of one number is the speed in m/s times this: 3.6 makes it km/h."""
+    states: Mapping[str, str] = {}
+    """Further inputs -> the outputs that give them their next value, where names and shapes do not
+    tell them; they are 0 at first."""
     outputs: Literal["steering", "steering-throttle"] = "steering"
     """Whether there is a throttle, too, from -1, full brake, to 1."""
     steering: Steering = "share"

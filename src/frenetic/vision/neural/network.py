@@ -11,12 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.onnx_model import Model, read_model, shown_shape
 from frenetic.drivers.camera import Camera
 from frenetic.drivers.driver import Controls, DriveSetup, Observation
 from frenetic.drivers.laws import setup_array
 from frenetic.errors import DriverError
 from frenetic.vision.neural.convention import Convention
-from frenetic.vision.neural.model import Model, read_model
+from frenetic.vision.neural.inputs import ImageInput, Inputs
 from frenetic.vision.policy import VECTOR_SIZE, controls_of, vector_of
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ class Network:
     The network's `Convention` comes from a preset, the file's metadata and the arguments, each of
     which overrides the ones before. The camera's image has by default the size that the network
     takes, with the rows to be cropped; one of another size is cropped and resized (bilinear).
+    Besides, it may take several images, the speed, and states that its outputs give back.
 
     Without a throttle it keeps its speed by the rule of the DAVE-2 executor in the SBFT tool
     competition: throttle = 1 - s^2 - (v / max_speed)^2, where s is the share of the largest
@@ -67,6 +69,9 @@ class Network:
         std: float | Sequence[float] | None = None,
         crop: Sequence[int] | None = None,
         camera: Mapping[str, float] | None = None,
+        frames: int | None = None,
+        speed_scale: float | None = None,
+        states: Mapping[str, str] | None = None,
         outputs: str | None = None,
         steering: str | None = None,
         steering_sign: int | None = None,
@@ -80,9 +85,9 @@ class Network:
         self._load()
         # Without an answer it is of no use.
         if self.convention.inputs == "vector":
-            self._run(np.zeros((1, VECTOR_SIZE)))
+            self._run(np.zeros((1, VECTOR_SIZE)), 0.0)
         else:
-            self._answer(np.full(self.camera.shape, 128, dtype=np.uint8))
+            self._answer(np.full(self.camera.shape, 128, dtype=np.uint8), 0.0)
 
     @property
     def options(self) -> dict[str, Any]:
@@ -101,15 +106,18 @@ class Network:
         self._model = Model(self._data)
         self.convention = convention = Convention.of(self._model.metadata, self._given)
         """What it is fed with, and what its outputs mean."""
+        self._inputs = Inputs.of(self._model, convention)
+        self._forget()
+        shape = self._model.inputs[self._inputs.main]
         if convention.inputs == "vector":
-            shape = self._model.shape
             if len(shape) != 2 or shape[1] not in (VECTOR_SIZE, None):
                 raise ValueError(
-                    f"its input has the shape {_shown(shape)}: a vector is needed,"
+                    f"its input has the shape {shown_shape(shape)}: a vector is needed,"
                     f" (1, {VECTOR_SIZE}) floats"
                 )
             return
-        self._is_nchw, height, width = _image_shape(self._model.shape, convention)
+        self._image = ImageInput.of(shape, convention)
+        height, width = self._image.height, self._image.width
         cut = sum(convention.crop)
         self.camera = _camera(convention.camera, height and height + cut, width)
         """Its camera; a network that is fed with vectors has none."""
@@ -122,10 +130,18 @@ class Network:
         self._resizing = None if wanted == seen else Resizing(seen, wanted)
         self._weights, self._constants = convention.from_pixels()
 
+    def _forget(self) -> None:
+        self._states = {
+            name: np.zeros([size or 1 for size in self._model.inputs[name]], dtype=np.float32)
+            for name in self._inputs.states
+        }
+        self._seen: list[npt.NDArray[np.float32]] = []
+
     # Driving
 
     def reset(self, setup: DriveSetup) -> None:
-        """Prepares for the next drive."""
+        """Prepares for the next drive: forgets images and states."""
+        self._forget()
         self._setup = setup
         self._numbers = setup_array(setup)
 
@@ -140,9 +156,11 @@ class Network:
             raise DriverError("a neural network needs a camera, and this simulator draws no image")
         try:
             if image is None or takes_vectors:
-                answer = self._run(vector_of(observation, self._numbers)[np.newaxis])
+                answer = self._run(
+                    vector_of(observation, self._numbers)[np.newaxis], observation.speed
+                )
             else:
-                answer = self._answer(image)
+                answer = self._answer(image, observation.speed)
         except ValueError as error:
             raise DriverError(f"{self._path}: {error}") from None
         setup = self._setup
@@ -155,8 +173,8 @@ class Network:
         share = min(max(steering / setup.max_steering, -1.0), 1.0)
         return Controls(steering, max(1.0 - share**2 - (observation.speed / limit) ** 2, 0.0))
 
-    def _answer(self, image: Image) -> FloatArray:
-        """The network's numbers for a camera's image.
+    def _answer(self, image: Image, speed: float) -> FloatArray:
+        """The network's numbers for a camera's image, with the images before it.
 
         Raises:
             ValueError: they are too few or too many, or one is not finite.
@@ -166,18 +184,41 @@ class Network:
         pixels = kept.astype(np.float32) if self._resizing is None else self._resizing(kept)
         height, width, _ = pixels.shape
         channels = self._weights @ pixels.reshape(-1, 3).T + self._constants
-        fed = channels.reshape(1, -1, height, width)
-        if not self._is_nchw:
-            fed = fed.transpose(0, 2, 3, 1)
-        return self._run(fed)
+        planes = channels.reshape(-1, height, width)
+        layout = self._image
+        self._seen = [*(self._seen[1:] or [planes] * (layout.frames - 1)), planes]
+        fed = np.stack(self._seen)  # (frames, channels, height, width)
+        if layout.has_frame_axis:
+            fed = fed if layout.is_nchw else fed.transpose(0, 2, 3, 1)
+            is_batch = len(self._model.inputs[self._inputs.main]) == 5
+            return self._run(fed[np.newaxis] if is_batch else fed, speed)
+        fed = fed.reshape(1, -1, height, width)
+        return self._run(fed if layout.is_nchw else fed.transpose(0, 2, 3, 1), speed)
 
-    def _run(self, fed: npt.NDArray[Any]) -> FloatArray:
-        """The network's numbers for what it is fed with.
+    def _run(self, main: npt.NDArray[Any], speed: float) -> FloatArray:
+        """The network's numbers for the image or vector, the speed and its states, which go on.
 
         Raises:
-            ValueError: see `_answer`.
+            ValueError: see `_answer`; or a state's next value has another shape.
         """
-        answer = self._model.run(np.ascontiguousarray(fed, dtype=np.float32))
+        inputs = self._inputs
+        fed = {inputs.main: np.ascontiguousarray(main, dtype=np.float32), **self._states}
+        if inputs.speed is not None:
+            shape = [size or 1 for size in self._model.inputs[inputs.speed]]
+            fed[inputs.speed] = np.full(shape, self.convention.speed_scale * speed, np.float32)
+        given = self._model.run(fed)
+        for name, output in inputs.states.items():
+            value = given[output].astype(np.float32)
+            if value.shape != self._states[name].shape:
+                raise ValueError(
+                    f"its output {output} has the shape {shown_shape(value.shape)}, but the state"
+                    f" {name} has {shown_shape(self._states[name].shape)}"
+                )
+            self._states[name] = value
+        fed_back = inputs.states.values()
+        answer = np.concatenate(
+            [np.empty(0), *(one.ravel() for name, one in given.items() if name not in fed_back)]
+        )
         outputs = self.convention.outputs
         if len(answer) != len(outputs.split("-")):
             raise ValueError(
@@ -259,38 +300,6 @@ def _neighbours(
     before = places.astype(np.intp)
     behind = np.minimum(before + 1, seen - 1)
     return before, behind, (places - before).astype(np.float32)
-
-
-def _shown(shape: Sequence[int | None]) -> str:
-    return f"({', '.join('any' if size is None else str(size) for size in shape)})"
-
-
-def _image_shape(
-    shape: Sequence[int | None], convention: Convention
-) -> tuple[bool, int | None, int | None]:
-    """(whether the channels come before the rows, height, width) of an input.
-
-    Raises:
-        ValueError: it takes no image of the convention.
-    """
-    n = convention.channels
-    text = _shown(shape)
-    if len(shape) != 4 or shape[0] not in (1, None):
-        raise ValueError(
-            f"its input has the shape {text}: one image is needed, (1, channels, height, width) or"
-            " (1, height, width, channels)"
-        )
-    layout = convention.layout
-    if layout is None:
-        layout = "nhwc" if shape[1] not in (1, 3) and shape[3] in (1, 3) else "nchw"
-    is_nchw = layout == "nchw"
-    channels, height, width = shape[1:] if is_nchw else (shape[3], *shape[1:3])
-    if channels not in (n, None):
-        raise ValueError(
-            f"its input has the shape {text}, {layout}: {convention.colour} has {n}"
-            f" channel{'s' * (n > 1)}; give colour or layout"
-        )
-    return is_nchw, height, width
 
 
 def _camera(given: Mapping[str, float], height: int | None, width: int | None) -> Camera:

@@ -6,8 +6,9 @@ itself. It runs on one thread of the processor, so it answers alike each time on
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -19,9 +20,12 @@ from frenetic.errors import FreneticError, describe_error
 _NO_FOLDER: Final = "no folder: a model's weights are in its own file"
 _FATAL: Final = 4  # onnxruntime's own log shows nothing less; errors are raised as well
 
+Shape: TypeAlias = tuple[int | None, ...]
+"""Sizes of axes, None where the file leaves one open."""
+
 
 class Model:
-    """A model with one input, loaded.
+    """A model, loaded.
 
     Args:
         data: content of its file.
@@ -52,34 +56,44 @@ class Model:
             )
         except Exception as error:  # of several classes of its own
             raise ValueError(_reason(error)) from None
-        inputs = self._session.get_inputs()
-        if len(inputs) != 1:
-            names = ", ".join(one.name for one in inputs)
-            raise ValueError(f"it has {len(inputs)} inputs ({names}): one, the image, is needed")
-        if inputs[0].type != "tensor(float)":
-            raise ValueError(f"its input is a {inputs[0].type}: tensor(float) is needed")
-        self._input: str = inputs[0].name
-        self.shape: tuple[int | None, ...] = tuple(
-            size if isinstance(size, int) and size > 0 else None for size in inputs[0].shape
-        )
-        """Shape of the input, None where the file leaves it open."""
+        self.inputs: Mapping[str, Shape] = _shapes(self._session.get_inputs())
+        """Name -> shape."""
+        self.outputs: Mapping[str, Shape] = _shapes(self._session.get_outputs())
+        """Likewise; a shape that is not known at all is ``()``."""
+        for one in self._session.get_inputs():
+            if one.type != "tensor(float)":
+                name = f" {one.name}" if len(self.inputs) > 1 else ""
+                raise ValueError(f"its input{name} is a {one.type}: tensor(float) is needed")
 
     @property
     def metadata(self) -> dict[str, str]:
         """The file's own entries, name -> value."""
         return dict(self._session.get_modelmeta().custom_metadata_map)
 
-    def run(self, image: npt.NDArray[np.float32]) -> FloatArray:
-        """All numbers of all outputs, in their order, (n,).
+    def run(self, fed: Mapping[str, npt.NDArray[np.float32]]) -> dict[str, FloatArray]:
+        """Output -> its numbers, in their order, for what each input is fed with.
 
         Raises:
             ValueError: it cannot be computed.
         """
         try:
-            outputs = self._session.run(None, {self._input: image})
-            return np.concatenate([np.asarray(one, dtype=np.float64).ravel() for one in outputs])
+            outputs = self._session.run(None, dict(fed))
+            numbers = (np.asarray(one, dtype=np.float64) for one in outputs)
+            return dict(zip(self.outputs, numbers, strict=True))
         except Exception as error:  # of several classes of its own; or an output is no array
             raise ValueError(f"it cannot be computed: {describe_error(error)}") from None
+
+
+def _shapes(values: Sequence[Any]) -> dict[str, Shape]:
+    return {
+        one.name: tuple(size if isinstance(size, int) and size > 0 else None for size in one.shape)
+        for one in values
+    }
+
+
+def shown_shape(shape: Sequence[int | None]) -> str:
+    """A shape for people."""
+    return f"({', '.join('any' if size is None else str(size) for size in shape)})"
 
 
 def read_model(path: str) -> bytes:
