@@ -33,7 +33,7 @@ from frenetic.drive import Drive
 from frenetic.drivers import Camera, Controls, Driver, Observation
 from frenetic.drivers.driver import stack_of
 from frenetic.drivers.layers import Delayed, Hasty, LimitedView
-from frenetic.estimate import Estimate, estimate, rate_interval
+from frenetic.estimate import Draws, Estimate, estimate, rate_interval
 from frenetic.road import Road
 from frenetic.search import Strategy
 from frenetic.vision.appearance import Worn
@@ -256,12 +256,10 @@ def _tester(domain: Domain) -> RoadTester:
 
 def _brute(seed: int, name: str) -> tuple[int, float]:
     """Failures of plain drives, and km."""
-    from frenetic.estimate import _Draws
-
     domain = Domain.made(name, DOMAINS[name])
-    draws = _Draws(domain, _tester(domain), np.random.default_rng(10_000 + seed))
-    found = [draws.fresh() for _ in range(_CHUNK)]
-    return sum(one.severity == -math.inf for one in found), math.fsum(o.length for o in found)
+    draws = Draws(domain, _tester(domain), np.random.default_rng(10_000 + seed))
+    found = [draws.drive() for _ in range(_CHUNK)]
+    return sum(one.failed for one in found), math.fsum(o.length for o in found)
 
 
 def _estimated(seed: int, name: str, drives: int) -> Estimate:

@@ -138,82 +138,69 @@ def rate_interval(failures: int, exposure: float) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class _Point:
-    """A drive in the domain."""
+class Point:
+    """A drive in a domain."""
 
     conditions: FloatArray
     """Normal numbers of the conditions, (d,)."""
-    road: FloatArray
-    """Normal numbers of a class's road, (k,); of the competition's, none."""
-    seed: int
-    """Of all else of the road."""
-    severity: float = math.inf
-    """Distance of the car from its lane's edge in m, less is worse; -inf if it failed."""
-    length: float = 0.0
+    failed: bool
+    length: float
     """Length of the drive in km."""
 
 
-class _Draws:
-    """Draws, changes and drives points of a domain.
+class Draws:
+    """Random drives in a domain.
 
     Raises:
         FreneticError: the domain's roads do not fit the map.
     """
 
     def __init__(self, domain: Domain, tester: RoadTester, rng: np.random.Generator) -> None:
-        self.domain, self.tester, self.rng = domain, tester, rng
-        self.roads = RandomRoads(map_size=tester.map_size, road_class=domain.road_class)
-        self.roads.keep_margin(tester.margin)
+        self.domain, self.rng = domain, rng
         self.drives = 0
+        self._tester = tester
+        self._roads = RandomRoads(map_size=tester.map_size, road_class=domain.road_class)
+        self._roads.keep_margin(tester.margin)
 
-    def candidate(self, point: _Point) -> Candidate:
-        """The candidate of a point, whose road may be invalid."""
-        rng = np.random.default_rng(point.seed)
-        values = self.roads.made(rng, _shares(point.road))
-        length = (len(values) - 1) * self.roads.step
-        conditions = self.domain.at(_shares(point.conditions), length)
-        grade = self.roads.grade(rng, values)
-        return Candidate(
-            1, values, self.roads.step, Origin("random"), conditions=conditions, grade=grade
-        )
-
-    def fresh(self, conditions: FloatArray | None = None) -> _Point:
-        """A point from the domain's distribution, or in these conditions, driven."""
-        for _ in range(_REDRAWS):
-            point = _Point(
-                self.rng.standard_normal(self.domain.dimension)
-                if conditions is None
-                else conditions,
-                self.rng.standard_normal(self.roads.numbers),
-                int(self.rng.integers(2**62)),
-            )
-            if (driven := self.driven(point)) is not None:
-                return driven
-        raise FreneticError(
-            f"none of {_REDRAWS} random roads of {self.domain.name} is valid on a map of"
-            f" {self.tester.map_size:g} m"
-        )
-
-    def driven(self, point: _Point) -> _Point | None:
-        """The point with its drive; None if its road is not valid.
+    def drive(self, conditions: FloatArray | None = None) -> Point:
+        """A drive as the domain distributes them, or in these conditions, (d,) normal numbers.
 
         Raises:
             FreneticError: the drive broke.
         """
-        candidate = self.candidate(point)
-        attempt = self.tester.test(candidate)
-        result = attempt.result
-        if result.outcome is Outcome.INVALID:
-            return None
-        self.drives += 1
-        if result.outcome not in (Outcome.PASS, Outcome.FAIL):
-            raise FreneticError(f"a drive broke, which says nothing of the driver: {result.reason}")
-        severity = -math.inf
-        if result.outcome is Outcome.PASS:
-            severity = math.inf if result.moobd is None else result.moobd
-        place = None if result.finding is None else result.finding.distance
-        way = candidate.length if result.outcome is Outcome.PASS or place is None else place
-        return replace(point, severity=severity, length=way / 1000.0)
+        for _ in range(_REDRAWS):
+            point = conditions
+            if point is None:
+                point = self.rng.standard_normal(self.domain.dimension)
+            candidate = self._candidate(point)
+            result = self._tester.test(candidate).result
+            if result.outcome is Outcome.INVALID:
+                continue
+            self.drives += 1
+            if result.outcome not in (Outcome.PASS, Outcome.FAIL):
+                raise FreneticError(
+                    f"a drive broke, which says nothing of the driver: {result.reason}"
+                )
+            failed = result.outcome is Outcome.FAIL
+            way = candidate.length
+            if failed and result.finding is not None and result.finding.distance is not None:
+                way = result.finding.distance
+            return Point(point, failed, way / 1000.0)
+        raise FreneticError(
+            f"none of {_REDRAWS} random roads of {self.domain.name} is valid on a map of"
+            f" {self._tester.map_size:g} m"
+        )
+
+    def _candidate(self, point: FloatArray) -> Candidate:
+        """A random road, which may be invalid, in these conditions."""
+        roads = self._roads
+        numbers = _shares(self.rng.standard_normal(roads.numbers))
+        rng = np.random.default_rng(int(self.rng.integers(2**62)))
+        values = roads.made(rng, numbers)
+        conditions = self.domain.at(_shares(point), (len(values) - 1) * roads.step)
+        grade = roads.grade(rng, values)
+        origin = Origin("random")
+        return Candidate(1, values, roads.step, origin, conditions=conditions, grade=grade)
 
 
 class _Weighted:
@@ -223,9 +210,9 @@ class _Weighted:
     more probable in the domain than among all draws, by the balance heuristic.
     """
 
-    def __init__(self, draws: _Draws, plain: list[_Point], on_drive: Callable[[], object]) -> None:
+    def __init__(self, draws: Draws, plain: list[Point], on_drive: Callable[[], object]) -> None:
         self._draws, self._on_drive = draws, on_drive
-        self._points: list[_Point] = []
+        self._points: list[Point] = []
         self._sources: list[tuple[int, Callable[[FloatArray], FloatArray]]] = []
         self._add(plain, lambda points: np.ones(len(points)))
 
@@ -288,11 +275,11 @@ class _Weighted:
     def _drive(self, conditions: FloatArray, often: Callable[[FloatArray], FloatArray]) -> None:
         points = []
         for numbers in conditions:
-            points.append(self._draws.fresh(numbers))
+            points.append(self._draws.drive(numbers))
             self._on_drive()
         self._add(points, often)
 
-    def _add(self, points: list[_Point], often: Callable[[FloatArray], FloatArray]) -> None:
+    def _add(self, points: list[Point], often: Callable[[FloatArray], FloatArray]) -> None:
         """Counts drives from a distribution.
 
         Args:
@@ -301,7 +288,7 @@ class _Weighted:
         """
         self._points += points
         self._sources.append((len(points), often))
-        failed = [point.conditions for point in self._points if point.severity == -math.inf]
+        failed = [point.conditions for point in self._points if point.failed]
         self._failed = np.array(failed).reshape(-1, self._draws.domain.dimension)
         drawn = np.zeros(len(failed))
         for count, often in self._sources:
@@ -341,16 +328,16 @@ def estimate(
     """
     drives = require_count("drives", drives, least=100)
     check_pair_in(domain.all_at_once(), tester.simulator, tester.driver)
-    draws = _Draws(domain, tester, np.random.default_rng(seed))
-    found: list[_Point] = []
+    draws = Draws(domain, tester, np.random.default_rng(seed))
+    found: list[Point] = []
 
     failures = 0
 
     def plain(count: int) -> None:
         nonlocal failures
         for _ in range(count):
-            found.append(draws.fresh())
-            failures += found[-1].severity == -math.inf
+            found.append(draws.drive())
+            failures += found[-1].failed
             on_drive(draws.drives, failures)
 
     plain(round(_PILOT * drives))

@@ -17,7 +17,7 @@ from frenetic.campaign import RoadTester
 from frenetic.campaign.record import Attempt
 from frenetic.domain import Domain
 from frenetic.errors import FreneticError
-from frenetic.estimate import Estimate, estimate, rate_interval
+from frenetic.estimate import Draws, Estimate, estimate, rate_interval
 from frenetic.oracle import Result
 from frenetic.outcome import Outcome
 from frenetic.search.random_search import RandomRoads
@@ -174,11 +174,9 @@ def test_real_drives_are_counted_as_brute_force_does() -> None:
         road_class=domain.road_class,
     )
     found = estimate(domain, tester, drives=600, seed=2)
-    from frenetic.estimate import _Draws
-
-    draws = _Draws(domain, tester, np.random.default_rng(9))
-    points = [draws.fresh() for _ in range(3000)]
-    failures = sum(point.severity == -math.inf for point in points)
+    draws = Draws(domain, tester, np.random.default_rng(9))
+    points = [draws.drive() for _ in range(3000)]
+    failures = sum(point.failed for point in points)
     low, high = rate_interval(failures, math.fsum(p.length for p in points) / 1000.0)
     assert found.low <= high
     assert low <= found.high
