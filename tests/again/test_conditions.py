@@ -159,8 +159,7 @@ def compared(folder: Path, repeats: int = 1) -> Any:
 def test_versions_are_compared_in_the_domain(campaign: Path) -> None:
     result = compared(campaign)
     fresh, failing = result.sets
-    (kept,) = (campaign / "fresh").iterdir()
-    with CampaignStore.open(kept) as store, CampaignStore.open(campaign) as original:
+    with CampaignStore.open(fresh.folder) as store, CampaignStore.open(campaign) as original:
         assert store.setting.domain == original.setting.domain == result.domain
         assert store.setting.road_class == original.setting.road_class is not None
     assert all("friction" in pair.record.candidate.conditions for pair in fresh.pairs)
