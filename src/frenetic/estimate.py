@@ -32,7 +32,7 @@ from frenetic.campaign.tester import RoadTester
 from frenetic.domain import Domain
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
-from frenetic.search.random_search import RandomRoads
+from frenetic.search.random_search import RANDOM, RandomRoads
 from frenetic.search.records import Candidate, Origin
 from frenetic.simulators.worlds import check_pair_in
 from frenetic.spec import require_count
@@ -194,12 +194,12 @@ class Draws:
     def _candidate(self, point: FloatArray) -> Candidate:
         """A random road, which may be invalid, in these conditions."""
         roads = self._roads
-        numbers = _shares(self.rng.standard_normal(roads.numbers))
+        numbers = _uniform(self.rng.standard_normal(roads.numbers))
         rng = np.random.default_rng(int(self.rng.integers(2**62)))
         values = roads.made(rng, numbers)
-        conditions = self.domain.at(_shares(point), (len(values) - 1) * roads.step)
+        conditions = self.domain.at(_uniform(point), (len(values) - 1) * roads.step)
         grade = roads.grade(rng, values)
-        origin = Origin("random")
+        origin = Origin(RANDOM)
         return Candidate(1, values, roads.step, origin, conditions=conditions, grade=grade)
 
 
@@ -297,7 +297,7 @@ class _Weighted:
         """Of each failure in the chance."""
 
 
-def _shares(normal: FloatArray) -> FloatArray:
+def _uniform(normal: FloatArray) -> FloatArray:
     from scipy.special import ndtr  # takes its time
 
     shares: FloatArray = np.clip(ndtr(normal), 1e-12, 1.0 - 1e-12)

@@ -47,6 +47,7 @@ from frenetic.outcome import Outcome
 from frenetic.road import Road, check_validity
 from frenetic.road.files import entries_of
 from frenetic.search.records import Candidate
+from frenetic.simulators.simulator import Ready
 
 WORKER: Final = "client"
 """Name of the worker in a test that was told."""
@@ -169,7 +170,7 @@ class TellingDriver:
         raise CampaignError("this driver is told about, and drives nothing here")
 
 
-class TellingSimulator:
+class TellingSimulator(Ready):
     """The simulator of whoever asks and tells, who lays any road in any conditions.
 
     Args:
@@ -181,12 +182,6 @@ class TellingSimulator:
 
     def __init__(self, rules: Rules | None = None) -> None:
         self.rules, self.car = rules or Rules(), CarBody()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
 
     def drive(self, road: Road, driver: Driver) -> Drive:  # noqa: ARG002
         """Nothing drives here.

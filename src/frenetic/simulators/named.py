@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from types import TracebackType
 from typing import Any, Final, Self
 
 from frenetic.drive import CarBody, Drive, Rules
@@ -12,7 +11,7 @@ from frenetic.drivers.driver import Driver
 from frenetic.recipe import Guest, Named
 from frenetic.road import Road
 from frenetic.simulators.capabilities import capabilities
-from frenetic.simulators.simulator import Simulator
+from frenetic.simulators.simulator import Ready, Simulator
 
 _VALUES: Final = (
     *("place_options", "preloads", "usual_wall_limit", "usual_workers"),
@@ -21,7 +20,7 @@ _VALUES: Final = (
 _METHODS: Final = ("prepare", "check_driver")
 
 
-class NamedSimulator(Named):
+class NamedSimulator(Named, Ready):
     """A user's own simulator by its name; what `frenetic.quantities` names may be set here."""
 
     rules: Rules
@@ -58,14 +57,6 @@ class NamedSimulator(Named):
     def __enter__(self) -> Self:
         """Raises an error: it starts in another process."""
         self.refuse()
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Ends nothing."""
 
     def drive(self, road: Road, driver: Driver) -> Drive:  # noqa: ARG002
         """Raises an error: it drives in another process."""
