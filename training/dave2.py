@@ -9,6 +9,11 @@ says what would have been right, round after round (DAgger: S. Ross et al., AIST
 learns to recover from its own errors. All roads are random ones. The same seed gives the same
 network on the same machine with the same versions.
 
+    train/bin/python training/dave2.py --out tuned.onnx --start model.h5
+
+begins with a network that Keras has saved, made of convolutions and dense layers, which has learnt
+in Udacity's simulator; `--rounds 0` writes and measures it as it is.
+
 It uses a graphics card if there is one; without, it takes five minutes of one core's time.
 """
 
@@ -19,12 +24,14 @@ import hashlib
 import json
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from statistics import median
-from typing import Final
+from typing import Any, Final
 
+import h5py
 import numpy as np
 import numpy.typing as npt
 import onnx
@@ -43,24 +50,37 @@ from frenetic import (
     Road,
     judge,
 )
+from frenetic.drivers.camera import Image
 from frenetic.search.random_search import RandomRoads
 from frenetic.vision.neural import METADATA, Convention, Network
+from frenetic.vision.neural.network import Resizing
 
 PRESET: Final = "dave2"
-CONVENTION: Final = Convention.of({}, {"preset": PRESET})
-CAMERA: Final = Camera(**CONVENTION.camera)  # type: ignore[arg-type]
+SIZE: Final = (66, 200)
+"""Rows and columns that the network sees."""
+UDACITY: Final[Mapping[str, Any]] = {
+    "crop": [60, 25],
+    "camera": {"width": 320, "height": 160, "field_of_view": 98.0, "pitch": 8.0},
+}
+"""What networks for Udacity's simulator see, over the preset. Unity's usual camera looks 60 degrees
+up and down, which is 98 across; the horizon is in row 60 of its pictures, and its road is as wide
+as ours is from the preset's 1.4 m."""
+UDACITY_STEERING: Final = -math.radians(25.0)
+"""Angle of the front wheels for an answer of 1: positive is right there."""
 LOOKAHEAD: Final = 7.0
 """Distance of the place on the lane that the expert steers for, in m."""
 SPEEDS: Final = (25.0, 60.0)
 """Range of the speeds at which is learnt, in km/h."""
 KEPT: Final = 4
 """One in so many frames is kept: neighbours look alike."""
+EXAMINED: Final = 1000
+"""Frames that the finished network answers beside the expert."""
 SCALE: Final = 8.0
 """What the last layer gives per share of the steering angle; roads need about an eighth of it."""
 BATCH: Final = 64
 RATE: Final = 1e-3
 FRESH: Final = 1_000_000
-"""Seed of the roads that only the finished network drives."""
+"""Seed of the roads that only the finished network drives, and of the frames that it answers."""
 
 
 @dataclass
@@ -70,6 +90,8 @@ class Frames:
     images: list[npt.NDArray[np.uint8]] = field(default_factory=list)
     shares: list[float] = field(default_factory=list)
     """Shares of the front wheels' largest angle."""
+    answers: list[float] = field(default_factory=list)
+    """How the network steers there, likewise; NaN without one."""
 
     def __len__(self) -> int:
         return len(self.shares)
@@ -79,16 +101,29 @@ class Pupil:
     """A driver that keeps what it sees with the expert's steering.
 
     Args:
-        network: which steers; None for the expert.
+        convention: of the network.
+        network: which is asked, if there is one.
+        by_expert: whether the expert steers.
         frames: to which it adds.
         rng: for its choices.
         speed: km/h, by the rule of `Network`.
     """
 
     def __init__(
-        self, network: Network | None, frames: Frames, rng: np.random.Generator, speed: float
+        self,
+        convention: Convention,
+        network: Network | None,
+        by_expert: bool,
+        frames: Frames,
+        rng: np.random.Generator,
+        speed: float,
     ) -> None:
-        self.camera = CAMERA
+        self.camera = Camera(**convention.camera)  # type: ignore[arg-type]
+        top, bottom = convention.crop
+        self._kept = slice(top, self.camera.height - bottom)
+        seen = (self.camera.height - top - bottom, self.camera.width)
+        self._resizing = None if seen == SIZE else Resizing(seen, SIZE)
+        self._by_expert = by_expert
         self._network, self._frames, self._rng = network, frames, rng
         self._speed = speed / 3.6
         self._expert = Planner(lookahead_time=0.0, lookahead_min=LOOKAHEAD)
@@ -104,17 +139,29 @@ class Pupil:
     def act(self, observation: Observation) -> Controls:
         """The network's controls, or the expert's, pushed about."""
         right = self._expert.act(observation).steering / self._most
+        answer = math.nan
+        if self._network is not None:
+            answer = self._network.act(observation).steering / self._most
         assert observation.image is not None
         if self._rng.random() < 1.0 / KEPT:
-            self._frames.images.append(observation.image.copy())
+            self._frames.images.append(self._seen(observation.image))
             self._frames.shares.append(right)
-        if self._network is None:
+            self._frames.answers.append(answer)
+        if self._by_expert:
             self._push = 0.95 * self._push + self._rng.normal(0.0, 0.01)
             share = right + self._push
         else:
-            share = self._network.act(observation).steering / self._most
+            share = answer
         throttle = max(1.0 - share**2 - (observation.speed / self._speed) ** 2, 0.0)
         return Controls(share * self._most, throttle)
+
+    def _seen(self, image: Image) -> Image:
+        """What the network sees of it."""
+        kept = image[self._kept]
+        if self._resizing is None:
+            return kept.copy()
+        resized: Image = np.rint(self._resizing(kept)).astype(np.uint8)
+        return resized
 
 
 def random_roads(seed: int) -> Iterator[Road]:
@@ -123,7 +170,13 @@ def random_roads(seed: int) -> Iterator[Road]:
 
 
 def drive(
-    roads: Iterator[Road], n: int, network: Network | None, frames: Frames, rng: np.random.Generator
+    roads: Iterator[Road],
+    n: int,
+    convention: Convention,
+    network: Network | None,
+    frames: Frames,
+    rng: np.random.Generator,
+    by_expert: bool,
 ) -> None:
     """Adds n frames of drives along the roads, which begin beside the lane's centre."""
     until = len(frames) + n
@@ -131,10 +184,11 @@ def drive(
     while len(frames) < until:
         simulator.start_offset = float(rng.uniform(-1.2, 1.2))
         simulator.start_heading = float(rng.uniform(-0.15, 0.15))
-        pupil = Pupil(network, frames, rng, float(rng.uniform(*SPEEDS)))
+        speed = float(rng.uniform(*SPEEDS))
+        pupil = Pupil(convention, network, by_expert, frames, rng, speed)
         error = simulator.drive(next(roads), pupil).error
         assert error is None, error
-    del frames.images[until:], frames.shares[until:]
+    del frames.images[until:], frames.shares[until:], frames.answers[until:]
 
 
 def dave2() -> nn.Sequential:
@@ -155,17 +209,74 @@ def dave2() -> nn.Sequential:
     )
 
 
-class Teacher:
-    """Fits the network to frames."""
+def from_keras(path: Path, with_weights: bool) -> nn.Sequential:
+    """The network in a file of Keras, for inputs and outputs as those of `dave2`.
 
-    def __init__(self, seed: int, device: str) -> None:
+    Dropout and the scaling of pixels are left out. Kernels of Keras have rows, columns, inputs and
+    outputs, and it flattens rows, columns and channels; here channels come first.
+
+    Args:
+        path: of the file, HDF5.
+        with_weights: whether it has the file's weights; else random ones.
+    """
+    layers: list[nn.Module] = []
+    channels = 3
+    with h5py.File(path) as file:
+        config = json.loads(file.attrs["model_config"])["config"]
+        for entry in config if isinstance(config, list) else config["layers"]:
+            options = entry["config"]
+            if entry["class_name"] == "Flatten":
+                layers.append(nn.Flatten())
+            if entry["class_name"] not in ("Conv2D", "Convolution2D", "Dense"):
+                continue
+            group = file["model_weights"][options["name"]]
+            names = group.attrs["weight_names"]
+            kernel, bias = (torch.from_numpy(group[name][()]) for name in names)
+            layer: nn.Conv2d | nn.Linear
+            if kernel.ndim == 4:
+                rows, columns, channels_in, channels = kernel.shape
+                stride = tuple(options.get("strides") or options["subsample"])
+                layer = nn.Conv2d(channels_in, channels, (rows, columns), stride)
+                kernel = kernel.permute(3, 2, 0, 1)
+            else:
+                layer = nn.Linear(*kernel.shape)
+                if isinstance(layers[-1], nn.Flatten):
+                    by_place = kernel.reshape(-1, channels, kernel.shape[1])
+                    kernel = by_place.transpose(0, 1).reshape(kernel.shape)
+                kernel = kernel.T
+            if with_weights:
+                layer.load_state_dict({"weight": kernel, "bias": bias})
+            layers.append(layer)
+            if options["activation"] != "linear":
+                layers.append({"elu": nn.ELU, "relu": nn.ReLU}[options["activation"]]())
+    if with_weights:
+        unit = SCALE * UDACITY_STEERING / EmbeddedSimulator().vehicle.steering_limit
+        with torch.no_grad():
+            for values in layers[-1].parameters():
+                values.mul_(unit)
+    return nn.Sequential(*layers)
+
+
+class Teacher:
+    """Fits the network to frames.
+
+    Args:
+        make: of it.
+        convention: of the network.
+        seed: of its weights and of its lessons.
+        device: that computes.
+    """
+
+    def __init__(
+        self, make: Callable[[], nn.Sequential], convention: Convention, seed: int, device: str
+    ) -> None:
         torch.manual_seed(seed)
         torch.use_deterministic_algorithms(True)
-        self.network = dave2().to(device)
+        self.network = make().to(device)
         self._device = device
         self._optimiser = torch.optim.AdamW(self.network.parameters(), lr=RATE, weight_decay=1e-4)
         self._generator = torch.Generator().manual_seed(seed)
-        weights, constants = CONVENTION.from_pixels()
+        weights, constants = convention.from_pixels()
         self._weights = torch.from_numpy(weights).to(device)
         self._constants = torch.from_numpy(constants).to(device)
 
@@ -208,7 +319,7 @@ class Teacher:
         return channels.reshape(pixels.shape).permute(0, 3, 1, 2)
 
 
-def save(network: nn.Sequential, path: Path) -> None:
+def save(network: nn.Sequential, path: Path, entries: Mapping[str, Any]) -> None:
     """Writes the network as ONNX, with its convention; the same weights give the same bytes."""
     nodes, tensors, value = [], [], "image"
     layers = list(network.cpu())
@@ -228,25 +339,35 @@ def save(network: nn.Sequential, path: Path) -> None:
         elif isinstance(layer, nn.Linear):
             nodes.append(helper.make_node("Gemm", inputs, [name], transB=1))
         else:
-            kind = {nn.ReLU: "Relu", nn.Flatten: "Flatten"}[type(layer)]
+            kind = {nn.ReLU: "Relu", nn.ELU: "Elu", nn.Flatten: "Flatten"}[type(layer)]
             nodes.append(helper.make_node(kind, inputs, [name]))
         value = name
     graph = helper.make_graph(
         nodes,
         "dave2",
-        [helper.make_tensor_value_info("image", TensorProto.FLOAT, [1, 3, 66, 200])],
+        [helper.make_tensor_value_info("image", TensorProto.FLOAT, [1, 3, *SIZE])],
         [helper.make_tensor_value_info("steering", TensorProto.FLOAT, [1, 1])],
         tensors,
     )
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8)
     model.producer_name, model.producer_version = "frenetic", ""
-    helper.set_model_props(model, {METADATA: json.dumps({"preset": PRESET})})
+    helper.set_model_props(model, {METADATA: json.dumps(entries)})
     onnx.checker.check_model(model)
     path.write_bytes(model.SerializeToString(deterministic=True))
 
 
 def measure(path: Path, speeds: Sequence[float], n: int) -> None:
-    """Prints how the network keeps its lane on fresh random roads."""
+    """Prints how the network steers beside the expert, and keeps its lane on fresh random roads."""
+    network, frames, rng = Network(str(path)), Frames(), np.random.default_rng(FRESH)
+    drive(random_roads(FRESH), EXAMINED, network.convention, network, frames, rng, by_expert=True)
+    right, answers = np.array(frames.shares), np.array(frames.answers)
+    most = math.degrees(EmbeddedSimulator().vehicle.steering_limit)
+    print(
+        f"{EXAMINED} frames of the expert's drives: it steers {most * np.abs(right).mean():.2f}"
+        f" degrees, the network {most * np.abs(answers - right).mean():.2f} degrees from there,"
+        f" correlation {np.corrcoef(right, answers)[0, 1]:.3f}",
+        flush=True,
+    )
     for speed in speeds:
         driver, simulator, roads = (
             Network(str(path), max_speed=speed),
@@ -264,6 +385,13 @@ def main() -> None:
     """Trains as the arguments say."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--out", type=Path, required=True, help="The ONNX file.")
+    parser.add_argument("--start", type=Path, help="Keras file of the network to begin with.")
+    parser.add_argument("--forget", action="store_true", help="Only its layers, not its weights.")
+    parser.add_argument(
+        "--convention",
+        type=json.loads,
+        help="JSON, over the preset; of a start by default Udacity's.",
+    )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--frames", type=int, default=2000, help="Frames of each round.")
     parser.add_argument("--rounds", type=int, default=6, help="The first one by the expert.")
@@ -275,17 +403,26 @@ def main() -> None:
     given = parser.parse_args()
     torch.set_num_threads(given.threads)
     device = "cuda" if torch.cuda.is_available() else "cpu"
+    make = dave2 if given.start is None else partial(from_keras, given.start, not given.forget)
+    usual = {} if given.start is None else UDACITY
+    entries = {"preset": PRESET, **(usual if given.convention is None else given.convention)}
+    convention = Convention.of({}, entries)
     start, rng, frames = time.perf_counter(), np.random.default_rng(given.seed), Frames()
-    teacher, roads, network = Teacher(given.seed, device), random_roads(given.seed), None
+    teacher, roads, network = (
+        Teacher(make, convention, given.seed, device),
+        random_roads(given.seed),
+        None,
+    )
+    save(teacher.network, given.out, entries)
     for i in range(given.rounds):
-        drive(roads, given.frames, network, frames, rng)
+        teacher.network.to(device)
+        drive(roads, given.frames, convention, network, frames, rng, by_expert=i == 0)
         driven = time.perf_counter() - start
         is_last = i == given.rounds - 1
         error = teacher.teach(
             frames, given.last_passes if is_last else given.passes, 1e-5 if is_last else RATE / 3
         )
-        save(teacher.network, given.out)
-        teacher.network.to(device)
+        save(teacher.network, given.out, entries)
         network = Network(str(given.out))
         print(
             f"round {i + 1}: {len(frames)} frames after {driven:.0f} s, error {error:.4f} after"
