@@ -360,11 +360,12 @@ def measure(path: Path, speeds: Sequence[float], n: int) -> None:
     """Prints how the network steers beside the expert, and keeps its lane on fresh random roads."""
     network, frames, rng = Network(str(path)), Frames(), np.random.default_rng(FRESH)
     drive(random_roads(FRESH), EXAMINED, network.convention, network, frames, rng, by_expert=True)
-    right, answers = np.array(frames.shares), np.array(frames.answers)
     most = math.degrees(EmbeddedSimulator().vehicle.steering_limit)
+    right, answers = most * np.array(frames.shares), most * np.array(frames.answers)
     print(
-        f"{EXAMINED} frames of the expert's drives: it steers {most * np.abs(right).mean():.2f}"
-        f" degrees, the network {most * np.abs(answers - right).mean():.2f} degrees from there,"
+        f"{EXAMINED} frames of the expert's drives: it steers {np.abs(right).mean():.2f} degrees,"
+        f" the network {np.abs(answers - right).mean():.2f} degrees from there,"
+        f" {(answers - right).mean():+.2f} on average where left is positive,"
         f" correlation {np.corrcoef(right, answers)[0, 1]:.3f}",
         flush=True,
     )
