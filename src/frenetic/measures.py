@@ -48,9 +48,10 @@ class Seen:
     @classmethod
     def of(cls, road: Road, drive: Drive, distance: FloatArray, offset: FloatArray) -> Self:
         """A drive whose first records are at these places; no two of its times are the same."""
-        rows = drive.trajectory.to_rows()[: len(distance)]
-        kept = np.diff(rows[:, 0], prepend=-np.inf) > 0.0
-        path = Trajectory.from_rows(rows[kept])
+        n, path = len(distance), drive.trajectory
+        kept = np.diff(path.time[:n], prepend=-np.inf) > 0.0
+        if n < len(path) or not kept.all():
+            path = Trajectory.from_rows(path.to_rows()[:n][kept])
         return cls(road, path, drive.car, drive.rules, distance[kept], offset[kept])
 
     @cached_property
@@ -68,15 +69,19 @@ class Seen:
 
         Only the records that may have it are measured.
         """
-        bounds = self._edge_bounds[first:last]
-        if not len(bounds):
-            return None
-        least = float("inf")
-        for is_close in (bounds == bounds.min(), bounds > bounds.min()):
-            near = first + np.flatnonzero(is_close & (bounds <= least))
-            values = self._edge_distances(near)
-            least = min(least, float(values[np.isfinite(values)].min(initial=np.inf)))
-        return least if least < np.inf else None
+        bounds, values = self._edge_bounds[first:last], self._nearest_edges[first:last]
+        least = np.nanmin(values, initial=np.inf)
+        for is_close in (bounds == bounds.min(initial=np.inf), True):
+            near = np.flatnonzero(is_close & (bounds <= least) & np.isnan(values))
+            if len(near):
+                values[near] = self._edge_distances(first + near).min(axis=1)
+                least = np.nanmin(values, initial=np.inf)
+        return float(least) if least < np.inf else None
+
+    @cached_property
+    def _nearest_edges(self) -> FloatArray:
+        """Least of `edge_distances` record by record, (n,); NaN where it is not measured."""
+        return np.full(len(self.distance), np.nan)
 
     @cached_property
     def _edge_bounds(self) -> FloatArray:

@@ -140,6 +140,13 @@ def segment_of(road: Road, drive: Drive, finding: Finding | None) -> Segment:
     )
 
 
+def segment_of_test(test: Test) -> Segment | None:
+    """The segment of a stored test; None without records, or if it was read without them."""
+    if test.drive is None or not len(test.drive.trajectory):
+        return None
+    return segment_of(test.road, test.drive, test.result.finding)
+
+
 def segments_of(
     store: CampaignStore,
     outcome: Outcome | None = None,
