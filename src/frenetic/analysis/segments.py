@@ -112,7 +112,7 @@ def segment_of(road: Road, drive: Drive, finding: Finding | None) -> Segment:
     """
     if len(drive.trajectory) == 0:
         raise ValueError("a drive without records has no segment: drive the road first")
-    seen = assess(road, drive)
+    seen = assess(road, drive, has_shares=False)
     n = len(seen.distance)
     if finding is not None:
         centre = int(np.argmin(np.abs(drive.trajectory.time[:n] - finding.time)))

@@ -65,6 +65,7 @@ def share_outside(
     length: float,
     width: float,
     centre_ahead: float,
+    least: float = 0.0,
 ) -> float:
     """Share (0..1) of a car's box that lies outside the lane between two lateral offsets.
 
@@ -78,6 +79,7 @@ def share_outside(
         s, d, road_heading: the centre of mass projected onto the road, the road's heading there.
         x, y, heading: m, m, rad, centre of mass and heading of the car.
         length, width, centre_ahead: m, the car's box, see `CarBody`.
+        least: a share that is surely less may be told as 0.
     """
     half_length, half_width = 0.5 * length, 0.5 * width
     radius = math.hypot(half_length, half_width) + abs(centre_ahead)
@@ -96,6 +98,11 @@ def share_outside(
     if stretch > 0.3:
         bend = 0.5 * sharpest * radius * radius / stretch
         if d + sideways + bend < left and d - sideways - bend > right:
+            return 0.0
+        # A disc around the middle of the box that covers the rest, and a tenth more for the chords.
+        disc = 1.1 * math.sqrt((1.0 - least) * length * width / math.pi)
+        aside = disc + abs(centre_ahead)
+        if 2.0 * disc < min(length, width) and d + aside < left and d - aside > right:
             return 0.0
     c, n = math.cos(heading), math.sin(heading)
     cx, cy = x + centre_ahead * c, y + centre_ahead * n
