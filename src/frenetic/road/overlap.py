@@ -126,7 +126,7 @@ def share_outside(
         rx1, ry1 = px - edge * sine - x, py + edge * cosine - y
         if k > 0:
             # The quadrilateral right0 -> right1 -> left1 -> left0 runs counter-clockwise.
-            m = _clip(box, 4, rx0, ry0, rx1, ry1, first)
+            m = _clip(box, len(box), rx0, ry0, rx1, ry1, first)
             m = _clip(first, m, rx1, ry1, lx1, ly1, second) if m else 0
             m = _clip(second, m, lx1, ly1, lx0, ly0, first) if m else 0
             m = _clip(first, m, lx0, ly0, rx0, ry0, second) if m else 0
