@@ -42,8 +42,8 @@ LEAST_TIME: Final = 30.0
 workers_option = click.option(
     "--workers",
     type=Workers(),
-    help="Drive on N roads at once, or on the workers of a Dask cluster, tcp://10.0.0.1:8786."
-    " [default: the cores, or 1 for up to 1000 built-in drives]",
+    help="Drive on N roads at once, or on a Dask cluster, tcp://10.0.0.1:8786."
+    " [default: the cores, or 1]",
 )
 fail_on_failure_option = click.option(
     "--fail-on-failure",
