@@ -10,7 +10,8 @@ Times of the parts are per road. One round goes once over a fixed set of valid r
 250 m on which the default driver stays in its lane, so that every drive goes to the road's end; the
 round gives the mean over the set, and the least of many rounds, "Min", is the figure to quote. A
 campaign's round is a whole campaign, and its tests/s are printed above the table; so is the
-processor time that its strategy takes a simulation, asking and telling together.
+processor time that its strategy takes a simulation, asking and telling together. A command's round
+is a process, from its start to its end; its processor time is printed, too.
 
 Nothing here passes or fails by its time.
 """
@@ -18,9 +19,12 @@ Nothing here passes or fails by its time.
 from __future__ import annotations
 
 import itertools
+import os
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -28,6 +32,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
+from steady import Steady
 
 from frenetic.campaign import Budget, Campaign, CampaignStore, Test
 from frenetic.campaign.record import Attempt
@@ -53,6 +58,9 @@ PICTURES: Final = 4
 SIMULATIONS: Final = 1000
 """Simulations of one campaign: the default of `frenetic run`."""
 CAMPAIGNS: Final = 5
+COMMANDS: Final = 3
+STEADY_SPEED: Final = 45.0
+"""Speed of the driver in Python, in km/h."""
 
 
 class Timed(Strategy):
@@ -166,6 +174,12 @@ def test_drive(benchmark: BenchmarkFixture) -> None:
     per_road(benchmark, lambda driven: simulator.drive(driven.road, driver), road_set())
 
 
+def test_drive_in_python(benchmark: BenchmarkFixture) -> None:
+    """README's driver in Python along 250 m, asked 20 times a second."""
+    simulator, driver = EmbeddedSimulator(), Steady(STEADY_SPEED)
+    per_road(benchmark, lambda driven: simulator.drive(driven.road, driver), road_set(), rounds=3)
+
+
 def test_judge(benchmark: BenchmarkFixture) -> None:
     """From a drive to its result."""
     per_road(benchmark, lambda driven: judge(driven.road, driven.drive), road_set())
@@ -239,3 +253,40 @@ def test_campaign(
             f" of {CAMPAIGNS} campaigns of {tests} tests; proposing takes {min(proposing):.2f} ms"
             " of processor time a simulation at best"
         )
+
+
+@pytest.mark.parametrize("name", ["frenetic", "random"])
+def test_command(
+    benchmark: BenchmarkFixture, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    """`frenetic run` in a process of its own: the search, its causes, files, gallery and report."""
+    folders = (tmp_path / str(k) for k in itertools.count())
+    spent: list[float] = []
+    run = partial(command_cpu, "--strategy", name, "--simulations", str(SIMULATIONS))
+    pedantic: Callable[..., object] = benchmark.pedantic
+    pedantic(lambda: spent.append(run("--out", str(next(folders)))), rounds=COMMANDS)
+    with capsys.disabled():
+        print(f"\n{name}: the command takes {min(spent):.1f} s of processor time at best")
+
+
+def test_first_command(
+    benchmark: BenchmarkFixture, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The first command on a machine, of one simulation: it compiles what a drive needs."""
+    spent: list[float] = []
+    cache = tmp_path / "kernels"
+    run = partial(command_cpu, "--simulations", "1", "--out", str(tmp_path / "one"), cache=cache)
+    pedantic: Callable[..., object] = benchmark.pedantic
+    pedantic(lambda: spent.append(run()), rounds=1)
+    with capsys.disabled():
+        print(f"\nthe first command takes {spent[0]:.1f} s of processor time")
+
+
+def command_cpu(*options: str, cache: Path | None = None) -> float:
+    """Processor time of a `frenetic run` and of the processes that it ends, in s."""
+    more = {} if cache is None else {"NUMBA_CACHE_DIR": str(cache)}
+    command = [sys.executable, "-m", "frenetic", "run", "--seed", str(SEED), *options]
+    before = os.times()
+    subprocess.run(command, check=True, capture_output=True, env=os.environ | more)
+    after = os.times()
+    return sum(after[2:4]) - sum(before[2:4])  # user and system time of children

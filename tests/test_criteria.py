@@ -143,6 +143,27 @@ def test_steps_and_ramps() -> None:
     assert amount("duration", drive) == judge(road, drive).duration
 
 
+@given(
+    st.lists(st.floats(-0.3, 0.3), min_size=3, max_size=12),
+    st.floats(0.0, 1.0),
+    st.integers(0, 2**32 - 1),
+)
+def test_the_least_edge_distance_is_the_least_of_all(
+    curvatures: list[float], wider: float, seed: int
+) -> None:
+    """Of a car that is thrown about, wherever it points."""
+    rng = np.random.default_rng(seed)
+    road = Road(curvatures, step=4.0, widening=[(0.0, 0.0), (10.0, wider)])
+    path = along(road, 10.0, rng.normal(0.0, 0.7)).trajectory
+    known = {name: getattr(path, name) for name in Trajectory.names()}
+    known["x"], known["y"] = (known[k] + rng.normal(0.0, 0.3, len(path)) for k in "xy")
+    known["heading"] = known["heading"] + rng.normal(0.0, rng.choice([0.05, 0.5]), len(path))
+    seen = seen_by_criteria(road, Drive(Trajectory(**known), CarBody(), Rules()))
+    first, last = sorted(rng.integers(0, len(seen.distance), 2, endpoint=True).tolist())
+    every = seen.edge_distances.min(axis=1)[first:last]
+    assert seen.least_edge_distance(first, last) == (every.min() if len(every) else None)
+
+
 def test_the_edge_distance_agrees_with_shapely() -> None:
     roads = RandomSearch(seed=5)
     simulator = EmbeddedSimulator()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, fields
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 
 import numpy as np
@@ -133,7 +134,7 @@ class Trajectory:
         # Made anew, so that the columns are read-only again.
         return Trajectory, tuple(getattr(self, name) for name in self.names())
 
-    @property
+    @cached_property
     def lateral_acceleration(self) -> FloatArray:
         """Acceleration of the centre of mass across the car, (n,) in m/s^2, positive to the left.
 
@@ -143,6 +144,7 @@ class Trajectory:
             np.gradient(self.lateral_speed, self.time) if len(self) > 1 else np.zeros(len(self))
         )
         found: FloatArray = self.yaw_rate * self.speed + change
+        found.setflags(write=False)
         return found
 
     @classmethod

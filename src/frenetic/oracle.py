@@ -113,6 +113,7 @@ def assess_record(
     heading: float,
     i: int,
     s_before: float,
+    least: float,
 ) -> tuple[int, float, float, float, float]:
     """Assessment of record ``i``: (end, s, d, road heading, oob share).
 
@@ -124,6 +125,7 @@ def assess_record(
         times, xs, ys: columns of the trajectory, filled up to ``i``.
         heading: rad, the car's at record ``i``.
         s_before: m, distance along the road at record ``i - 1``; not used for record 0.
+        least: an oob share that is surely less may be told as 0; at most the tolerance.
     """
     x, y = xs[i], ys[i]
     if i == 0:
@@ -133,7 +135,20 @@ def assess_record(
         s, d = project_near(table, ds, x, y, s_before, reach_of(moved))
     road_heading = heading_at(table, ds, s)
     share = share_outside(
-        table, ds, 0.0, -lane_width, s, d, road_heading, x, y, heading, car[0], car[1], car[2]
+        table,
+        ds,
+        0.0,
+        -lane_width,
+        s,
+        d,
+        road_heading,
+        x,
+        y,
+        heading,
+        car[0],
+        car[1],
+        car[2],
+        least,
     )
     tolerance, goal, stuck_distance = rules[0], rules[1], rules[2]
     stuck_time, timeout = rules[3], rules[4]
@@ -176,13 +191,14 @@ def _assess(
     xs: FloatArray,
     ys: FloatArray,
     headings: FloatArray,
+    least: float,
 ) -> tuple[int, FloatArray]:
     n = len(times)
     rows = np.empty((n, 3))
     s = 0.0
     for i in range(n):
         end, s, d, _, share = assess_record(
-            table, ds, lane_width, rules, car, times, xs, ys, headings[i], i, s
+            table, ds, lane_width, rules, car, times, xs, ys, headings[i], i, s, least
         )
         rows[i, 0] = s
         rows[i, 1] = d
@@ -221,8 +237,14 @@ class Assessment:
     """(n,) 0..1."""
 
 
-def assess(road: Road, drive: Drive) -> Assessment:
-    """The drive record by record: place, lateral offset, oob distance and oob share."""
+def assess(road: Road, drive: Drive, *, has_shares: bool = True) -> Assessment:
+    """The drive record by record: place, lateral offset, oob distance and oob share.
+
+    Args:
+        road: that was driven.
+        drive: along it.
+        has_shares: whether oob shares are needed; those below the tolerance may be 0 otherwise.
+    """
     t = drive.trajectory
     end, rows = _assess(
         road.table,
@@ -235,6 +257,7 @@ def assess(road: Road, drive: Drive) -> Assessment:
         np.array(t.x),
         np.array(t.y),
         np.array(t.heading),
+        0.0 if has_shares else drive.rules.oob_tolerance,
     )
     half = 0.5 * road.lane_width
     offset = rows[:, OFFSET] + half

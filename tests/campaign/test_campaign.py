@@ -41,10 +41,29 @@ from frenetic.search import (
     SearchEnded,
 )
 from frenetic.simulators import EmbeddedSimulator, Rules
-from frenetic.spec import decode_budget
+from frenetic.spec import Spec, decode_budget
 from frenetic.testing import DummyDriver
 
 # One run
+
+
+@pytest.mark.parametrize(
+    ("driver", "budget", "workers"),
+    [
+        ("planner", Budget(simulations=1000), 1),
+        ("planner", Budget(simulations=1001), 3),
+        ("planner", Budget(time=60.0), 3),
+        ("frenetic.testing:DummyDriver", Budget(simulations=1000), 3),
+    ],
+)
+def test_a_few_compiled_drives_take_one_process(
+    driver: str, budget: Budget, workers: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(campaign_module, "available_cores", lambda: 3)
+    options = {"strategy": "random", "strategy_options": {}, "driver": driver, "driver_options": {}}
+    spec = Spec.from_options(options, budget=budget, seed=1)
+    assert Campaign.of(spec, folder=tmp_path / "c").workers == workers
+    assert Campaign.of(spec, folder=tmp_path / "c", workers=2).workers == 2
 
 
 class Listed(Scripted):

@@ -48,9 +48,7 @@ def test_run_prints_a_summary_and_leaves_roads_and_pictures(frenetic: Frenetic) 
     assert frenetic("drive", road).out.startswith("FAIL")
     assert Path("mine/campaign.sqlite").is_file()
     assert Path("mine/failures/gallery.png").is_file()
-    pictures = list(Path("mine/failures").glob("test-*.png"))
-    assert 1 <= len(pictures) <= 10
-    assert len(list(Path("mine/failures").glob("*.json"))) >= len(pictures)
+    assert len(list(Path("mine/failures").glob("test-*.json"))) >= 1
     assert not list(Path("mine/failures").glob("*.part"))
 
 
@@ -188,7 +186,7 @@ def test_crashes_are_failures_beside_departures(frenetic: Frenetic) -> None:
     first, *others = frenetic("show", "c", "--json").json["distinct_failures"]
     assert first["description"].startswith("raises RuntimeError at mydriver.py:")
     assert others
-    assert list(Path("c/failures").glob("test-*.png"))
+    assert list(Path("c/failures").glob("test-*.json"))
     # One that breaks on every road has nothing to search for.
     answer = frenetic("run", "--driver", "mydriver.py:Raises", *search, "d")
     refused(answer, "the driver broke on each of the first 10 roads", "ValueError: lost")

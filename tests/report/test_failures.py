@@ -97,7 +97,7 @@ def test_of_many_failures_the_most_severe_are_compared_and_the_table_says_so(
 def test_every_failure_gets_a_road_file_that_can_be_read_again(store: CampaignStore) -> None:
     failures = list(store.tests(Outcome.FAIL))
     assert 4 < len(failures) < 40
-    assert write_failures(store, [])
+    write_failures(store, failures, [])
     files = sorted((store.folder / "failures").glob("*.json"))
     for path, record in zip(files, failures, strict=True):
         road = read_road(path).road()
@@ -110,25 +110,21 @@ def test_every_failure_gets_a_road_file_that_can_be_read_again(store: CampaignSt
     assert document["validation_message"] == refused.reason
 
 
-def test_listed_failures_get_pictures_and_what_is_there_is_not_drawn_again(
+def test_listed_failures_are_drawn_together_and_files_of_other_tests_replaced(
     store: CampaignStore,
 ) -> None:
     folder, listed = store.folder / "failures", representative_failures(store, 3)
-    assert write_failures(store, listed)
-    assert (folder / "gallery.png").is_file()
-    first, second, third = sorted(folder.glob("test-*.png"))
-    for picture in (first, second, third):
-        picture.write_bytes(b"kept")
-    second.unlink()
-    third.with_suffix(".json").write_text("of another test")
-    write_failures(store, listed)
-    assert first.read_bytes() == b"kept"
-    assert b"PNG" in second.read_bytes()[:8]
-    assert b"PNG" in third.read_bytes()[:8]
-    assert read_road(third.with_suffix(".json")).road().length > 0.0
+    write_failures(store, listed, listed)
+    assert [one.name for one in folder.glob("*.png")] == ["gallery.png"]
+    first, second, third = sorted(folder.glob("test-*.json"))
+    third.write_text("of another test")
+    times = [one.stat().st_mtime_ns for one in (first, second)]
+    write_failures(store, listed, listed)
+    assert [one.stat().st_mtime_ns for one in (first, second)] == times
+    assert read_road(third).road().length > 0.0
 
 
 def test_folder_that_cannot_be_made_is_one_clear_line(store: CampaignStore) -> None:
     (store.folder / "failures").write_text("in the way")
     with pytest.raises(CampaignError, match="all results are safe in"):
-        write_failures(store, [])
+        write_failures(store, [], [])

@@ -49,6 +49,7 @@ from frenetic.report.html import (
 )
 from frenetic.report.html.headline import headline as tell
 from frenetic.report.html.operators import operator_results, operators_section
+from frenetic.report.html.reading import Reading
 from frenetic.report.html.repeating import repeat_command, repeatability
 from frenetic.report.html.tests import COLUMNS, TestSummary, drive_columns, table_of
 from frenetic.report.html.timeline import POINTS, timeline_of
@@ -102,7 +103,8 @@ def block_of(data: Any, kind: str) -> Any:
 def report_of(folder: Path, **known: Clusters) -> tuple[Report, dict[str, Section]]:
     """A campaign's report, and its sections by id."""
     with CampaignStore.open(folder) as store:
-        report = campaign_report(store, **known)  # type: ignore[arg-type]
+        reading = replace(Reading.of(store), **known)  # type: ignore[arg-type]
+        report = campaign_report(store, reading=reading)
     return report, {section.id: section for section in report.sections}
 
 

@@ -37,13 +37,14 @@ def share(
     error: float,
     box: Box = CAR,
     lane: tuple[float, float] | None = None,
+    least: float = 0.0,
 ) -> float:
     """The share of a car at (s, d), turned by ``error`` rad from the road, outside the ego lane."""
     left, right = lane or (0.0, -road.lane_width)
     x, y = place(road, s, d)
     heading = road.pose_at(s).heading
     result: float = share_outside(
-        road.table, road.sub_step, left, right, s, d, heading, x, y, heading + error, *box
+        road.table, road.sub_step, left, right, s, d, heading, x, y, heading + error, *box, least
     )
     return result
 
@@ -102,6 +103,21 @@ def test_share_agrees_in_the_tightest_curves_for_any_box(
         for error in (0.0, 0.3, -1.2, math.pi):
             expected = reference(road, 45.0, d, error, box, lane)
             assert share(road, 45.0, d, error, box, lane) == pytest.approx(expected, abs=4e-3)
+
+
+@pytest.mark.parametrize("least", [0.5, 0.8, 0.95, 1.0])
+@pytest.mark.parametrize("box", [CAR, (12.0, 2.5, 3.0), (2.0, 2.0, -0.5)])
+def test_only_lesser_shares_are_told_as_0(least: float, box: Box) -> None:
+    rng = np.random.default_rng(1)
+    spared = 0
+    for _ in range(40):
+        road = random_road(rng)
+        for s in rng.uniform(-6.0, road.length + 6.0, 40):
+            where = s, rng.uniform(-6.0, 2.0), rng.uniform(-math.pi, math.pi)
+            whole, found = share(road, *where, box), share(road, *where, box, least=least)
+            assert found == whole or (found == 0.0 and whole < least)
+            spared += found != whole
+    assert spared > 100 or least == 0.5 or box[2] == 3.0
 
 
 @pytest.mark.parametrize("backwards", [False, True])

@@ -32,10 +32,15 @@ _Kernel = TypeVar("_Kernel", bound=Callable[..., Any])
 
 
 def njit(*, error_model: Literal["python", "numpy"] = "python") -> Callable[[_Kernel], _Kernel]:
-    """Numba's decorator of the same name, with its cache on disk."""
+    """Numba's decorator of the same name, with its cache on disk.
+
+    Kernels are called from Python and by each other, never as C functions: that entry takes its
+    share of compiling.
+    """
 
     def compile_lazily(kernel: _Kernel) -> _Kernel:
-        return cast("_Kernel", numba.njit(error_model=error_model, cache=True)(kernel))
+        made = numba.njit(error_model=error_model, cache=True, no_cfunc_wrapper=True)
+        return cast("_Kernel", made(kernel))
 
     return compile_lazily
 

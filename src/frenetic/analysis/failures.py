@@ -23,7 +23,7 @@ place where the car came nearest to its lane's edge.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -160,9 +160,21 @@ class Failure:
         id: int = 0,  # noqa: A002
     ) -> Failure | None:
         """The failure of a drive that was judged FAIL; None without records, unless by a fault."""
-        fault = result.fault
+        segment = None
         if drive is not None and len(drive.trajectory):
             segment = segment_of(road, drive, result.finding)
+        return cls.of_segment(segment, result, id)
+
+    @classmethod
+    def of_segment(
+        cls,
+        segment: Segment | None,
+        result: Result,
+        id: int = 0,  # noqa: A002
+    ) -> Failure | None:
+        """The failure of such a drive, from its segment; None without records, likewise."""
+        fault = result.fault
+        if segment is not None:
             return cls.of(segment, id=id, moobd=result.moobd or 0.0, fault=fault)
         if fault is None:
             return None
@@ -344,8 +356,16 @@ def distinct_failures(store: CampaignStore, limit: int | None = COMPARED) -> Clu
     Raises:
         CampaignError: the campaign is damaged.
     """
-    failures, earlier = failures_of(store, limit), read_earlier(store)
-    found = cluster_failures(failures)
+    return distinct_among(store, failures_of(store, limit))
+
+
+def distinct_among(store: CampaignStore, failures: Sequence[Failure]) -> Clusters:
+    """The distinct ones among failures of a campaign, marked likewise.
+
+    Raises:
+        CampaignError: the campaign is damaged.
+    """
+    found, earlier = cluster_failures(failures), read_earlier(store)
     return _with_known(found, failures, earlier) if earlier else found
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis.segments import Segment, heading_range
-from frenetic.criteria import quantity
+from frenetic.criteria import EDGE_DISTANCE, quantity
 from frenetic.errors import UnknownNameError
 from frenetic.measures import series
 
@@ -120,15 +120,12 @@ def features_of(segment: Segment) -> Features:
 
 def _worst_values(segment: Segment) -> dict[str, float]:
     """The worst values of quantities of criteria in the segment; 0 where there is none."""
-    of, found = slice(segment.first, segment.last), {}
-    for name in ("lateral_acceleration", "lateral_jerk", "edge_distance"):
-        what = quantity(name)
-        values = series(name, segment.seen, what.window)
-        values = np.abs(values) if what.has_sides else values
-        values = values[of][np.isfinite(values[of])]
-        worst = values.min if what.is_least else values.max
-        found[name] = float(worst()) if len(values) else 0.0
-    return found
+    seen, first, last = segment.seen, segment.first, segment.last
+    found = {}
+    for name in ("lateral_acceleration", "lateral_jerk"):
+        values = np.abs(series(name, seen, quantity(name).window)[first:last])
+        found[name] = float(values[np.isfinite(values)].max(initial=0.0))
+    return found | {EDGE_DISTANCE: seen.least_edge_distance(first, last) or 0.0}
 
 
 def _directions(distances: FloatArray, curvatures: FloatArray) -> int:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import groupby, pairwise
 from typing import Final
 
 import numpy as np
@@ -112,7 +112,7 @@ def segment_of(road: Road, drive: Drive, finding: Finding | None) -> Segment:
     """
     if len(drive.trajectory) == 0:
         raise ValueError("a drive without records has no segment: drive the road first")
-    seen = assess(road, drive)
+    seen = assess(road, drive, has_shares=False)
     n = len(seen.distance)
     if finding is not None:
         centre = int(np.argmin(np.abs(drive.trajectory.time[:n] - finding.time)))
@@ -138,6 +138,13 @@ def segment_of(road: Road, drive: Drive, finding: Finding | None) -> Segment:
         first=int(too_early[-1]) + 1 if len(too_early) else 0,
         last=centre + 1 + int(too_late[0]) if len(too_late) else n,
     )
+
+
+def segment_of_test(test: Test) -> Segment | None:
+    """The segment of a stored test; None without records, or if it was read without them."""
+    if test.drive is None or not len(test.drive.trajectory):
+        return None
+    return segment_of(test.road, test.drive, test.result.finding)
 
 
 def segments_of(
@@ -204,36 +211,41 @@ def find_bends(distances: FloatArray, curvatures: FloatArray) -> tuple[Bend, ...
         curvatures: (n,) 1/m at these distances, linear in between.
     """
     s, kappa = _cut(distances, curvatures, (-GENTLE, GENTLE))
-    middle = 0.5 * (kappa[1:] + kappa[:-1])
-    turns = middle * np.diff(s)
-    way = np.where(np.abs(middle) >= GENTLE, np.sign(middle), 0.0)
-    # First and one past the last piece of each stretch that turns one way.
-    edges = np.flatnonzero(np.diff(way, prepend=np.nan, append=np.nan))
-    found = []
-    for first, last in pairwise(edges):
-        turn = float(turns[first:last].sum())
+    middle = [0.5 * (one + other) for one, other in pairwise(kappa)]
+    ways = [math.copysign(1.0, one) if abs(one) >= GENTLE else 0.0 for one in middle]
+    found, last = [], 0
+    for way, pieces in groupby(ways):
+        first, last = last, last + len(list(pieces))
+        if not way:
+            continue
+        turn = float(np.sum([middle[i] * (s[i + 1] - s[i]) for i in range(first, last)]))
         # A rounding error must not decide on a bend of exactly this size.
-        if way[first] and abs(turn) >= LEAST_TURN - 1e-9:
-            sharpest = float(np.abs(kappa[first : last + 1]).max())
-            found.append(Bend(float(s[first]), float(s[last]), turn, sharpest))
+        if abs(turn) >= LEAST_TURN - 1e-9:
+            sharpest = max(map(abs, kappa[first : last + 1]))
+            found.append(Bend(s[first], s[last], turn, sharpest))
     return tuple(found)
 
 
 def heading_range(distances: FloatArray, curvatures: FloatArray) -> tuple[float, float]:
     """Least and largest heading in rad of a line as for `find_bends`; its first is 0."""
     s, kappa = _cut(distances, curvatures, (0.0,))
-    headings = np.concatenate([[0.0], np.cumsum(0.5 * (kappa[1:] + kappa[:-1]) * np.diff(s))])
-    return float(headings.min()), float(headings.max())
+    heading = least = most = 0.0
+    for (start, end), (one, other) in zip(pairwise(s), pairwise(kappa), strict=True):
+        heading += 0.5 * (other + one) * (end - start)
+        least, most = min(least, heading), max(most, heading)
+    return least, most
 
 
 def _cut(
     distances: FloatArray, curvatures: FloatArray, levels: tuple[float, ...]
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[list[float], list[float]]:
     """Distances and curvatures with a sample more wherever the curvature crosses a level."""
-    s, kappa = distances, curvatures
+    s, kappa = distances.tolist(), curvatures.tolist()  # few numbers: faster than arrays
     for level in levels:
-        i = np.flatnonzero((kappa[:-1] - level) * (kappa[1:] - level) < 0.0)
-        share = (level - kappa[i]) / (kappa[i + 1] - kappa[i])
-        s = np.insert(s, i + 1, s[i] + share * (s[i + 1] - s[i]))
-        kappa = np.insert(kappa, i + 1, level)
+        for i in range(len(s) - 2, -1, -1):
+            one, other = kappa[i], kappa[i + 1]
+            if (one - level) * (other - level) < 0.0:
+                share = (level - one) / (other - one)
+                s.insert(i + 1, s[i] + share * (s[i + 1] - s[i]))
+                kappa.insert(i + 1, level)
     return s, kappa

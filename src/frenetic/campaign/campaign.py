@@ -83,6 +83,8 @@ CAMPAIGNS: Final = Path("campaigns")
 """Default parent of campaigns' folders."""
 LOOKAHEAD: Final = 16
 """Candidates outstanding at once in an ordered campaign."""
+QUICK_DRIVES: Final = 1000
+"""Most simulations of a campaign whose compiled drives are over before other processes are up."""
 SOURCES: Final = "sources"
 """Fact with the user's own source of a campaign's parts: name of a file -> its text."""
 STARTED_IN: Final = "started_in"
@@ -276,7 +278,7 @@ class Campaign(Shown):
             spec: with names of strategy, driver and simulator, and with a budget.
             folder: for results, as for the class.
             workers: number of roads driven at once; by default the simulator's usual number, or one
-                per core.
+                per core, or one if at most `QUICK_DRIVES` are compiled.
             cluster: as for the class.
             isolate: whether a single worker, too, drives in a process of its own, see
                 `Spec.make_parts`.
@@ -288,7 +290,7 @@ class Campaign(Shown):
         spec = spec.with_limit()
         assert spec.budget is not None
         driver, simulator = spec.make_parts(isolate=False)
-        workers = workers or _usual_workers(simulator, spec.lookahead)
+        workers = workers or _usual_workers(spec, simulator, driver)
         campaign = cls(
             strategy=spec.make_strategy(),
             simulator=simulator,
@@ -715,10 +717,14 @@ class Campaign(Shown):
             return f"<Campaign {self.folder}: nothing stored yet>"
 
 
-def _usual_workers(simulator: Simulator, lookahead: int | None) -> int:
+def _usual_workers(spec: Spec, simulator: Simulator, driver: Driver) -> int:
     """Number of workers that are of use, by default one per core."""
-    usual = capabilities(simulator).usual_workers or available_cores()
-    return usual if lookahead is None else min(usual, lookahead)
+    its, budget = capabilities(simulator), spec.budget
+    usual = its.usual_workers or available_cores()
+    drives = None if budget is None else budget.simulations
+    if drives is not None and drives <= QUICK_DRIVES and its.drives_compiled(driver):
+        return 1
+    return usual if spec.lookahead is None else min(usual, spec.lookahead)
 
 
 _TERMS: Final = (

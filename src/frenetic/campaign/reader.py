@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import operator
 import sqlite3
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import MappingProxyType
@@ -125,7 +125,7 @@ class CampaignReader(Shown):
         outcome: Outcome | None = None,
         order_by: Order = "told",
         limit: int | None = None,
-        with_trajectory: bool = False,
+        with_trajectory: bool | Container[int] = False,
     ) -> Iterator[Test]:
         """The tests that are stored at this moment; later ones do not show up.
 
@@ -133,7 +133,7 @@ class CampaignReader(Shown):
             outcome: only of tests with it.
             order_by: the order of telling, or ``moobd``: lowest first, those without one last.
             limit: most tests.
-            with_trajectory: whether they come with their trajectories.
+            with_trajectory: whether they come with their trajectories, or the ids of those that do.
 
         Raises:
             ValueError: an unknown outcome or order, or a number that is no whole one from 0.
@@ -187,13 +187,14 @@ class CampaignReader(Shown):
             raise self._unknown("test of candidate", id, "WHERE told IS NOT NULL")
         return self._read([number], with_trajectory)[0]
 
-    def _read(self, ids: Sequence[int], with_trajectory: bool) -> list[Test]:
+    def _read(self, ids: Sequence[int], with_trajectory: bool | Container[int]) -> list[Test]:
         """The tests of some candidates, in this order."""
+        has_path = ids if with_trajectory is True else with_trajectory or ()
         setting = self._setting if isinstance(self._setting, Setting) else None
         tests = []
         for row, findings in self._whole_rows(ids):
             with self._reading(f"test {row[0]}"):
-                packed = self._packed(row[0], row[-1]) if with_trajectory else None
+                packed = self._packed(row[0], row[-1]) if row[0] in has_path else None
                 tests.append(read_test(row, findings, packed, setting))
         return tests
 

@@ -29,6 +29,7 @@ from frenetic.errors import BrokenDriverError, CampaignError, FreneticError
 if TYPE_CHECKING:
     from frenetic.analysis import Clusters
     from frenetic.campaign import Campaign, CampaignStore, Event, Summary
+    from frenetic.report.html.reading import Reading
     from frenetic.spec import Spec
 
 SLOW: Final = 0.5
@@ -41,8 +42,8 @@ LEAST_TIME: Final = 30.0
 workers_option = click.option(
     "--workers",
     type=Workers(),
-    help="Drive on N roads at once, or on the workers of a Dask cluster, tcp://10.0.0.1:8786."
-    " [default: the cores]",
+    help="Drive on N roads at once, or on a Dask cluster, tcp://10.0.0.1:8786."
+    " [default: the cores, or 1]",
 )
 fail_on_failure_option = click.option(
     "--fail-on-failure",
@@ -102,15 +103,11 @@ def search(
         seed: of the strategy.
         fail_on_failure: whether a failure or broken drive ends the command with exit code 1.
     """
-    from frenetic.analysis.failures import (
-        caution,
-        distinct_failures,
-        nearest_misses,
-        representative_failures,
-    )
+    from frenetic.analysis.failures import caution, representative_failures
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.earlier import still_failing
     from frenetic.report.failures import FAILURES, GALLERY, write_failures
+    from frenetic.report.html.reading import Reading
     from frenetic.report.minimised import minimised_drives, minimised_road
 
     folder = campaign.folder
@@ -144,8 +141,8 @@ def search(
                 raise
             trouble = error
     with _after(trouble, campaign), CampaignStore.open(folder) as store:
-        clusters, counts = distinct_failures(store), store.counts()
-        misses = None if counts.failed else nearest_misses(store)
+        reading = Reading.of(store)
+        clusters, misses, counts = reading.clusters, reading.misses, reading.counts
         found = clusters if misses is None else misses
         listed = representative_failures(store, clusters=found)
         notes = list(filter(None, [caution(store)]))
@@ -176,15 +173,16 @@ def search(
         if summary is not None and not as_json:
             click.echo(f"Results:     {folder}")
         if listed:
+            failures = [test for test, _ in reading.failures.values()]
             with log.status("Drawing them"):
-                complete = write_failures(store, listed, shortened)
+                write_failures(store, failures, listed, shortened)
             if not as_json:
-                click.echo(f"At a glance: {folder / FAILURES / (GALLERY if complete else '')}")
+                click.echo(f"At a glance: {folder / FAILURES / GALLERY}")
                 click.echo(f"Look closer: frenetic show {shell(folder)} {listed[0].candidate.id}")
             if not as_json and listed[0].id in shortened:
                 road = minimised_road(folder, listed[0].id)
                 click.echo(f"Drive it:    frenetic drive {shell(road)}")
-        report = _write_report(log, store, clusters, misses) if counts.tests else None
+        report = _write_report(log, store, reading) if counts.tests else None
         if report is not None and not as_json:
             click.echo(f"Report:      {report}")
     if summary is not None and summary.interrupted:
@@ -248,15 +246,13 @@ def _after(trouble: FreneticError | None, campaign: Campaign) -> Iterator[None]:
     raise CampaignError(f"{trouble}; {words}") from trouble
 
 
-def _write_report(
-    log: Log, store: CampaignStore, clusters: Clusters, misses: Clusters | None
-) -> Path | None:
+def _write_report(log: Log, store: CampaignStore, reading: Reading) -> Path | None:
     """Writes the report; None if that failed, which loses nothing else."""
     from frenetic.report.html import write_report
 
     try:
         with log.status("Writing the report"):
-            return write_report(store, clusters=clusters, misses=misses)
+            return write_report(store, reading=reading)
     except FreneticError as error:
         log.print(f"There is no report: {error}", markup=False)
         return None

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
+from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
@@ -80,65 +81,47 @@ def road_document(record: Test, config: Mapping[str, JSONValue]) -> dict[str, An
 
 def write_failures(
     store: CampaignStore,
+    failures: Iterable[Test],
     listed: Sequence[Test],
     shortened: Mapping[int, Test] = MappingProxyType({}),
-) -> bool:
-    """Writes the failing roads as JSON files and pictures of the listed ones.
-
-    A failure whose file and picture are there already keeps both: going on draws only new ones.
+) -> None:
+    """Writes failing roads as JSON files, and a picture of the listed ones at a glance.
 
     Args:
         store: the campaign.
-        listed: the failures with a picture each, and a place in the gallery; where nothing failed,
-            the near misses.
+        failures: its failures, of which the first `MOST_FILES` get a file.
+        listed: those with a place in the gallery; where nothing failed, the near misses.
         shortened: the drives on the minimised roads of some of them, which the gallery shows.
-
-    Returns:
-        Whether all pictures are drawn: Ctrl-C ends the drawing after the current one.
 
     Raises:
         CampaignError: a file cannot be written.
     """
-    from frenetic.report.picture import draw_gallery, draw_test  # matplotlib imports slowly
+    from frenetic.report.picture import draw_gallery  # matplotlib imports slowly
 
     folder = store.folder / FAILURES
-    kept = set()
     try:
         folder.mkdir(exist_ok=True)
-        for record in store.tests(Outcome.FAIL, order_by="moobd", limit=MOST_FILES):
+        for record in islice(failures, MOST_FILES):
             document = json.dumps(road_document(record, store.config)) + "\n"
             path = folder / f"{file_stem(record.candidate.id)}.json"
-            if _holds(path, document):
-                kept.add(record.candidate.id)
-                continue
-            with replacing(path) as partial:
-                partial.write_text(document, encoding="utf-8")
-        if any(record.outcome is Outcome.PASS for record in listed):
-            (store.folder / PICTURES).mkdir(exist_ok=True)
+            if not _holds(path, document):
+                with replacing(path) as partial:
+                    partial.write_text(document, encoding="utf-8")
     except OSError as error:
         raise CampaignError(
             f"{folder} cannot be written: {error.strerror or error}; all results are safe in"
             f" {store.folder / DATABASE}"
         ) from None
     drawn = []
-    with catch_interrupt() as interrupt:
-        for record in listed:
-            test = store.test(record.candidate.id)
-            kind = FAILURES if test.outcome is Outcome.FAIL else PICTURES
-            path = store.folder / kind / f"{file_stem(test.id)}.png"
-            if test.id not in kept or not path.exists():
-                draw_test(test, path, f"Test {test.id}: {record.outcome}")
-            short, name = shortened.get(test.id, test), f"Test {test.id}"
-            if short is not test:
-                name += f", cut to {short.road.length:.0f} m"
-            drawn.append((name, short.road, short))
-            if interrupt.requested:
-                return False
-        if drawn:
-            near = listed[0].outcome is Outcome.PASS
-            title = "The nearest misses" if near else "The most telling failures"
+    for record in listed:
+        test = shortened.get(record.id) or store.test(record.id)
+        cut = f", cut to {test.road.length:.0f} m" if record.id in shortened else ""
+        drawn.append((f"Test {record.id}{cut}", test.road, test))
+    if drawn:
+        near = listed[0].outcome is Outcome.PASS
+        title = "The nearest misses" if near else "The most telling failures"
+        with catch_interrupt():
             draw_gallery(drawn, folder / GALLERY, title=title)
-    return True
 
 
 def _holds(path: Path, text: str) -> bool:

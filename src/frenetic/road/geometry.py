@@ -215,7 +215,7 @@ def _refine(
 @njit()
 def project_global(table: FloatArray, ds: float, px: float, py: float) -> tuple[float, float]:
     """(s, d) of the point of the whole road that is nearest to (px, py)."""
-    return _refine(table, ds, px, py, 0, len(table) - 1)
+    return project_near(table, ds, px, py, 0.0, (len(table) - 1) * ds)
 
 
 @njit()

@@ -65,6 +65,7 @@ def share_outside(
     length: float,
     width: float,
     centre_ahead: float,
+    least: float = 0.0,
 ) -> float:
     """Share (0..1) of a car's box that lies outside the lane between two lateral offsets.
 
@@ -78,6 +79,7 @@ def share_outside(
         s, d, road_heading: the centre of mass projected onto the road, the road's heading there.
         x, y, heading: m, m, rad, centre of mass and heading of the car.
         length, width, centre_ahead: m, the car's box, see `CarBody`.
+        least: a share that is surely less may be told as 0.
     """
     half_length, half_width = 0.5 * length, 0.5 * width
     radius = math.hypot(half_length, half_width) + abs(centre_ahead)
@@ -96,6 +98,11 @@ def share_outside(
     if stretch > 0.3:
         bend = 0.5 * sharpest * radius * radius / stretch
         if d + sideways + bend < left and d - sideways - bend > right:
+            return 0.0
+        # A disc around the middle of the box that covers the rest, and a tenth more for the chords.
+        disc = 1.1 * math.sqrt((1.0 - least) * length * width / math.pi)
+        aside = disc + abs(centre_ahead)
+        if 2.0 * disc < min(length, width) and d + aside < left and d - aside > right:
             return 0.0
     c, n = math.cos(heading), math.sin(heading)
     cx, cy = x + centre_ahead * c, y + centre_ahead * n
@@ -119,7 +126,7 @@ def share_outside(
         rx1, ry1 = px - edge * sine - x, py + edge * cosine - y
         if k > 0:
             # The quadrilateral right0 -> right1 -> left1 -> left0 runs counter-clockwise.
-            m = _clip(box, 4, rx0, ry0, rx1, ry1, first)
+            m = _clip(box, len(box), rx0, ry0, rx1, ry1, first)
             m = _clip(first, m, rx1, ry1, lx1, ly1, second) if m else 0
             m = _clip(second, m, lx1, ly1, lx0, ly0, first) if m else 0
             m = _clip(first, m, lx0, ly0, rx0, ry0, second) if m else 0

@@ -90,13 +90,14 @@ def assess_now(
     heading: float,
     i: int,
     s: float,
+    least: float,
 ) -> tuple[int, float, float, float, float]:
     """(end, s, lateral offset from the ego lane's centre, heading error, oob share) at ``i``.
 
     The arguments are those of `frenetic.oracle.assess_record`.
     """
     end, s, d, road_heading, share = assess_record(
-        table, ds, lane_width, rules, car, times, xs, ys, heading, i, s
+        table, ds, lane_width, rules, car, times, xs, ys, heading, i, s, least
     )
     return end, s, d + 0.5 * lane_width, wrap(heading - road_heading), share
 
@@ -118,6 +119,7 @@ class Observer:
         self._road = road
         self._rules = rules_array(rules, road.length)
         self._car = car.to_array()
+        self._tolerance = rules.oob_tolerance
         self._places = np.empty((3, records))
         self._seen = 0
         self._s = 0.0  # at the last record
@@ -140,6 +142,7 @@ class Observer:
             heading,
             i,
             self._s,
+            self._tolerance,
         )
         self._now = time, x, y, heading, self._s, offset, heading_error
         return bool(end == RUNNING)

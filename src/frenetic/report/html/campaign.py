@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,12 +12,10 @@ from msgspec.json import encode
 
 from frenetic._support.entry_points import imported, installed
 from frenetic.again.rerun import Rerun, elsewhere, own_repeats, read_reruns
-from frenetic.analysis.coverage import Axis, domain_coverage, varied_axes
+from frenetic.analysis.coverage import domain_coverage, varied_axes
 from frenetic.analysis.criteria import criteria_in_words
-from frenetic.analysis.failures import Clusters, caution, distinct_failures, nearest_misses
-from frenetic.analysis.features import Features
-from frenetic.analysis.segments import segment_of
-from frenetic.campaign.counts import Counts
+from frenetic.analysis.failures import Clusters, caution
+from frenetic.analysis.segments import segment_of_test
 from frenetic.campaign.earlier import still_failing
 from frenetic.campaign.objective import objectives
 from frenetic.campaign.record import Test
@@ -30,11 +28,12 @@ from frenetic.quantities import in_words
 from frenetic.report.html.blocks import Part, Section
 from frenetic.report.html.domain import domain_section
 from frenetic.report.html.elsewhere import elsewhere_sections
-from frenetic.report.html.feature_map import choose_mapped, map_section, measure
+from frenetic.report.html.feature_map import map_section
 from frenetic.report.html.gallery import gallery_section
 from frenetic.report.html.headline import headline
 from frenetic.report.html.operators import operators_section
 from frenetic.report.html.page import Report, write_page
+from frenetic.report.html.reading import Reading
 from frenetic.report.html.repeating import drive_options, repeat_section
 from frenetic.report.html.tests import (
     COLUMNS,
@@ -62,8 +61,7 @@ def write_report(
     campaign: Place,
     path: Path | str | None = None,
     *,
-    clusters: Clusters | None = None,
-    misses: Clusters | None = None,
+    reading: Reading | None = None,
     sections: Sequence[Section] = (),
 ) -> Path:
     """Writes the report of a campaign: one self-contained HTML file.
@@ -71,8 +69,7 @@ def write_report(
     Args:
         campaign: open, or its folder.
         path: of the file, which is replaced; ``report.html`` in the campaign's folder by default.
-        clusters: its distinct failures, if known.
-        misses: its nearest misses, if known; they are shown if nothing failed.
+        reading: its tests, if they are read already.
         sections: to add after those of the campaign.
 
     Returns:
@@ -84,15 +81,14 @@ def write_report(
     """
     with opened(campaign) as store:
         path = store.folder / REPORT if path is None else Path(path)
-        report = campaign_report(store, clusters=clusters, misses=misses, sections=sections)
+        report = campaign_report(store, reading=reading, sections=sections)
     return write_page(report, path)
 
 
 def campaign_report(
     store: CampaignStore,
     *,
-    clusters: Clusters | None = None,
-    misses: Clusters | None = None,
+    reading: Reading | None = None,
     sections: Sequence[Section] = (),
 ) -> Report:
     """The report of a campaign.
@@ -100,21 +96,19 @@ def campaign_report(
     Raises:
         CampaignError: the campaign is damaged.
     """
-    clusters = distinct_failures(store) if clusters is None else clusters
-    found = clusters
-    failures = store.by_outcome()[Outcome.FAIL]
-    if not failures:
-        found = nearest_misses(store) if misses is None else misses
-    tests, counts, conditions = _read(
-        store
-    )  # last: while the campaign runs, it has what was found before
+    reading = Reading.of(store) if reading is None else reading
+    tests, counts, clusters = reading.tests, reading.counts, reading.clusters
+    found, failures = reading.misses or clusters, counts.failed
     config, facts = store.config, store.facts
     reruns, trouble = _reruns(store)
     there = elsewhere(reruns, config)
     shown = _to_show(tests, found, [test.id for one in there for test in one.tests])
     coverage = domain_coverage(store.setting, store.tests())
-    axes = varied_axes(conditions) if coverage is None else coverage.axes
-    drives, measured, cells = _look(store, shown, [test.id for test in choose_mapped(tests)], axes)
+    axes = varied_axes(reading.conditions) if coverage is None else coverage.axes
+    drives = _drives(store, reading, shown)
+    order = [i for i in dict.fromkeys([*shown, *reading.features]) if i in reading.features]
+    measured = {i: reading.features[i] for i in order}
+    cells = {axis: [axis.find(reading.mapped[i]) for i in order] for axis in axes}
     moobds = {test.id: test.moobd for test in tests if test.moobd is not None}
     road_class = store.setting.road_class
     top = headline(
@@ -167,60 +161,34 @@ def _domain(store: CampaignStore) -> str:
     return domain.in_words() if found is None else f"{domain.in_words()}; {found.in_words()}"
 
 
-def _read(
-    store: CampaignStore,
-) -> tuple[list[TestSummary], Counts, list[Mapping[str, float]]]:
-    """The tests, their counts, and the conditions of those driven: all as of now."""
-    tests, counts, conditions = [], Counts(), []
-    for record in store.tests():
-        tests.append(TestSummary.of(record))
-        counts.add(record.candidate, record.outcome, record.moobd)
-        if record.outcome.is_driven:
-            conditions.append(record.candidate.conditions)
-    return tests, counts, conditions
-
-
-def _look(
-    store: CampaignStore, shown: Sequence[int], mapped: Collection[int], axes: Sequence[Axis]
-) -> tuple[list[dict[str, Any]], dict[int, Mapping[str, Features]], dict[Axis, list[int | None]]]:
-    """The drives of as many tests to show as there is room for; features and cells of the mapped.
-
-    Each trajectory is read once, and not kept.
-    """
+def _drives(store: CampaignStore, reading: Reading, shown: Sequence[int]) -> list[dict[str, Any]]:
+    """The drives of as many tests to show as there is room for."""
     drives: list[dict[str, Any]] = []
-    measured: dict[int, Mapping[str, Features]] = {}
-    cells: dict[Axis, list[int | None]] = {axis: [] for axis in axes}
     room, room_for_pictures = DRIVES_SIZE, FILMS_SIZE
-    is_mapped, is_shown = set(mapped), set(shown)
     films: list[Callable[[Test], Film | None]] = [
         imported(entry.target)(store.config) for entry in installed(FILMS)
     ]
-    for test_id in dict.fromkeys([*shown, *mapped]):
-        is_wanted = room > 0 and test_id in is_shown
-        if not is_wanted and test_id not in is_mapped:
+    for test_id in shown:
+        if room <= 0:
+            break
+        if test_id in reading.failures:
+            record, segment = reading.failures[test_id]
+        else:
+            record = store.test(test_id)
+            segment = segment_of_test(record)
+        if segment is None:
             continue
-        record = store.test(test_id)
-        drive = record.drive
-        if drive is None or not len(drive.trajectory):
-            continue
-        segment = segment_of(record.road, drive, record.result.finding)
-        if test_id in is_mapped:
-            measured[test_id] = measure(segment)
-            for axis, found in cells.items():
-                found.append(axis.find(record.candidate))
-        if is_wanted:
-            origin = record.candidate.origin
-            data = drive_data(test_id, record.result, segment, origin.generation)
-            data |= files_of(test_id, store)
-            if conditions := in_words(record.candidate.conditions):
-                data["reason"] += f"; {conditions}"
-            drives.append(data)
-            room -= len(encode(data))
-            seen = (film(record) for film in films if room_for_pictures > 0)
-            film = next((one for one in seen if one is not None), None)
-            drives[-1]["film"] = film
-            room_for_pictures -= 0 if film is None else len(film.pictures)
-    return drives, measured, cells
+        data = drive_data(test_id, record.result, segment, record.candidate.origin.generation)
+        data |= files_of(test_id, store)
+        if conditions := in_words(record.candidate.conditions):
+            data["reason"] += f"; {conditions}"
+        drives.append(data)
+        room -= len(encode(data))
+        seen = (film(record) for film in films if room_for_pictures > 0)
+        film = next((one for one in seen if one is not None), None)
+        drives[-1]["film"] = film
+        room_for_pictures -= 0 if film is None else len(film.pictures)
+    return drives
 
 
 def _to_show(

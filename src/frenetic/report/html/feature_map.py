@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Final, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -60,17 +60,29 @@ def measure(segment: Segment) -> dict[str, Features]:
     return {"segment": features_of(segment), "whole": features_of(segment.whole())}
 
 
-def choose_mapped(tests: Sequence[TestSummary]) -> list[TestSummary]:
+class _Judged(Protocol):
+    @property
+    def id(self) -> int: ...
+    @property
+    def outcome(self) -> str: ...
+    @property
+    def moobd(self) -> float | None: ...
+
+
+_Test = TypeVar("_Test", bound=_Judged)
+
+
+def choose_mapped(tests: Sequence[_Test]) -> list[_Test]:
     """The measured tests: all failures, and others evenly over the campaign.
 
     Of more than `MAPPED_FAILURES` failures, an even selection from the most severe on.
     """
     failed = sorted(
-        (test for test in tests if test.outcome is Outcome.FAIL),
+        (test for test in tests if test.outcome == Outcome.FAIL),
         key=lambda test: (test.moobd or 0.0, test.id),
     )
     failed = [failed[i] for i in evenly(len(failed), MAPPED_FAILURES)]
-    passed = [test for test in tests if test.outcome is Outcome.PASS]
+    passed = [test for test in tests if test.outcome == Outcome.PASS]
     passed = [passed[i] for i in spread(len(passed), max(MAPPED - len(failed), MAPPED_PASSED))]
     chosen = {test.id for test in (*failed, *passed)}
     return [test for test in tests if test.id in chosen]

@@ -9,12 +9,13 @@ from typing import Any, ClassVar, Final
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic.analysis.segments import Segment, segment_of
+from frenetic.analysis.segments import Segment, segment_of_test
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.criteria import DRIVER, LANE
 from frenetic.drive import Trajectory
-from frenetic.oracle import Assessment, Result, Side, breach_in_words, measured
+from frenetic.measures import measure
+from frenetic.oracle import Assessment, Result, Side, breach_in_words
 from frenetic.outcome import Outcome
 from frenetic.report.failures import FAILURES, file_stem
 from frenetic.report.minimised import MINIMISED, minimised_drives
@@ -186,7 +187,8 @@ def _kept(result: Result, segment: Segment) -> list[str]:
     broken = {one.criterion for one in result.findings}
     criteria = segment.drive.rules.criteria.criteria
     kept = [one for one in criteria if one.quantity not in broken]
-    return [found.told() for found in measured(segment.road, segment.drive, kept)]
+    measured = [measure(one, segment.seen) for one in kept]
+    return [found.told() for found in measured if found is not None]
 
 
 def files_of(test_id: int, store: CampaignStore) -> dict[str, Any]:
@@ -196,8 +198,7 @@ def files_of(test_id: int, store: CampaignStore) -> dict[str, Any]:
     road_file = f"{FAILURES}/{name}" if there else None
     data: dict[str, Any] = {"road_file": road_file, "minimised": None}
     for short in minimised_drives(store, [test_id]).values():
-        if short.drive is not None and len(short.drive.trajectory):
-            segment = segment_of(short.road, short.drive, short.result.finding)
+        if (segment := segment_of_test(short)) is not None:
             drive = drive_data(test_id, short.result, segment)
             data["minimised"] = {"drive": drive, "file": f"{MINIMISED}/{name}"}
     return data

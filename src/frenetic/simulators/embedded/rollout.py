@@ -173,6 +173,7 @@ def rollout(
             state[HEADING],
             i,
             s,
+            rules[0],
         )
         if end != RUNNING:
             return i + 1

@@ -138,6 +138,7 @@ def step_cars(
             state[HEADING],
             i,
             before,
+            0.0,
         )
         look_ahead(
             table,
