@@ -39,8 +39,8 @@ from frenetic.vision.rendering import Renderer
 RECORDED: Final = Path(__file__).with_name("behaviour.json")
 NOT_RECORDED: Final = {"simulator beamng"}
 """What needs a licensed program to behave at all; its layer above is tested with a stand-in."""
-OVER_ANOTHER: Final = {"screened"}
-"""A strategy over others, whose versions its record holds."""
+OVER_ANOTHER: Final = {"foresight"}
+"""A strategy over another, with a fit that every machine rounds otherwise."""
 CURVATURES: Final = (
     [0.0, 0.0, 0.01, 0.02, 0.02, 0.0, -0.02, -0.03, -0.01, 0.0, 0.0],
     [0.0, 0.03, 0.06, 0.06, 0.03, 0.0, 0.0, 0.0, -0.05, -0.06, -0.02, 0.0, 0.0],

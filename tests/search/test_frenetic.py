@@ -206,6 +206,7 @@ def test_a_child_that_would_fail_as_known_is_refused() -> None:
             known,
             known,
             same,
+            np.zeros(draws),
             np.empty(0),
             np.empty(40),
             np.empty(SIZE),
@@ -215,6 +216,105 @@ def test_a_child_that_would_fail_as_known_is_refused() -> None:
     assert drawn(known[:0], 2.0) == 0
     assert drawn(known, 0.05) >= 0
     assert drawn(known, 50.0) == -1
+
+
+def test_a_fresh_road_keeps_what_leads_to_the_place() -> None:
+    parent = random_curvatures(np.random.default_rng(1), 30)
+    u = np.random.default_rng(2).random((1, PARAMETERS + 80))
+    child, none = np.empty(40), np.empty((0, SIZE))
+    whole = np.zeros(1, dtype=np.int64)
+    for kept in (0.0, 60.0):
+        k, n, moved = draw_child(
+            np.array([OPERATORS.index("shift")]),
+            u,
+            parent,
+            10.0,
+            180.0,
+            np.zeros(SIZE),
+            np.zeros((1, 40)),
+            whole,
+            whole,
+            np.array([30]),
+            np.array([CURVATURE_BOUND, 0.05]),
+            none,
+            none,
+            1.6,
+            np.array([kept]),
+            np.empty(0),
+            child,
+            np.empty(SIZE),
+        )
+        assert (k, n, moved) == (0, 30, 0)
+        if not kept:
+            changed = child[:n].copy()  # around the place
+            np.testing.assert_array_equal(changed[:18], parent[:18])
+    # From 60 m before the place at 180 m to 20 m after it, and all else is new.
+    np.testing.assert_array_equal(child[12:21], changed[12:21])
+    assert not np.isin(child[:12], parent).any()
+    assert not np.isin(child[21:30], parent).any()
+    assert np.abs(np.diff(child[:12])).max() <= 0.05
+
+
+class Seer:
+    """Foresight that knows: roads fail to the left, at a place that follows from the first value."""
+
+    def __init__(self, *, is_right: bool) -> None:
+        self.is_ready, self.is_right = False, is_right
+        self.learnt = self.asked = 0
+
+    def learn(self, candidate: Candidate, evaluation: Evaluation) -> None:
+        assert evaluation.candidate.id == candidate.id
+        self.learnt += 1
+        self.is_ready = self.learnt >= 35
+
+    def foresee(self, candidate: Candidate) -> Evaluation | None:
+        self.asked += 1
+        return drive(candidate, *self.fate(candidate, is_right=self.is_right))
+
+    def facts(self) -> dict[str, str]:
+        return {"twin": "a seer"}
+
+    @staticmethod
+    def fate(candidate: Candidate, *, is_right: bool = True) -> tuple[float, float]:
+        """MOOBD and place: half of all roads fail."""
+        fails = (round(abs(float(candidate.curvatures[0])) * 1e6) % 2 == 0) == is_right
+        return (-2.0 if fails else 1.0), 120.0
+
+
+@pytest.mark.parametrize("is_right", [True, False])
+def test_foresight_chooses_as_often_as_it_is_right(*, is_right: bool) -> None:
+    seer = Seer(is_right=is_right)
+    search = Frenetic(seed=4, foresight=seer)
+    told = 0
+    for _ in range(200):
+        candidate = search.ask()
+        search.tell(drive(candidate, *Seer.fate(candidate)))
+        told += 1
+    facts = dict(search.facts())
+    assert seer.learnt == told
+    assert facts["twin"] == "a seer"
+    chosen, others = facts["children with foresight"], facts["children without foresight"]
+    assert chosen + others < 200
+    if is_right:
+        assert chosen > 2 * others
+        assert facts["new failures with foresight"] > 0.5 * chosen
+    else:
+        assert chosen < others
+    assert seer.asked >= chosen
+
+
+def test_likely_children_fail_more_often() -> None:
+    failed = {}
+    for likely in (False, True):
+        search = Frenetic(seed=5, likely=likely)
+        failed[likely] = 0
+        for _ in range(300):
+            candidate = search.ask()
+            # What bends to the left before the place fails.
+            fails = float(candidate.curvatures[8:13].mean()) > 0.012
+            search.tell(drive(candidate, -2.0 if fails else 0.5, 120.0))
+            failed[likely] += fails
+    assert failed[True] > 1.1 * failed[False]
 
 
 def test_the_speed_model_learns_a_driver() -> None:

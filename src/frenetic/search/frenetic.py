@@ -5,8 +5,9 @@ from __future__ import annotations
 import hashlib
 import math
 from collections import deque
-from collections.abc import Sequence
-from typing import Any, ClassVar
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import islice
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
@@ -17,9 +18,10 @@ from frenetic.errors import Fault
 from frenetic.outcome import Outcome
 from frenetic.road import profile
 from frenetic.road.classes import RoadClass
-from frenetic.search.approach import SIZE, lower_squares
+from frenetic.search.approach import SIZE, lower_squares, nearest_square
 from frenetic.search.archive import FAR, LEFT, RIGHT, Archive, places_of
 from frenetic.search.conditions import changed, drawn, inherited
+from frenetic.search.failing import FailureModel
 from frenetic.search.operators import MIN_VALUES
 from frenetic.search.random_search import (
     EARLIER,
@@ -51,6 +53,11 @@ _TOURNAMENT = 24
 _FAILURE, _NEAR_MISS = 3.0, 1.5  # worth of a failure and, at most, of a near miss
 _USE, _SUCCESS = 0.3, 0.15  # cost of a child, less what a new failure gives back
 _KNOWN = 0.6  # cost of a known failure's first child
+_LIKELY_OF = 6  # children of which the one is taken that most likely fails
+_LOOKS = 40  # drives that foresight may take for one road
+_TRIED_LAST = 50  # children by which chosen with and without foresight are compared
+_TRUST = 3.0  # power of the shares of new failures among them
+_LEAST_CONTROLS = 0.05  # share of children that are chosen without foresight, and with it
 _NOTHING_NEW, _NEW = 1.0, 2.0  # [m] of difference from the known failures
 _POWER = 2.5  # of an operator's success
 _TRIED = 2.0  # earlier roads that count as driven, with a new failure each, before the first is
@@ -61,10 +68,45 @@ _BLIND_SHARE = 0.5  # of them in a domain while no failure is known: conditions 
 _SAME = 1.6  # [m] least difference that a child is expected to have from the known failures
 _REDRAWS = 36  # of a road or child that is refused
 _PARENTS = 8  # that are tried before a random road is proposed
+_FRESH = 0.45  # share of children of failures whose road is new but for what leads to the place
+_RUN_UP = 4.6  # s of driving at the design speed that lead to it
 _IN_OTHERS = 0.5  # share of children of a near miss that are its road in other conditions
 
 CONDITIONS = "conditions"
 """The operator of a road in other conditions."""
+
+
+class Foresight(Protocol):
+    """Tells what the driver under test will do on a road that it has not driven."""
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether it can tell."""
+
+    def learn(self, candidate: Candidate, evaluation: Evaluation) -> None:
+        """Learn from a drive."""
+
+    def foresee(self, candidate: Candidate) -> Evaluation | None:
+        """What the driver will do; None where nothing would be driven."""
+
+    def facts(self) -> Mapping[str, Any]:
+        """What it has to tell of itself, see `Strategy.facts`."""
+
+
+class _Child(NamedTuple):
+    """A road that is proposed if nothing speaks against it."""
+
+    row: int
+    """Of its parent's place in the archive."""
+    operator: int | None
+    """Its number; None for the parent's road in other conditions."""
+    curvatures: FloatArray
+    own: Mapping[str, Any]
+    """Grade and conditions."""
+    side: int
+    """Side on which it is expected to fail."""
+    vector: FloatArray | None
+    """The approach with which it is expected to; None if it is not told."""
 
 
 class Frenetic(Strategy):
@@ -85,6 +127,12 @@ class Frenetic(Strategy):
        parent's offsets, and the parent's speeds with the change that a `SpeedModel` predicts, from
        5 m before the parent's place to 15 m after it. Until a child is told, it counts as failing
        where it is expected to.
+    6. *Foresight*, if there is any: children are looked at, up to 40 of them, until one will fail
+       2 m from all known failures. How often it chooses follows from what it has brought in the
+       last drives, against choice without it.
+
+    Of a failure's children, nearly half have a new road but for the 90 m before the place and 30 m
+    after it, in a road class 4.6 s of driving and a third of that.
 
     A failure is new if it differs from all known ones by 2 m, in part if it does by 1 m.
 
@@ -111,6 +159,8 @@ class Frenetic(Strategy):
         random_roads: Number of the first random roads.
         threshold: m, only failures and places with a lower oob distance become parents; None for
             one that adapts to the driver.
+        likely: Whether of six children the one is driven that will most likely fail: for those who
+            count failures, alike or not.
         use_archive: Whether second places, and the differences from the known failures, count.
         learn_shares: Whether operators are chosen by what they have brought.
         predict_speeds: Whether a child's speeds are predicted.
@@ -123,13 +173,14 @@ class Frenetic(Strategy):
         domain: Domain of roads and conditions, see `Strategy.domain`: then a child has its parent's
             conditions, and of one that did not fail another one is the same road in others. Until
             the first failure, half of the random roads have a condition that few drives have.
+        foresight: Tells what the driver will do on a child's road.
 
     Raises:
         ValueError: An option is out of range; the message says which and what is allowed.
 
     """
 
-    BEHAVIOUR: ClassVar[int] = 4
+    BEHAVIOUR: ClassVar[int] = 5
     """Raised when its proposals change; campaigns record it."""
 
     def __init__(
@@ -140,6 +191,7 @@ class Frenetic(Strategy):
         random_budget: Share = 0.2,
         random_roads: Count = 30,
         threshold: Finite | None = None,
+        likely: bool = False,
         use_archive: bool = True,
         learn_shares: bool = True,
         predict_speeds: bool = True,
@@ -148,11 +200,15 @@ class Frenetic(Strategy):
         is_valid: RoadCheck | None = None,
         road_class: RoadClass | None = None,
         domain: Domain | None = None,
+        foresight: Foresight | None = None,
     ) -> None:
         map_size, step = size_and_step(map_size, step, road_class)
         self.options = options_of(locals(), Frenetic.__init__)
         self.road_class, self.domain = road_class, domain
         self._rng = np.random.default_rng(seed)
+        self._foresight = foresight
+        self._failing = FailureModel(self._rng, len(OPERATORS)) if likely else None
+        self._features_of: dict[int, FloatArray] = {}  # of outstanding children
         self._random_budget = random_budget
         self._first_roads = random_roads
         self._fixed_threshold = threshold
@@ -170,6 +226,8 @@ class Frenetic(Strategy):
             max_redraws=_REDRAWS,
             road_class=road_class,
         )
+        # 90 m on the competition's roads, for which nobody says how fast they are driven:
+        self._run_up = 90.0 if road_class is None else road_class.design_speed / 3.6 * _RUN_UP
         self._room = np.empty(self._usual_length + LENGTH_JITTER + _MORE_VALUES)
         self._ledger = Ledger()
         self._rests = Rests(road_class)
@@ -187,8 +245,12 @@ class Frenetic(Strategy):
         # By whether the parent had failed, and operator:
         self._used = np.zeros((2, len(OPERATORS)))
         self._brought = np.zeros((2, len(OPERATORS)))
-        # Row in the archive of each outstanding child's parent, and the operator:
-        self._parents: dict[int, tuple[int, int]] = {}
+        # Of each outstanding child: its parent's row, its operator, whether it is foreseen.
+        self._parents: dict[int, tuple[int, int | None, bool]] = {}
+        # Without foresight and with it: how new the failures of the last children were, the number
+        # of all children, and of their new failures.
+        self._brought_by = [deque[float](maxlen=_TRIED_LAST) for _ in (False, True)]
+        self._tried_by = [(0, 0.0), (0, 0.0)]
         self._earlier = Archive()  # of earlier campaigns, none of it believed
         self._earlier_left = 0  # roads of it that were not proposed
         self._driven_again, self._brought_again = 0, 0.0
@@ -236,21 +298,7 @@ class Frenetic(Strategy):
             return self._random_road()
         if len(self._severities) >= self._pool_end:
             self._choose_pool()
-        for _ in range(_PARENTS if len(self._pool) else 0):
-            child = self._child_of(self._choose_parent())
-            if child is not None:
-                return child
-        return self._random_road()
-
-    def replace(self, candidate: Candidate) -> None:
-        """Take the road that an earlier version proposed instead, see `Strategy.replace`."""
-        self._ledger.replace(candidate)
-        self._room = np.empty(max(len(self._room), len(candidate.curvatures)))
-        self._proposed.add(fingerprint(candidate.curvatures))
-        self._archive.settle(candidate.id)
-        parent = self._parents.pop(candidate.id, None)
-        if parent is not None:
-            self._archive.places["cost"][parent[0]] -= _USE
+        return self._child() or self._random_road()
 
     def tell(self, evaluation: Evaluation) -> None:
         """Learn the result of a candidate.
@@ -262,6 +310,7 @@ class Frenetic(Strategy):
         candidate = self._ledger.settle(evaluation)
         self._rests.see(candidate, evaluation)
         parent = self._parents.pop(candidate.id, None)
+        features = self._features_of.pop(candidate.id, None)
         self._archive.settle(candidate.id)
         self._budget_spent = max(self._budget_spent, evaluation.budget_spent)
         severity = evaluation.severity
@@ -281,8 +330,17 @@ class Frenetic(Strategy):
         if candidate.origin.operator == EARLIER:
             self._driven_again += 1
             self._brought_again += brought
+        if self._foresight is not None:
+            self._foresight.learn(candidate, evaluation)
+        if self._failing is not None and features is not None:
+            self._failing.learn(features, has_failed=evaluation.outcome is Outcome.FAIL)
         if parent is not None:
-            row, operator = parent
+            row, operator, is_foreseen = parent
+            self._brought_by[is_foreseen].append(brought)
+            tried, new = self._tried_by[is_foreseen]
+            self._tried_by[is_foreseen] = tried + 1, new + brought
+            if operator is None:
+                return
             had_failed = int(self._archive.places["has_failed"][row])
             self._used[had_failed, operator] += 1.0
             self._brought[had_failed, operator] += brought
@@ -301,6 +359,17 @@ class Frenetic(Strategy):
         brought = min(max((difference - _NOTHING_NEW) / (_NEW - _NOTHING_NEW), 0.0), 1.0)
         self._archive.places["cost"][row] = _KNOWN * (1.0 - brought)
         return brought
+
+    def facts(self) -> Mapping[str, Any]:
+        """Return what foresight came to; nothing without it."""
+        if self._foresight is None:
+            return {}
+        counts = {
+            f"{what} {how} foresight": number
+            for how, (tried, new) in zip(("without", "with"), self._tried_by, strict=True)
+            for what, number in (("children", tried), ("new failures", round(new)))
+        }
+        return {**self._foresight.facts(), **counts}
 
     @property
     def notice(self) -> str | None:
@@ -389,15 +458,80 @@ class Frenetic(Strategy):
         worth[places["has_failed"]] = _FAILURE if self.domain is None else _FAILURE + FAR
         return int(rows[np.argmax(worth - places["cost"])])
 
-    def _child_of(self, row: int) -> Candidate | None:
+    def _child(self) -> Candidate | None:
         """A child of a place of the archive, None if all draws were refused."""
+        children = (
+            child
+            for _ in range(_PARENTS if len(self._pool) else 0)
+            for child in self._children_of(self._choose_parent())
+        )
+        if self._looks_ahead():
+            return self._foreseen(children)
+        tried = 1 if self._failing is None or not self._failing.is_ready else _LIKELY_OF
+        child = max(islice(children, tried), key=self._chance, default=None)
+        return None if child is None else self._issue(child)
+
+    def _foreseen(self, children: Iterator[_Child]) -> Candidate | None:
+        """The first child that will fail as no known failure does, or the most promising one."""
+        best, most = None, -math.inf
+        for child in islice(children, _LOOKS):
+            worth, seen = self._promise_of(child)
+            if best is None or worth > most:
+                best, most = seen, worth
+            if worth >= _NEW:
+                break
+        return None if best is None else self._issue(best, is_foreseen=True)
+
+    def _chance(self, child: _Child) -> float:
+        """The chance that a child fails; 0 if nobody asks for it."""
+        return 0.0 if self._failing is None else self._failing.chance(self._features(child))
+
+    def _features(self, child: _Child) -> FloatArray:
+        """What the chance follows from, see `FailureModel`."""
+        assert self._failing is not None
+        vector = self._archive.vectors[child.row] if child.vector is None else child.vector
+        severity = float(self._archive.places["severity"][child.row])
+        return self._failing.features(vector, child.side, child.operator, severity)
+
+    def _looks_ahead(self) -> bool:
+        """Whether foresight chooses the next child: the more surely, the more it has brought."""
+        if self._foresight is None or not self._foresight.is_ready:
+            return False
+        without, with_it = (
+            ((sum(brought) + 1.0) / (len(brought) + 2.0)) ** _TRUST for brought in self._brought_by
+        )
+        share = with_it / (without + with_it)
+        share = min(max(share, _LEAST_CONTROLS), 1.0 - _LEAST_CONTROLS)
+        return bool(self._rng.random() < share)
+
+    def _promise_of(self, child: _Child) -> tuple[float, _Child]:
+        """How new a failure a child promises by foresight, in m, and the child as foreseen.
+
+        Below 0 it will not fail: then it is by how much.
+        """
+        assert self._foresight is not None
+        candidate = Candidate(0, child.curvatures, self._roads.step, Origin(""), **child.own)
+        seen = self._foresight.foresee(candidate)
+        if seen is None or seen.severity is None:
+            return -math.inf, child
+        place = places_of(seen, candidate, seen.severity)[0]
+        child = child._replace(side=place.side, vector=place.vector)
+        if not place.has_failed:
+            return min(-place.severity, -0.0), child
+        known = self._archive.failures(place.side)
+        return math.sqrt(nearest_square(known, place.vector, FAR * FAR)), child
+
+    def _children_of(self, row: int) -> Iterator[_Child]:
+        """Children of a place of the archive, which are expected to fail as no known failure."""
         archive, rng, draws, step = self._archive, self._rng, 1 + _REDRAWS, self._roads.step
         place, parent = archive.places[row], archive.candidates[row]
         had_failed, side = int(place["has_failed"]), int(place["side"])
         if self.domain is not None and not had_failed and rng.random() < _IN_OTHERS:
-            return self._in_other_conditions(row)
+            yield self._in_other_conditions(row)
+            return
         operators = np.searchsorted(self._shares(had_failed), rng.random(draws), side="right")
-        u = rng.random((draws, PARAMETERS + len(self._room)))
+        u = rng.random((draws, PARAMETERS + 2 * len(self._room)))
+        kept = np.where(rng.random(draws) < had_failed * _FRESH, self._run_up, 0.0)
         lengths = self._usual_length + rng.integers(-LENGTH_JITTER, LENGTH_JITTER + 1, draws)
         others = np.zeros((draws, len(self._room)))
         sizes, sites = np.zeros(draws, dtype=np.int64), np.zeros(draws, dtype=np.int64)
@@ -431,33 +565,59 @@ class Frenetic(Strategy):
                 self._roads.limits,
                 *known,
                 _SAME,
+                kept[first:],
                 np.empty(0) if model is None else model.weights,
                 self._room,
                 expected,
             )
             if k < 0:
-                return None
+                return
             curvatures, operator = self._room[:n].copy(), int(operators[first + k])
-            mark = fingerprint(curvatures)
-            if mark not in self._proposed and self._is_valid(curvatures, step):
-                self._proposed.add(mark)
-                child = self._issue(curvatures, row, operator, moved * step)
-                archive.expect(child.id, opposite if operator == MIRROR else side, expected)
-                return child
+            if fingerprint(curvatures) not in self._proposed and self._is_valid(curvatures, step):
+                own = self._inherited(parent, curvatures, moved * step)
+                there = opposite if operator == MIRROR else side
+                yield _Child(row, operator, curvatures, own, there, expected.copy())
             first += k + 1
-        return None
 
-    def _in_other_conditions(self, row: int) -> Candidate:
+    def _inherited(
+        self, parent: Candidate, curvatures: FloatArray, moved: float
+    ) -> Mapping[str, Any]:
+        """Grade and conditions of a child whose place lies ``moved`` m further along it."""
+        grade = parent.grade
+        if self.road_class is not None and self._rng.random() < _NEW_GRADE:
+            grade = self._roads.grade(self._rng, curvatures)
+        elif grade is not None and len(grade):
+            grade = np.column_stack([grade[:, 0] + moved, grade[:, 1]])
+        length = (len(curvatures) - 1) * self._roads.step
+        conditions = inherited(self._rng, self.domain, parent, length, moved)
+        return {"grade": grade, "conditions": conditions}
+
+    def _in_other_conditions(self, row: int) -> _Child:
         """The road of a place of the archive in other conditions."""
         assert self.domain is not None
         archive, parent = self._archive, self._archive.candidates[row]
         mate = archive.candidates[int(self._rng.choice(self._pool))]
-        place = float(archive.places["distance"][row])
+        place = archive.places[row]
         own: dict[str, Any] = {name: getattr(parent, name) for name in profile.NAMES}
-        own["conditions"] = changed(self._rng, self.domain, parent, mate, place)
-        origin = Origin(CONDITIONS, (parent.id,), parent.origin.generation + 1)
-        archive.places["cost"][row] += _USE
-        return self._ledger.issue(parent.curvatures, parent.step, origin, **own)
+        there = float(place["distance"])
+        own["conditions"] = changed(self._rng, self.domain, parent, mate, there)
+        return _Child(row, None, parent.curvatures, own, int(place["side"]), None)
+
+    def _issue(self, child: _Child, *, is_foreseen: bool = False) -> Candidate:
+        """Propose a child."""
+        row, operator = child.row, child.operator
+        parent = self._archive.candidates[row]
+        name = CONDITIONS if operator is None else OPERATORS[operator]
+        origin = Origin(name, (parent.id,), parent.origin.generation + 1)
+        issued = self._ledger.issue(child.curvatures, self._roads.step, origin, **child.own)
+        self._proposed.add(fingerprint(child.curvatures))
+        self._archive.places["cost"][row] += _USE
+        self._parents[issued.id] = row, operator, is_foreseen
+        if self._failing is not None:
+            self._features_of[issued.id] = self._features(child)
+        if child.vector is not None:
+            self._archive.expect(issued.id, child.side, child.vector)
+        return issued
 
     def _shares(self, had_failed: int) -> FloatArray:
         """Running sum of the shares of the operators, (k,), the last 1."""
@@ -469,23 +629,6 @@ class Frenetic(Strategy):
         sums = np.cumsum(worth)
         shares: FloatArray = sums / sums[-1]
         return shares
-
-    def _issue(self, curvatures: FloatArray, row: int, operator: int, moved: float) -> Candidate:
-        """A child of a place of the archive that lies ``moved`` m further along it."""
-        parent = self._archive.candidates[row]
-        origin = Origin(OPERATORS[operator], (parent.id,), parent.origin.generation + 1)
-        grade = parent.grade
-        if self.road_class is not None and self._rng.random() < _NEW_GRADE:
-            grade = self._roads.grade(self._rng, curvatures)
-        elif grade is not None and len(grade):
-            grade = np.column_stack([grade[:, 0] + moved, grade[:, 1]])
-        length = (len(curvatures) - 1) * self._roads.step
-        conditions = inherited(self._rng, self.domain, parent, length, moved)
-        own: dict[str, Any] = {"grade": grade, "conditions": conditions}
-        child = self._ledger.issue(curvatures, self._roads.step, origin, **own)
-        self._parents[child.id] = row, operator
-        self._archive.places["cost"][row] += _USE
-        return child
 
 
 def fingerprint(curvatures: FloatArray) -> bytes:

@@ -241,7 +241,6 @@ DOES: Mapping[str, str] = MappingProxyType(
         "rest": "goes on behind the place where the car left its lane",
         "given": "drives a stretch of a real road",
         "earlier": "drives a road of an earlier campaign again",
-        "screened": "takes what failed in the twin, or came near it",
     }
 )
 """Name of an operator -> what it does, in a few words for people."""

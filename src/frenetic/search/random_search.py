@@ -374,10 +374,6 @@ class RandomSearch(Strategy):
         rest = self._rests.issue(self._ledger)
         return rest or self._roads.issue(self._rng, self._ledger, self.domain)
 
-    def replace(self, candidate: Candidate) -> None:
-        """Take another road instead, see `Strategy.replace`."""
-        self._ledger.replace(candidate)
-
     def tell(self, evaluation: Evaluation) -> None:
         """Strike the candidate off; nothing is learnt.
 

@@ -121,13 +121,6 @@ class Strategy(ABC):
         strategy that checks no roads ignores it.
         """
 
-    def replace(self, candidate: Candidate) -> None:
-        """Take a candidate instead of the one that was asked under its id and not told yet.
-
-        Screening needs it.
-        """
-        raise NotImplementedError(f"{type(self).__name__} takes no other road than it asked for")
-
     def start_from(self, earlier: Sequence[Evaluation]) -> None:
         """Learn which roads failed in earlier campaigns, or came near failing.
 
@@ -186,17 +179,6 @@ class Ledger:
         self._last_id = candidate.id
         self._outstanding[candidate.id] = candidate
         return candidate
-
-    def replace(self, candidate: Candidate) -> None:
-        """Put a candidate in place of the outstanding one of its id.
-
-        Raises:
-            ValueError: None is outstanding under this id.
-
-        """
-        if candidate.id not in self._outstanding:
-            raise ValueError(f"candidate {candidate.id} is not outstanding")
-        self._outstanding[candidate.id] = candidate
 
     def settle(self, evaluation: Evaluation) -> Candidate:
         """Return the candidate as it was issued, and strike it off.

@@ -73,6 +73,8 @@ PARAMETERS = 8
 """Number of uniform random numbers that an operator takes beside one for each new value."""
 MIN_REST = 3
 """Least number of values after the site that a road has if its rest is redrawn."""
+AFTER = 1.0 / 3.0
+"""Length of road after the place that a child with a fresh road keeps, per length before it."""
 WAYS = (0.0, -5.0, 5.0, 10.0, 15.0)
 """Ways from the parent's place to those where a child may fail, in m, the likeliest first."""
 _MIN_VALUES = 5
@@ -239,6 +241,7 @@ def draw_child(
     known: FloatArray,
     opposite: FloatArray,
     same: float,
+    kept: FloatArray,
     weights: FloatArray,
     child: FloatArray,
     expected: FloatArray,
@@ -253,7 +256,7 @@ def draw_child(
 
     Args:
         operators: (k,) numbers of the operators of each draw.
-        u: (k, m) uniform random numbers, see `vary`.
+        u: (k, m) uniform random numbers, see `vary`, and then as many as the child has room for.
         parent: (N,) 1/m.
         step: m between two values.
         place: m along the parent's road.
@@ -266,12 +269,14 @@ def draw_child(
         known: (., 64) approaches of known failures on the parent's side, in m.
         opposite: (., 64) likewise, of the other side, which a mirrored child would be on.
         same: m, least difference from all of them.
+        kept: (k,) m of road before the place that a child has from its parent, and `AFTER` times as
+            much behind it; what is beyond is drawn anew. 0: it keeps all of it.
         weights: See `SpeedModel.weights`; empty if no speeds are predicted.
         child: Room for the child's values.
         expected: (64,) m, room for the approach with which the child is expected to fail.
 
     """
-    before, after = np.empty(STATES), np.empty(STATES)
+    before, after, most = np.empty(STATES), np.empty(STATES), len(child)
     own = parent.copy()  # may be written to, like `child`: kernels are compiled for such alone
     if len(weights):
         predict(weights, own, step, place - BEHIND, before)
@@ -294,6 +299,13 @@ def draw_child(
             continue
         _copy(vector, 0, expected, 0, len(vector))
         there = place + moved * step
+        if kept[k] > 0.0:
+            first = max(int((there - kept[k]) / step), 0)
+            end = min(int((there + AFTER * kept[k]) / step) + 1, n)
+            _draw(child, 0, first, 0.0, u[k][most:], limits)
+            _draw(child, end, n, child[end - 1], u[k][most + first :], limits)
+            if len(limits) > 2:
+                conform(child[:n], limits, np.empty(n))
         failures = known
         if operators[k] == MIRROR:
             _scale(expected, ROAD_SIZE, ROAD_SIZE + STATES, -1.0)

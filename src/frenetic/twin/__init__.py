@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING
 from frenetic._support.public_names import lazy_names
 
 if TYPE_CHECKING:
+    from frenetic.twin.foresight import foresight
     from frenetic.twin.profile import Profile
-    from frenetic.twin.screening import screened
     from frenetic.twin.twin import Prospect, Twin, rank
 
 __getattr__ = lazy_names(
     __name__,
     {
+        "frenetic.twin.foresight": ("foresight",),
         "frenetic.twin.profile": ("Profile",),
-        "frenetic.twin.screening": ("screened",),
         "frenetic.twin.twin": ("Prospect", "Twin", "rank"),
     },
 )
 
-__all__ = ["Profile", "Prospect", "Twin", "rank", "screened"]
+__all__ = ["Profile", "Prospect", "Twin", "foresight", "rank"]

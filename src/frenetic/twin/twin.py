@@ -19,14 +19,12 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis.failures import THRESHOLD, Failure
 from frenetic.analysis.segments import segment_of
-from frenetic.campaign.objective import MOOBD, Objective, evaluate
-from frenetic.campaign.tester import RoadTester, fitted
+from frenetic.campaign.tester import RoadTester
 from frenetic.drive import Rules
 from frenetic.errors import CampaignError, reason_of
 from frenetic.oracle import Side, assess, judge
 from frenetic.outcome import Outcome
 from frenetic.road import Road
-from frenetic.search.records import Candidate, Evaluation
 from frenetic.spec import Spec
 
 _WHOLE: Final = 0.999
@@ -97,16 +95,6 @@ class Twin:
     def __exit__(self, *raised: Any) -> None:
         """Ends the simulator."""
         self.tester.simulator.__exit__(*raised)
-
-    def evaluation(
-        self, candidate: Candidate, budget_spent: float, objective: str | Objective = MOOBD
-    ) -> Evaluation:
-        """The evaluation of a candidate, as a strategy is told it."""
-        road, verdict = fitted(candidate, self.tester)
-        if road is None or not verdict.valid:
-            return Evaluation(candidate, Outcome.INVALID, None, budget_spent)
-        drive = replace(self.tester.drive(road), rules=self.rules)
-        return evaluate(candidate, road, drive, budget_spent=budget_spent, objective=objective)
 
     def prospect(self, name: str, road: Road, *, anyway: bool = False) -> Prospect:
         """The prospect of a road.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Final, Literal, TypeAlias
+from typing import Any, Final, Literal, Self, TypeAlias
 
 from frenetic.drive import Rules
 from frenetic.drivers.driver import Driver, under_layers
@@ -15,6 +15,7 @@ from frenetic.simulators.embedded import EmbeddedSimulator
 from frenetic.simulators.embedded.vehicle import Vehicle
 from frenetic.spec import Part, Spec, driver_of
 from frenetic.twin.calibration.recordings import Terms
+from frenetic.twin.profile import Fitted, Profile
 
 Owner: TypeAlias = Literal["driver", "vehicle", "layer"]
 
@@ -34,6 +35,13 @@ class Parameter:
     high: float
     start: float
     """Its value before the fit."""
+
+    @classmethod
+    def of(cls, fitted: Fitted) -> Self:
+        """The parameter of a profile, which starts where it was fitted to."""
+        owner, _, name = fitted.name.partition(".")
+        low, high = min(fitted.low, fitted.value), max(fitted.high, fitted.value)
+        return cls(owner, name, low, high, fitted.value)  # type: ignore[arg-type]  # an Owner
 
     def __str__(self) -> str:
         return f"{self.owner}.{self.name}"
@@ -116,6 +124,27 @@ class Model:
                 raise FreneticError(f"{parameter} is to be fitted twice: once is enough")
             parameters[str(parameter)] = parameter
         return replace(model, parameters=tuple(parameters.values()))
+
+    @classmethod
+    def of_profile(cls, profile: Profile) -> Model:
+        """The model of a twin's profile, with the parameters that it says were fitted.
+
+        Raises:
+            FreneticError: the profile is out of range, or has layers that were not fitted.
+        """
+        spec = profile.spec()
+        fitted = [Parameter.of(one) for one in profile.fitted]
+        known = {(one.owner, one.name) for one in fitted}
+        if left := [name for name in spec.layers if ("layer", name) not in known]:
+            raise FreneticError(
+                f"the profile {profile.name!r} has a layer {left[0]}, which nobody fitted: a twin"
+                " drives as a driver and a car alone do"
+            )
+        assert spec.driver.name is not None
+        vehicle = spec.simulator.options.get("vehicle") or {}
+        if isinstance(vehicle, str):
+            vehicle = {"name": vehicle}
+        return cls(spec.driver.name, spec.driver.options, vehicle, tuple(fitted))
 
     def _parameter(self, text: str, known: Mapping[str, float]) -> Parameter:
         asked, equals, bounds = (part.strip() for part in text.partition("="))
