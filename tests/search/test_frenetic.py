@@ -256,7 +256,7 @@ def test_a_fresh_road_keeps_what_leads_to_the_place() -> None:
 
 
 class Seer:
-    """Foresight that knows: roads fail to the left, at a place that follows from the first value."""
+    """Foresight that knows which roads fail, or takes them for the others."""
 
     def __init__(self, *, is_right: bool) -> None:
         self.is_ready, self.is_right = False, is_right
