@@ -188,6 +188,9 @@ def test_headline_counts_what_the_campaign_holds(searched: Path) -> None:
     assert tiles["simulations"] == str(counts.simulations) == "150"
     assert tiles["failures"] == str(counts.failed)
     assert tiles["distinct failures"] == str(len(every))
+    late = sum(one.ids[0] > 0.8 * counts.tests for one in every)
+    notes = {tile.label: tile.note for tile in headline.tiles}
+    assert f"{late} of them first seen in the last fifth" in notes["distinct failures"]
     assert tiles["causes"] == str(len(every.causes))
     assert ("invalid roads" in tiles) is (counts.invalid > 0)
     assert headline.title.endswith(f" of {len(every)} distinct failures in 150 simulations")
@@ -383,7 +386,7 @@ def test_operators_are_counted_by_hand() -> None:
 
 def test_every_operator_is_explained(searched: Path) -> None:
     listing_1 = {*PASS_OPERATORS, *FAIL_OPERATORS, "C1", "C2"}
-    others = {"random", "rest", "given", "earlier", "screened"}
+    others = {"random", "rest", "given", "earlier"}
     assert {*others, *listing_1, *variation.OPERATORS} == DOES.keys()
     report, sections = report_of(searched)
     assert report.data["operators"].items() <= DOES.items()

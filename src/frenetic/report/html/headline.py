@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from datetime import datetime
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Final
 
 from frenetic._support.json_value import JSONValue
 from frenetic._support.words import capitalised, counted, format_duration, rate_words, signed
@@ -18,6 +18,9 @@ from frenetic.campaign.summary import facts_in_words
 from frenetic.report.html.blocks import Fact, Headline, Tile, percent
 from frenetic.spec import Budget, decode_budget, earlier_of, part_text
 from frenetic.versions import innermost, short_version
+
+_LATE: Final = 0.8
+"""Share of the tests behind which failures are late: many late ones, and more drives find more."""
 
 
 def headline(
@@ -61,6 +64,8 @@ def headline(
     )
     start_from, seed = earlier_of(config), config.get("seed")
     notes = [f"{clusters.known} known before"] if start_from else []
+    late = sum(min(one.ids) > _LATE * tests for one in clusters)
+    notes += [f"{late} of them first seen in the last fifth"] if len(clusters) else []
     if clusters.failures < failures:
         notes.append(f"among the {clusters.failures} most severe")
     share = f"{percent(failures / counts.simulations)} of simulations" if counts.simulations else ""
