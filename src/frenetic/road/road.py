@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -347,12 +347,11 @@ class Road:
         Returns:
             (None, invalid) if no pose fits; otherwise the road there, valid or not.
         """
-        fitted = self.fitted(map_size, margin)
-        if fitted is None:
-            return None, Verdict(
-                False, f"The road does not fit the map of {map_size:g} m in any direction"
-            )
-        return fitted, fitted.check_validity(map_size, road_class)
+        has_profiles = any(len(getattr(self, name)) for name in profile.NAMES)
+        if road_class is None and self.pose == START and not has_profiles:
+            own = self.curvatures.tobytes(), self.step, self.lane_width
+            return _placed_again(*own, map_size, margin)
+        return _placed(self, map_size, margin, road_class)
 
     def in_words(self) -> str:
         """Its length, its least radius, and how far it rises, leans and widens."""
@@ -426,3 +425,23 @@ def _metres(value: float, name: str, least: float, most: float) -> float:
     if not least <= number <= most:
         raise RoadError(f"{name} is {given}: {least:g} to {most:g} m are allowed")
     return number
+
+
+def _placed(
+    road: Road, map_size: float, margin: float, road_class: RoadRules | None
+) -> tuple[Road | None, Verdict]:
+    fitted = road.fitted(map_size, margin)
+    if fitted is None:
+        return None, Verdict(
+            False, f"The road does not fit the map of {map_size:g} m in any direction"
+        )
+    return fitted, fitted.check_validity(map_size, road_class)
+
+
+@lru_cache(maxsize=64)
+def _placed_again(
+    curvatures: bytes, step: float, lane_width: float, map_size: float, margin: float
+) -> tuple[Road | None, Verdict]:
+    """The same of a flat road from the usual place: a search asks first, then its campaign."""
+    road = Road(np.frombuffer(curvatures), step, lane_width=lane_width)
+    return _placed(road, map_size, margin, None)
