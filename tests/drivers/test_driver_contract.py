@@ -17,7 +17,7 @@ from frenetic.drivers import (
     Planner,
     Stanley,
 )
-from frenetic.testing import DriverContract
+from frenetic.testing import DriverContract, TrackerContract
 from frenetic.vision.marking_follower import MarkingFollower
 
 
@@ -27,6 +27,11 @@ class TestPlanner(DriverContract):
 
 
 class TestStanley(DriverContract):
+    def make(self) -> Driver:
+        return Stanley()
+
+
+class TestTracker(TrackerContract):
     def make(self) -> Driver:
         return Stanley()
 
@@ -91,4 +96,23 @@ def test_the_contract_says_what_is_wrong(driver: Any, test: str, message: str) -
 
     with pytest.raises(AssertionError) as caught:
         getattr(Contract(), f"test_{test}")()
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("driver", "message"),
+    [
+        (Own(steering=-0.1), "left-hand circle: 3.42 m right of its lane"),
+        (Own(steering=-0.1), "wheels point 0.100 rad to the right"),
+        (Own(throttle=0.0, brake=1.0), "left-hand circle: it ends after 0 of 170 m"),
+        (Own(), "the driver returned NoneType instead of"),
+    ],
+)
+def test_the_trackers_contract_says_what_is_wrong(driver: Driver, message: str) -> None:
+    class Contract(TrackerContract):
+        def make(self) -> Driver:
+            return driver
+
+    with pytest.raises(AssertionError) as caught:
+        Contract().test_keeps_to_its_lanes_centre("left-hand circle")
     assert message in str(caught.value)

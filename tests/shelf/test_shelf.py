@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from frenetic import Controls, Driver, DriveSetup, EmbeddedSimulator, Observation, Road, Rules
+from frenetic import Controls, Driver, DriveSetup, EmbeddedSimulator, Observation, Rules
 from frenetic.errors import FreneticError
-from frenetic.oracle import assess
 from frenetic.registry import DRIVERS
 from frenetic.shelf.vehicles import FissCar, HighwayEnvCar, OpendbcCar, OwnCar, RoxCar
-from frenetic.testing import DriverContract
+from frenetic.simulators import Simulator
+from frenetic.testing import TrackerContract
+from frenetic.testing.tracker_contract import ROADS
 
 MODULES = {
     "highway-env": "highway_env",
@@ -41,11 +42,6 @@ KEEPS = {
     "donkeycar": 0.35,
 }
 """Distance from the lane's centre that it keeps on all these roads, in m."""
-ROADS = {
-    "straight": Road(np.zeros(16)),
-    "circle": Road(np.r_[np.linspace(0.0, 0.02, 4), np.full(14, 0.02)]),
-    "clothoid": Road(-np.linspace(0.0, 0.02, 21)),
-}
 
 
 def among(names: Any) -> list[Any]:
@@ -61,29 +57,21 @@ def among(names: Any) -> list[Any]:
     ]
 
 
-class TestContract(DriverContract):
+class TestContract(TrackerContract):
+    """In its own package's car, in the embedded simulator's where the package has none."""
+
     @pytest.fixture(autouse=True, params=among(MODULES))
     def _named(self, request: pytest.FixtureRequest) -> None:
         self.name = request.param
+        self.keeps = KEEPS[self.name]
 
     def make(self) -> Driver:
         driver: Driver = DRIVERS.make(self.name)
         return driver
 
-
-@pytest.mark.parametrize("road", ROADS)
-@pytest.mark.parametrize("name", among(MODULES))
-def test_it_keeps_its_lane_in_its_own_packages_car(name: str, road: str) -> None:
-    """At 36 km/h, in the embedded simulator's car where the package has none."""
-    rules = Rules(speed_limit=36.0)
-    kind: type[OwnCar | EmbeddedSimulator] = CARS.get(name, EmbeddedSimulator)
-    simulator = kind(rules=rules)
-    drive = simulator.drive(ROADS[road], DRIVERS.make(name))
-    assert drive.error is None, drive.error
-    seen = assess(ROADS[road], drive)
-    assert seen.distance[-1] > ROADS[road].length - 10.0
-    assert np.abs(seen.lateral_offset).max() < KEEPS[name]
-    assert drive.trajectory.speed.max() == pytest.approx(10.0, abs=0.4)
+    def simulator(self) -> Simulator:
+        kind: type[OwnCar | EmbeddedSimulator] = CARS.get(self.name, EmbeddedSimulator)
+        return kind(rules=Rules(speed_limit=36.0))
 
 
 @pytest.mark.parametrize("name", among(MODULES))
@@ -93,7 +81,7 @@ def test_it_slows_down_for_bends_as_far_as_it_is_told(name: str) -> None:
     for lateral in (1.0, 100.0):
         driver = DRIVERS.make(name, lateral=lateral)
         simulator = EmbeddedSimulator(rules=Rules(speed_limit=32.0), steering_lag=0.03)
-        drive = simulator.drive(ROADS["circle"], driver)
+        drive = simulator.drive(ROADS["left-hand circle"], driver)
         assert drive.error is None, drive.error
         fastest[lateral] = drive.trajectory.speed[-1]
     assert fastest[1.0] == pytest.approx(math.sqrt(1.0 * 52.0), abs=0.5)

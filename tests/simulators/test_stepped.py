@@ -73,6 +73,21 @@ def test_broken_physics_are_the_simulators_fault() -> None:
         simulator.drive(HALF_TURN, Stanley())
 
 
+class Engine(Bicycle):
+    """Keeps what moves its car where the box of it is kept."""
+
+    def start(self, road: Road, pose: Pose, setup: DriveSetup) -> Motion:
+        self.car = object()  # type: ignore[assignment]
+        return super().start(road, pose, setup)
+
+
+def test_a_box_that_is_none_is_named() -> None:
+    simulator = Engine()
+    for _ in range(2):
+        with pytest.raises(TypeError, match=r"Engine\.car is the box .* keep the object under"):
+            simulator.drive(HALF_TURN, Stanley())
+
+
 class Own(Stanley):
     """Has a period of its own."""
 

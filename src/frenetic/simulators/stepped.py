@@ -110,14 +110,15 @@ class SteppedSimulator(StartingPlace, Ready):
 
     def setup(self, road: Road) -> DriveSetup:
         """The setup of a drive along the road for its driver."""
+        body = _body(self)
         return DriveSetup(
             speed_limit=self.rules.speed_limit / 3.6,
             lane_width=road.lane_width,
             period=RECORD_PERIOD,
             front_axle=self.front_axle,
             rear_axle=self.rear_axle,
-            car_length=self.car.length,
-            car_width=self.car.width,
+            car_length=body.length,
+            car_width=body.width,
             max_steering=self.max_steering,
             max_acceleration=self.max_acceleration,
             max_deceleration=self.max_deceleration,
@@ -129,6 +130,7 @@ class SteppedSimulator(StartingPlace, Ready):
         Raises:
             RoadError: the road leans or rises, and the simulator lays flat ones.
             ArithmeticError: the car's motion is no longer finite.
+            TypeError: `car` is no longer a box.
         """
         check_road(self, driver, road)
         setup = self.setup(road)
@@ -139,12 +141,22 @@ class SteppedSimulator(StartingPlace, Ready):
             car,
             road,
             self.rules,
-            self.car,
+            _body(self),
             setup,
             driver,
             self.wall_limit,
             period_step=self.period_step,
         )
+
+
+def _body(simulator: SteppedSimulator) -> CarBody:
+    body: object = simulator.car
+    if not isinstance(body, CarBody):
+        raise TypeError(
+            f"{type(simulator).__name__}.car is the box that the car covers, a CarBody: "
+            f"keep the {type(body).__name__} under another name"
+        )
+    return body
 
 
 class _Car:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from frenetic.testing.keeping import keeps_lane
     from frenetic.testing.simulator_contract import SimulatorContract
     from frenetic.testing.strategy_contract import StrategyContract
+    from frenetic.testing.tracker_contract import TrackerContract
 
 __all__ = [
     "DriverContract",
@@ -24,6 +25,7 @@ __all__ = [
     "DummySimulator",
     "SimulatorContract",
     "StrategyContract",
+    "TrackerContract",
     "converse",
     "keeps_lane",
 ]
@@ -37,5 +39,6 @@ __getattr__ = lazy_names(
         "frenetic.testing.keeping": ("keeps_lane",),
         "frenetic.testing.simulator_contract": ("SimulatorContract",),
         "frenetic.testing.strategy_contract": ("StrategyContract",),
+        "frenetic.testing.tracker_contract": ("TrackerContract",),
     },
 )

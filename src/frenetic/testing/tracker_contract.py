@@ -1,0 +1,62 @@
+"""The conformance suite of the glue around another package's path tracker."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from frenetic.drive import Rules
+from frenetic.oracle import assess
+from frenetic.road import Road
+from frenetic.simulators import EmbeddedSimulator
+from frenetic.simulators.simulator import Simulator
+from frenetic.testing.driver_contract import DriverContract
+
+ROADS = {
+    "straight": Road(np.zeros(16)),
+    "left-hand circle": Road(np.r_[np.linspace(0.0, 0.02, 4), np.full(14, 0.02)]),
+    "right-hand clothoid": Road(-np.linspace(0.0, 0.02, 21)),
+}
+"""Roads on which a fault of the glue shows; the bends get as sharp as 50 m."""
+
+
+class TrackerContract(DriverContract):
+    """The duties of the glue around another package's tracker; subclass it and override `make`.
+
+    ::
+
+        from frenetic.testing import TrackerContract
+
+        class TestMine(TrackerContract):
+            def make(self):
+                return MyTracker()
+
+    A wrong sign, degrees for radians and a car that stops fail here; a wrong axle may pass. The
+    wheels follow nearly at once: who passes here and fails elsewhere may not know their lag.
+    """
+
+    keeps = 0.4
+    """Largest distance from the lane's centre, in m."""
+
+    def simulator(self) -> Simulator:
+        """What it drives in; take the package's own car if it has one."""
+        return EmbeddedSimulator(rules=Rules(speed_limit=36.0), steering_lag=0.03)
+
+    @pytest.mark.parametrize("name", ROADS)
+    def test_keeps_to_its_lanes_centre(self, name: str) -> None:
+        """It gets to the road's end, near the middle of its lane."""
+        road = ROADS[name]
+        with self.simulator() as simulator:
+            drive = simulator.drive(road, self.make())
+        assert drive.error is None, drive.error
+        seen, path = assess(road, drive), drive.trajectory
+        worst = int(np.abs(seen.lateral_offset).argmax())
+        offset, steering = seen.lateral_offset[worst], path.steering[worst]
+        assert abs(offset) < self.keeps, (
+            f"{name}: {abs(offset):.2f} m {'left' if offset > 0 else 'right'} of its lane's centre "
+            f"after {seen.distance[worst]:.0f} m, where its wheels point "
+            f"{abs(steering):.3f} rad to the {'left' if steering > 0 else 'right'}"
+        )
+        assert seen.distance[-1] > road.length - 10.0, (
+            f"{name}: it ends after {seen.distance[-1]:.0f} of {road.length:.0f} m"
+        )
