@@ -70,7 +70,7 @@ _SPREADS: Final = np.array([[1.0], [2.0]])  # [m, m/s] of offset and speed that 
 
 
 def foresight(spec: Spec, profile: Path | str | None = None, **options: Any) -> Frenetic:
-    """The strategy ``foresight``: `Frenetic`, which looks at children in a twin.
+    """Frenetic, which first looks in a twin that learns the driver what roads will bring.
 
     Args:
         spec: of the campaign.
