@@ -282,7 +282,7 @@ class OnlineTwin:
         found = []
         for one in drives:
             drive = self._driven(parts, one.road, one.conditions)
-            seen = assess(one.road, drive)
+            seen = assess(one.road, drive, has_shares=False)
             n = len(seen.distance)
             own = np.array(on_grid(seen.distance, seen.lateral_offset, drive.trajectory.speed[:n]))
             m = one.states.shape[1]
