@@ -7,7 +7,7 @@ import math
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -76,6 +76,7 @@ CONDITIONS = "conditions"
 """The operator of a road in other conditions."""
 
 
+@runtime_checkable
 class Foresight(Protocol):
     """Tells what the driver under test will do on a road that it has not driven."""
 

@@ -24,6 +24,7 @@ from frenetic.drivers.driver import Driver
 from frenetic.errors import FreneticError
 from frenetic.oracle import assess
 from frenetic.quantities import SEED, quantity
+from frenetic.registry import STRATEGIES, hint
 from frenetic.road import Road
 from frenetic.search import Frenetic
 from frenetic.search.records import Candidate, Evaluation
@@ -69,23 +70,34 @@ _WORST: Final = 2.0  # difference in a place
 _SPREADS: Final = np.array([[1.0], [2.0]])  # [m, m/s] of offset and speed that count as much
 
 
-def foresight(spec: Spec, profile: Path | str | None = None, **options: Any) -> Frenetic:
+def foresight(
+    spec: Spec, profile: Path | str | None = None, vehicle: str | None = None, **options: Any
+) -> Frenetic:
     """Frenetic, which first looks in a twin that learns the driver what roads will bring.
 
     Args:
         spec: of the campaign.
         profile: file of a twin's profile, which foresees from the start; what it says to be fitted
-            is fitted on. By default the laws of `LAWS` are, in the car named as the simulator or
-            the usual one.
+            is fitted on. By default the laws of `LAWS` are.
+        vehicle: name of their car, one of `CARS`; by default that with the simulator's name, if
+            there is one.
         options: of `Frenetic`.
 
     Raises:
-        FreneticError: the profile cannot be read, or is for other terms; or its driver is not
-            compiled.
+        FreneticError: the profile cannot be read, or is for other terms; its driver is not
+            compiled; or there is no such option.
     """
+    known = {*(STRATEGIES.option_names(Frenetic) or ())} - {"foresight"}
+    if unknown := sorted(options.keys() - known):
+        raise FreneticError(
+            f"the strategy foresight has no option {unknown[0]!r}{hint(unknown[0], known)}"
+            f" It has: profile, vehicle, {', '.join(sorted(known - options.keys()))}"
+        )
     if profile is None:
-        car = spec.simulator.name if spec.simulator.name in CARS else None
-        models = [Model.of(law, [*SPEED, *own, *CAR], vehicle=car) for law, own in LAWS.items()]
+        if vehicle is None and spec.simulator.name in CARS:
+            vehicle = spec.simulator.name
+        fit = {law: [*SPEED, *own, *CAR] for law, own in LAWS.items()}
+        models = [Model.of(law, names, vehicle=vehicle) for law, names in fit.items()]
     else:
         read = Profile.read(profile)
         _check_terms(read, spec, source=profile)
@@ -98,7 +110,8 @@ def foresight(spec: Spec, profile: Path | str | None = None, **options: Any) -> 
         **options,
     }
     twin = OnlineTwin(models, spec, is_ready=profile is not None)
-    return ForesightSearch(twin, {} if profile is None else {"profile": str(profile)}, **own)
+    given = {"profile": None if profile is None else str(profile), "vehicle": vehicle}
+    return ForesightSearch(twin, {k: v for k, v in given.items() if v is not None}, **own)
 
 
 class ForesightSearch(Frenetic):
@@ -167,7 +180,7 @@ class OnlineTwin:
         self._best = 0
         self._parts = self._made(0, self._places[0])
         self._able = capabilities(self._parts[1])
-        self._drives: list[_Driven] = []
+        self._drives: list[tuple[Candidate, FloatArray]] = []
         self._next_fit = _FIRST_FIT
         self.is_ready = is_ready
         """Whether it can tell what the driver will do."""
@@ -206,8 +219,7 @@ class OnlineTwin:
         states = np.array(on_grid(trace.distance, trace.lateral_offset, trace.speed))
         if states.shape[1] < _LEAST:
             return
-        driven = _Driven(self._road(candidate), self._conditions(candidate), states)
-        self._drives.append(driven)
+        self._drives.append((candidate, states))
         if len(self._drives) == self._next_fit:
             self._next_fit = math.ceil(_GROWTH * self._next_fit)
             self._fit()
@@ -216,7 +228,10 @@ class OnlineTwin:
         half = _FITTED // 2
         earlier, last = self._drives[:-half], self._drives[-half:]
         rows = np.linspace(0, len(earlier) - 1, min(half, len(earlier))).astype(int)
-        drives = [*(earlier[row] for row in rows.tolist()), *last]
+        drives = [
+            _Driven(self._road(candidate), self._conditions(candidate), states)
+            for candidate, states in (*(earlier[row] for row in rows.tolist()), *last)
+        ]
         hopeless = _HOPELESS * min(self._losses)
         for number, loss in enumerate(self._losses):
             if loss <= hopeless:
