@@ -160,8 +160,8 @@ class Frenetic(Strategy):
         random_roads: Number of the first random roads.
         threshold: m, only failures and places with a lower oob distance become parents; None for
             one that adapts to the driver.
-        likely: Whether of six children the one is driven that will most likely fail: for those who
-            count failures, alike or not.
+        likely: Whether failures are parents first, and of six children the one is driven that will
+            most likely fail: for those who count failures, alike or not.
         use_archive: Whether second places, and the differences from the known failures, count.
         learn_shares: Whether operators are chosen by what they have brought.
         predict_speeds: Whether a child's speeds are predicted.
@@ -455,8 +455,10 @@ class Frenetic(Strategy):
         worth = np.minimum((self._origin - places["severity"]) / self._spread, _NEAR_MISS)
         if self._use_archive and self._archive.has_failures:
             worth += np.sqrt(self._archive.squares[rows])
-        # In a domain most that did not fail is far from it: its conditions are as usual.
-        worth[places["has_failed"]] = _FAILURE if self.domain is None else _FAILURE + FAR
+        # In a domain most that did not fail is far from it: its conditions are as usual. Children of
+        # failures fail most.
+        comes_first = self.domain is not None or self._failing is not None
+        worth[places["has_failed"]] = _FAILURE + FAR if comes_first else _FAILURE
         return int(rows[np.argmax(worth - places["cost"])])
 
     def _child(self) -> Candidate | None:
