@@ -73,7 +73,7 @@ def exported(
             conditions={"fog": 60.5},
             repeat=2,
             source=Source("nightly", 31),
-            notes={"screened": [4000, None], "why": "κ"},
+            notes={"looked at": [4000, None], "why": "κ"},
             reason='κ → "θ", \n; \u2028',
             worker="w1",
         )

@@ -123,7 +123,7 @@ def test_a_frame_says_what_only_some_tests_have(
                 conditions={"noise_seed": 2**31 - 1, "fog": 60.5},
                 repeat=2,
                 source=Source("nightly", 31),
-                notes={"screened": [4000, None]},
+                notes={"looked at": [4000, None]},
             ),
             attempt=replace(
                 test.attempt, worker="w1", result=replace(test.result, findings=(), fault=fault)

@@ -36,7 +36,7 @@ def test_it_prints_a_verdict_and_writes_a_profile(frenetic: Frenetic) -> None:
     assert "There is one run only: the cross-validation holds roads out" in answer.err
     for words in ("driver.lateral_acceleration", "layer.delay", "twin ", "largest curvature"):
         assert words in answer.out
-    assert "screen with" in answer.out
+    assert "start from" in answer.out
     assert [place.name for place in Path("new").iterdir()] == ["twin.json"]
     profile = Profile.read("new/twin.json")
     assert profile.validation is not None

@@ -92,7 +92,7 @@ class Validation(Record, frozen=True, kw_only=True):
     baselines: dict[str, Figures]
     """Name -> figures on the same folds."""
     verdict: Literal["good", "fair", "poor", "unknown"]
-    """Whether it is good enough to screen with."""
+    """Whether it is good enough to start from."""
     reason: str
     """Why, in a sentence."""
 

@@ -64,7 +64,7 @@ class Calibration:
 
     @property
     def answer(self) -> str:
-        """Whether the twin is good enough to screen with, and why, and which bounds decide."""
+        """Whether the twin is good enough to start from, and why, and which bounds decide."""
         decided = ", ".join(one.name for one in self.profile.fitted if one.at_bound)
         widen = f"; the bounds decide {decided}: widen them, and calibrate again" if decided else ""
         return f"{VERDICTS[self.validation.verdict]}: {self.validation.reason}{widen}"

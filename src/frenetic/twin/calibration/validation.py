@@ -33,10 +33,10 @@ ENOUGH: Final = 0.8
 OFTEN: Final = 1.5
 """Ratio of the twin's failures to the recorded ones, or the other way round, that is told."""
 VERDICTS: Final[Mapping[str, str]] = {
-    "good": "Good enough to screen with",
-    "fair": "Better than chance, screen with care",
-    "poor": "Not good enough to screen with",
-    "unknown": "Whether it is good enough to screen with cannot be told",
+    "good": "Good enough to start from",
+    "fair": "Better than chance, start from it with care",
+    "poor": "Not good enough to start from",
+    "unknown": "Whether it is good enough to start from cannot be told",
 }
 """Verdict -> its words."""
 _RIDGE: Final = 1e-2
@@ -170,7 +170,7 @@ def severities(drives: Sequence[RecordedDrive]) -> FloatArray:
 def verdict_of(
     twin: Figures, interval: tuple[float, float] | None, baselines: Mapping[str, Figures]
 ) -> tuple[Verdict, str]:
-    """Whether a twin is good enough to screen with, and why, in a sentence."""
+    """Whether a twin is good enough to start from, and why, in a sentence."""
     passed = twin.drives - twin.failures
     if min(twin.failures, passed) < LEAST or twin.auc is None or interval is None:
         return "unknown", (

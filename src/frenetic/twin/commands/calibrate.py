@@ -69,7 +69,7 @@ def calibrate(
     folds, sample, weights, seed. Options given beside it win.
 
     The twin is cross-validated: by run where there are several, else by road. The command says how
-    well it follows drives that it has not seen, whether it is good enough to screen with, and which
+    well it follows drives that it has not seen, whether it is good enough to start from, and which
     parameters the data do not determine. The profile is for --as.
     """
     from msgspec import convert, structs
