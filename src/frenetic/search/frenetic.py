@@ -455,8 +455,7 @@ class Frenetic(Strategy):
         worth = np.minimum((self._origin - places["severity"]) / self._spread, _NEAR_MISS)
         if self._use_archive and self._archive.has_failures:
             worth += np.sqrt(self._archive.squares[rows])
-        # In a domain most that did not fail is far from it: its conditions are as usual. Children of
-        # failures fail most.
+        # In a domain most that did not fail is far from it: its conditions are as usual.
         comes_first = self.domain is not None or self._failing is not None
         worth[places["has_failed"]] = _FAILURE + FAR if comes_first else _FAILURE
         return int(rows[np.argmax(worth - places["cost"])])
