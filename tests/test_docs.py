@@ -109,7 +109,7 @@ def shortened(text: str) -> str:
 
 PICTURES = {
     "README.md": {
-        "failure.png": "first/minimised/test-00383.png",
+        "failure.png": "first/minimised/test-00518.png",
         "gallery.png": "first/failures/gallery.png",
     }
 }

@@ -43,7 +43,7 @@ workers_option = click.option(
     "--workers",
     type=Workers(),
     help="Drive on N roads at once, or on a Dask cluster, tcp://10.0.0.1:8786."
-    " [default: the cores; 1 for a short search]",
+    " [default: the cores, or 1]",
 )
 fail_on_failure_option = click.option(
     "--fail-on-failure",
