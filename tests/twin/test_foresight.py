@@ -22,7 +22,7 @@ from frenetic.campaign.check import check_campaign
 from frenetic.campaign.objective import evaluate
 from frenetic.domain import Domain
 from frenetic.drivers.driver import Driver
-from frenetic.errors import FreneticError
+from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.search import Candidate, Evaluation, Frenetic, RandomSearch
 from frenetic.search.archive import places_of
@@ -118,6 +118,11 @@ def test_a_campaign_with_foresight_finds_more_and_goes_on_with_the_same_roads(
     assert first.run(on_event=on_result(stop)).interrupted
     with CampaignStore.open(tmp_path / "found") as store:
         recorded = Spec.from_json(store.config, source="campaign")
+    before = profile.read_bytes()
+    msgspec.structs.replace(Profile.read(profile), name="another").write(profile)
+    with pytest.raises(CampaignError, match="made with another strategy"):
+        Campaign.of(recorded, folder=tmp_path / "found", workers=1).resume()
+    profile.write_bytes(before)
     # It does not depend on the number of workers either.
     Campaign.of(recorded, folder=tmp_path / "found", workers=2).resume()
     assert contents(tmp_path / "found") == contents(whole)

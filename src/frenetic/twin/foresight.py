@@ -8,6 +8,7 @@ of the drives that keep to the lane's middle, and slopes are first taken over lo
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,6 +16,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
+import msgspec
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
@@ -36,6 +38,7 @@ from frenetic.spec import Spec
 from frenetic.twin.calibration.parameters import Model
 from frenetic.twin.calibration.recordings import on_grid
 from frenetic.twin.profile import Profile
+from frenetic.versions import SHORT
 
 LAWS: Final = {
     "planner": ("lookahead_time=0.02:1.5", "lookahead_min=1:15"),
@@ -93,6 +96,7 @@ def foresight(
             f"the strategy foresight has no option {unknown[0]!r}{hint(unknown[0], known)}"
             f" It has: profile, vehicle, {', '.join(sorted(known - options.keys()))}"
         )
+    given = {}
     if profile is None:
         if vehicle is None and spec.simulator.name in CARS:
             vehicle = spec.simulator.name
@@ -102,6 +106,8 @@ def foresight(
         read = Profile.read(profile)
         _check_terms(read, spec, source=profile)
         models = [Model.of_profile(read)]
+        digest = hashlib.sha256(msgspec.json.encode(read)).hexdigest()[:SHORT]
+        given["profile"] = f"{profile} (SHA-256 {digest})"
     own: dict[str, Any] = {
         "seed": spec.seed,
         "map_size": spec.map_size,
@@ -110,8 +116,9 @@ def foresight(
         **options,
     }
     twin = OnlineTwin(models, spec, is_ready=profile is not None)
-    given = {"profile": None if profile is None else str(profile), "vehicle": vehicle}
-    return ForesightSearch(twin, {k: v for k, v in given.items() if v is not None}, **own)
+    if vehicle is not None:
+        given["vehicle"] = vehicle
+    return ForesightSearch(twin, given, **own)
 
 
 class ForesightSearch(Frenetic):
