@@ -102,7 +102,7 @@ def test_a_driver_edited_in_place_is_compared_with_what_it_was(frenetic: Freneti
     assert first_line() == ("new is worse", 1)
     assert frenetic("run", *search, "--out", "v2").code == 0
     two = frenetic("compare", "v1", "v2")
-    assert two.out.startswith("no difference shown: of 16 shared random roads, new fails on 16")
+    assert re.match(r"no difference shown: of (\d+) shared random roads, new fails on \1", two.out)
     assert "Order by" not in two.out
     said = frenetic("compare", "v1", "v2", "--json").json["drivers"]
     assert two.out.startswith(f"{said}\n")

@@ -57,7 +57,7 @@ def test_show_an_invalid_test(frenetic: Frenetic) -> None:
     assert Path("p.png").is_file()
 
 
-def test_nothing_failed_so_run_show_and_pictures_give_the_nearest_misses(
+def test_nothing_failed_so_run_and_show_give_the_nearest_misses(
     frenetic: Frenetic,
 ) -> None:
     calm = ("--driver", "aggression=0.3", "--seed", "3", "--workers", "1", "--out", "slow")
@@ -70,8 +70,6 @@ def test_nothing_failed_so_run_show_and_pictures_give_the_nearest_misses(
     assert [one["moobd"] for one in near] == sorted(one["moobd"] for one in near)
     assert near[0]["moobd"] == shown["min_moobd"]
     assert all(one["description"] in " ".join(text.split()) for one in near)
-    pictures = sorted(path.name for path in Path("slow/pictures").iterdir())
-    assert pictures == sorted(f"test-{one['most_severe']:05d}.png" for one in near)
     assert Path("slow/failures/gallery.png").is_file()
 
 
