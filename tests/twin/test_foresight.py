@@ -83,9 +83,9 @@ def test_a_twin_learns_a_driver_and_foresees_where_it_fails() -> None:
 
 def spec_of(**options: Any) -> Spec:
     """A search whose twin is the driver under test but for its speed in bends."""
-    strategy = Part("foresight", {"random_roads": 20, "random_budget": 0.4, **options})
+    strategy = Part("foresight", {"random_roads": 15, "random_budget": 0.5, **options})
     driver = Part("stanley", {"lateral_acceleration": 7.5})
-    budget = Budget(simulations=50)
+    budget = Budget(simulations=36)
     return Spec(strategy=strategy, driver=driver, seed=3, lookahead=4, budget=budget)
 
 
@@ -104,7 +104,7 @@ def test_a_campaign_with_foresight_finds_more_and_goes_on_with_the_same_roads(
     tmp_path: Path, profile: Path
 ) -> None:
     def stop(progress: Any) -> None:
-        if progress.simulations == 35:
+        if progress.simulations == 28:
             raise KeyboardInterrupt
 
     whole = tmp_path / "whole"
@@ -143,10 +143,10 @@ def test_a_profile_foresees_from_the_start_and_is_fitted_on(profile: Path) -> No
     }
 
 
-def test_a_domain_is_searched_in_the_twins_conditions() -> None:
+def test_a_domain_is_searched_in_the_twins_conditions(profile: Path) -> None:
     conditions = {"friction": {"low": 0.5, "high": 1.0}, "fog": {"low": 20.0, "high": 200.0}}
     domain = Domain.made("icy", {"conditions": conditions})
-    search = foresight(replace(spec_of(), strategy=Part("foresight"), domain=domain))
+    search = foresight(replace(spec_of(), domain=domain), profile)
     assert isinstance(search, Frenetic)
     simulator = EmbeddedSimulator()
     for _ in range(40):
