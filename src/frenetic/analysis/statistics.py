@@ -244,22 +244,6 @@ def _rank_sums(ranks: npt.NDArray[np.int64], n: int) -> FloatArray:
     return shares
 
 
-def rank_correlation(first: npt.ArrayLike, second: npt.ArrayLike) -> float | None:
-    """Spearman's rank correlation -1..1 of two columns of equal length, without its p.
-
-    None if a column is constant.
-
-    Raises:
-        ValueError: another number in each column, none, or a value that is not a number.
-    """
-    x, y = ranks(_values(first)), ranks(_values(second))
-    if len(x) != len(y):
-        raise ValueError(f"{len(x)} and {len(y)} values: pairs are needed")
-    if np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
-        return None
-    return float(np.corrcoef(x, y)[0, 1])
-
-
 def spearman(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[float, float]:
     """Spearman's rank correlation -1..1 of two columns of equal length, and its two-sided p.
 

@@ -110,28 +110,6 @@ def lay_road(vector: FloatArray, table: FloatArray, ds: float, place: float) -> 
 
 
 @njit()
-def _lay_roads(
-    vectors: FloatArray, curvatures: FloatArray, step: float, places: FloatArray
-) -> None:
-    per_piece = sub_steps(curvatures, step)
-    table = build_table(curvatures, step, 0.0, 0.0, 0.0, per_piece)
-    for k in range(len(places)):
-        lay_road(vectors[k], table, step / per_piece, places[k])
-
-
-def approaches(curvatures: FloatArray, step: float, trace: Trace, places: FloatArray) -> FloatArray:
-    """The approaches, (n, 64) in m, to n places of a drive, (n,) in m along the road."""
-    vectors = np.empty((len(places), SIZE))
-    _lay_roads(vectors, curvatures, step, places)
-    along = np.maximum.accumulate(trace.distance)
-    before = places[:, None] + _BEFORE
-    vectors[:, ROAD_SIZE : ROAD_SIZE + STATES] = np.interp(before, along, trace.lateral_offset)
-    vectors[:, ROAD_SIZE + STATES :] = np.interp(before, along, trace.speed)
-    vectors[:, ROAD_SIZE:] *= STATE_SCALE
-    return vectors
-
-
-@njit()
 def _square(one: FloatArray, other: FloatArray, most: float) -> float:
     """Square of the difference of two approaches; some value of at least `most` if it is that."""
     square = 0.0

@@ -209,7 +209,6 @@ class Frenetic(Strategy):
         self._rng = np.random.default_rng(seed)
         self._foresight = foresight
         self._failing = FailureModel(self._rng, len(OPERATORS)) if likely else None
-        self._features_of: dict[int, FloatArray] = {}  # of outstanding children
         self._random_budget = random_budget
         self._first_roads = random_roads
         self._fixed_threshold = threshold
@@ -246,12 +245,9 @@ class Frenetic(Strategy):
         # By whether the parent had failed, and operator:
         self._used = np.zeros((2, len(OPERATORS)))
         self._brought = np.zeros((2, len(OPERATORS)))
-        # Of each outstanding child: its parent's row, its operator, whether it is foreseen.
-        self._parents: dict[int, tuple[int, int | None, bool]] = {}
-        # Without foresight and with it: how new the failures of the last children were, the number
-        # of all children, and of their new failures.
-        self._brought_by = [deque[float](maxlen=_TRIED_LAST) for _ in (False, True)]
-        self._tried_by = [(0, 0.0), (0, 0.0)]
+        self._children: dict[int, tuple[_Child, bool]] = {}  # outstanding, and whether foreseen
+        # Without foresight and with it, of each child: how new its failure was.
+        self._brought_by: tuple[list[float], list[float]] = [], []
         self._earlier = Archive()  # of earlier campaigns, none of it believed
         self._earlier_left = 0  # roads of it that were not proposed
         self._driven_again, self._brought_again = 0, 0.0
@@ -310,8 +306,7 @@ class Frenetic(Strategy):
         """
         candidate = self._ledger.settle(evaluation)
         self._rests.see(candidate, evaluation)
-        parent = self._parents.pop(candidate.id, None)
-        features = self._features_of.pop(candidate.id, None)
+        asked = self._children.pop(candidate.id, None)
         self._archive.settle(candidate.id)
         self._budget_spent = max(self._budget_spent, evaluation.budget_spent)
         severity = evaluation.severity
@@ -333,19 +328,18 @@ class Frenetic(Strategy):
             self._brought_again += brought
         if self._foresight is not None:
             self._foresight.learn(candidate, evaluation)
-        if self._failing is not None and features is not None:
-            self._failing.learn(features, has_failed=evaluation.outcome is Outcome.FAIL)
-        if parent is not None:
-            row, operator, is_foreseen = parent
+        if asked is not None:
+            child, is_foreseen = asked
+            if self._failing is not None:
+                has_failed = evaluation.outcome is Outcome.FAIL
+                self._failing.learn(self._features(child), has_failed=has_failed)
             self._brought_by[is_foreseen].append(brought)
-            tried, new = self._tried_by[is_foreseen]
-            self._tried_by[is_foreseen] = tried + 1, new + brought
-            if operator is None:
+            if child.operator is None:
                 return
-            had_failed = int(self._archive.places["has_failed"][row])
-            self._used[had_failed, operator] += 1.0
-            self._brought[had_failed, operator] += brought
-            self._archive.places["cost"][row] -= _SUCCESS * brought
+            had_failed = int(self._archive.places["has_failed"][child.row])
+            self._used[had_failed, child.operator] += 1.0
+            self._brought[had_failed, child.operator] += brought
+            self._archive.places["cost"][child.row] -= _SUCCESS * brought
 
     def _keep(self, evaluation: Evaluation, candidate: Candidate, severity: float) -> float:
         """Keep the places of a drive; return how new the failure is there, 0 to 1."""
@@ -367,8 +361,8 @@ class Frenetic(Strategy):
             return {}
         counts = {
             f"{what} {how} foresight": number
-            for how, (tried, new) in zip(("without", "with"), self._tried_by, strict=True)
-            for what, number in (("children", tried), ("new failures", round(new)))
+            for how, brought in zip(("without", "with"), self._brought_by, strict=True)
+            for what, number in (("children", len(brought)), ("new failures", round(sum(brought))))
         }
         return {**self._foresight.facts(), **counts}
 
@@ -499,9 +493,8 @@ class Frenetic(Strategy):
         """Whether foresight chooses the next child: the more surely, the more it has brought."""
         if self._foresight is None or not self._foresight.is_ready:
             return False
-        without, with_it = (
-            ((sum(brought) + 1.0) / (len(brought) + 2.0)) ** _TRUST for brought in self._brought_by
-        )
+        last = (brought[-_TRIED_LAST:] for brought in self._brought_by)
+        without, with_it = (((sum(one) + 1.0) / (len(one) + 2.0)) ** _TRUST for one in last)
         share = with_it / (without + with_it)
         share = min(max(share, _LEAST_CONTROLS), 1.0 - _LEAST_CONTROLS)
         return bool(self._rng.random() < share)
@@ -614,9 +607,7 @@ class Frenetic(Strategy):
         issued = self._ledger.issue(child.curvatures, self._roads.step, origin, **child.own)
         self._proposed.add(fingerprint(child.curvatures))
         self._archive.places["cost"][row] += _USE
-        self._parents[issued.id] = row, operator, is_foreseen
-        if self._failing is not None:
-            self._features_of[issued.id] = self._features(child)
+        self._children[issued.id] = child, is_foreseen
         if child.vector is not None:
             self._archive.expect(issued.id, child.side, child.vector)
         return issued

@@ -185,19 +185,19 @@ class OnlineTwin:
         self._places = [np.array([one.place for one in model.parameters]) for model in models]
         self._losses = [math.inf] * len(models)
         self._best = 0
-        self._parts = self._made(0, self._places[0])
-        self._able = capabilities(self._parts[1])
         self._drives: list[tuple[Candidate, FloatArray]] = []
         self._next_fit = _FIRST_FIT
         self.is_ready = is_ready
         """Whether it can tell what the driver will do."""
-        for number, places in enumerate(self._places):
-            driver, simulator = self._made(number, places)
+        made = [self._made(number, places) for number, places in enumerate(self._places)]
+        for model, (driver, simulator) in zip(models, made, strict=True):
             if not simulator.drives_compiled(driver):
                 raise FreneticError(
-                    f"{models[number].driver} is no driver for a twin that drives thousands of"
+                    f"{model.driver} is no driver for a twin that drives thousands of"
                     " roads: choose one of ours, such as planner or stanley"
                 )
+        self._parts = made[0]  # the best model's
+        self._variable = capabilities(self._parts[1]).variable
 
     # Foreseeing
 
@@ -331,7 +331,7 @@ class OnlineTwin:
         return {
             name: value
             for name, value in candidate.conditions.items()
-            if name != SEED and quantity(name).attribute and self._able.lays(quantity(name))
+            if name != SEED and quantity(name).attribute in self._variable
         }
 
     @staticmethod

@@ -64,7 +64,7 @@ def headline(
     )
     start_from, seed = earlier_of(config), config.get("seed")
     notes = [f"{clusters.known} known before"] if start_from else []
-    late = sum(min(one.ids) > _LATE * tests for one in clusters)
+    late = sum(one.ids[0] > _LATE * tests for one in clusters)
     notes += [f"{late} of them first seen in the last fifth"] if len(clusters) else []
     if clusters.failures < failures:
         notes.append(f"among the {clusters.failures} most severe")

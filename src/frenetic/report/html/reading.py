@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from frenetic.analysis.failures import (
     COMPARED,
@@ -23,9 +23,6 @@ from frenetic.report.failures import MOST_FILES
 from frenetic.report.html.feature_map import choose_mapped, measure
 from frenetic.report.html.tests import TestSummary
 from frenetic.search.records import Candidate
-
-KEPT: Final = MOST_FILES
-"""Most failures that are kept with their drives, the most severe first."""
 
 
 class _Told(NamedTuple):
@@ -70,7 +67,7 @@ class Reading:
         failed.sort(key=lambda one: (one.moobd is None, one.moobd or 0.0))
         chosen = {one.id for one in choose_mapped(told)}
         compared = {one.id for one in failed[:COMPARED]}
-        kept = {one.id for one in failed[:KEPT]}
+        kept = {one.id for one in failed[:MOST_FILES]}
         counts, tests, conditions = Counts(), [], []
         failures: list[Failure] = []
         features, mapped, severe = {}, {}, {}
