@@ -1,29 +1,30 @@
 """The decorator of all kernels, which numba compiles and keeps on disk.
 
-Processes take turns at compiling. Numba keeps an index, from the types of a kernel's arguments to
-the numbers of its compiled forms, beside these forms. Two processes that compile a kernel at once
-for different arguments may take the same number; from then on one of the two calls runs the other's
-machine code. A fresh installation meets this as soon as its first campaign starts two workers.
-Numba announces the start and end of compiling, which includes reading and writing these files: a
-process holds the lock in between. Others find its result on disk afterwards.
+Processes take turns at the kernels of a module. Numba keeps an index, from the types of a kernel's
+arguments to the numbers of its compiled forms, beside these forms. Two processes that compile a
+kernel at once for different arguments may take the same number; from then on one of the two calls
+runs the other's machine code. So a process holds the module's lock while it compiles, which
+includes reading and writing these files, and others find its result on disk afterwards. A kernel
+calls others of its module or of those that it imports, so no two processes wait for each other.
 """
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any, Final, Literal, TypeVar, cast
 
 import numba
 from filelock import FileLock, Timeout
 from numba.core import event
+from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import is_jitted
 
-LOCK: Final = "frenetic-kernels.lock"
-
-PATIENCE: Final = 30.0
-"""Wait of a process for its turn, in s. One kernel takes a few seconds; a process that takes longer
+PATIENCE: Final = 60.0
+"""Wait of a process for its turn, in s. A module takes some seconds; a process that takes longer
 has been stopped, and the others stop waiting for it."""
 
 _PAUSE: Final = 0.002
@@ -39,8 +40,16 @@ def njit(*, error_model: Literal["python", "numpy"] = "python") -> Callable[[_Ke
     """
 
     def compile_lazily(kernel: _Kernel) -> _Kernel:
-        made = numba.njit(error_model=error_model, cache=True, no_cfunc_wrapper=True)
-        return cast("_Kernel", made(kernel))
+        made = numba.njit(error_model=error_model, cache=True, no_cfunc_wrapper=True)(kernel)
+        if is_jitted(made):
+            compile_now = made.compile
+
+            def compile_in_turn(signature: Any) -> Any:
+                with global_compiler_lock, _turns.turn(made):
+                    return compile_now(signature)
+
+            made.compile = compile_in_turn
+        return cast("_Kernel", made)
 
     return compile_lazily
 
@@ -52,42 +61,27 @@ def cache_folder(kernel: Callable[..., Any]) -> Path | None:
     return Path(cast("Any", kernel).stats.cache_path)
 
 
-@njit()
-def _placed() -> None:
-    """Never called: gives numba's folder for this module, where the lock lies."""
-
-
-class Turns(event.Listener):  # type: ignore[misc]
-    """Holds the lock while this process compiles."""
+class _Turns:
+    """Locks of modules whose kernels this process compiles, one thread at a time."""
 
     def __init__(self) -> None:
-        self._folder = cache_folder(_placed)
-        self._guard = threading.Lock()
-        self._depth = 0  # threads and kernels of kernels that compile
-        self._lock: FileLock | None = None
         self.is_waiting = False
         """Whether another process compiles, and this one waits for it."""
+        self._are_locked = True
 
-    def on_start(self, _: event.Event) -> None:
-        """Waits for this process's turn."""
-        with self._guard:
-            if self._depth == 0 and self._folder is not None:
-                self._lock = self._turn(self._folder)
-                if self._lock is None:
-                    self._folder = None  # nobody waits twice
-            self._depth += 1
+    @contextmanager
+    def turn(self, kernel: Any) -> Iterator[None]:
+        """Waits for this process's turn at the kernel's module, and holds it."""
+        module = kernel.py_func.__module__
+        lock = _lock(Path(kernel.stats.cache_path) / f"{module}.lock", os.getpid())
+        is_held = self._are_locked and self._acquire(lock)
+        try:
+            yield
+        finally:
+            if is_held:
+                lock.release()
 
-    def on_end(self, _: event.Event) -> None:
-        """Ends the turn."""
-        with self._guard:
-            self._depth -= 1
-            if self._depth == 0 and self._lock is not None:
-                self._lock.release()
-                self._lock = None
-
-    def _turn(self, folder: Path) -> FileLock | None:
-        # A new one each time: a fork of this process can lock none that was made before.
-        lock = FileLock(folder / LOCK, thread_local=False)
+    def _acquire(self, lock: FileLock) -> bool:
         try:
             lock.acquire(timeout=0)
         except Timeout:
@@ -95,12 +89,18 @@ class Turns(event.Listener):  # type: ignore[misc]
             try:
                 lock.acquire(timeout=PATIENCE, poll_interval=_PAUSE)
             except Timeout:
-                return None
+                self._are_locked = False  # nobody waits twice
             finally:
                 self.is_waiting = False
         except OSError:  # nobody can write or lock files there
-            return None
-        return lock
+            self._are_locked = False
+        return self._are_locked
+
+
+@cache
+def _lock(path: Path, _process: int) -> FileLock:
+    """The lock in a file; a fork of this process can lock none that was made before."""
+    return FileLock(path, thread_local=False)
 
 
 class Compilation(event.Listener):  # type: ignore[misc]
@@ -118,11 +118,10 @@ class Compilation(event.Listener):  # type: ignore[misc]
         self.under_way -= 1
 
 
-_TURNS, _COMPILATION = Turns(), Compilation()
-event.register("numba:compiler_lock", _TURNS)
+_turns, _COMPILATION = _Turns(), Compilation()
 event.register("numba:compile", _COMPILATION)
 
 
 def is_compiling() -> bool:
     """Whether kernels are compiled now, by this process or by one for which it waits."""
-    return _COMPILATION.under_way > 0 or _TURNS.is_waiting
+    return _COMPILATION.under_way > 0 or _turns.is_waiting

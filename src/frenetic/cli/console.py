@@ -75,7 +75,7 @@ def announced_compilation(log: Console) -> Iterator[Callable[[], None]]:
                 continue
             spent += LOOK_EVERY
             if spent >= ANNOUNCE_AFTER:
-                log.print("The simulator is compiled: about 20 s this time, then it is cached.")
+                log.print("The simulator is compiled: about 15 s this time, then it is cached.")
                 return
 
     threading.Thread(target=look, daemon=True).start()
