@@ -188,7 +188,7 @@ def campaign(fault: str, kind: type[Strategy], seed: int, drives: int) -> tuple[
             driver=driver,
             budget=Budget(simulations=drives),
             folder=folder,
-            ordered=True,
+            lookahead=16,
             **terms,
         )
         made.run()

@@ -94,7 +94,6 @@ def worst_of(strategy: Strategy, objective: str, name: str, simulations: int) ->
             budget=Budget(simulations=simulations),
             folder=folder,
             objective=objective,
-            ordered=True,
             lookahead=1,
         )
 

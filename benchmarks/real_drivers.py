@@ -148,7 +148,7 @@ def roads_of(
             driver=Stanley(lateral_acceleration=100.0),
             budget=Budget(simulations=simulations),
             folder=Path(folder) / "c",
-            ordered=True,
+            lookahead=16,
         ).run()
         with CampaignStore.open(Path(folder) / "c") as store:
             tests = [

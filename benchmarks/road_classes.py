@@ -81,7 +81,7 @@ def search(
             driver=driver(),
             budget=Budget(simulations=simulations),
             folder=Path(temporary) / "campaign",
-            ordered=True,
+            lookahead=16,
         )
         seconds = campaign.run().strategy_seconds
         with CampaignStore.open(campaign.folder) as store:

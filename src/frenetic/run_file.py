@@ -149,8 +149,8 @@ class RunFile(DriveFile, kw_only=True):
     start_from: list[str] = field(name="from", default_factory=list)
     from_roads: str | None = None
     seed: Index | None = None
-    lookahead: Index | None = None
-    """Roads that are proposed ahead in an ordered campaign; 0 for an unordered one."""
+    lookahead: Count | None = None
+    """Roads that are proposed ahead."""
     workers: Count | str | None = None
     """Roads driven at once, or the address of a Dask scheduler."""
 
@@ -163,7 +163,7 @@ class RunFile(DriveFile, kw_only=True):
         }
         others: dict[str, Any] = {
             name: value
-            for name in ("margin", "lane_width", "from_roads", "seed")
+            for name in ("margin", "lane_width", "from_roads", "seed", "lookahead")
             if (value := getattr(self, name)) is not None
         }
         if any(limits.values()):
@@ -185,7 +185,7 @@ class RunFile(DriveFile, kw_only=True):
             given = {"domain": domain, "speed_limit": self.speed_limit, "map_size": self.map_size}
             roads = domain.road_class if self.roads is None else None
             spec = spec.replaced({**given, "road_class": roads})
-        return replace(spec, **others, lookahead=self.lookahead or None)
+        return replace(spec, **others)
 
 
 AnyFile = TypeVar("AnyFile", bound=DriveFile)
@@ -257,7 +257,7 @@ def write_run_file(spec: Spec, folder: Path) -> None:
         "from": [earlier.folder for earlier in spec.start_from],
         "from_roads": spec.from_roads,
         "seed": spec.seed,
-        "lookahead": spec.lookahead or 0,
+        "lookahead": spec.lookahead,
         "workers": spec.cluster or spec.workers,
     }
     what = f"What ran in this folder; 'frenetic run {NAME}' does it again in another."

@@ -238,7 +238,7 @@ class Spec:
     seed: Any = None
     """Seed of the strategy; a user's own strategy may take any JSON but objects."""
     lookahead: int | None = None
-    """Number of outstanding candidates in an ordered campaign, None in an unordered one."""
+    """Number of outstanding candidates; None for the campaign's default."""
     objective: str = "moobd"
     """Name of what the strategy minimises, see `frenetic.campaign.objective`."""
     start_from: tuple[EarlierCampaign, ...] = ()

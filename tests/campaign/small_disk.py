@@ -65,7 +65,7 @@ class Bounded(sqlite3.Connection):
 
 def full(folder: Path) -> dict[str, object]:
     whole, short = folder / "whole", folder / "short"
-    campaign(whole, 200, ordered=True).run()
+    campaign(whole, 200, lookahead=16).run()
     expected = contents(whole)
     for left_over in whole.iterdir():
         left_over.unlink()
@@ -75,7 +75,7 @@ def full(folder: Path) -> dict[str, object]:
     reported: list[int] = []
 
     def search() -> Any:
-        return campaign(short, 200, workers=2, ordered=True)
+        return campaign(short, 200, workers=2)
 
     messages = [ending(search().run, on_result(lambda told: reported.append(told.told)))]
     with CampaignStore.open(short) as store:

@@ -147,10 +147,10 @@ def test_what_a_second_ctrl_c_breaks_is_an_interruption(
 # Several runs
 
 
-@pytest.mark.parametrize("ordered", [False, True])
-def test_parts_give_the_same_campaign_as_one_run(tmp_path: Path, ordered: bool) -> None:
+@pytest.mark.parametrize("lookahead", [1, 16])
+def test_parts_give_the_same_campaign_as_one_run(tmp_path: Path, lookahead: int) -> None:
     def search(name: str) -> Campaign:
-        return campaign(tmp_path / name, 20, strategy=Frenetic(seed=1), ordered=ordered)
+        return campaign(tmp_path / name, 20, strategy=Frenetic(seed=1), lookahead=lookahead)
 
     whole = search("whole").run()
     parts = search("parts")
@@ -167,10 +167,10 @@ def test_parts_give_the_same_campaign_as_one_run(tmp_path: Path, ordered: bool) 
 def test_a_campaign_without_a_budget_makes_as_many_simulations_as_it_is_told(
     tmp_path: Path,
 ) -> None:
-    search = scripted(tmp_path, None, ordered=True)
+    search = scripted(tmp_path, None, lookahead=16)
     assert [search.run(2).simulations, search.run(3).simulations] == [2, 5]
     assert search.budget == Budget(simulations=5)
-    again = scripted(tmp_path, None, ordered=True)
+    again = scripted(tmp_path, None, lookahead=16)
     assert again.resume().simulations == 5
     last = again.run(1)
     assert (last.simulations, last.interrupted) == (6, False)
@@ -220,7 +220,7 @@ def test_an_error_in_a_callback_is_raised_and_loses_nothing(
 ) -> None:
     """What was stored with that test is reported by the next run."""
     monkeypatch.setattr("frenetic.campaign.campaign.InProcessWorker", TwoAtOnce)
-    search = scripted(tmp_path, Budget(simulations=4))
+    search = scripted(tmp_path, Budget(simulations=4), lookahead=2)
     seen: list[int | None] = []
 
     def fail(test: Test) -> None:
@@ -443,7 +443,6 @@ def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:
             margin=whole(8),
             lane_width=real(3.5),
             workers=whole(1),
-            ordered=True,
             lookahead=whole(2),
         )
 

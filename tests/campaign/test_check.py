@@ -40,7 +40,7 @@ def make_campaign(folder: Path, simulations: int, **options: Any) -> Campaign:
         "strategy": Frenetic2021(seed=3, max_redraws=0),
         "simulator": EmbeddedSimulator(),
         "driver": Planner(),
-        "ordered": True,
+        "lookahead": 16,
     }
     return campaign(folder, simulations, **(usual | options))
 

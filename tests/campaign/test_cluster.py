@@ -114,8 +114,8 @@ class TestClusterWorkers(ProcessesContract):
 def test_an_ordered_campaign_is_the_one_of_a_single_process(
     cluster: Cluster, tmp_path: Path
 ) -> None:
-    campaign(tmp_path / "here", simulator=Uneven(), ordered=True).run()
-    there = campaign(tmp_path / "there", simulator=Uneven(), ordered=True, cluster=cluster.address)
+    campaign(tmp_path / "here", simulator=Uneven(), lookahead=16).run()
+    there = campaign(tmp_path / "there", simulator=Uneven(), lookahead=16, cluster=cluster.address)
     there.run()
     assert contents(tmp_path / "there") == contents(tmp_path / "here")
     with CampaignStore.open(tmp_path / "there") as store:

@@ -162,17 +162,16 @@ class Faked(Campaign):
 
 
 def faked(
-    folder: Path, strategy: Strategy, budget: Budget, fake: FakeWorkers, lookahead: int = 0
+    folder: Path, strategy: Strategy, budget: Budget, fake: FakeWorkers, lookahead: int = 16
 ) -> Campaign:
-    """A campaign of an interrupted, or a new, one; in order with a look-ahead."""
+    """A campaign of an interrupted, or a new, one."""
     made = Faked(
         strategy=strategy,
         simulator=DummySimulator(),
         driver=DummyDriver(),
         budget=budget,
         folder=folder,
-        ordered=lookahead > 0,
-        lookahead=lookahead or 1,
+        lookahead=lookahead,
     )
     made.fake = fake
     if isinstance(strategy, Families):
@@ -240,7 +239,7 @@ class Chance:
     def strategy(self) -> Families:
         return Families(self.outcomes, self.size, **self.kind)
 
-    def searched(self, folder: Path, lookahead: int = 0) -> tuple[Families, Summary]:
+    def searched(self, folder: Path, lookahead: int) -> tuple[Families, Summary]:
         """The campaign, broken off and resumed again and again, if it has to be."""
         rng = self.rng
         for attempt in range(1000):
@@ -300,39 +299,6 @@ def test_in_order_the_campaign_is_the_plain_one_whatever_workers_and_users_do(
         assert not driven & set(strategy.ids(Outcome.DROPPED))  # nothing is driven for nobody
 
 
-@pytest.mark.parametrize("seed", range(100, 115))
-def test_as_results_come_each_promise_is_kept(tmp_path: Path, seed: int) -> None:
-    chance = Chance(seed)
-    strategy, end = chance.searched(tmp_path)
-    if len(strategy.asked) < (chance.kind["roads"] or 1_000):
-        limits = chance.budget
-        assert end.simulations == limits.simulations or end.failed >= (limits.failures or 1_000)
-        # What ran when the last failure came may bring more.
-        assert end.failed < (limits.failures or 1_000) + chance.most
-    told = [number for number, _ in strategy.told]
-    assert len(set(told)) == len(told)
-    if not chance.losses and not chance.is_broken_off:
-        assert sorted(told) == strategy.asked  # else some may wait for another attempt
-    outstanding = 0
-    for note in strategy.notes:
-        outstanding += 1 if isinstance(note, int) else -1
-        assert outstanding <= chance.most
-    chance.require_kept(tmp_path, strategy)
-    if len(chance.fakes) == 1:
-        (fake,) = chance.fakes
-        came = [n for n, one in strategy.told if one not in (Outcome.DROPPED, Outcome.ERROR)]
-        assert [number for number in fake.answered if number in came] == came
-        assert not set(fake.answered) & set(strategy.ids(Outcome.DROPPED))
-
-
-def test_results_are_told_as_they_come_and_others_asked_at_once(tmp_path: Path) -> None:
-    order = iter([[3, 1], [2], [4], [7, 6, 5]])
-    strategy, fake = Families(), FakeWorkers(3, lambda ids: next(order))
-    faked(tmp_path, strategy, Budget(simulations=7), fake).run()
-    notes = [note if isinstance(note, int) else -note[0] for note in strategy.notes]  # type: ignore[index]
-    assert notes == [1, 2, 3, -3, -1, 4, 5, -2, 6, -4, 7, -7, -6, -5]
-
-
 # What is driven in vain
 
 
@@ -361,8 +327,7 @@ def test_in_order_the_end_does_not_wait_for_what_comes_too_late(tmp_path: Path) 
 # What is reported, and how it ends
 
 
-@pytest.mark.parametrize("lookahead", [0, 16])
-def test_only_what_is_stored_is_reported(tmp_path: Path, lookahead: int) -> None:
+def test_only_what_is_stored_is_reported(tmp_path: Path) -> None:
     """Results that come together are stored together, and before any of them is reported."""
     stored: list[int] = []
 
@@ -372,7 +337,7 @@ def test_only_what_is_stored_is_reported(tmp_path: Path, lookahead: int) -> None
         assert progress.tests == len(stored)
 
     fake = FakeWorkers(5, lambda ids: ids)
-    search = faked(tmp_path, Straight(8), Budget(simulations=15), fake, lookahead)
+    search = faked(tmp_path, Straight(8), Budget(simulations=15), fake)
     search.run(on_event=on_result(report))
     assert stored == [5] * 5 + [10] * 5 + [15] * 5
 
@@ -403,14 +368,13 @@ def test_nothing_but_lost_attempts_ends_the_campaign_which_is_resumed(tmp_path: 
     assert (end.errors, end.passed) == (MAX_ERRORS_IN_A_ROW, 50 - MAX_ERRORS_IN_A_ROW)
 
 
-@pytest.mark.parametrize("lookahead", [0, 16])
-def test_ctrl_c_finishes_what_runs(tmp_path: Path, lookahead: int) -> None:
+def test_ctrl_c_finishes_what_runs(tmp_path: Path) -> None:
     def press(progress: Summary) -> None:
         if progress.tests == 4:
             os.kill(os.getpid(), signal.SIGINT)
 
     fake = FakeWorkers(3)
-    search = faked(tmp_path, Families(), Budget(simulations=50), fake, lookahead)
+    search = faked(tmp_path, Families(), Budget(simulations=50), fake)
     summary = search.run(on_event=on_result(press))
     assert summary.interrupted
     assert not fake.running
@@ -420,7 +384,7 @@ def test_ctrl_c_finishes_what_runs(tmp_path: Path, lookahead: int) -> None:
 def test_in_order_real_workers_give_the_same_campaign(tmp_path: Path) -> None:
     """One whose roads are mutants, crossovers and dropped ones, too."""
     for workers in (1, 2):
-        folder, options = tmp_path / str(workers), {"ordered": True, "lookahead": 7}
+        folder, options = tmp_path / str(workers), {"lookahead": 7}
         simulator, strategy = Uneven(), quick_search()
         parts = {"simulator": simulator, "strategy": strategy, "workers": workers}
         assert campaign(folder, 90, **parts, **options).run().dropped

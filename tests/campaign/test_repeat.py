@@ -162,9 +162,7 @@ def test_the_second_drive_changes_nothing(tmp_path: Path, workers: int) -> None:
     budget = Budget(simulations=60)
     for name, kind in (("with", Frenetic2021), ("without", Known)):
         strategy = kind(seed=4, random_budget=0.1, cross_freq=10, cross_num=6, max_redraws=10)
-        searched(
-            tmp_path / name, strategy=strategy, budget=budget, workers=workers, ordered=workers > 1
-        )
+        searched(tmp_path / name, strategy=strategy, budget=budget, workers=workers)
         with CampaignStore.open(tmp_path / name) as store:
             assert (SECOND_DRIVE in store.facts) == (name == "with")
     assert contents(tmp_path / "with") == contents(tmp_path / "without")

@@ -23,7 +23,6 @@ from pids import until_gone
 from user_modules import own_modules
 
 from frenetic.campaign import Campaign, CampaignStore, Summary
-from frenetic.campaign.campaign import LOOKAHEAD
 from frenetic.campaign.check import check_campaign
 from frenetic.drivers import Planner
 from frenetic.drivers.loading import load_driver
@@ -36,23 +35,23 @@ pytest_plugins = ["campaign_fixtures"]
 
 @pytest.mark.endurance
 @pytest.mark.skipif(sys.platform == "win32", reason="a process kills itself by a POSIX signal")
-@pytest.mark.parametrize(("workers", "ordered"), [(1, False), (2, True)])
+@pytest.mark.parametrize(("workers", "lookahead"), [(1, 1), (2, 16)])
 def test_killed_at_random_moments_it_ends_as_if_it_had_not_been(
-    tmp_path: Path, workers: int, ordered: bool, endurance: bool
+    tmp_path: Path, workers: int, lookahead: int, endurance: bool
 ) -> None:
     marks, folder, whole = (tmp_path / name for name in ("marks", "campaign", "whole"))
     marks.mkdir()
     simulator = FaultySimulator(marks)
     simulations = 600 if endurance else 200
-    campaign(whole, simulations, simulator=simulator, ordered=ordered).run()
+    campaign(whole, simulations, simulator=simulator, lookahead=lookahead).run()
 
     def go_on(blow: killing.Blow | None) -> int | None:
         """Its exit code, in a process of its own."""
-        given = folder, marks, simulations, workers, ordered, blow
+        given = folder, marks, simulations, workers, lookahead, blow
         return killing.exit_code_of(killing.go_on, *given)
 
     rng = random.Random(11 + workers)
-    together = LOOKAHEAD if ordered else 1  # results in one transaction at most
+    together = lookahead  # results in one transaction at most
     for kills in range(1, (25 if endurance else 5) + 1):
         blow = random_blow(rng, first=kills == 1)
         assert go_on(blow) == -signal.SIGKILL, f"{blow} has not come"
@@ -194,7 +193,7 @@ def test_a_campaign_goes_on_with_the_parts_that_it_was_made_with(
         ("map size", {"map_size": 150.0}),
         ("margin", {"margin": 5.0}),
         ("lane width", {"lane_width": 3.5}),
-        ("lookahead", {"ordered": True}),
+        ("lookahead", {"lookahead": 16}),
         ("objective", {"objective": "oob-share"}),
         ("rules", {"simulator": DummySimulator(bend, rules=Rules(speed_limit=50.0))}),
         ("strategy", {"strategy": RandomSearch(seed=4)}),

@@ -131,4 +131,4 @@ def test_what_is_written_is_read_back(spec: Spec) -> None:
         write_run_file(spec, Path(folder))
         again, entries = read_run_file(Path(folder, NAME))
     assert replace(again, workers=spec.workers) == spec
-    assert (entries.lookahead, entries.workers) == (spec.lookahead or 0, spec.workers)
+    assert (entries.lookahead, entries.workers) == (spec.lookahead, spec.workers)

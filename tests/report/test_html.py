@@ -533,8 +533,7 @@ def test_the_command_repeats_the_campaign(tmp_path: Path, monkeypatch: pytest.Mo
     ("changes", "said"),
     [
         ({}, "started from Python"),
-        ({"workers": 4}, "not exactly repeatable"),
-        ({"workers": 4, "lookahead": 16}, "any number of workers"),
+        ({"workers": 4}, "any number of workers"),
         ({"budget": {"simulations": None, "time": 60}}, "machine's speed"),
         ({"command": {"strategy": 3}}, "damaged"),
         ({"seed": None}, "No seed is recorded"),
@@ -544,7 +543,7 @@ def test_it_is_said_whether_a_campaign_can_be_repeated(
     searched: Path, changes: Mapping[str, Any], said: str
 ) -> None:
     with CampaignStore.open(searched) as store:
-        config = {**store.config, "lookahead": None, **changes}
+        config = {**store.config, **changes}
     assert repeat_command(config, {}) is None
     assert said in repeatability(config, {})
 

@@ -245,7 +245,7 @@ def _fresh_campaign(
     what, terms = ["fresh", plan.seed], {"fresh": True}
     campaign = campaign_again(plan.old, strategy, tester, budget, what=what, terms=terms, how=how)
     if spec is not None:
-        more: Any = {"seed": plan.seed, "budget": budget, "lookahead": None, "cluster": None}
+        more: Any = {"seed": plan.seed, "budget": budget, "cluster": None}
         campaign.named = replace(spec, strategy=Part("random"), **more)
     return campaign
 

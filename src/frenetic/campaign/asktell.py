@@ -13,8 +13,8 @@ A candidate has an ``id``, ``points`` every 2 m or denser in m on the map, ``cur
 their ``step`` in m, the ``pose`` of its first point and the ``lane_width`` in m, profiles of a road
 that is not flat, and ``conditions``: names of `frenetic.quantities` with amounts, empty without a
 domain. Invalid roads are not handed out. Any number may be asked for before one is told; ``wait``
-means that one has to be told first. `Told` says what can be told. An unusable request is answered
-with ``{"error": ".."}`` and changes nothing.
+means that one has to be told first. The search learns results in the order of asking. `Told` says
+what can be told. An unusable request is answered with ``{"error": ".."}`` and changes nothing.
 """
 
 from __future__ import annotations
@@ -204,11 +204,20 @@ class _Client(Workers):
         self._asked = 0  # requests without an answer
         self._refused: deque[Attempt] = deque()
         self._running: dict[int, tuple[Road, float]] = {}  # id -> its road, and when it went out
+        self._told: set[int] = set()  # without an answer
+        self._budget_spent = 0.0
         self.has_ended = False
 
     @property
     def free(self) -> int:
         return self._asked
+
+    def say_told(self, number: int, budget_spent: float) -> None:
+        """Answers that a candidate was told, unless that was said."""
+        self._budget_spent = budget_spent
+        if number in self._told:
+            self._told.remove(number)
+            self._answer({"told": number, "budget_spent": budget_spent})
 
     def taken(self) -> int:
         """Number of requests for a candidate without an answer, which the caller answers."""
@@ -236,6 +245,8 @@ class _Client(Workers):
     def wait(self, timeout: float) -> Sequence[Attempt]:  # noqa: ARG002 - the client decides
         if self._refused:
             return [self._refused.popleft()]
+        for number in sorted(self._told):  # before an older one
+            self.say_told(number, self._budget_spent)
         for _ in range(self.taken()):  # to which the strategy had no answer
             self._answer({"wait": True})
         while not self.has_ended and (line := next(self._requests, None)) is not None:
@@ -262,6 +273,7 @@ class _Client(Workers):
                 road, since = self._running[told.id]
                 attempt = told.attempt(road, time.perf_counter() - since)
                 del self._running[told.id]
+                self._told.add(told.id)
                 return attempt.pack(keep=True)
             elif kind == "validate":
                 self._answer(validity(values, self._tester.map_size))
@@ -312,6 +324,7 @@ class ToldCampaign(Campaign):
         **others: Any,
     ) -> None:
         super().__init__(simulator=TellingSimulator(rules), driver=TellingDriver(name), **others)
+        self.lookahead = None
         self._answer = answer
         self._requests = requests
         self._client = _Client(self.tester, requests, answer)
@@ -351,5 +364,5 @@ class ToldCampaign(Campaign):
 
     def _say_told(self, event: Event) -> None:
         test = event.test
-        if test is not None and test.attempt.worker == WORKER:
-            self._answer({"told": test.id, "budget_spent": test.budget_spent})
+        if test is not None:
+            self._client.say_told(test.id, test.budget_spent)

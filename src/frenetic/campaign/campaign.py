@@ -82,7 +82,7 @@ logger = logging.getLogger(__name__)
 CAMPAIGNS: Final = Path("campaigns")
 """Default parent of campaigns' folders."""
 LOOKAHEAD: Final = 16
-"""Candidates outstanding at once in an ordered campaign."""
+"""Candidates outstanding at once where several workers drive."""
 QUICK_DRIVES: Final = 1000
 """Most simulations of a campaign whose compiled drives are over before other processes are up."""
 SOURCES: Final = "sources"
@@ -144,12 +144,9 @@ class Campaign(Shown):
             simulator are copied.
         cluster: address of a Dask scheduler whose workers drive instead of `workers`; see
             `frenetic.campaign.workers.cluster`.
-        ordered: whether results are told in the order of asking, with `lookahead` candidates
-            outstanding at once. The campaign then depends on the seed, but not on the number and
-            speed of the workers. Otherwise the strategy is asked for as many candidates as there
-            are free workers and told as results come; with one worker that is one by one.
-        lookahead: candidates outstanding at once in an ordered campaign, which cannot use more
-            workers.
+        lookahead: candidates outstanding at once, which are told in the order of asking. So the
+            campaign depends on it and the seed, but not on the number and speed of the workers. By
+            default 1 with one worker, `LOOKAHEAD` or more with several.
         drive_limit: s of wall time after which a worker that tests one road counts as hanging; by
             default half as long again as the simulator's own ``wall_limit``, and 10 s.
         objective: name of what the strategy minimises, see `frenetic.campaign.objective`.
@@ -180,8 +177,7 @@ class Campaign(Shown):
         road_class: RoadClass | None = None,
         workers: int = 1,
         cluster: str | None = None,
-        ordered: bool = False,
-        lookahead: int = LOOKAHEAD,
+        lookahead: int | None = None,
         drive_limit: float | None = None,
         objective: str = MOOBD,
         start_from: Iterable[Path | str] = (),
@@ -189,7 +185,6 @@ class Campaign(Shown):
         description: Mapping[str, JSONValue] | None = None,
     ) -> None:
         workers = require_count("workers", workers)
-        lookahead = require_count("lookahead", lookahead)
         if workers > MAX_WORKERS:
             raise ValueError(f"workers is {workers}: at most {MAX_WORKERS} are allowed")
         if drive_limit is None:
@@ -239,7 +234,11 @@ class Campaign(Shown):
         self.budget = budget
         self.workers = workers
         self.cluster = cluster
-        self.lookahead = lookahead if ordered else None
+        self._is_usual_lookahead = lookahead is None
+        if lookahead is None:
+            lookahead = 1 if workers == 1 and cluster is None else max(LOOKAHEAD, workers)
+        self.lookahead: int | None = require_count("lookahead", lookahead)
+        """None for as many as the workers have room for."""
         self.drive_limit = drive_limit
         self.folder = new_folder() if folder is None else Path(folder)
         self.seed: int | None = known.get("seed")
@@ -303,8 +302,7 @@ class Campaign(Shown):
             road_class=spec.road_class,
             workers=workers,
             cluster=cluster,
-            ordered=spec.lookahead is not None,
-            lookahead=spec.lookahead or LOOKAHEAD,
+            lookahead=spec.lookahead,
             objective=spec.objective,
             start_from=[earlier.folder for earlier in spec.start_from],
             from_roads=spec.from_roads,
@@ -353,8 +351,7 @@ class Campaign(Shown):
         as ``run(50)`` where the campaign has a budget of 50 simulations or more.
 
         After the first Ctrl-C nothing more is asked and running tests are finished; the second ends
-        the campaign at once. Several workers may bring a few more results after a budget of time or
-        failures is spent, unless the campaign is ordered.
+        the campaign at once.
 
         Args:
             simulations: most drives of this call. A budget with fewer simulations grows to allow
@@ -473,6 +470,8 @@ class Campaign(Shown):
             prepare(self.tester.simulator, is_here=self.cluster is None)
             self._keep_margin()
             self.start_from, taken = stored_earlier(store)
+            if self._is_usual_lookahead and isinstance(theirs := store.config["lookahead"], int):
+                self.lookahead = theirs
             self._check_same(store, self.configuration())
             store.require_sound()
             with self.strategy:
@@ -674,7 +673,7 @@ class Campaign(Shown):
             self.workers,
             drive_limit=self.drive_limit,
             log=log,
-            ahead=self.workers > 1 or self.lookahead is not None,
+            ahead=self.lookahead != 1,
         )
 
     def _isolates(self) -> bool:

@@ -41,10 +41,9 @@ _HEARTBEAT: Final = 1.0  # s between two looks at the clock while nothing comes 
 class Dispatcher:
     """Takes a campaign from the end of its log to the end of its budget.
 
-    With a look-ahead, asking and telling follow from the results alone, not from the number and
-    speed of workers: so many candidates are outstanding, and the oldest is told first, as DROPPED
-    if the strategy no longer wants it, even if it was driven already. With None there is one per
-    free worker, and results are told as they come.
+    Asking and telling follow from the results alone, not from the number and speed of workers: as
+    many candidates are outstanding as the look-ahead says, and the oldest is told first, as DROPPED
+    if the strategy no longer wants it, even if it was driven already.
     """
 
     def __init__(
@@ -118,11 +117,7 @@ class Dispatcher:
                 continue  # what waited was dropped
             for attempt in self._workers.wait(_HEARTBEAT):
                 self._take(attempt)
-            if self._lookahead:
-                self._tell_in_order()
-            else:
-                for candidate_id in list(self._ended):  # in the order of finishing
-                    self._finish(self._outstanding[candidate_id])
+            self._tell_in_order()
             yield from self._report()
             self._log_progress()
 
@@ -147,11 +142,11 @@ class Dispatcher:
     def _is_over(self) -> bool:
         if self._again and (self._again.id in self._running or not self._interrupt.requested):
             return False
-        if self._is_spent and self._lookahead:
+        if self._is_spent:
             return True  # what still runs comes too late, however fast the workers are
         if self._summary.ended and not self._outstanding:
             return True
-        return (self._is_spent or self._interrupt.requested) and not self._running
+        return self._interrupt.requested and not self._running
 
     def _ask(self) -> None:
         """Asks for candidates up to the allowed number."""
@@ -176,19 +171,14 @@ class Dispatcher:
     def _may_ask(self) -> bool:
         if self._is_spent or self._summary.ended or self._waits_for_result:
             return False
-        if self._summary.told_share is None and self._would_exceed(self._budget.simulations):
-            return False
-        if self._lookahead:
-            # Also after an interrupt or within a limit: asking must not depend on its moment.
-            return len(self._outstanding) < self._lookahead
-        if self._would_exceed(self._limit):
-            return False
-        return not self._interrupt.requested and len(self._waiting) < self._workers.free
-
-    def _would_exceed(self, simulations: int | None) -> bool:
-        """Whether one more candidate may be more than so many simulations."""
         told_or_out = self._summary.simulations + len(self._outstanding)
-        return simulations is not None and told_or_out >= simulations
+        most = self._budget.simulations
+        if self._summary.told_share is None and most is not None and told_or_out >= most:
+            return False
+        if self._lookahead is None:
+            return len(self._waiting) < self._workers.free
+        # Also after an interrupt or within a limit: asking must not depend on its moment.
+        return len(self._outstanding) < self._lookahead
 
     @property
     def _again(self) -> Candidate | None:
@@ -211,10 +201,8 @@ class Dispatcher:
         while self._waiting and self._workers.free:
             candidate = self._next()
             self._waiting.remove(candidate.id)
-            if self._is_wanted(candidate):
+            if self._is_wanted(candidate):  # else it is dropped when its turn comes
                 self._submit(candidate)
-            elif not self._lookahead:  # else when its turn comes
-                self._drop(candidate)
 
     def _next(self) -> Candidate:
         """The waiting candidate to submit next.
@@ -224,7 +212,7 @@ class Dispatcher:
         is asked and told, only what is driven in vain, so siblings come last.
         """
         oldest = self._outstanding[min(self._waiting)]
-        if not self._is_selective or not self._lookahead:
+        if not self._is_selective:
             return oldest
         doubtful: set[tuple[int, ...]] = set()  # parents of a child that has not passed
         for candidate in self._outstanding.values():
@@ -269,14 +257,10 @@ class Dispatcher:
             if not self._is_wanted(oldest):
                 self._drop(oldest)
             elif oldest.id in self._ended:
-                self._finish(oldest)
+                self._tell(oldest, self._ended.pop(oldest.id))
             else:
                 return
             self._ask()
-
-    def _finish(self, candidate: Candidate) -> None:
-        """Stores and tells the result of a candidate whose last attempt has ended."""
-        self._tell(candidate, self._ended.pop(candidate.id))
 
     def _drop(self, candidate: Candidate) -> None:
         """Stores and tells that a candidate is dropped."""

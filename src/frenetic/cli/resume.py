@@ -51,11 +51,11 @@ def resume(
     """Resume the CAMPAIGN in a folder after Ctrl-C, a crash, or the end of its budget.
 
     Its log is replayed to a fresh strategy, so an interrupted campaign ends as if it had never been
-    interrupted: exactly so if it has one worker or is ordered and its budget counts simulations or
-    failures. A part that was changed since, such as a driver's source, a module that it imports or
-    a file that is its argument, is refused. A campaign that was killed between its last result and
-    its report gets what is missing. A given budget is added to what is spent. If
-    BeamNG.tech has moved, give its new place with --simulator, which holds for this time.
+    interrupted: exactly so if its budget counts simulations or failures. A part that was changed
+    since, such as a driver's source, a module that it imports or a file that is its argument, is
+    refused. A campaign that was killed between its last result and its report gets what is missing.
+    A given budget is added to what is spent. If BeamNG.tech has moved, give its new place with
+    --simulator, which holds for this time.
     """
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.campaign import SOURCES, STARTED_IN

@@ -89,12 +89,12 @@ def run(
     if (domain := context.params["domain"]) is not None and context.params["road_class"] is None:
         context.params["road_class"] = domain.road_class
     if file is None:
-        spec, lookahead = asked_spec(context), None
+        spec = asked_spec(context)
         spec = replace(spec, objective=_objective(context, spec, None))
     else:
-        spec, lookahead, of_file = _of_file(context, file)
+        spec, of_file = _of_file(context, file)
         workers = of_file if workers is None else workers
-    spec = _with_search(context, spec, lookahead, is_parallel=workers is not None)
+    spec = _with_search(context, spec)
     campaign = make_campaign(spec, new_folder() if out is None else out, workers)
     text = (
         f"Searching with {spec.strategy.name} for roads on which {spec.driver.name} fails,"
@@ -103,8 +103,8 @@ def run(
     search(campaign, campaign.run, text, as_json, spec.seed, fail_on_failure=fail_on_failure)
 
 
-def _of_file(context: click.Context, path: Path) -> tuple[Spec, int | None, int | str | None]:
-    """The spec of a file under the given options; its lookahead and workers, None if not there.
+def _of_file(context: click.Context, path: Path) -> tuple[Spec, int | str | None]:
+    """The spec of a file under the given options; its workers, None if not there.
 
     Raises:
         FreneticError: the file is wrong, or names code that is not loaded unasked.
@@ -127,7 +127,7 @@ def _of_file(context: click.Context, path: Path) -> tuple[Spec, int | None, int 
     spec.require_trusted(path, named)
     spec = with_given(spec, given, has_roads=False)
     spec = replace(spec, objective=_objective(context, spec, entries.objective))
-    return spec, entries.lookahead, entries.workers
+    return spec, entries.workers
 
 
 def _objective(context: click.Context, spec: Spec, of_file: str | None) -> str:
@@ -137,14 +137,8 @@ def _objective(context: click.Context, spec: Spec, of_file: str | None) -> str:
     return of_file or ("criteria" if spec.rules.criteria else Spec.objective)
 
 
-def _with_search(
-    context: click.Context, spec: Spec, lookahead: int | None, *, is_parallel: bool
-) -> Spec:
-    """The spec with budget, seed, order and earlier campaigns.
-
-    Without a seed the results are used as they come, unless the strategy wants one road at a time
-    and nobody asks for more workers.
-    """
+def _with_search(context: click.Context, spec: Spec) -> Spec:
+    """The spec with budget, seed, look-ahead and earlier campaigns."""
     from frenetic.campaign import LOOKAHEAD
     from frenetic.registry import STRATEGIES  # with what it loads, too slow for help
 
@@ -157,15 +151,13 @@ def _with_search(
     seed = context.params["seed"] if was_given(context, "seed") else spec.seed
     assert spec.strategy.name is not None
     usual = getattr(STRATEGIES.load(spec.strategy.name), "usual_lookahead", None)
-    if lookahead is None and (seed is not None or (usual == 1 and not is_parallel)):
-        lookahead = usual or LOOKAHEAD
     from_roads = context.params["from_roads"]
     earlier = tuple(EarlierCampaign(str(folder)) for folder in context.params["start_from"])
     return replace(
         spec,
         budget=budget,
         seed=secrets.randbelow(2**31) if seed is None else seed,
-        lookahead=lookahead or None,
+        lookahead=spec.lookahead or usual or LOOKAHEAD,
         start_from=earlier or spec.start_from,
         from_roads=str(from_roads) if from_roads is not None else spec.from_roads,
     )

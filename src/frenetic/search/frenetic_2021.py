@@ -119,7 +119,7 @@ class Frenetic2021(Strategy):
     BEHAVIOUR: ClassVar[int] = 1
     """Raised when its proposals change; campaigns record it."""
     usual_lookahead: ClassVar[int] = 1
-    """Candidates outstanding in an ordered campaign: Listing 1 knows a result before it goes on."""
+    """Candidates outstanding of `frenetic run`: Listing 1 knows a result before it goes on."""
 
     def __init__(
         self,

@@ -50,7 +50,7 @@ class Strategy(ABC):
     """
 
     usual_lookahead: ClassVar[int | None] = None
-    """Candidates outstanding in an ordered campaign; None for the campaign's default."""
+    """Candidates outstanding of `frenetic run`; None for its default."""
     expects_failures: ClassVar[bool] = False
     """Whether its roads are known to fail: no failure is driven a second time, and a driver that
     breaks on every road is no reason to give up."""

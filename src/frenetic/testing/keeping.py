@@ -248,7 +248,6 @@ class _Check:
                 # Without a limit of time, by which a search would depend on the machine's speed.
                 budget=Budget(simulations=budget.simulations, failures=_FAILURES),
                 folder=folder,
-                ordered=True,
                 lookahead=strategy.usual_lookahead or LOOKAHEAD,
                 objective=self.spec.objective,
                 **tester.terms,

@@ -18,11 +18,6 @@ _ORDERED: Final = (
     "Results were used in the order of the proposals, so the same seed gives the same campaign with"
     " any number of workers."
 )
-_SEVERAL: Final = (
-    "Several workers drove, and results were used as they came, so it is not exactly repeatable:"
-    " another run proposes other roads. An ordered one would be."
-)
-_ONE: Final = "One worker drove, so the same seed gives the same campaign."
 
 
 def repeat_section(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValue]) -> Section:
@@ -106,13 +101,12 @@ def repeatability(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValue
     """Whether the campaign repeats exactly, and if not, why."""
     budget = facts.get("budget", config.get("budget"))
     is_recorded = isinstance(config.get("command"), Mapping)
-    many = config.get("cluster") is not None or config.get("workers", 1) != 1
     told = {
         "The campaign was started from Python, so there is no command that repeats it; its parts"
         " and their options are listed below.": not is_recorded,
         "What is recorded of its command is damaged, so it cannot be shown.": is_recorded
         and repeat_command(config, facts) is None,
-        _ORDERED if config.get("lookahead") is not None else _SEVERAL if many else _ONE: True,
+        _ORDERED: True,
         "The seed reaches the generator through Python's random and numpy's global generator: one"
         " that draws from elsewhere proposes other roads.": _generator(config) is not None,
         "No seed is recorded, so its random numbers cannot be drawn again.": config.get("seed")
