@@ -28,7 +28,7 @@ from frenetic.measures import Seen, mean, rate, spread, worst
 from frenetic.oracle import judge, measured, measures_json, seen_by_criteria
 from frenetic.outcome import Outcome
 from frenetic.road import Road
-from frenetic.run_file import read_criteria
+from frenetic.run_file import read_rules
 from frenetic.search import RandomSearch
 from frenetic.simulators import EmbeddedSimulator
 
@@ -65,6 +65,12 @@ def amount(name: str, drive: Drive) -> float:
     found = worst(name, seen_by_criteria(drive.road, drive))
     assert found is not None
     return found.value
+
+
+def criteria_of(text: Any) -> Profile:
+    """The criteria of a text or of entries."""
+    found: Profile = read_rules(text)["criteria"]
+    return found
 
 
 def judged(road: Road, drive: Drive, profile: Profile) -> Any:
@@ -257,26 +263,30 @@ def test_a_file_of_ones_own(tmp_path: Path) -> None:
         'about = "ours"\nlateral_acceleration = 2.5\n'
         'lateral_jerk = {limit = 4, window = 0.4, clause = "7.2"}\n'
     )
-    found = read_criteria(str(path))
+    found = criteria_of(str(path))
     assert found == Profile(
         "ours",
         (Criterion("lateral_acceleration", 2.5, 0.0), Criterion("lateral_jerk", 4.0, 0.4, "7.2")),
         about="ours",
     )
-    assert read_criteria(f"{path},yaw_rate=20").criteria[2].limit == 20.0
-    assert read_criteria(f"{path},lateral_jerk=3").criteria[1].window == 0.4
-    assert read_criteria(json.loads(json.dumps(found.entry()))) == found, "as a run's file has it"
+    assert criteria_of(f"{path},yaw_rate=20").criteria[2].limit == 20.0
+    assert criteria_of(f"{path},lateral_jerk=3").criteria[1].window == 0.4
+    assert criteria_of(json.loads(json.dumps(found.entry()))) == found, "as a run's file has it"
 
 
 def test_limits_of_ones_own_beside_a_profile() -> None:
-    found = read_criteria("after-iso-11270,lateral_jerk=4,duration=60")
+    found = criteria_of("after-iso-11270,lateral_jerk=4,duration=60")
     limits = {one.quantity: one for one in found.criteria}
     assert (limits["lateral_jerk"].limit, limits["lateral_jerk"].window) == (4.0, 0.5)
     assert limits["duration"].clause == "as given"
     assert limits["lateral_acceleration"] == ISO.criteria[1]
     assert found.entry() == "after-iso-11270,lateral_jerk=4,duration=60"
-    assert read_criteria(found.entry()) == found
-    assert not read_criteria("competition")
+    assert criteria_of(found.entry()) == found
+    assert read_rules("competition,speed_limit=60") == {
+        "criteria": criteria_of("competition"),
+        "speed_limit": 60.0,
+    }
+    assert read_rules("oob_tolerance=0.9") == {"oob_tolerance": 0.9}, "and the usual profile"
 
 
 @pytest.mark.parametrize(
@@ -290,7 +300,7 @@ def test_limits_of_ones_own_beside_a_profile() -> None:
 )
 def test_mistakes_are_named(text: str, words: str) -> None:
     with pytest.raises(FreneticError) as error:
-        read_criteria(text)
+        criteria_of(text)
     assert words in str(error.value)
 
 
@@ -414,13 +424,13 @@ def test_a_package_adds_quantities_and_profiles(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr("frenetic.criteria.installed", lambda _: entries)
     road = Road(np.zeros(21))
     drive = along(road, 15.0)
-    profile = read_criteria("slow,top_speed=12")
+    profile = criteria_of("slow,top_speed=12")
     assert profile.name == "slow"
     result = judged(road, drive, profile)
     assert result.reason == "Top speed 15.00 m/s at 0 m (at most 12 m/s)"
     document = json.loads(json.dumps(profile.as_json()))
     assert convert(document, Profile) == profile, "as a campaign records it"
-    broken = judged(road, drive, read_criteria("slow,no_series=1"))
+    broken = judged(road, drive, criteria_of("slow,no_series=1"))
     assert broken.outcome is Outcome.ERROR
     assert "one value a record is needed" in broken.reason
 

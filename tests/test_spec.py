@@ -19,7 +19,7 @@ from frenetic.errors import CampaignError, FreneticError, UnknownNameError
 from frenetic.road import MAP_SIZE, MARGIN
 from frenetic.search import RandomSearch
 from frenetic.simulators import CarBody, EmbeddedSimulator, Rules
-from frenetic.spec import NUMBERS, Budget, Part, Spec, describe, fault_of
+from frenetic.spec import Budget, Part, Spec, describe, fault_of
 
 SOURCE = "c/campaign.sqlite"
 
@@ -67,10 +67,6 @@ def test_a_record_gives_the_spec_that_was_recorded(spec: Spec, is_named: bool) -
 def test_what_is_usual_is_what_the_parts_have() -> None:
     spec = Spec()
     assert (spec.map_size, spec.margin, spec.rules) == (MAP_SIZE, MARGIN, Rules())
-    for number in NUMBERS:
-        if number.default is not None:
-            usual = getattr(spec, number.name, getattr(spec.rules, number.name, None))
-            assert number.default == usual
     campaign = Campaign(
         strategy=RandomSearch(seed=1),
         simulator=EmbeddedSimulator(),

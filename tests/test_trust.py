@@ -49,7 +49,7 @@ def made(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None])
         patch.chdir(folder)
         patch.setenv(trust.VARIABLE, str(folder / "home of the stranger"))
         prepare("run", *FEW, *NAMED, "--out", "c")
-        prepare("run", *FEW, "--speed-limit", "70", "--out", "own")
+        prepare("run", *FEW, "--criteria", "speed_limit=70", "--out", "own")
     return folder
 
 

@@ -54,6 +54,11 @@ class DriveFile(Struct, forbid_unknown_fields=True, omit_defaults=True, kw_only=
     map_size: Positive | None = None
     objective: str | None = None
 
+    def rules(self) -> dict[str, Any]:
+        """Its rules, as `read_rules` gives them."""
+        own = {"speed_limit": self.speed_limit, "oob_tolerance": self.oob_tolerance}
+        return own if self.criteria is None else {**own, **read_rules(self.criteria)}
+
     def spec(self, usual: str | None = None) -> Spec:
         """The spec, with the defaults of the command line.
 
@@ -66,9 +71,7 @@ class DriveFile(Struct, forbid_unknown_fields=True, omit_defaults=True, kw_only=
         """
         given: dict[str, Any] = {
             "layers": self.conditions,
-            "speed_limit": self.speed_limit,
-            "oob_tolerance": self.oob_tolerance,
-            "criteria": None if self.criteria is None else read_criteria(self.criteria),
+            **self.rules(),
             "wall_limit": self.wall_limit,
             "map_size": self.map_size,
             "road_class": None if self.roads is None else read_class(self.roads),
@@ -96,17 +99,30 @@ def read_class(roads: str | Mapping[str, Any]) -> RoadClass | str:
     return class_of(roads) or COMPETITION
 
 
-def read_criteria(text: str | Mapping[str, Any]) -> Profile:
-    """The criteria of a text such as ``after-iso-11270,lateral_jerk=4``, or of entries.
+def read_rules(text: str | Mapping[str, Any]) -> dict[str, Any]:
+    """The rules of a text such as ``after-iso-11270,lateral_jerk=4,speed_limit=60``, or of entries.
+
+    Returns:
+        Field of `frenetic.drive.Rules` -> its value. A text that says numbers alone has no
+        ``criteria``.
 
     Raises:
         ValueError: they are wrong.
-        FreneticError: there are no such ones.
+        FreneticError: there are no such criteria.
     """
+    if isinstance(text, str):
+        name, options = read_part(text)
+    else:
+        name, options = str(text.get("name", "own")), {k: text[k] for k in text if k != "name"}
+    found: dict[str, Any] = {}
+    for key in ("speed_limit", "oob_tolerance"):
+        if key in options:
+            found[key] = convert(options.pop(key), float)
     if not isinstance(text, str):
-        return Profile.made(str(text.get("name", "own")), {k: text[k] for k in text if k != "name"})
-    name, options = read_part(text)
-    return Profile.of(name or COMPETITION, options)
+        return {**found, "criteria": Profile.made(str(name), options)}
+    if name is None and not options:
+        return found
+    return {**found, "criteria": Profile.of(name or COMPETITION, options)}
 
 
 def read_domain(odd: str | Mapping[str, Any]) -> Domain:
@@ -176,13 +192,13 @@ class RunFile(DriveFile, kw_only=True):
             spec = spec.replaced(
                 {
                     "road_class": shown_class(self.from_roads),
-                    "speed_limit": self.speed_limit,
                     "map_size": self.map_size,
+                    **self.rules(),
                 }
             )
         if self.odd is not None:
             domain = read_domain(self.odd)
-            given = {"domain": domain, "speed_limit": self.speed_limit, "map_size": self.map_size}
+            given = {"domain": domain, "map_size": self.map_size, **self.rules()}
             roads = domain.road_class if self.roads is None else None
             spec = spec.replaced({**given, "road_class": roads})
         return replace(spec, **others)

@@ -3,10 +3,10 @@
 A `Spec` comes from the options of a command line (`Spec.from_options`), from a campaign's record
 (`Spec.from_json`) or from a campaign of objects (`Campaign.spec`). It makes the objects
 (`make_strategy`, `make_driver`, `make_simulator`, `Campaign.of`), the record (`to_json`) and the
-words of a command line that drives so (`drive_words`).
+words of a command line (`Part.words`).
 
-Its numbers are declared here (`NUMBERS`), its layers in `frenetic.quantities`. Every command's help
-reads this module, so slow imports are inside functions.
+Its layers are declared in `frenetic.quantities`. Every command's help reads this module, so slow
+imports are inside functions.
 """
 
 from __future__ import annotations
@@ -75,29 +75,6 @@ DRIVEN: Final = "driven"
 """Entry of a road's file with its `drive_record`."""
 _SHOWN_OPTIONS: Final = 3
 _PARTS: Final = ("strategy", "driver", "simulator")
-
-
-@dataclass(frozen=True)
-class Number:
-    """A number of a `Spec` with its own option."""
-
-    name: str
-    """Name of the option, in the record of a command line and in a `Spec` or its rules."""
-    default: float
-    help: str
-
-    @property
-    def option(self) -> str:
-        """The option, such as ``--map-size``."""
-        return f"--{self.name.replace('_', '-')}"
-
-
-NUMBERS: Final = (
-    Number("speed_limit", 70.0, "km/h."),
-    Number("oob_tolerance", 0.95, "Share of the car that may be out."),
-    Number("map_size", 200.0, "m, side of the map."),
-)
-"""The numbers for driving roads, beside the layers of the driver."""
 
 
 COMPETITION: Final = "competition"
@@ -266,7 +243,7 @@ class Spec:
         Args:
             given: name -> value of an option: of a part such as ``driver``, of its options
                 (``driver_options``, a mapping or pairs), of the ``layers`` (likewise: amounts of
-                any quantities), of the ``road_class`` and of `NUMBERS`. A record's ``command`` is
+                any quantities), ``road_class``, rules and map size. A record's ``command`` is
                 such a mapping, too.
             others: fields of the spec from elsewhere.
 
@@ -560,20 +537,6 @@ class Spec:
         driver, simulator = self.make_driver(), self.make_simulator()
         return driver, isolated(simulator, driver) if isolate else simulator
 
-    # To words
-
-    def drive_words(self) -> list[str]:
-        """The options of `frenetic drive` that choose driver, simulator, rules and map."""
-        words = [*self.driver.words("driver"), *self.simulator.words("simulator")]
-        for name, amount in self.layers.items():
-            words += ["--with", f"{name}={number_word(amount)}"]
-        for number in NUMBERS:
-            value = getattr(self, number.name, getattr(self.rules, number.name, None))
-            words += [number.option, number_word(value)]
-        if self.rules.criteria and isinstance(entry := self.rules.criteria.entry(), str):
-            words += ["--criteria", entry]
-        return words
-
 
 def earlier_of(config: Mapping[str, Any]) -> tuple[EarlierCampaign, ...]:
     """The earlier campaigns in a campaign's record.
@@ -646,8 +609,8 @@ def _usual_of_class(factory: Callable[..., Any]) -> Usual:
 def drive_options() -> list[str]:
     """Names of the options that say how roads are driven, as `Spec.from_options` takes them."""
     parts = ("driver", "driver_options", "simulator", "simulator_options")
-    own = ("layers", "wall_limit", "road_class", "criteria")
-    return [*parts, *own, *(number.name for number in NUMBERS)]
+    rules = ("speed_limit", "oob_tolerance", "criteria")
+    return [*parts, "layers", "wall_limit", "road_class", "map_size", *rules]
 
 
 def _of_class(given: Mapping[str, Any]) -> dict[str, Any]:
@@ -662,7 +625,7 @@ def _of_class(given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _class_rules(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Those of `NUMBERS` that follow from it unless they are given, too."""
+    """The numbers that follow from it unless they are given, too."""
     road_class = given.get("road_class")
     if road_class in (None, COMPETITION):
         return {}

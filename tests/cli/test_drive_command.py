@@ -25,7 +25,7 @@ class Bold(Planner):
         super().__init__(aggression=1.2 + extra)
 """
 PARTS = ("--driver", "mine.py:Bold,extra=0.1")
-TERMS = ("--with", "delay=0.02", "--speed-limit", "75", "--map-size", "210")
+TERMS = ("--with", "delay=0.02", "--criteria", "speed_limit=75", "--map-size", "210")
 
 
 @pytest.fixture
@@ -181,7 +181,9 @@ def test_a_campaigns_test_is_driven_as_its_file_is(frenetic: Frenetic, road: Pat
     del by_file["road"]
     assert one == by_file
     assert frenetic("drive", "c", number, "--dry").out == f"c {number}: valid\n"
-    changed = frenetic("drive", "c", number, "--driver", "planner", "--speed-limit", "20").out
+    changed = frenetic(
+        "drive", "c", number, "--driver", "planner", "--criteria", "speed_limit=20"
+    ).out
     assert changed.startswith("PASS")
 
 
@@ -192,7 +194,7 @@ def test_it_is_said_whether_a_campaigns_test_ends_as_it_did_there(
     again = frenetic("drive", "c", number)
     assert again.code == 0
     assert " as in the campaign\n" in again.out
-    slow = ("drive", "c", number, "--driver", "planner", "--speed-limit", "20")
+    slow = ("drive", "c", number, "--driver", "planner", "--criteria", "speed_limit=20")
     answer = frenetic(*slow)
     assert answer.code == 0, "a driver that differs is no mistake"
     assert " differs from the campaign: PASS, not FAIL\n" in answer.out

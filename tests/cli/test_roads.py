@@ -95,7 +95,7 @@ def test_a_named_class_is_written_by_its_name(frenetic: Frenetic) -> None:
 
 
 def test_given_options_win(frenetic: Frenetic) -> None:
-    options = ("--roads", "urban-50", "--speed-limit", "80", "--map-size", "1500")
+    options = ("--roads", "urban-50", "--criteria", "speed_limit=80", "--map-size", "1500")
     frenetic("run", *options, "--simulations", "2", "--seed", "1", "--out", "town")
     with CampaignStore.open(Path("town")) as store:
         assert store.setting.rules.speed_limit == 80.0

@@ -197,7 +197,7 @@ def test_what_it_advises_after_a_crash_works_once_the_driver_is_mended(frenetic:
     """With the options that the search had, and from another folder it says where to go."""
     write("mydriver.py", MY_DRIVER)
     search = ("--simulations", "12", "--seed", "1", "--workers", "1", "--out", "c")
-    how = ("--driver", "mydriver.py:Raises", "--with", "delay=0.05", "--speed-limit", "60")
+    how = ("--driver", "mydriver.py:Raises", "--with", "delay=0.05", "--criteria", "speed_limit=60")
     crashed = frenetic("run", *how, *search)
     (advice,) = re.findall("mend it, then go on: frenetic (.*)", crashed.err)
     mended = MY_DRIVER.replace('raise ValueError("lost")', "return frenetic.Controls(0.0, 0.3)")

@@ -37,8 +37,20 @@ def results_of(folder: str) -> list[object]:
     "options",
     [
         ("--seed", "3", "--with", "noise=0.1", "--driver", "aggression=1.1"),
-        ("--seed", "5", "--strategy", "frenetic-2021,threshold=-0.2", "--speed-limit", "60"),
-        ("--simulator", "embedded,friction=0.8", "--map-size", "250", "--oob-tolerance", "0.5"),
+        (
+            "--seed",
+            "5",
+            "--strategy",
+            "frenetic-2021,threshold=-0.2",
+        ),
+        (
+            "--simulator",
+            "embedded,friction=0.8",
+            "--map-size",
+            "250",
+            "--criteria",
+            "competition,oob_tolerance=0.5",
+        ),
         ("--objective", "oob-share", "--strategy", "random"),
     ],
 )

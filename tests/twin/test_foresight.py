@@ -175,9 +175,9 @@ def test_run_show_and_report_say_what_foresight_came_to(frenetic: Command) -> No
 @pytest.mark.parametrize(
     ("options", "entries", "message"),
     [
-        (("--speed-limit", "60"), {}, "speed limit 70, not 60"),
+        (("--criteria", "speed_limit=60"), {}, "speed limit 70, not 60"),
         (("--map-size", "150"), {}, "map size 200, not 150"),
-        (("--oob-tolerance", "0.5"), {}, "oob tolerance 0.95, not 0.5"),
+        (("--criteria", "oob_tolerance=0.5"), {}, "oob tolerance 0.95, not 0.5"),
         ((), {"driver": "nobody"}, "nobody"),
         ((), {"driver": "metadrive-idm", "driver_options": {}}, "metadrive"),
         ((), {"driver": "highway-env", "driver_options": {}}, "no driver for a twin"),

@@ -135,7 +135,7 @@ def test_the_table_the_top_and_invalid_roads(frenetic: Frenetic, roads: Path) ->
     assert "circle" not in answer.out
     circle, sharp = str(roads / "circle.json"), str(roads / "sharp.json")
     assert "INVALID" in frenetic("rank", circle).out
-    (tolerant,) = frenetic("rank", sharp, *FAST, "--oob-tolerance", "1", "--json").json
+    (tolerant,) = frenetic("rank", sharp, *FAST, "--criteria", "oob_tolerance=1", "--json").json
     assert tolerant["outcome"] in ("PASS", "FAIL")
     (anyway,) = frenetic("rank", circle, "--anyway", "--json").json
     assert anyway["outcome"] in ("PASS", "FAIL")

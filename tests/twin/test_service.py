@@ -144,10 +144,8 @@ def test_the_command_serves_in_the_competitions_setting(
     assert tools[-1].twin.tester.driver == Stanley()
     rules = Rules(speed_limit=80.0, oob_tolerance=0.85)
     Profile.of("twin", Spec(driver=Part("stanley"), rules=rules)).write(Path("twin.json"))
-    assert (
-        frenetic("rank", "--as", "twin.json", "--oob-tolerance", "0.7", "--serve", "0.0.0.0:0").code
-        == 0
-    )
+    tolerant = ("--as", "twin.json", "--criteria", "oob_tolerance=0.7")
+    assert frenetic("rank", *tolerant, "--serve", "0.0.0.0:0").code == 0
     assert told[-1] == ("0.0.0.0", 0)
     assert type(tools[-1].twin.tester.driver).__name__ == "Stanley"
     assert (tools[-1].twin.rules.speed_limit, tools[-1].twin.rules.oob_tolerance) == (80.0, 0.7)

@@ -25,10 +25,9 @@ from frenetic.cli.options import (
 )
 from frenetic.cli.parts import (
     AS,
-    as_option,
     given_options,
     names_of,
-    part_choices,
+    part_options,
     was_given,
     with_given,
 )
@@ -69,8 +68,7 @@ _ENTRIES: Final = ("generator", "strategy", "simulations", "repeats", "seed", "p
 @count_option("--simulations", "Budget of each run, in drives. [default: 200]")
 @count_option("--repeats", "Runs of each. [default: 10]")
 @count_option("--seed", "Of the first run of each. [default: 1]", least=0)
-@as_option
-@part_choices
+@part_options
 @objective_option
 @click.option("--workers", type=WORKERS, metavar="N", help="Runs at once. [default: the cores]")
 @folder_option("Folder for the results. [default: a new one under benches/]")

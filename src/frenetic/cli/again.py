@@ -11,7 +11,7 @@ import click
 
 from frenetic.cli.console import Log, announced_compilation, counted_progress
 from frenetic.cli.options import as_usage_error
-from frenetic.cli.parts import asked_spec, given_options, with_given, without_place
+from frenetic.cli.parts import given_options, with_given, without_place
 from frenetic.errors import CampaignError
 from frenetic.spec import DRIVEN, Spec
 from frenetic.trust import NOT_DRIVING
@@ -40,12 +40,8 @@ def recorded_spec(store: CampaignStore, given: Mapping[str, Any], *, checked: bo
     from frenetic.campaign.campaign import STARTED_IN
     from frenetic.campaign.database import DATABASE
 
-    for name, option, its in (
-        ("map_size", "--map-size", "map"),
-        ("road_class", "--roads", "road class"),
-    ):
-        if given.get(name) is not None:
-            raise click.UsageError(f"{option} is for a ROAD file: a campaign has its own {its}")
+    if given.get("road_class") is not None:
+        raise click.UsageError("--roads is for a ROAD file: a campaign has its own road class")
     recorded = Spec.from_json(store.config, source=store.folder / DATABASE)
     spec = with_given(recorded, given)
     if checked:
@@ -79,7 +75,7 @@ def file_spec(context: click.Context, file: RoadFile, *, checked: bool = True) -
     """
     given = given_options(context)
     if DRIVEN not in file.entries:
-        return asked_spec(context)
+        return with_given(Spec(), given, has_roads=False)
     recorded = Spec.from_drive_record(file.entries[DRIVEN], source=file.path)
     # Which program is started, no file says.
     recorded = replace(recorded, simulator=without_place(recorded.simulator))

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from frenetic.cli.options import Duration, as_usage_error, folder_option
-from frenetic.cli.parts import odd_option, part_choice, was_given
-from frenetic.spec import Budget, Spec
+from frenetic.cli.parts import map_size_option, odd_option, part_choice
+from frenetic.spec import Budget, Part, Spec
 
 if TYPE_CHECKING:
     from frenetic.domain import Domain
@@ -26,16 +26,10 @@ DEFAULT_SIMULATIONS = 1000
 @click.option("--simulations", type=int, metavar="N", help="Stop after N drives. [default: 1000]")
 @click.option("--time", "seconds", type=Duration(), help="Stop after this time: 90s, 10m, 1h30m.")
 @click.option("--failures", type=int, metavar="N", help="Stop after N failures.")
-@part_choice("strategy", "How to search (see 'frenetic list strategies').", "frenetic")
+@part_choice("strategy", "How to search ('frenetic list strategies'). [default: frenetic]")
 @click.option("--name", default="told", show_default=True, help="What drives, for the record.")
 @odd_option
-@click.option(
-    "--map-size",
-    type=float,
-    default=200.0,
-    show_default=True,
-    help="m, side of the map; unless given, a domain's roads say it.",
-)
+@map_size_option
 @click.option("--seed", type=click.IntRange(0), help="Repeats a search. [default: a new one]")
 @folder_option("Folder for the results; one that holds this search is gone on with.")
 @click.pass_context
@@ -77,11 +71,8 @@ def ask_tell(
     with redirect_stdout(sys.stderr):  # a strategy's prints, say
         with as_usage_error():
             budget = Budget(simulations=simulations, time=seconds, failures=failures)
-            given = dict(context.params)
-            road_class = None if domain is None else domain.road_class
-            if road_class is not None and not was_given(context, "map_size"):
-                del given["map_size"]  # which the class says
-            spec = Spec.from_options({**given, "road_class": road_class}, seed=seed)
+            given = {**context.params, "road_class": None if domain is None else domain.road_class}
+            spec = Spec(strategy=Part("frenetic"), seed=seed).replaced(given)
             campaign = ToldCampaign(
                 _lines(),
                 answer,

@@ -22,7 +22,6 @@ from frenetic.cli.console import (
 )
 from frenetic.cli.options import (
     NewFile,
-    check_map_size,
     file_option,
     json_option,
     lane_option,
@@ -30,12 +29,15 @@ from frenetic.cli.options import (
     source_arguments,
 )
 from frenetic.cli.parts import (
+    criteria_option,
     given_options,
     given_quantities,
-    recorded_options,
+    part_options,
     roads_option,
+    with_given,
 )
 from frenetic.quantities import in_words, without
+from frenetic.spec import Spec
 
 if TYPE_CHECKING:
     from frenetic.campaign import Test
@@ -45,7 +47,6 @@ if TYPE_CHECKING:
     from frenetic.road import Road, Verdict
     from frenetic.road.opendrive import Stretch
     from frenetic.simulators import Simulator
-    from frenetic.spec import Spec
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,8 @@ class Asked:
 @click.command()
 @source_arguments
 @roads_option
-@recorded_options
+@part_options
+@criteria_option
 @click.option("--dry", is_flag=True, help="Say whether the road is valid; do not drive it.")
 @file_option(
     "--plot", "Draw the drive into this PNG, SVG or PDF file.", type=NewFile(is_picture=True)
@@ -193,7 +195,6 @@ def _of_file(context: click.Context, path: Path, lane: int | None) -> tuple[Spec
 
     file = read_road(path, lane=lane)
     spec, loaded = file_spec(context, file), file.road()
-    check_map_size(spec.map_size)
     fitted, verdict = loaded.placed(spec.map_size, road_class=spec.road_class)
     recorded = file.entries.get("driver")
     is_replaced = DRIVEN not in file.entries or bool(given_options(context))
@@ -205,13 +206,12 @@ def _of_map(
     context: click.Context, path: Path, map_roads: str, lane: int | None
 ) -> tuple[Spec, list[Asked]]:
     """The same for the roads of a map, where they lie."""
-    from frenetic.cli.parts import asked_spec
     from frenetic.errors import RoadError
     from frenetic.road import Verdict
     from frenetic.road.files import read_stretches
     from frenetic.search.random_search import TO_GO_ON
 
-    spec = asked_spec(context)
+    spec = with_given(Spec(), given_options(context), has_roads=False)
     road_map, stretches = read_stretches(path, map_roads, lane=lane)
 
     def asked(stretch: Stretch) -> Asked:
@@ -241,7 +241,6 @@ def _verdict_on(context: click.Context, path: Path, lane: int | None) -> Verdict
 
     file = read_road(path, lane=lane)
     spec = file_spec(context, file, checked=False)
-    check_map_size(spec.map_size)
     verdict = file.check_validity(spec.map_size, spec.road_class)
     if not verdict or file.road().is_plain:
         return verdict

@@ -12,13 +12,21 @@ from frenetic._support.files import write_file
 from frenetic._support.words import counted
 from frenetic.cli.console import Log, announced_compilation, live_line
 from frenetic.cli.options import as_usage_error, count_option, json_option
-from frenetic.cli.parts import asked_spec, driver_options, odd_option
+from frenetic.cli.parts import (
+    criteria_option,
+    given_options,
+    odd_option,
+    part_options,
+    with_given,
+)
+from frenetic.spec import Spec
 
 
 @click.command()
 @click.argument("campaign", type=click.Path(path_type=Path), required=False)
 @odd_option
-@driver_options
+@part_options
+@criteria_option
 @count_option("--drives", "Drive about N times.", least=100, default=10_000)
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the draws.")
 @json_option
@@ -50,7 +58,8 @@ def estimate(
         raise click.UsageError("--odd FILE or the folder of a CAMPAIGN with a domain is needed")
     if campaign is None:
         domain = params["domain"]
-        spec = asked_spec(context, road_class=domain.road_class)
+        given = {**given_options(context), "road_class": domain.road_class}
+        spec = with_given(Spec(), given, has_roads=False)
         driver, simulator = spec.make_parts(isolate=True)
         with as_usage_error():
             tester = RoadTester.on(spec, simulator, driver)

@@ -223,13 +223,3 @@ def as_usage_error() -> Iterator[None]:
         yield
     except ValueError as error:
         raise click.UsageError(str(error)) from None
-
-
-def check_map_size(map_size: float) -> None:
-    """Refuses a map without room for a road."""
-    from frenetic.road import MARGIN
-
-    if not 2.0 * MARGIN < map_size < float("inf"):
-        raise click.UsageError(
-            f"--map-size is {map_size:g}: more than twice the margin of {MARGIN:g} m is needed"
-        )

@@ -1,4 +1,4 @@
-"""The options that choose driver, simulator and rules, as `frenetic.spec` declares them."""
+"""The options that choose driver, simulator and rules, and the specs that they give."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final, ParamSpec, TypeVar
 
 import click
+from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
 from frenetic._support.words import read_part
@@ -16,7 +17,7 @@ from frenetic.cli.options import Decorator, with_options
 from frenetic.errors import FreneticError
 from frenetic.quantities import quantities, quantity
 from frenetic.registry import SIMULATORS
-from frenetic.spec import NUMBERS, Part, Spec, drive_options, usual_of
+from frenetic.spec import Part, Spec, drive_options, usual_of
 from frenetic.trust import REGISTRIES
 
 P = ParamSpec("P")
@@ -47,28 +48,17 @@ def names_of(
     return complete
 
 
-def part_choice(
-    kind: str,
-    help: str,  # noqa: A002
-    default: str | None = None,
-    *,
-    show_default: bool | str = True,
-    required: bool = False,
-    name: str | None = None,
-) -> Decorator:
+def _give(context: click.Context, name: str, value: object) -> None:
+    """Sets a parameter as if the command line gave it."""
+    context.params[name] = value
+    context.set_parameter_source(name, ParameterSource.COMMANDLINE)
+
+
+def part_choice(kind: str, help: str) -> Decorator:  # noqa: A002
     """The option for a part with its own options: ``planner,aggression=1.2``.
 
     Options alone, ``aggression=1.2``, are those of the part that is taken otherwise.
-
-    Args:
-        kind: of the part.
-        help: of the option.
-        default: its default.
-        show_default: its words for that.
-        required: whether it has to be given.
-        name: its name if that is not the kind.
     """
-    name = name or kind
 
     def split(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
         """Gives the options a parameter of their own; returns the name."""
@@ -76,29 +66,20 @@ def part_choice(
             given, options = (None, {}) if value is None else read_part(value)
         except ValueError as error:
             raise click.BadParameter(str(error), ctx, param) from None
-        assert param.name is not None
-        source = ctx.get_parameter_source(param.name)
-        ctx.params[f"{param.name}_options"] = tuple(options.items())
-        if options and source is not None:
-            ctx.set_parameter_source(f"{param.name}_options", source)
-        if given is None and value is not None:
-            if required:
-                raise click.BadParameter("a name is needed before the options", ctx, param)
-            ctx.set_parameter_source(param.name, click.core.ParameterSource.DEFAULT)
-            return default
+        ctx.params[f"{kind}_options"] = ()
+        if options:
+            _give(ctx, f"{kind}_options", tuple(options.items()))
+        if given is None:
+            ctx.set_parameter_source(kind, ParameterSource.DEFAULT)
         return given
 
-    option = click.option(
-        f"--{name}",
-        default=default,
-        show_default=show_default,
-        required=required,
+    return click.option(
+        f"--{kind}",
         metavar=kind.upper(),
         help=f"{help} With options: {_EXAMPLES[kind]}.",
         shell_complete=names_of(kind),
         callback=split,
     )
-    return lambda command: with_options([option], command)
 
 
 class Amount(click.ParamType):  # type: ignore[type-arg]  # generic in click's newest only
@@ -146,6 +127,11 @@ class Read(click.ParamType):  # type: ignore[type-arg]  # generic in click's new
             self.fail(str(error), param, ctx)
 
 
+def _give_rules(ctx: click.Context, _: click.Parameter, rules: dict[str, Any] | None) -> None:
+    for name, value in (rules or {}).items():
+        _give(ctx, name, value)
+
+
 roads_option: Final = click.option(
     "--roads",
     "road_class",
@@ -153,8 +139,6 @@ roads_option: Final = click.option(
     help="Roads that may exist: rural-80, say, or FILE.toml ('frenetic list roads')."
     " [default: competition]",
 )
-
-
 odd_option: Final = click.option(
     "--odd",
     "domain",
@@ -162,20 +146,17 @@ odd_option: Final = click.option(
     metavar="FILE",
     help="Domain (TOML, OpenODD): roads, conditions to search.",
 )
-
-
-_criteria_option: Final = click.option(
-    "--criteria",
-    type=Read("profile", "read_criteria"),
-    help="What fails beside leaving the lane, or FILE.toml ('frenetic list criteria').  [default:"
-    " competition]",
+map_size_option: Final = click.option(
+    "--map-size", type=float, help="m, side of the map. [default: 200]"
 )
-_with_option: Final = click.option(
-    "--with",
-    "layers",
-    type=Amount(),
-    multiple=True,
-    help="A condition: delay=0.1, friction=0.5; may be repeated ('frenetic list quantities').",
+criteria_option: Final = click.option(
+    "--criteria",
+    "rules",
+    type=Read("profile", "read_rules"),
+    expose_value=False,
+    callback=_give_rules,
+    help="What fails beside leaving the lane, or FILE.toml ('frenetic list criteria'). With rules:"
+    " competition,speed_limit=70,oob_tolerance=0.95, the default.",
 )
 as_option: Final = click.option(
     "--as",
@@ -187,76 +168,39 @@ as_option: Final = click.option(
 )
 
 
-def _shown(default: object, is_recorded: bool) -> bool | str:
-    return f"as recorded, or {default}" if is_recorded and default is not None else True
-
-
-def part_choices(command: Callable[P, R], *, is_recorded: bool = False) -> Callable[P, R]:
-    """The options that choose a driver, its conditions and a simulator; as for `driver_options`."""
+def part_options(command: Callable[P, R]) -> Callable[P, R]:
+    """The options that choose a driver, its conditions and a simulator."""
     options: list[Decorator] = [
+        as_option,
         part_choice(
             "driver",
             "Who drives: a name ('frenetic list drivers'), package.module:Class, file.py:Class or"
-            " model.onnx.",
-            Spec.driver.name,
-            show_default=_shown(Spec.driver.name, is_recorded),
+            " model.onnx. [default: as recorded, or planner]",
         ),
-        _with_option,
+        click.option(
+            "--with",
+            "layers",
+            type=Amount(),
+            multiple=True,
+            help="A condition: delay=0.1, friction=0.5; may be repeated ('frenetic list"
+            " quantities').",
+        ),
         part_choice(
             "simulator",
-            "What moves the car ('frenetic list simulators').",
-            Spec.simulator.name,
-            show_default=_shown(Spec.simulator.name, is_recorded),
+            "What moves the car ('frenetic list simulators'). [default: as recorded, or embedded]",
         ),
-    ]
-    return with_options(options, command)
-
-
-def driver_options(command: Callable[P, R], *, is_recorded: bool = False) -> Callable[P, R]:
-    """The options that choose a driver, a simulator and the rules.
-
-    Args:
-        command: takes them.
-        is_recorded: whether a road's file or campaign may say them; the help then says so.
-    """
-    numbers: list[Decorator] = [
-        click.option(
-            number.option,
-            type=float,
-            default=number.default,
-            show_default=_shown(number.default, is_recorded),
-            help=number.help,
-        )
-        for number in NUMBERS
-    ]
-    options = _criteria_option(with_options(numbers, command))
-    return as_option(part_choices(options, is_recorded=is_recorded))
-
-
-def recorded_options(command: Callable[P, R]) -> Callable[P, R]:
-    """The same options for roads whose file or campaign may say how they were driven."""
-    return driver_options(command, is_recorded=True)
-
-
-def part_options(command: Callable[P, R]) -> Callable[P, R]:
-    """The options that choose other parts than the recorded ones; None if not given."""
-    options: list[Decorator] = [
-        as_option,
-        part_choice("driver", "Another driver than the recorded one."),
-        _with_option,
-        part_choice("simulator", "Another simulator than the recorded one."),
     ]
     return with_options(options, command)
 
 
 def was_given(context: click.Context, name: str) -> bool:
     """Whether the command line gives an option, so that its value is no default."""
-    return context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
+    return context.get_parameter_source(name) is ParameterSource.COMMANDLINE
 
 
 def given_options(context: click.Context) -> dict[str, Any]:
-    """Name -> value of the options of `driver_options` that the command line gives."""
-    names = (AS, *drive_options())
+    """Name -> value of the options that say how roads are driven and are given."""
+    names = (AS, "domain", *drive_options())
     return {name: context.params[name] for name in names if was_given(context, name)}
 
 
@@ -274,31 +218,12 @@ def given_quantities(spec: Spec, given: Mapping[str, Any]) -> list[str]:
     return [*layers, *(row.name for row in quantities().values() if row.attribute in options)]
 
 
-def asked_spec(context: click.Context, **usual: Any) -> Spec:
-    """The spec of a command line with `driver_options`, for roads yet to be made or placed.
-
-    Args:
-        context: of the command.
-        usual: values of options in place of those of the command line.
-
-    Raises:
-        FreneticError: the file cannot be read, or an option is out of range.
-    """
-    params = {**context.params, **usual}
-    if params.get("road_class") is not None:  # which says these, unless they are given
-        for name in ("map_size", "speed_limit"):
-            if not was_given(context, name):
-                params.pop(name)
-    spec, given = Spec.from_options(params), given_options(context)
-    return with_given(spec, given, has_roads=False) if AS in given else spec
-
-
 def with_given(spec: Spec, given: Mapping[str, Any], *, has_roads: bool = True) -> Spec:
     """A spec that drives as a file says, if one is given, and then with the given options.
 
     Args:
         spec: what holds otherwise.
-        given: values of the options of `driver_options` or `part_options`, None if not given.
+        given: values of options that are given, see `given_options`.
         has_roads: as for `Spec.driven_as`.
 
     Raises:

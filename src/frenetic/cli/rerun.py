@@ -23,7 +23,7 @@ from frenetic.cli.options import (
     json_option,
     workers_option,
 )
-from frenetic.cli.parts import given_quantities, part_options
+from frenetic.cli.parts import given_options, given_quantities, part_options
 from frenetic.cli.search import fail_on_failure_option
 from frenetic.quantities import in_words
 
@@ -76,7 +76,10 @@ def variation(asked: AskedRange, simulator: Simulator, layers: Mapping[str, floa
 @file_option("--junit", "Write the results as JUnit XML, one test case per road.", type=NewFile())
 @fail_on_failure_option
 @json_option
+@click.pass_context
 def rerun(
+    context: click.Context,
+    /,
     campaign: Path,
     test_ids: tuple[int, ...],
     top: int | None,
@@ -89,7 +92,7 @@ def rerun(
     junit: Path | None,
     fail_on_failure: bool,
     as_json: bool,
-    **given: Any,
+    **_: Any,
 ) -> None:
     """Drive failing roads of a CAMPAIGN again and say which fail again, and how.
 
@@ -111,6 +114,7 @@ def rerun(
 
     if everything and (test_ids or top is not None):
         raise click.UsageError("--all excludes --top and the ID of a test")
+    given = given_options(context)
     times = times or (VARIED_TIMES if asked else 1)
     with CampaignStore.open(campaign) as store:
         chosen = _driven_tests(store) if everything else chosen_tests(store, test_ids, top)
@@ -142,7 +146,7 @@ def rerun(
     elif not found.planned:
         click.echo(f"{campaign} holds no {'driven road' if everything else 'failure'}")
     else:
-        is_as_before = not asked and all(value in (None, ()) for value in given.values())
+        is_as_before = not asked and not given
         _print(found, times, is_as_before, is_elsewhere, with_rows=bool(test_ids))
         what = "both paths" if is_elsewhere else "it"
         see = f"to see {what}: frenetic report {shell(campaign)}"

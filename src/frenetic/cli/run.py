@@ -18,17 +18,18 @@ from frenetic.cli.options import (
 )
 from frenetic.cli.parts import (
     AS,
-    asked_spec,
-    driver_options,
+    criteria_option,
     given_options,
+    map_size_option,
     odd_option,
     part_choice,
+    part_options,
     roads_option,
     was_given,
     with_given,
 )
 from frenetic.cli.search import fail_on_failure_option, make_campaign, search, workers_option
-from frenetic.spec import Budget, EarlierCampaign, Spec
+from frenetic.spec import Budget, EarlierCampaign, Part, Spec
 
 DEFAULT_SIMULATIONS: Final = 1000
 
@@ -38,10 +39,12 @@ DEFAULT_SIMULATIONS: Final = 1000
 @click.option("--simulations", type=int, metavar="N", help="Stop after N drives. [default: 1000]")
 @click.option("--time", type=Duration(), help="Stop after this time: 90s, 10m, 1h30m.")
 @click.option("--failures", type=int, metavar="N", help="Stop after N failures.")
-@part_choice("strategy", "How to search ('frenetic list strategies').", "frenetic")
+@part_choice("strategy", "How to search ('frenetic list strategies'). [default: frenetic]")
 @roads_option
 @odd_option
-@driver_options
+@part_options
+@criteria_option
+@map_size_option
 @workers_option
 @objective_option
 @click.option(
@@ -80,20 +83,26 @@ def run(
     what the options say, as every campaign's campaign.toml does; options beside it win.
     """
     from frenetic.campaign import new_folder
+    from frenetic.run_file import RunFile, read_run_file
 
-    from_roads = context.params["from_roads"]
-    if from_roads is not None and context.params["road_class"] is None:
+    given, asked = given_options(context), context.params
+    given |= {n: asked[n] for n in ("strategy", "strategy_options") if was_given(context, n)}
+    if "road_class" not in given and asked["from_roads"] is not None:
         from frenetic.road.stretches import shown_class  # too slow for help
 
-        context.params["road_class"] = shown_class(from_roads)
-    if (domain := context.params["domain"]) is not None and context.params["road_class"] is None:
-        context.params["road_class"] = domain.road_class
-    if file is None:
-        spec = asked_spec(context)
-        spec = replace(spec, objective=_objective(context, spec, None))
-    else:
-        spec, of_file = _of_file(context, file)
-        workers = of_file if workers is None else workers
+        given["road_class"] = shown_class(asked["from_roads"])
+    elif "road_class" not in given and asked["domain"] is not None:
+        given["road_class"] = asked["domain"].road_class
+    spec, entries = Spec(strategy=Part("frenetic")), RunFile()
+    if file is not None:
+        spec, entries = read_run_file(file)
+        named: list[str] = [kind for kind in ("strategy", "driver", "simulator") if kind in given]
+        named += ["objective"] if was_given(context, "objective") else []
+        named += ["driver", "simulator"] if AS in given else []
+        spec.require_trusted(file, named)
+    spec = with_given(spec, given, has_roads=False)
+    spec = replace(spec, objective=_objective(context, spec, entries.objective))
+    workers = entries.workers if workers is None else workers
     spec = _with_search(context, spec)
     campaign = make_campaign(spec, new_folder() if out is None else out, workers)
     text = (
@@ -101,33 +110,6 @@ def run(
         f" seed {spec.seed}"
     )
     search(campaign, campaign.run, text, as_json, spec.seed, fail_on_failure=fail_on_failure)
-
-
-def _of_file(context: click.Context, path: Path) -> tuple[Spec, int | str | None]:
-    """The spec of a file under the given options; its workers, None if not there.
-
-    Raises:
-        FreneticError: the file is wrong, or names code that is not loaded unasked.
-    """
-    from frenetic.run_file import read_run_file
-
-    spec, entries = read_run_file(path)
-    given = given_options(context)
-    given["domain"] = context.params["domain"]
-    if context.params["from_roads"] is not None or given["domain"] is not None:
-        given["road_class"] = context.params["road_class"]
-    for name in ("strategy", "strategy_options"):
-        if was_given(context, name):
-            given[name] = context.params[name]
-    named: list[str] = [kind for kind in ("strategy", "driver", "simulator") if kind in given]
-    if was_given(context, "objective"):
-        named.append("objective")
-    if AS in given:
-        named += ["driver", "simulator"]
-    spec.require_trusted(path, named)
-    spec = with_given(spec, given, has_roads=False)
-    spec = replace(spec, objective=_objective(context, spec, entries.objective))
-    return spec, entries.workers
 
 
 def _objective(context: click.Context, spec: Spec, of_file: str | None) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -34,7 +34,7 @@ from frenetic.report.html.headline import headline
 from frenetic.report.html.operators import operators_section
 from frenetic.report.html.page import Report, write_page
 from frenetic.report.html.reading import Reading
-from frenetic.report.html.repeating import drive_options, repeat_section
+from frenetic.report.html.repeating import repeat_section
 from frenetic.report.html.tests import (
     COLUMNS,
     Film,
@@ -143,7 +143,7 @@ def campaign_report(
         ),
         data={
             "campaign": _shell(store.folder),
-            "drive_options": drive_options(config),
+            "is_named": isinstance(config.get("command"), Mapping),
             "lane_width": store.setting.lane_width,
             "tests": table_of(tests),
             "operators": {test.origin.operator: DOES.get(test.origin.operator) for test in tests},

@@ -60,15 +60,6 @@ def repeat_command(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValu
     return f"frenetic run {NAME}" if entrant is None else shlex.join(_bench_words(entrant, spec))
 
 
-def drive_options(config: Mapping[str, JSONValue]) -> str | None:
-    """The options of `frenetic drive` that drive a campaign's roads as they were driven.
-
-    None if the campaign was started from Python, or does not record its command.
-    """
-    spec = _spec(config)
-    return None if spec is None else shlex.join(spec.drive_words())
-
-
 def _spec(config: Mapping[str, JSONValue]) -> Spec | None:
     """The spec of the campaign; None if its parts have no names, or the record is damaged."""
     try:

@@ -13,12 +13,12 @@ from frenetic._support.words import counted
 from frenetic.cli import complain
 from frenetic.cli.console import Log, announced_compilation, counted_progress, print_table
 from frenetic.cli.options import (
-    check_map_size,
     count_option,
     json_option,
     lane_option,
 )
-from frenetic.cli.parts import asked_spec, driver_options, given_options
+from frenetic.cli.parts import criteria_option, given_options, part_options, with_given
+from frenetic.spec import Spec
 
 if TYPE_CHECKING:
     from frenetic.twin import Prospect
@@ -32,7 +32,6 @@ _DRIVER: Final = {
 }
 _SETTING: Final[dict[str, Any]] = {
     "driver": "planner",
-    "driver_options": _DRIVER,
     "speed_limit": 120.0,
     "oob_tolerance": 0.5,
 }
@@ -46,7 +45,8 @@ _PORT: Final = 4545
 
 @click.command()
 @click.argument("roads", nargs=-1, type=click.Path(path_type=Path), metavar="[ROADS]...")
-@driver_options
+@part_options
+@criteria_option
 @click.option(
     "--serve",
     metavar="[HOST:]PORT",
@@ -94,8 +94,7 @@ def rank(
         return
     if not roads:
         raise click.UsageError("Missing argument 'ROADS...': files of roads, or folders of them")
-    spec = asked_spec(context)
-    check_map_size(spec.map_size)
+    spec = with_given(Spec(), given_options(context), has_roads=False)
     found = find_roads(roads, lane=lane)
     log, prospects = Log(), []
     with (
@@ -136,13 +135,9 @@ def _serve(context: click.Context, address: str, as_json: bool) -> None:
     from frenetic.twin.service import CompetitionTool, serving
 
     given = given_options(context)
-    usual = {name: value for name, value in _SETTING.items() if name not in given}
-    if "driver" in given:
-        del usual["driver_options"]
-    elif "driver_options" in given:
-        usual["driver_options"] = {**_DRIVER, **dict(given["driver_options"])}
+    setting = {**_SETTING, "driver_options": {} if "driver" in given else _DRIVER}
     with (
-        Twin.of(asked_spec(context, **usual)) as twin,
+        Twin.of(with_given(Spec().replaced(setting), given, has_roads=False)) as twin,
         serving(CompetitionTool(twin), host, port) as bound,
     ):
         if as_json:

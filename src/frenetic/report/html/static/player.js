@@ -455,18 +455,17 @@ function factsOf(drive) {
 }
 
 function actionsOf(drive) {
-  const { campaign, drive_options: options } = report;
-  const isNamed = options !== null; // and not made in Python
+  const { campaign, is_named: isNamed } = report; // rather than made in Python
   const parts = [];
   if (drive.road_file !== null) {
     const line = `frenetic drive ${joined(campaign, drive.road_file)}`;
-    parts.push(isNamed ? commandLine(`${line} ${options}`, "Drive it again") : commandLine(line, "Drive its road, with the driver of your choice"));
+    parts.push(commandLine(line, isNamed ? "Drive it again" : "Drive its road, with the driver of your choice"));
   }
   parts.push(commandLine(`frenetic show ${campaign} ${drive.id}`, "Show it in full, with a picture"));
   if (drive.outcome === "FAIL" && isNamed) parts.push(commandLine(`frenetic minimise ${campaign} ${drive.id}`, "Find the shortest road that fails like it"));
   if (drive.minimised !== null) {
     const line = `frenetic drive ${joined(campaign, drive.minimised.file)}`;
-    parts.unshift(isNamed ? commandLine(`${line} ${options}`, "Drive the minimised road again") : commandLine(line, "Drive the minimised road, with the driver of your choice"));
+    parts.unshift(commandLine(line, isNamed ? "Drive the minimised road again" : "Drive the minimised road, with the driver of your choice"));
   }
   return el("div", { class: "actions" }, parts);
 }
