@@ -411,6 +411,16 @@ def checked_controls(controls: Any) -> tuple[float, float, float]:
         raise ControlsError(
             f"the driver returned {type(controls).__name__} instead of frenetic.Controls"
         )
+    steering, throttle, brake = controls.steering, controls.throttle, controls.brake
+    if not (
+        type(steering) is type(throttle) is type(brake) is float
+        and math.isfinite(steering + throttle + brake)
+    ):
+        steering, throttle, brake = _numbers(controls)
+    return steering, min(max(throttle, 0.0), 1.0), min(max(brake, 0.0), 1.0)
+
+
+def _numbers(controls: Controls) -> tuple[float, float, float]:
     values = []
     for name in ("steering", "throttle", "brake"):
         value = getattr(controls, name)
@@ -424,4 +434,4 @@ def checked_controls(controls: Any) -> tuple[float, float, float]:
             )
         values.append(number)
     steering, throttle, brake = values
-    return steering, min(max(throttle, 0.0), 1.0), min(max(brake, 0.0), 1.0)
+    return steering, throttle, brake

@@ -83,15 +83,17 @@ def follow(
     breakdown: Breakdown | None = None
     driver_seconds = 0.0
 
+    turn = worker.turn
+
     def ask(method: str, given: DriveSetup | Observation) -> Any:
         nonlocal waits, driver_seconds
-        waits = worker.turn.value = True
+        waits = turn.value = True
         start = perf_counter()
         try:
             answer = getattr(driver, method)(given)
         finally:
             driver_seconds += perf_counter() - start
-        waits = worker.turn.value = False
+        waits = turn.value = False
         return answer
 
     def loop() -> None:
@@ -107,9 +109,11 @@ def follow(
             time = now / per_record * RECORD_PERIOD
             is_record, is_decision = now % per_record == 0, now % per_decision == 0
             motion = [time, *car.motion()]
-            x, y, heading, speed, lateral_speed, yaw_rate, steering = motion[1:8]
+            _, x, y, heading, speed, lateral_speed, yaw_rate, steering, *_ = motion
             if is_record:
-                rows.append(motion if driver is None else [*motion, *controls])
+                if driver is not None:
+                    motion += controls
+                rows.append(motion)
                 if not observer.see(time, x, y, heading):
                     return
             elif is_decision:
@@ -120,7 +124,7 @@ def follow(
                 )
                 controls = checked_controls(ask("act", seen))
                 if is_record:
-                    rows[-1] = [*motion, *controls]
+                    motion[-len(controls) :] = controls
             car.advance(*controls, step / 1e3)
 
     try:

@@ -102,6 +102,50 @@ def assess_now(
     return end, s, d + 0.5 * lane_width, wrap(heading - road_heading), share
 
 
+@njit()
+def observe(
+    table: FloatArray,
+    ds: float,
+    lane_width: float,
+    rules: FloatArray,
+    car: FloatArray,
+    places: FloatArray,
+    i: int,
+    time: float,
+    x: float,
+    y: float,
+    heading: float,
+    s: float,
+    ahead: FloatArray,
+    curvature_ahead: FloatArray,
+) -> tuple[int, float, float, float]:
+    """(end, s, lateral offset, heading error) of a car at record ``i``, with the lane ahead.
+
+    Args:
+        places: (3, n) times, xs and ys of the records, into which this one is written.
+        s: m, the last record's.
+        ahead, curvature_ahead: written, see `look_ahead`.
+    """
+    places[0, i], places[1, i], places[2, i] = time, x, y
+    end, s, offset, heading_error, _ = assess_now(
+        table,
+        ds,
+        lane_width,
+        rules,
+        car,
+        places[0],
+        places[1],
+        places[2],
+        heading,
+        i,
+        s,
+        rules[0],
+    )
+    rows = len(ahead)
+    look_ahead(table, ds, lane_width, x, y, heading, s, rows, ahead, curvature_ahead)
+    return end, s, offset, heading_error
+
+
 class Observer:
     """Follows one drive of a car that a simulator moves.
 
@@ -117,44 +161,47 @@ class Observer:
 
     def __init__(self, road: Road, rules: Rules, car: CarBody, records: int) -> None:
         self._road = road
+        self._line = road.table, road.sub_step, road.lane_width
         self._rules = rules_array(rules, road.length)
         self._car = car.to_array()
-        self._tolerance = rules.oob_tolerance
         self._places = np.empty((3, records))
         self._seen = 0
         self._s = 0.0  # at the last record
         self._now = (0.0,) * 7  # time, x, y, heading, s, lateral offset, heading error
+        self._ahead = self._curvature_ahead = np.empty(0)
 
     def see(self, time: float, x: float, y: float, heading: float) -> bool:
         """Takes in a record (s, m, m, rad); says whether the drive goes on."""
-        i = self._seen
-        self._places[:, i] = time, x, y
-        self._seen += 1
-        end, self._s, offset, heading_error, _ = assess_now(
-            self._road.table,
-            self._road.sub_step,
-            self._road.lane_width,
+        self._ahead, self._curvature_ahead = np.empty((AHEAD_POINTS, 2)), np.empty(AHEAD_POINTS)
+        end, self._s, offset, heading_error = observe(
+            *self._line,
             self._rules,
             self._car,
-            self._places[0],
-            self._places[1],
-            self._places[2],
+            self._places,
+            self._seen,
+            time,
+            x,
+            y,
             heading,
-            i,
             self._s,
-            self._tolerance,
+            self._ahead,
+            self._curvature_ahead,
         )
+        self._seen += 1
         self._now = time, x, y, heading, self._s, offset, heading_error
         return bool(end == RUNNING)
 
     def glance(self, time: float, x: float, y: float, heading: float) -> None:
         """Takes in a place between two records, which ends no drive."""
-        table, ds = self._road.table, self._road.sub_step
+        table, ds, lane_width = self._line
         _, before_x, before_y = (float(value) for value in self._places[:, self._seen - 1])
         reach = reach_of(math.hypot(x - before_x, y - before_y))
         s, d = project_near(table, ds, float(x), float(y), self._s, reach)
         error = wrap(heading - heading_at(table, ds, s))
-        self._now = time, x, y, heading, s, d + 0.5 * self._road.lane_width, error
+        self._now = time, x, y, heading, s, d + 0.5 * lane_width, error
+        self._ahead, self._curvature_ahead = np.empty((AHEAD_POINTS, 2)), np.empty(AHEAD_POINTS)
+        seen = self._ahead, self._curvature_ahead
+        look_ahead(*self._line, float(x), float(y), float(heading), s, AHEAD_POINTS, *seen)
 
     def observation(
         self,
@@ -169,39 +216,28 @@ class Observer:
 
         Its arrays become read-only.
         """
-        time, x, y, heading, s, lateral_offset, heading_error = map(float, self._now)
-        ahead = np.empty((AHEAD_POINTS, 2))
-        curvature_ahead = np.empty(AHEAD_POINTS)
-        road = self._road
-        look_ahead(
-            road.table,
-            road.sub_step,
-            road.lane_width,
-            x,
-            y,
-            heading,
-            s,
-            AHEAD_POINTS,
-            ahead,
-            curvature_ahead,
-        )
-        for seen in (ahead, curvature_ahead, image):
-            if seen is not None:
-                seen.setflags(write=False)
-        return Observation(
-            time=time,
+        time, x, y, heading, s, lateral_offset, heading_error = self._now
+        self._ahead.setflags(write=False)
+        self._curvature_ahead.setflags(write=False)
+        if image is not None:
+            image.setflags(write=False)
+        seen = object.__new__(Observation)  # a frozen one sets each attribute by a call
+        seen.__dict__.update(
+            time=float(time),
             speed=float(speed),
             yaw_rate=float(yaw_rate),
             steering=float(steering),
             lateral_offset=lateral_offset,
             heading_error=heading_error,
-            ahead=ahead,
-            curvature_ahead=curvature_ahead,
+            ahead=self._ahead,
+            curvature_ahead=self._curvature_ahead,
             distance=s,
             image=image,
-            x=x,
-            y=y,
-            heading=heading,
+            x=float(x),
+            y=float(y),
+            heading=float(heading),
             lateral_speed=float(lateral_speed),
-            _road=road,
+            view=math.inf,
+            _road=self._road,
         )
+        return seen

@@ -285,9 +285,8 @@ class _Car:
         renderer: Renderer | None,
     ) -> None:
         self._state = state
-        self._parameters = parameters
+        self._ground = parameters, road.table, road.sub_step, road.slopes
         self._weather = weather
-        self._road = road.table, road.sub_step, road.slopes
         self._s = 0.0  # a place of the car, on slopes and in weather
         self._renderer = renderer
 
@@ -311,8 +310,7 @@ class _Car:
             steering,
             throttle,
             brake,
-            self._parameters,
-            *self._road,
+            *self._ground,
             self._s,
             self._weather,
             steps,
