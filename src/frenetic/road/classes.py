@@ -29,7 +29,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cache
 from importlib.resources import files
 from itertools import pairwise
@@ -55,7 +55,8 @@ if TYPE_CHECKING:
     from frenetic.road.road import Road
 
 GRAVITY: Final = 9.81  # m/s²
-_SPEEDS: Final = (20, 30, 40, 50, 60, 70, 80, 90, 100, 110, 120, 130)  # km/h
+SPEEDS: Final = (20, 30, 40, 50, 60, 70, 80, 90, 100, 110, 120, 130)
+"""Design speeds of AASHTO's tables, in km/h."""
 _FRICTION: Final = (0.35, 0.28, 0.23, 0.19, 0.17, 0.15, 0.14, 0.13, 0.12, 0.11, 0.09, 0.08)
 """Side friction factor for these design speeds (AASHTO)."""
 _GRADIENT: Final = (0.80, 0.75, 0.70, 0.65, 0.60, 0.55, 0.50, 0.47, 0.44, 0.41, 0.38, 0.35)
@@ -64,7 +65,6 @@ _JERK: Final = 1.2  # m/s³
 _LONG_VEHICLE: Final = 50.0
 """Half the square of the 10 m from a long vehicle's rear axle to its front, in m²."""
 _LEAST_WIDENING: Final = 0.25  # m
-_FORMULA: Final = "AASHTO Green Book, for {:g} km/h"
 _SAME: Final = 1e-9  # share and 1/m by which values may miss a limit
 _NO_CHANGE: Final = 1e-12  # 1/m
 _Speed: TypeAlias = Annotated[float, Meta(ge=20.0, le=250.0)]
@@ -135,6 +135,7 @@ class RoadClass:
             FreneticError: there is no such class or file, or a value is wrong.
         """
         given: Mapping[str, Any]
+        changed = options or {}
         if name.endswith(".toml"):
             given, source = _read(Path(name)), Path(name).stem
         else:
@@ -146,17 +147,18 @@ class RoadClass:
                 )
             given = classes()[name]
         try:
-            return cls.made({"name": source, **given, **(options or {})}, changed=options or {})
+            made = cls.made({"name": source, **given, **changed})
+            kept = {name: text for name, text in made.sources.items() if name not in changed}
+            return replace(made, sources=kept)
         except ValueError as error:
             raise FreneticError(f"road class {name}: {error}") from None
 
     @classmethod
-    def made(cls, given: Mapping[str, Any], *, changed: Mapping[str, Any] | None = None) -> Self:
+    def made(cls, given: Mapping[str, Any]) -> Self:
         """The class of some values; those that are missing follow from the design speed.
 
         Args:
             given: values by name.
-            changed: those of them that a user has changed.
 
         Raises:
             ValueError: there is no such value, it is out of range, or the design speed is missing.
@@ -179,9 +181,7 @@ class RoadClass:
             **given,
         }
         slope, width = float(values["max_superelevation"]), float(values["lane_width"])
-        friction, gradient = (
-            float(np.interp(speed, _SPEEDS, table)) for table in (_FRICTION, _GRADIENT)
-        )
+        friction, gradient = friction_at(speed), float(np.interp(speed, SPEEDS, _GRADIENT))
         radius = float(values.get("min_radius", speed**2 / (127.0 * (slope + friction))))
         square = max(
             (speed / 3.6) ** 3 / _JERK,
@@ -203,13 +203,13 @@ class RoadClass:
             # Rounded to whole metres on the side of the rule.
             values.setdefault(name, float(math.ceil(value - 1e-6)))
         values.setdefault("map_size", 100.0 * math.ceil(float(values["length"]) / 100.0 + 1.0))
-        sources = {name: _FORMULA.format(speed) for name in derived} | {
+        formulas = dict.fromkeys(derived, f"AASHTO Green Book, for {speed:g} km/h") | {
             "min_arc": "RAL, RAA: the way of 2 s",
             "min_straight": "RAS-L 1995: 6 V" if speed >= 60.0 else "the way of 2 s",
             "widening": "RAS-L 1995: D² / 2, D = 10 m; none below 0.25 m",
         }
-        sources |= dict(given.get("sources", {}))
-        sources |= {name: "as given" for name in changed or {} if name in known}
+        sources = {name: text for name, text in formulas.items() if name not in given}
+        sources |= given.get("sources", {})
         return cls(**values | {"sources": sources})
 
     def as_json(self) -> dict[str, Any]:
@@ -371,17 +371,9 @@ def knots(road: Road, pairs: FloatArray) -> tuple[FloatArray, FloatArray]:
     return stations, road.curvature_at(stations)
 
 
-def design_speed_of(curvature: float, superelevation: float) -> float:
-    """Largest design speed in km/h, in steps of 10, for bends of a curvature in 1/m that lean so.
-
-    The slowest is 20 km/h, the fastest 130.
-    """
-    fitting = [
-        speed
-        for speed, friction in zip(_SPEEDS, _FRICTION, strict=True)
-        if speed**2 / 127.0 * curvature <= superelevation + friction
-    ]
-    return float(max(fitting, default=_SPEEDS[0]))
+def friction_at(speed: float) -> float:
+    """Side friction factor for a design speed in km/h."""
+    return float(np.interp(speed, SPEEDS, _FRICTION))
 
 
 class _Stretch(NamedTuple):

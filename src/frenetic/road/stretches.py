@@ -6,14 +6,14 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.errors import FreneticError
 from frenetic.road import profile
-from frenetic.road.classes import RoadClass, design_speed_of, knots
+from frenetic.road.classes import SPEEDS, RoadClass, friction_at, knots
 from frenetic.road.files import find_roads
 from frenetic.road.road import Road
 
@@ -24,6 +24,7 @@ _SHORTEST: Final = 50.0
 """Length of the shortest stretch, in m."""
 _LONGEST: Final = 3000.0
 """Length of the longest stretch, in m."""
+_SHOWN: Final = "shown by the given roads"
 
 
 def shown_class(folder: Path | str) -> RoadClass:
@@ -119,60 +120,49 @@ def class_of(stretches: Mapping[str, Road], name: str) -> RoadClass:
         stretches: by name, of the same step, as `stretches_of` gives them.
         name: of the class.
     """
-    shown = {key: _utmost(road) for key, road in stretches.items()}
-    sources: dict[str, str] = {}
-
-    def utmost(entry: str, rule: str) -> float:
-        value, key = max((one[entry], key) for key, one in shown.items())
-        sources[rule] = f"shown by {key}"
-        return value
-
-    values: dict[str, Any] = {}
-    for entry, rule in (("fall", "min_crest"), ("rise", "min_sag"), ("change", "min_clothoid")):
-        if (rate := utmost(entry, rule)) > 0.0:
-            values[rule] = _below(rate ** (-0.5 if entry == "change" else -1.0))
-    curvature = utmost("curvature", "min_radius")
-    lean = _above(utmost("lean", "max_superelevation"))
-    speed = design_speed_of(curvature, lean)
+    roads = list(stretches.values())
+    bends = [_bends(road) for road in roads]
+    curvature, lean = (max(float(np.abs(one[k]).max()) for one in bends) for k in (0, 1))
+    lean = _above(lean)
+    speed = float(
+        max(
+            (v for v in SPEEDS if v**2 / 127.0 * curvature <= lean + friction_at(v)),
+            default=SPEEDS[0],
+        )
+    )
     # Bends that lean less than in proportion to their curvature ask for more side friction.
     square = speed**2 / 127.0
-    friction = max(float(np.abs(square * k + e).max()) for k, e in map(_bends, stretches.values()))
-    curvature = max(curvature, (friction + lean) / square)
-    if curvature > 0.0:
-        values["min_radius"] = _below(1.0 / curvature)
-    lengths = sorted(road.length for road in stretches.values())
-    values |= {
-        "name": name,
-        "about": "As real roads are.",
-        "design_speed": speed,
-        "lane_width": min(road.lane_width for road in stretches.values()),
-        "length": lengths[len(lengths) // 2],
-        "map_size": 100.0 * math.ceil(lengths[-1] / 100.0 + 1.0),
-        "step": next(iter(stretches.values())).step,
-        "max_superelevation": lean,
-        "max_grade": _above(utmost("grade", "max_grade")),
-        "widening": 0.0,
-        "min_arc": 0.0,
-        "min_straight": 0.0,
+    friction = max(float(np.abs(square * k + e).max()) for k, e in bends)
+    grades = [profile.cut(road.grade, 0.0, road.length) for road in roads]
+    turns = np.concatenate([[0.0], *(np.diff(g[:, 1]) / np.diff(g[:, 0]) for g in grades)])
+    change = max(float(np.abs(np.diff(road.curvatures)).max()) / road.step for road in roads)
+    rules = {
+        "min_radius": max(curvature, (friction + lean) / square),
+        "min_clothoid": change**0.5,
+        "min_crest": float((-turns).max()),
+        "min_sag": float(turns.max()),
     }
-    told = {rule: source for rule, source in sources.items() if rule in values}
-    told |= dict.fromkeys(("min_arc", "min_straight"), "any length")
-    return RoadClass.made(values | {"sources": told})
-
-
-def _utmost(road: Road) -> dict[str, float]:
-    """Largest curvature, change of it, slopes and changes of grade of a road."""
-    curvatures, leans = _bends(road)
-    grades = profile.cut(road.grade, 0.0, road.length)
-    bends = np.diff(grades[:, 1]) / np.diff(grades[:, 0])
-    return {
-        "curvature": float(np.abs(curvatures).max()),
-        "change": float(np.abs(np.diff(road.curvatures)).max()) / road.step,
-        "lean": float(np.abs(leans).max()),
-        "grade": float(np.abs(grades[:, 1]).max(initial=0.0)),
-        "fall": float((-bends).max(initial=0.0)),
-        "rise": float(bends.max(initial=0.0)),
-    }
+    limits = {rule: _below(1.0 / value) for rule, value in rules.items() if value > 0.0}
+    lengths = sorted(road.length for road in roads)
+    steepest = max(float(np.abs(g[:, 1]).max(initial=0.0)) for g in grades)
+    return RoadClass.made(
+        {
+            "name": name,
+            "about": "As real roads are.",
+            "design_speed": speed,
+            "lane_width": min(road.lane_width for road in roads),
+            "length": lengths[len(lengths) // 2],
+            "map_size": 100.0 * math.ceil(lengths[-1] / 100.0 + 1.0),
+            "step": roads[0].step,
+            "max_superelevation": lean,
+            "max_grade": _above(steepest),
+            "widening": 0.0,
+            "min_arc": 0.0,
+            "min_straight": 0.0,
+            "sources": dict.fromkeys([*limits, "max_superelevation", "max_grade"], _SHOWN),
+            **limits,
+        }
+    )
 
 
 def _bends(road: Road) -> tuple[FloatArray, FloatArray]:

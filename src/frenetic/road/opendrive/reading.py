@@ -1,8 +1,13 @@
 """Reading roads of an OpenDRIVE file.
 
 What is read of a road is one lane: its width, its slopes, and its edge on the side of the road's
-centre, which becomes the centre line of the road that is returned. Other lanes, road marks, signals
-and objects are left out.
+centre, which becomes the centre line of the road that is returned. Other lanes, crossfall, road
+marks, signals and objects are left out.
+
+A file's geometries have any lengths, and its curvature may jump between them; a road has one step
+and a curvature that is linear in between. So the edge is traced every few centimetres and followed
+by a road with a sample every half metre or denser, which is refused if it is more than `TOLERANCE`
+away.
 """
 
 from __future__ import annotations
@@ -10,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, Final
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -19,59 +25,34 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.errors import RoadError
 from frenetic.road import profile
-from frenetic.road.opendrive.line import (
-    DIRECTION,
-    DISTANCE,
-    KINK,
-    TOLERANCE,
-    Cubic,
-    Geometry,
-    Polynomial,
-    X,
-    Y,
-    backwards,
-    follow,
-    join,
-    shifted,
-    trace,
-)
-from frenetic.road.opendrive.writing import (
-    PROFILE_CODE,
-    ROAD_CODE,
-    Clothoid,
-    clothoids,
-    elevations,
-    superelevations,
-    widths,
-)
+from frenetic.road.geometry import build_table, sub_steps
+from frenetic.road.opendrive.writing import PROFILE_CODE, ROAD_CODE, add_road
+from frenetic.road.recovery import CORRECTION, follow_line
 from frenetic.road.road import (
     MAX_COORDINATE,
     MAX_CURVATURE,
     MAX_HEADING,
     MAX_LENGTH,
+    MAX_SAMPLES,
     MIN_DISTANCE,
     Pose,
     Road,
 )
 
-LEVEL: Final = 1e-3
-"""Largest coefficient of a crossfall or shape that counts as none."""
-JUMP: Final = 0.1
-"""Largest step of a road's height, in m."""
+TOLERANCE: Final = 0.01
+"""Largest distance of a road from the line in its file, and largest gap in that line, in m."""
+KINK: Final = 0.01
+"""Largest change of heading from the end of one geometry to the start of the next, in rad."""
+STEPS: Final = (0.5, 0.25, 0.1)
+"""Steps of a road that follows a line, in m; the first within `TOLERANCE` is taken."""
+SPACING: Final = 0.1
+"""Distance between the points of a traced line, in m."""
 SAME_WIDTH: Final = 0.01
 """Largest change of a lane's width that counts as none, in m."""
 MIN_WIDTH: Final = 2.0
 """Width of the narrowest lane that is driven, in m."""
 MAX_ELEMENTS: Final = 1_000_000
 """Most elements of a file; a map of a town has 200,000."""
-MAX_NUMBER: Final = MAX_COORDINATE
-"""Largest number in a file, in m or its own unit, unless another limit is given."""
-SPACING: Final = 1.0
-"""Distance between the places at which slopes and widths are read, in m."""
-SLOPE_ERROR: Final = 1e-4
-"""Largest error of a slope that is read, in m/m."""
-WIDTH_ERROR: Final = 1e-3
-"""Largest error of a width that is read, in m."""
 
 _DRIVEN: Final = frozenset(
     [
@@ -80,8 +61,19 @@ _DRIVEN: Final = frozenset(
     ]
 )
 """Types of lanes that a user may choose."""
-_LISTED: Final = 8  # roads in a message
-_SAME: Final = 1e-8  # m, rad and 1/m by which a geometry may differ from what we would write
+_DRAWN: Final = frozenset(
+    [
+        *("geometry", "line", "arc", "spiral", "paramPoly3", "elevation", "superelevation"),
+        *("laneSection", "laneOffset", "width"),
+    ]
+)
+"""Elements that say where lanes run."""
+_LISTED: Final = 8  # roads or lanes in a message
+_PLACES: Final = 1.0  # m between the places at which slopes and widths are read
+_SLOPE_ERROR, _WIDTH_ERROR = 1e-4, 1e-3  # m/m and m
+
+# Columns of a traced line, one row per point.
+DISTANCE, X, Y, HEADING, WIDTH, HEIGHT, LEAN = range(7)
 
 
 @dataclass(frozen=True)
@@ -144,8 +136,8 @@ class RoadMap:
         """A road of it, where it lies.
 
         One that `to_opendrive` wrote is the same road: curvatures, profiles, step, pose and lane
-        width bit for bit. Any other is at most 1 cm away from the line in the file (see
-        `frenetic.road.opendrive.line`), its slopes within 0.01 % and its width within 1 mm.
+        width bit for bit. Any other is at most 1 cm away from the line in the file, its slopes
+        within 0.01 % and its width within 1 mm.
 
         Args:
             road_id: of the road; None for the only one.
@@ -158,8 +150,8 @@ class RoadMap:
         """
         element = self._element(road_id)
         lane = _first_lane(element) if lane is None else lane
-        noted = _noted_road(element, lane)
-        return _road_along(_lane_line(element, lane)) if noted is None else noted
+        noted = _noted_road(element) if lane == -1 else None
+        return _followed(_lane_line(element, lane)) if noted is None else noted
 
     def stretches(self, roads: str, *, lane: int | None = None) -> list[Stretch]:
         """Stretches of it, where they lie.
@@ -174,7 +166,7 @@ class RoadMap:
         Raises:
             RoadError: as for `road`, or a stretch is not as long.
         """
-        found: list[tuple[list[str], str, _LaneLine]] = []
+        found: list[tuple[list[str], str, FloatArray]] = []
         for given in roads.split(","):
             road_id, _, start = given.strip().partition("@")
             element = self._element(road_id)
@@ -184,19 +176,16 @@ class RoadMap:
                 found.append(([road_id], start, _lane_line(element, first)))
             else:
                 ids, start, line = found[-1]
-                found[-1] = [*ids, road_id], start, line.joined(onward)
+                found[-1] = [*ids, road_id], start, _joined([line, onward])
         stretches = []
         for ids, start, line in found:
-            skipped = _station(start, line.length) if start else 0.0
-            stretches.append(Stretch(tuple(ids), skipped, _road_along(line.after(skipped))))
+            skipped = _station(start, line[-1, DISTANCE]) if start else 0.0
+            rest = line[np.searchsorted(line[:, DISTANCE], skipped - 1e-9) :].copy()
+            rest[:, DISTANCE] -= rest[0, DISTANCE]
+            stretches.append(Stretch(tuple(ids), skipped, _followed(rest)))
         return stretches
 
     def _element(self, road_id: str | None) -> Element:
-        """The element of a road.
-
-        Raises:
-            RoadError: there is none of that id, or none is given and there are several.
-        """
         road = next(iter(self._roads.values())) if road_id is None else self._roads.get(road_id)
         if road is None or (road_id is None and len(self._roads) > 1):
             longest = list(self.lengths.items())[:_LISTED]
@@ -213,122 +202,7 @@ class RoadMap:
         return road
 
 
-@dataclass(frozen=True)
-class _LaneLine:
-    """The inner edge of a lane in the direction of travel, and what is along it."""
-
-    line: FloatArray
-    """(n, 4) points: m along, x, y, heading."""
-    along: FloatArray
-    """(n, 3) width of the lane in m, height in m, slope to the right in m/m."""
-
-    @property
-    def length(self) -> float:
-        return float(self.line[-1, DISTANCE])
-
-    def after(self, start: float) -> _LaneLine:
-        """The part behind ``start`` m."""
-        first = int(np.searchsorted(self.line[:, DISTANCE], start - 1e-9))
-        line = self.line[first:].copy()
-        line[:, DISTANCE] -= line[0, DISTANCE]
-        return _LaneLine(line, self.along[first:])
-
-    def joined(self, onward: _LaneLine) -> _LaneLine:
-        """It and one that starts where it ends."""
-        line = onward.line.copy()
-        join(self.line[-1], line)
-        return _LaneLine(
-            np.concatenate([self.line, line[1:]]), np.concatenate([self.along, onward.along[1:]])
-        )
-
-
-def _lane_line(road: Element, lane: int) -> _LaneLine:
-    """The line of a lane.
-
-    Raises:
-        RoadError: there is no such lane, or the road is none that is read.
-    """
-    if lane == 0:
-        raise RoadError("lane 0 is the centre of a road: choose a lane to drive on")
-    line = trace(_geometries(road))
-    places = line[:, DISTANCE]
-    width, shift, slope = _lane(road, lane, places)
-    for kind in ("crossfall", "shape"):
-        shapes = (_cubic(one) for one in road.findall(f"lateralProfile/{kind}"))
-        if any(abs(value) > LEVEL for shape in shapes for value in shape):
-            raise RoadError(f"its road is shaped across ({kind}): only superelevation is read")
-    height, _ = _profile(road.findall("elevationProfile/elevation"), "s", places)
-    high = np.flatnonzero(np.abs(np.diff(height)) > JUMP)
-    if len(high):
-        raise RoadError(f"its road jumps in height {places[high[0]]:.2f} m along the road")
-    lean, _ = _profile(road.findall("lateralProfile/superelevation"), "s", places)
-    lean = np.tan(np.clip(lean, -1.5, 1.5))
-    along = np.column_stack([width, height + shift * lean, lean])
-    if np.abs(shift).max() > MIN_DISTANCE:
-        line = shifted(line, shift, slope)
-    if lane > 0:
-        line, along = backwards(line), along[::-1] * (1.0, 1.0, -1.0)
-    return _LaneLine(line, along)
-
-
-def _continuation(road: Element, before: _LaneLine) -> _LaneLine | None:
-    """The lane of a road that begins where a lane ends; None if there is none."""
-    for section, side in ((0, "right"), (-1, "left")):
-        sections = road.findall("lanes/laneSection")
-        for element in sections[section].findall(f"{side}/lane") if sections else ():
-            try:
-                line = _lane_line(road, int(_number(element, "id")))
-            except RoadError:
-                continue
-            gap = np.hypot(*(line.line[0, X : Y + 1] - before.line[-1, X : Y + 1]))
-            turn = math.remainder(line.line[0, DIRECTION] - before.line[-1, DIRECTION], math.tau)
-            if gap <= TOLERANCE and abs(turn) <= KINK:
-                return line
-    return None
-
-
-def _station(text: str, length: float) -> float:
-    """The m along its roads at which a stretch begins.
-
-    Raises:
-        RoadError: it is none.
-    """
-    try:
-        start = float(text)
-    except ValueError:
-        start = math.nan
-    if not 0.0 <= start < length - SPACING:
-        raise RoadError(f"@{text[:40]} is no place on a stretch of {length:.0f} m")
-    return start
-
-
-def _road_along(lane: _LaneLine) -> Road:
-    """The road of a lane's line.
-
-    Raises:
-        RoadError: its lane is too narrow, or no road stays near it.
-    """
-    places = np.append(np.arange(0.0, lane.length, SPACING), lane.length)
-    width, height, lean = (np.interp(places, lane.line[:, DISTANCE], v) for v in lane.along.T)
-    narrowest = int(np.argmin(width))
-    lane_width = float(width[narrowest])
-    if lane_width < MIN_WIDTH:
-        raise RoadError(
-            f"its lane is {lane_width:.2f} m wide at {places[narrowest]:.0f} m: at least"
-            f" {MIN_WIDTH:g} m are needed; choose another lane, or a part of the road"
-        )
-    wider = width - lane_width if np.ptp(width) > SAME_WIDTH else np.zeros_like(width)
-    columns = (
-        ("superelevation", lean, SLOPE_ERROR),
-        ("grade", np.gradient(height, places), SLOPE_ERROR),
-        ("widening", wider, WIDTH_ERROR),
-    )
-    profiles: dict[str, Any] = {
-        name: profile.simplified(np.column_stack([places, values]), error)
-        for name, values, error in columns
-        if np.abs(values).max() > error
-    }
-    return replace(follow(lane.line, lane_width), **profiles)
+# XML
 
 
 class _Tree(ElementTree.TreeBuilder):
@@ -369,7 +243,7 @@ def _parse(data: bytes) -> Element:
 
 
 def _number(
-    element: Element, name: str, default: float | None = None, *, most: float = MAX_NUMBER
+    element: Element, name: str, default: float | None = None, *, most: float = MAX_COORDINATE
 ) -> float:
     """A number among an element's attributes, at most ``most`` in either direction.
 
@@ -393,10 +267,9 @@ def _number(
     return value
 
 
-def _cubic(element: Element, suffix: str = "") -> Cubic:
-    """The coefficients of a polynomial; missing ones are 0."""
-    a, b, c, d = (_number(element, name + suffix, 0.0) for name in "abcd")
-    return a, b, c, d
+def _cubic(element: Element, suffix: str = "") -> list[float]:
+    """The coefficients a, b, c, d of a polynomial; missing ones are 0."""
+    return [_number(element, name + suffix, 0.0) for name in "abcd"]
 
 
 def _profile(
@@ -408,11 +281,148 @@ def _profile(
     """
     elements = sorted(elements, key=lambda element: _number(element, name))
     starts = np.array([0.0, *(_number(element, name) for element in elements)])
-    cubics = np.array([(0.0, 0.0, 0.0, 0.0), *map(_cubic, elements)])
+    cubics = np.array([[0.0] * 4, *map(_cubic, elements)])
     rows = np.searchsorted(starts[1:], places, side="right")
     p = places - starts[rows]
     a, b, c, d = cubics[rows].T
     return a + p * (b + p * (c + p * d)), b + p * (2.0 * c + p * 3.0 * d)
+
+
+# The reference line
+
+
+def _reference_line(road: Element) -> FloatArray:
+    """(n, 4) points of a road's reference line: the first columns of a traced line.
+
+    Raises:
+        RoadError: there is a gap or a kink between two geometries, or one cannot be read.
+    """
+    parts = []
+    total = 0.0
+    for element in road.findall("planView/geometry"):
+        length = _number(element, "length", most=math.inf)
+        if length < 0.0:
+            raise RoadError(f"a <geometry> has length {length:g}: a positive number is needed")
+        total += length
+        if total > MAX_LENGTH:
+            raise RoadError(f"its road is longer than the {MAX_LENGTH:.0f} m that can be read")
+        if length > MIN_DISTANCE:
+            parts.append(_traced(element, length))
+    if not parts:
+        raise RoadError("its road has no geometry")
+    return _joined(parts)
+
+
+def _traced(element: Element, length: float) -> FloatArray:
+    """(n, 4) points of a geometry."""
+    x, y = _number(element, "x"), _number(element, "y")
+    heading = _number(element, "hdg", most=MAX_HEADING)
+    shape = next(iter(element), element)
+    if shape.tag == "paramPoly3":
+        return _polynomial(shape, length, x, y, heading)
+    names = {
+        "line": (),
+        "arc": ("curvature", "curvature"),
+        "spiral": ("curvStart", "curvEnd"),
+    }.get(shape.tag)
+    if names is None:
+        raise RoadError(
+            f"a <geometry> holds {'nothing' if shape is element else shape.tag[:40]}: line, arc,"
+            " spiral and paramPoly3 are read"
+        )
+    bend = [_number(shape, name, most=MAX_CURVATURE) for name in names]
+    curvatures = np.array(bend or [0.0, 0.0])
+    pieces = max(sub_steps(curvatures, length), math.ceil(length / SPACING))
+    table = build_table(curvatures, length, x, y, heading, pieces)
+    return np.column_stack([np.linspace(0.0, length, pieces + 1), table[:, :3]])
+
+
+def _polynomial(shape: Element, length: float, x: float, y: float, heading: float) -> FloatArray:
+    """(n, 4) points of a ``paramPoly3``, whose places are cubic polynomials of a parameter."""
+    last = length if shape.get("pRange") == "arcLength" else 1.0
+    u, v = (np.polynomial.Polynomial(_cubic(shape, axis)) for axis in "UV")  # ahead, to the left
+    p = np.linspace(0.0, last, max(8, math.ceil(length / SPACING)) + 1)
+    middle = 0.5 * (p[1:] + p[:-1])
+    speed, between = (np.hypot(u.deriv()(at), v.deriv()(at)) for at in (p, middle))
+    # Simpson's rule between the parameters.
+    pieces = (speed[1:] + 4.0 * between + speed[:-1]) * np.diff(p) / 6.0
+    distance = np.concatenate([[0.0], np.cumsum(pieces)])
+    if not abs(float(distance[-1]) - length) <= 0.1 + 0.01 * length:
+        raise RoadError(
+            f"a polynomial geometry is {distance[-1]:.4g} m long, not {length:g} m as its 'length'"
+            " says"
+        )
+    if speed.min() < 1e-3 * speed.max():
+        raise RoadError("a polynomial geometry has a cusp, which no road can follow")
+    c, s = math.cos(heading), math.sin(heading)
+    direction = heading + np.unwrap(np.arctan2(v.deriv()(p), u.deriv()(p)))
+    return np.column_stack([distance, x + u(p) * c - v(p) * s, y + u(p) * s + v(p) * c, direction])
+
+
+def _joined(parts: Sequence[FloatArray]) -> FloatArray:
+    """Lines one after the other; distances and headings go on.
+
+    Raises:
+        RoadError: one does not begin where the one before ends.
+    """
+    parts = [parts[0], *(part.copy() for part in parts[1:])]
+    for before, part in pairwise(parts):
+        end, place = before[-1], f"{before[-1, DISTANCE]:.2f} m along the road"
+        gap, turn = _apart(end, part[0])
+        if gap > TOLERANCE:
+            raise RoadError(
+                f"the reference line jumps by {gap:.3f} m {place}: at most {TOLERANCE:g} m is"
+                " mended"
+            )
+        if abs(turn) > KINK:
+            raise RoadError(
+                f"the reference line has a kink of {math.degrees(turn):.1f} degrees {place}: a"
+                " road has none"
+            )
+        part[:, DISTANCE] += end[DISTANCE]
+        part[:, HEADING] += turn - (part[0, HEADING] - end[HEADING])
+    return np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
+
+
+def _apart(end: FloatArray, start: FloatArray) -> tuple[float, float]:
+    """The gap between two points in m, and the change of heading in rad."""
+    turn = math.remainder(start[HEADING] - end[HEADING], math.tau)
+    return math.hypot(start[X] - end[X], start[Y] - end[Y]), turn
+
+
+# Lanes
+
+
+def _lane_line(road: Element, lane: int) -> FloatArray:
+    """(n, 7) the inner edge of a lane in the direction of travel, and what is along it.
+
+    Raises:
+        RoadError: there is no such lane, or the road is none that is read.
+    """
+    if lane == 0:
+        raise RoadError("lane 0 is the centre of a road: choose a lane to drive on")
+    line = _reference_line(road)
+    places = line[:, DISTANCE].copy()
+    width, shift, slope = _lane(road, lane, places)
+    height, _ = _profile(road.findall("elevationProfile/elevation"), "s", places)
+    lean, _ = _profile(road.findall("lateralProfile/superelevation"), "s", places)
+    lean = np.tan(np.clip(lean, -1.5, 1.5))
+    if np.abs(shift).max() > MIN_DISTANCE:
+        heading = line[:, HEADING].copy()
+        ahead = 1.0 - shift * np.gradient(heading, places)
+        if ahead.min() <= 0.0:
+            raise RoadError("its lanes are shifted beyond the centre of a bend, where no road is")
+        line[:, X] -= shift * np.sin(heading)
+        line[:, Y] += shift * np.cos(heading)
+        line[:, HEADING] += np.arctan2(slope, ahead)
+        line[1:, DISTANCE] = np.cumsum(np.hypot(np.diff(line[:, X]), np.diff(line[:, Y])))
+    line = np.column_stack([line, width, height + shift * lean, lean])
+    if lane > 0:
+        line = line[::-1].copy()
+        line[:, DISTANCE] = line[0, DISTANCE] - line[:, DISTANCE]
+        line[:, HEADING] += math.pi
+        line[:, LEAN] *= -1.0
+    return line
 
 
 def _lane(
@@ -424,9 +434,7 @@ def _lane(
     lanes in between. From section to section the lane's own links are followed; where it has none,
     its id stays.
     """
-    sections = road.findall("lanes/laneSection")
-    if not sections:
-        raise RoadError("its road has no lanes")
+    sections = _sections(road)
     side, onward = (1, "predecessor") if lane > 0 else (-1, "successor")
     starts = [_number(section, "s") for section in sections]
     spans = list(zip(sections, starts, [*starts[1:], math.inf], strict=True))
@@ -460,131 +468,166 @@ def _width(lane: Element, places: FloatArray) -> tuple[FloatArray, FloatArray]:
     return _profile(elements, "sOffset", places)
 
 
+def _sections(road: Element) -> list[Element]:
+    sections = road.findall("lanes/laneSection")
+    if not sections:
+        raise RoadError("its road has no lanes")
+    return sections
+
+
+def _entered(road: Element) -> list[Element]:
+    """The lanes where they are entered: those on the right, then those on the left."""
+    sections = _sections(road)
+    return [*sections[0].findall("right/lane"), *sections[-1].findall("left/lane")]
+
+
 def _first_lane(road: Element) -> int:
     """Id of the driving lane nearest to the centre, where it is entered; on the right if possible.
 
     Raises:
         RoadError: there is none.
     """
-    sections = road.findall("lanes/laneSection")
-    if not sections:
-        raise RoadError("its road has no lanes")
-    kinds: tuple[frozenset[str], ...] = (frozenset(["driving"]), _DRIVEN)
-    for driven in kinds:
-        for section, side in ((sections[0], "right"), (sections[-1], "left")):
-            ids = [
-                int(_number(lane, "id"))
-                for lane in section.findall(f"{side}/lane")
-                if lane.get("type") in driven and lane.get("direction", "standard") == "standard"
-            ]
-            if ids:
-                return min(ids, key=abs)
-    raise RoadError("its road has no driving lane")
+    ids = [int(_number(lane, "id")) for lane in _entered(road) if lane.get("type") in _DRIVEN]
+    if not ids:
+        raise RoadError("its road has no driving lane")
+    return min(ids, key=lambda number: (number > 0, abs(number)))
+
+
+def _continuation(road: Element, before: FloatArray) -> FloatArray | None:
+    """The lane of a road that begins where a lane ends; None if there is none."""
+    for lane in _entered(road):
+        try:
+            line = _lane_line(road, int(_number(lane, "id")))
+        except RoadError:
+            continue
+        gap, turn = _apart(before[-1], line[0])
+        if gap <= TOLERANCE and abs(turn) <= KINK:
+            return line
+    return None
 
 
 def _lane_of(section: Element, lane: int, *, is_driven: bool = True) -> Element:
-    """A section's lane with an id, which is for cars and right-hand traffic if it is driven.
+    """A section's lane with an id, which is for cars if it is driven.
 
     Raises:
         RoadError: there is none; the message lists the driving lanes.
     """
     side = "right" if lane < 0 else "left"
     element = section.find(f"{side}/lane[@id='{lane}']")
-    if element is None:
-        what = "is missing"
-    elif is_driven and element.get("type") not in _DRIVEN:
-        what = f"is of type {element.get('type')!r:.40}: a driving lane is needed there"
-    elif is_driven and element.get("direction", "standard") != "standard":
-        what = "is driven against the road's rule (direction)"
-    else:
+    if element is not None and (not is_driven or element.get("type") in _DRIVEN):
         return element
+    what = "is missing" if element is None else f"is of type {element.get('type')!r:.40}"
     lanes = [*section.findall("right/lane"), *section.findall("left/lane")]
-    ids = [other.get("id", "")[:9] for other in lanes if other.get("type") == "driving"]
-    text = f"its lane {lane}, {side} of the centre, {what}"
-    if not ids:
-        raise RoadError(text)
-    raise RoadError(f"{text} (driving lanes, to be chosen as 'lane': {', '.join(ids[:8])})")
-
-
-def _noted_road(road: Element, lane: int) -> Road | None:
-    """The road that `to_opendrive` noted, if what is drawn is still that."""
-    geometries = _geometries(road)
-    drawn = [geometry for geometry in geometries if isinstance(geometry, Clothoid)]
-    sections = road.findall("lanes/laneSection")
-    if lane != -1 or len(sections) != 1 or len(drawn) < len(geometries):
-        return None
-    _lane_of(sections[0], lane)
-    widths_drawn = road.findall("lanes/laneSection/right/lane[@id='-1']/width")
-    try:
-        step, *values = _noted(road, ROAD_CODE)
-        pairs = {name: _noted(road, PROFILE_CODE.format(name)) for name in profile.NAMES}
-        widening = pairs["widening"]
-        lane_width = widening.pop(0) if widening else _cubic(widths_drawn[0])[0]
-        profiles = {name: np.array(one).reshape(-1, 2) for name, one in pairs.items()}
-        noted = Road(values, step, Pose(*drawn[0][:3]), lane_width=lane_width, **profiles)
-    except (IndexError, ValueError, RoadError):
-        return None
-    elevation = road.findall("elevationProfile/elevation")
-    leaning = road.findall("lateralProfile/superelevation")
-    shapes: tuple[tuple[Sequence[Sequence[float]], Sequence[Sequence[float]]], ...] = (
-        (clothoids(noted), drawn),
-        (elevations(noted), _cubics(elevation, "s")),
-        (superelevations(noted), _cubics(leaning, "s")),
-        (widths(noted), _cubics(widths_drawn, "sOffset")),
-        ([(0.0,) * 5], _cubics(road.findall("lanes/laneOffset"), "s")),
-    )
-    same = all(
-        len(ours) == len(theirs) and np.allclose(ours, theirs, rtol=0.0, atol=_SAME)
-        for ours, theirs in shapes
-    )
-    return noted if same else None
-
-
-def _noted(road: Element, code: str) -> list[float]:
-    """The numbers of a note; none if there is no such note."""
-    note = road.find(f"userData[@code='{code}']")
-    return [] if note is None else [float(value) for value in note.get("value", "").split()]
-
-
-def _cubics(elements: Sequence[Element], start: str) -> list[tuple[float, ...]]:
-    return [(_number(one, start), *_cubic(one)) for one in elements]
-
-
-def _geometries(road: Element) -> list[Geometry]:
-    """The geometries of the reference line that have a length, in their order."""
-    geometries: list[Geometry] = []
-    total = 0.0
-    for element in road.findall("planView/geometry"):
-        length = _number(element, "length", most=math.inf)
-        if length < 0.0:
-            raise RoadError(f"a <geometry> has length {length:g}: a positive number is needed")
-        total += length
-        if total > MAX_LENGTH:
-            raise RoadError(f"its road is longer than the {MAX_LENGTH:.0f} m that can be read")
-        if length > MIN_DISTANCE:
-            geometries.append(_geometry(element, length))
-    if not geometries:
-        raise RoadError("its road has no geometry")
-    return geometries
-
-
-def _geometry(element: Element, length: float) -> Geometry:
-    pose = Pose(
-        _number(element, "x"), _number(element, "y"), _number(element, "hdg", most=MAX_HEADING)
-    )
-    shape = next(iter(element), element)
-    if shape.tag == "line":
-        return Clothoid(*pose, length, 0.0, 0.0)
-    if shape.tag == "arc":
-        curvature = _number(shape, "curvature", most=MAX_CURVATURE)
-        return Clothoid(*pose, length, curvature, curvature)
-    if shape.tag == "spiral":
-        start, end = (_number(shape, name, most=MAX_CURVATURE) for name in ("curvStart", "curvEnd"))
-        return Clothoid(*pose, length, start, end)
-    if shape.tag == "paramPoly3":
-        last = length if shape.get("pRange") == "arcLength" else 1.0
-        return Polynomial(pose, length, _cubic(shape, "U"), _cubic(shape, "V"), last)
+    ids = ", ".join(one.get("id", "")[:9] for one in lanes if one.get("type") in _DRIVEN)
     raise RoadError(
-        f"a <geometry> holds {'nothing' if shape is element else shape.tag[:40]}: line, arc,"
-        " spiral and paramPoly3 are read"
+        f"its lane {lane}, {side} of the centre, {what} (driving lanes, to be chosen as 'lane':"
+        f" {ids or 'none'})"
     )
+
+
+def _station(text: str, length: float) -> float:
+    """The m along its roads at which a stretch begins.
+
+    Raises:
+        RoadError: it is none.
+    """
+    try:
+        start = float(text)
+    except ValueError:
+        start = math.nan
+    if not 0.0 <= start < length - _PLACES:
+        raise RoadError(f"@{text[:40]} is no place on a stretch of {length:.0f} m")
+    return start
+
+
+# The road
+
+
+def _followed(line: FloatArray) -> Road:
+    """The road along a lane's line (n, 7).
+
+    Raises:
+        RoadError: its lane is too narrow, or no road stays near it.
+    """
+    length = float(line[-1, DISTANCE])
+    places = np.append(np.arange(0.0, length, _PLACES), length)
+    width, height, lean = (np.interp(places, line[:, DISTANCE], v) for v in line[:, WIDTH:].T)
+    narrowest = int(np.argmin(width))
+    lane_width = float(width[narrowest])
+    if lane_width < MIN_WIDTH:
+        raise RoadError(
+            f"its lane is {lane_width:.2f} m wide at {places[narrowest]:.0f} m: at least"
+            f" {MIN_WIDTH:g} m are needed; choose another lane, or a part of the road"
+        )
+    wider = width - lane_width if np.ptp(width) > SAME_WIDTH else np.zeros_like(width)
+    columns = (
+        ("superelevation", lean, _SLOPE_ERROR),
+        ("grade", np.gradient(height, places), _SLOPE_ERROR),
+        ("widening", wider, _WIDTH_ERROR),
+    )
+    profiles: dict[str, Any] = {
+        name: profile.simplified(np.column_stack([places, values]), error)
+        for name, values, error in columns
+        if np.abs(values).max() > error
+    }
+    return replace(_flat(line, lane_width), **profiles)
+
+
+def _flat(line: FloatArray, lane_width: float) -> Road:
+    """The flat road along a traced line.
+
+    Raises:
+        RoadError: no road stays within `TOLERANCE` of it.
+    """
+    length = float(line[-1, DISTANCE])
+    start = Pose(*(float(v) for v in line[0, X : HEADING + 1]))
+    away = math.inf
+    for spacing in STEPS:
+        samples = min(max(2, math.ceil(length / spacing - 1e-9)), MAX_SAMPLES - 1) + 1
+        step = length / (samples - 1)
+        at = np.arange(samples) * step
+        x, y, heading = (np.interp(at, line[:, DISTANCE], line[:, k]) for k in (X, Y, HEADING))
+        # The mean curvature around each sample: where the curvature jumps, its value at the sample
+        # says little.
+        low, high = np.maximum(at - 0.5 * step, 0.0), np.minimum(at + 0.5 * step, length)
+        turned = np.interp(high, line[:, DISTANCE], line[:, HEADING])
+        turned -= np.interp(low, line[:, DISTANCE], line[:, HEADING])
+        curvatures = follow_line(
+            np.column_stack([x, y, heading, turned / (high - low)]),
+            step,
+            max(CORRECTION, 4.0 * step),
+        )
+        if np.abs(curvatures).max() > MAX_CURVATURE:
+            continue
+        road = Road(curvatures, step, start, lane_width=lane_width)
+        away = float(np.hypot(road.points[:, 0] - x, road.points[:, 1] - y).max())
+        if away <= TOLERANCE:
+            return road
+    raise RoadError(
+        f"no road can follow its line: the nearest is {away:.3g} m away somewhere, and at most"
+        f" {TOLERANCE:g} m are allowed"
+    )
+
+
+def _noted_road(element: Element) -> Road | None:
+    """The road that `to_opendrive` noted, if it still draws it so."""
+    notes = {note.get("code"): note.get("value", "") for note in element.findall("userData")}
+    try:
+        step, *values = map(float, notes[ROAD_CODE].split())
+        pairs = {
+            name: [float(value) for value in notes.get(PROFILE_CODE.format(name), "").split()]
+            for name in profile.NAMES
+        }
+        start, width = (next(element.iter(tag)) for tag in ("geometry", "width"))
+        pose = tuple(_number(start, name, most=MAX_HEADING) for name in ("x", "y", "hdg"))
+        lane_width = pairs["widening"].pop(0) if pairs["widening"] else _number(width, "a")
+        profiles = {name: np.array(one).reshape(-1, 2) for name, one in pairs.items()}
+        noted = Road(values, step, Pose(*pose), lane_width=lane_width, **profiles)
+    except (KeyError, StopIteration, ValueError, RoadError):
+        return None
+    return noted if _drawn(add_road(Element("OpenDRIVE"), noted)) == _drawn(element) else None
+
+
+def _drawn(element: Element) -> list[tuple[str, dict[str, str]]]:
+    """All that says where a road's lanes run."""
+    return [(one.tag, one.attrib) for one in element.iter() if one.tag in _DRAWN]

@@ -8,10 +8,11 @@ that keep within a micrometre. The same road always gives the same bytes: no dat
 
 from __future__ import annotations
 
-import itertools
 import math
-from typing import Final, NamedTuple
-from xml.etree import ElementTree
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import Final
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
 
@@ -30,9 +31,9 @@ Kilometres from the next border of a UTM zone or of its 100 km squares, at which
 """
 PROJECTION: Final = "+proj=tmerc +lat_0={} +lon_0={} +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m"
 """Text of ``geoReference``: the transverse Mercator projection that touches the globe there."""
-EDGE_MARK: Final = 0.15  # m, width of the solid line at each edge
-CENTRE_MARK: Final = 0.12  # m, width of the broken line in the middle
 
+_EDGE_MARK: Final = ("solid", 0.15, "none")
+_CENTRE_MARK: Final = ("broken", 0.12, "both")
 # Readers compute a spiral from its curvature's rate of change and divide by it: CARLA and SUMO are
 # off by decimetres where it is below 1e-9 1/m, and CommonRoad's reader refuses two curvatures that
 # numpy.isclose takes for equal. These are twice the tolerances of numpy.isclose.
@@ -44,24 +45,6 @@ _MOST_ARCS: Final = 100  # for one step; beyond, no curve is one of a road, and 
 _STRAIGHT: Final = 1e-10  # 1/m
 _PLACE_DIGITS: Final = 9  # decimals of m
 _ANGLE_DIGITS: Final = 12  # decimals of rad
-_CONSTANT: Final = {"b": 0.0, "c": 0.0, "d": 0.0}
-
-
-class Clothoid(NamedTuple):
-    """A ``line``, ``arc`` or ``spiral``: a geometry of linear curvature."""
-
-    x: float
-    """m, of its start."""
-    y: float
-    """m."""
-    heading: float
-    """rad."""
-    length: float
-    """m."""
-    start: float
-    """Curvature, in 1/m."""
-    end: float
-    """1/m."""
 
 
 def to_opendrive(
@@ -101,7 +84,7 @@ def to_opendrive(
         [round(value, 3) for value in extreme(np.concatenate(edges), axis=0).tolist()]
         for extreme in (np.min, np.max)
     )
-    root = ElementTree.Element("OpenDRIVE")
+    root = Element("OpenDRIVE")
     header = _add(
         root,
         "header",
@@ -116,12 +99,25 @@ def to_opendrive(
         vendor="Frenetic",
     )
     _add(header, "geoReference").text = PROJECTION.format(latitude, longitude)
+    add_road(root, road, name, speed_limit)
+    indent(root)
+    text = tostring(root, encoding="unicode")
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
+
+
+def add_road(root: Element, road: Road, name: str = "", speed_limit: float = 70.0) -> Element:
+    """Adds a road's element."""
     element = _add(root, "road", name=name, length=road.length, id="1", junction="-1", rule="RHT")
     _add(_add(element, "type", s=0.0, type="rural"), "speed", max=speed_limit, unit="km/h")
     plan = _add(element, "planView")
     s = 0.0
-    for x, y, heading, length, start, end in clothoids(road):
-        place = round(s, _PLACE_DIGITS)
+    for first, last, start, end in _pieces(road):
+        x, y, heading = road.pose
+        if first > 0.0:
+            x, y, heading = road.pose_at(first * road.step)
+            x, y = round(x, _PLACE_DIGITS), round(y, _PLACE_DIGITS)
+            heading = round(heading, _ANGLE_DIGITS)
+        length, place = (last - first) * road.step, round(s, _PLACE_DIGITS)
         geometry = _add(plan, "geometry", s=place, x=x, y=y, hdg=heading, length=length)
         if start != end:
             _add(geometry, "spiral", curvStart=start, curvEnd=end)
@@ -130,93 +126,101 @@ def to_opendrive(
         else:
             _add(geometry, "line")
         s += length
-    _add_cubics(_add(element, "elevationProfile"), "elevation", "s", elevations(road))
+    elevation = _add(element, "elevationProfile")
+    for s, _, value, slope in _profile(road, "grade"):
+        _add_cubic(elevation, "elevation", "s", s, float(road.heights(s)), value, 0.5 * slope)
     lateral = _add(element, "lateralProfile")
-    _add_cubics(lateral, "superelevation", "s", superelevations(road))
+    if len(road.superelevation):
+        for s, *piece in _profile(road, "superelevation"):
+            _add_cubic(lateral, "superelevation", "s", s, *_lean(*piece))
     _add_lanes(element, road, speed_limit)
-    noted = " ".join(map(repr, [road.step, *road.curvatures.tolist()]))
-    _add(element, "userData", code=ROAD_CODE, value=noted)
+    _note(element, ROAD_CODE, [road.step, *road.curvatures.tolist()])
     for kind in profile.NAMES:
         if len(pairs := getattr(road, kind)):
-            values = pairs.ravel().tolist()
             # Lanes that widen everywhere do not show their own width.
-            noted = " ".join(
-                map(repr, [road.lane_width, *values] if kind == "widening" else values)
-            )
-            _add(element, "userData", code=PROFILE_CODE.format(kind), value=noted)
-    ElementTree.indent(root)
-    text = ElementTree.tostring(root, encoding="unicode")
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
+            width = [road.lane_width] if kind == "widening" else []
+            _note(element, PROFILE_CODE.format(kind), [*width, *pairs.ravel().tolist()])
+    return element
 
 
-def _add(
-    parent: ElementTree.Element, tag: str, /, **attributes: float | str
-) -> ElementTree.Element:
+def _add_lanes(element: Element, road: Road, speed_limit: float) -> None:
+    lanes = _add(element, "lanes")
+    _add_cubic(lanes, "laneOffset", "s", 0.0)
+    section = _add(lanes, "laneSection", s=0.0)
+    for side, number in (("left", 1), ("center", 0), ("right", -1)):
+        kind = "driving" if number else "none"
+        lane = _add(_add(section, side), "lane", id=str(number), type=kind, level="false")
+        if number:
+            for s, _, value, slope in _profile(road, "widening"):
+                _add_cubic(lane, "width", "sOffset", s, road.lane_width + value, slope)
+        mark, width, change = _EDGE_MARK if number else _CENTRE_MARK
+        _add(
+            lane,
+            "roadMark",
+            sOffset=0.0,
+            type=mark,
+            weight="standard",
+            color="white",
+            width=width,
+            laneChange=change,
+        )
+        if number:
+            _add(lane, "speed", sOffset=0.0, max=speed_limit, unit="km/h")
+
+
+def _add(parent: Element, tag: str, /, **attributes: float | str) -> Element:
     """A new child; its numbers read back exactly."""
     texts = {
         key: value if isinstance(value, str) else repr(float(value) + 0.0)  # no -0.0
         for key, value in attributes.items()
     }
-    return ElementTree.SubElement(parent, tag, texts)
+    return SubElement(parent, tag, texts)
 
 
-def _add_cubics(
-    parent: ElementTree.Element, tag: str, start: str, cubics: list[tuple[float, ...]]
+def _add_cubic(
+    parent: Element,
+    tag: str,
+    place: str,
+    s: float,
+    a: float = 0.0,
+    b: float = 0.0,
+    c: float = 0.0,
+    d: float = 0.0,
 ) -> None:
-    for s, a, b, c, d in cubics:
-        _add(parent, tag, **{start: s, "a": a, "b": b, "c": c, "d": d})
+    """A new child that is a cubic from ``s`` m on."""
+    _add(parent, tag, **{place: s, "a": a, "b": b, "c": c, "d": d})
 
 
-def _knots(road: Road, name: str) -> list[tuple[float, float, float, float]]:
+def _note(element: Element, code: str, values: list[float]) -> None:
+    _add(element, "userData", code=code, value=" ".join(map(repr, values)))
+
+
+def _profile(road: Road, name: str) -> Iterator[tuple[float, float, float, float]]:
     """(start, length, value, slope) of the pieces of a profile, m and 1/m; exact."""
     pairs = getattr(road, name)
-    if not len(pairs):
-        return [(0.0, road.length, 0.0, 0.0)]
     inner = pairs[(pairs[:, 0] > 0.0) & (pairs[:, 0] < road.length), 0]
     places = [0.0, *inner.tolist(), road.length]
     values = profile.value_at(pairs, places).tolist()
-    return [
-        (s, end - s, value, (after - value) / (end - s))
-        for (s, value), (end, after) in itertools.pairwise(zip(places, values, strict=True))
-    ]
+    for (s, value), (end, after) in pairwise(zip(places, values, strict=True)):
+        yield s, end - s, value, (after - value) / (end - s)
 
 
-def elevations(road: Road) -> list[tuple[float, ...]]:
-    """(s, a, b, c, d) of a road's height above its start: parabolas, since its grade is linear."""
-    return [
-        (s, float(road.heights(s)), value, 0.5 * slope, 0.0)
-        for s, _, value, slope in _knots(road, "grade")
-    ]
+def _lean(length: float, value: float, slope: float) -> tuple[float, float, float, float]:
+    """The cubic of a piece's angle in rad, with the slopes of its ends."""
+    end = value + slope * length
+    a, b = math.atan(value), slope / (1.0 + value * value)
+    rise, last = math.atan(end) - a, slope / (1.0 + end * end)
+    c = (3.0 * rise / length - 2.0 * b - last) / length
+    return a, b, c, (b + last - 2.0 * rise / length) / length**2
 
 
-def superelevations(road: Road) -> list[tuple[float, ...]]:
-    """(s, a, b, c, d) of the angle in rad by which a road leans, cubics with its ends' slopes.
+def _pieces(road: Road) -> list[tuple[float, float, float, float]]:
+    """A road's geometries: from and to which sample, and the curvatures there in 1/m.
 
-    There are none for a level road.
+    A spiral for each step, but one arc or line for several alike.
     """
-    found: list[tuple[float, ...]] = []
-    if not len(road.superelevation):
-        return found
-    for s, length, value, slope in _knots(road, "superelevation"):
-        end = value + slope * length
-        a, b = math.atan(value), slope / (1.0 + value * value)
-        rise, last = math.atan(end) - a, slope / (1.0 + end * end)
-        c = (3.0 * rise / length - 2.0 * b - last) / length
-        d = (b + last - 2.0 * rise / length) / length**2
-        found.append((s, a, b, c, d))
-    return found
-
-
-def widths(road: Road) -> list[tuple[float, ...]]:
-    """(s, a, b, c, d) of the width of either lane."""
-    pieces = _knots(road, "widening")
-    return [(s, road.lane_width + value, slope, 0.0, 0.0) for s, _, value, slope in pieces]
-
-
-def clothoids(road: Road) -> list[Clothoid]:
-    """The geometries of a road: a spiral for each step, but one arc or line for several alike."""
-    pieces: list[tuple[float, float, float, float]] = []  # from and to which sample, curvatures
-    for i, (start, end) in enumerate(itertools.pairwise(road.curvatures.tolist())):
+    pieces: list[tuple[float, float, float, float]] = []
+    for i, (start, end) in enumerate(pairwise(road.curvatures.tolist())):
         difference = abs(end - start)
         hardly = difference < _SAME_CURVATURE + _SAME_SHARE * max(abs(start), abs(end))
         # An arc of a spiral's mean curvature has its heading at the end, but is this far aside.
@@ -231,38 +235,4 @@ def clothoids(road: Road) -> list[Clothoid]:
             alike = bool(pieces) and pieces[-1][2:] == (mean, mean)
             first = pieces.pop()[0] if alike else i + part / arcs
             pieces.append((first, i + (part + 1) / arcs, mean, mean))
-    geometries = []
-    for first, last, start, end in pieces:
-        x, y, heading = road.pose
-        if first > 0.0:
-            x, y, heading = road.pose_at(first * road.step)
-            x, y = round(x, _PLACE_DIGITS), round(y, _PLACE_DIGITS)
-            heading = round(heading, _ANGLE_DIGITS)
-        geometries.append(Clothoid(x, y, heading, (last - first) * road.step, start, end))
-    return geometries
-
-
-def _add_lanes(element: ElementTree.Element, road: Road, speed_limit: float) -> None:
-    lanes = _add(element, "lanes")
-    _add(lanes, "laneOffset", s=0.0, a=0.0, **_CONSTANT)
-    section = _add(lanes, "laneSection", s=0.0)
-    solid = ("solid", EDGE_MARK, "none")
-    broken = ("broken", CENTRE_MARK, "both")
-    for side, number in (("left", 1), ("center", 0), ("right", -1)):
-        kind = "driving" if number else "none"
-        lane = _add(_add(section, side), "lane", id=str(number), type=kind, level="false")
-        if number:
-            _add_cubics(lane, "width", "sOffset", widths(road))
-        mark, width, change = solid if number else broken
-        _add(
-            lane,
-            "roadMark",
-            sOffset=0.0,
-            type=mark,
-            weight="standard",
-            color="white",
-            width=width,
-            laneChange=change,
-        )
-        if number:
-            _add(lane, "speed", sOffset=0.0, max=speed_limit, unit="km/h")
+    return pieces
