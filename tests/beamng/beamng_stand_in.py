@@ -20,7 +20,7 @@ import math
 import os
 import re
 import signal
-import socket
+import socketserver
 import struct
 import sys
 import threading
@@ -30,8 +30,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Final, Self
+from typing import IO, Any, Final, Self
 
 import msgpack
 import numpy as np
@@ -105,8 +104,6 @@ class World:
     """The simulation."""
 
     vehicle: Vehicle = field(default_factory=Vehicle)
-    takes_lua: bool = True
-    """Whether the vehicle runs Lua commands."""
     sign_shown: float = 1.0
     """Sign of `steering_input` in the electrics for a positive input; 0: none is shown."""
     draws: bool = True
@@ -254,15 +251,14 @@ class World:
         return [corner(end, side, up) for end in (1, -1) for side, up in places]
 
 
-class _EndError(Exception):
-    """The connection ends."""
+class _Server(socketserver.ThreadingTCPServer):
+    allow_reuse_address = os.name == "posix"
+    daemon_threads = True
+    block_on_close = False
 
 
 class StandIn:
-    """The server: `port` is where it listens, `said` what it was told, in order.
-
-    `connections` counts those that were made.
-    """
+    """The server: `port` is where it listens, `said` what it was told, in order."""
 
     def __init__(
         self,
@@ -278,95 +274,59 @@ class StandIn:
         self.is_licensed = is_licensed
         self.trouble = trouble
         self.said: list[tuple[str, Message]] = []
-        self.connections = 0
         self.has_quit = threading.Event()
         self._counts: Counter[str] = Counter()
-        self._sockets: list[socket.socket] = []
         self._lock = threading.RLock()
-        self._listener = self._listen(port)
-        self.port: int = self._listener.getsockname()[1]
-        self._serve(self._listener, self._answer_engine)
+        stand_in = self
+
+        class Handler(socketserver.StreamRequestHandler):
+            disable_nagle_algorithm = True
+
+            def handle(self) -> None:
+                with suppress(OSError, struct.error):
+                    while stand_in._talk(self.rfile, self.wfile):
+                        pass
+
+        self._server = _Server(("127.0.0.1", port), Handler)
+        self.port = int(self._server.server_address[1])
+        threading.Thread(target=self._server.serve_forever, args=(0.01,), daemon=True).start()
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
         self.has_quit.set()
-        with self._lock:
-            for one in self._sockets:
-                with suppress(OSError):
-                    one.shutdown(socket.SHUT_RDWR)
-                one.close()
+        self._server.shutdown()
+        self._server.server_close()
 
     def types(self) -> list[str]:
         return [kind for kind, _ in self.said]
 
-    def _listen(self, port: int = 0) -> socket.socket:
-        listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        if os.name == "posix":  # as servers do: connections that have ended keep no port
-            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listener.bind(("127.0.0.1", port))
-        listener.listen()
-        with self._lock:
-            self._sockets.append(listener)
-        return listener
-
-    def _serve(self, listener: socket.socket, answer: Callable[[Message], Message]) -> None:
-        def accept() -> None:
-            while True:
-                try:
-                    client, _ = listener.accept()
-                except OSError:
-                    return
-                client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                with self._lock:
-                    self.connections += 1
-                    self._sockets.append(client)
-                threading.Thread(target=self._talk, args=(client, answer), daemon=True).start()
-
-        threading.Thread(target=accept, daemon=True).start()
-
-    def _talk(self, client: socket.socket, answer: Callable[[Message], Message]) -> None:
-        with client:
-            try:
-                while not self.has_quit.is_set():
-                    (length,) = struct.unpack("!I", _exactly(client, 4))
-                    request = msgpack.unpackb(_exactly(client, length), raw=False)
-                    number = request.pop("_id")
-                    reply = {"_id": number, "type": request["type"]}
-                    reply |= self._reply(request, answer)
-                    data = msgpack.packb(reply, use_bin_type=True)
-                    client.sendall(struct.pack("!I", len(data)) + data)
-                    if reply.get("type") == "Quit":
-                        self.has_quit.set()
-            except (OSError, _EndError):
-                return
-
-    def _reply(self, request: Message, answer: Callable[[Message], Message]) -> Message:
-        kind = request["type"]
+    def _talk(self, asked: IO[bytes], said: IO[bytes]) -> bool:
+        """Answers a message; says whether the connection goes on."""
+        (length,) = struct.unpack("!I", asked.read(4))
+        request = msgpack.unpackb(asked.read(length), raw=False)
+        number, kind = request.pop("_id"), request["type"]
         with self._lock:
             self.said.append((kind, request))
             self._counts[kind] += 1
             trouble = self.trouble(kind, self._counts[kind])
-        if trouble == DROP:
-            raise _EndError
         if trouble == HANG:
             self.has_quit.wait()
-            raise _EndError
-        if trouble is not None:
-            return {"bngError": trouble}
+        if trouble in (DROP, HANG) or self.has_quit.is_set():
+            return False
         with self._lock:
-            return answer(request)
+            answer = self._answer(request) if trouble is None else {"bngError": trouble}
+        data = msgpack.packb({"_id": number, "type": kind} | answer, use_bin_type=True)
+        said.write(struct.pack("!I", len(data)) + data)
+        if kind == "Quit":
+            self.has_quit.set()
+        return kind != "Quit"
 
-    def _answer_engine(self, request: Message) -> Message:
+    def _answer(self, request: Message) -> Message:
         world = self.world
         match request["type"]:
             case "Hello":
@@ -385,6 +345,7 @@ class StandIn:
                 return {"result": path}
             case "DeleteScenario":
                 del world.scenarios[request["path"]]
+                return {}
             case "LoadScenario":
                 world.loaded = world.scenarios[request["path"]]
                 return {"type": "MapLoaded"}
@@ -394,9 +355,7 @@ class StandIn:
             case "GetPlayerVehicleID":
                 return {"type": "getPlayerVehicleID", "id": 1, "vid": world.car.vid}
             case "StartVehicleConnection":
-                listener = self._listen()
-                self._serve(listener, self._answer_vehicle)
-                return {"vid": request["vid"], "result": listener.getsockname()[1]}
+                return {"vid": request["vid"], "result": self.port}
             case "FPSLimit":
                 world.set_rate(request["fps"])
                 return {"type": "SetFPSLimit"}
@@ -423,44 +382,35 @@ class StandIn:
             case "GetBBoxCorners":
                 return {"type": "BBoxCorners", "points": world.box()}
             case "SetPhysicsDeterministic" | "Quit":
-                pass
-            case kind:
-                return {"bngError": f"No such message: {kind}"}
-        return {}
-
-    def _answer_vehicle(self, request: Message) -> Message:
-        if request["type"] == "Hello":
-            return {"protocolVersion": self.protocol}
-        if self.world.loaded is None:
-            return {"bngError": "There is no vehicle"}
-        car = self.world.car
-        match request["type"]:
+                return {}
             case "SensorRequest":
                 return {"type": "SensorData", "data": self._sensors(request["sensors"])}
             case "Control":
+                car = world.car
                 for ours, theirs in _CONTROLS.items():
                     if theirs in request:
                         setattr(car, ours, float(request[theirs]))
                 return {"type": "Controlled"}
-            case "QueueLuaCommandVE" if self.world.takes_lua:
+            case "QueueLuaCommandVE":
                 event = re.fullmatch(r"input\.event\('steering', (\S+), 2\)", request["chunk"])
                 assert event is not None, request
-                car.steering = float(event[1])
+                world.car.steering = float(event[1])
                 return {"type": "ExecutedLuaChunkVE"}
             case "SetAiSpeed":
-                car.ai_speed = request["speed"]
+                world.car.ai_speed = request["speed"]
                 return {"type": "AiSpeedSet"}
             case "SetAiAggression":
                 return {"type": "AiAggressionSet"}
             case "SetDriveInLane":
-                car.ai_in_lane = request["lane"] == "on"
+                world.car.ai_in_lane = request["lane"] == "on"
                 return {"type": "AiDriveInLaneSet"}
             case "SetAiMode":
                 return {"type": "AiModeSet"}
             case "SetAiWaypoint":
                 # An unknown target is no error there either: the car just stands.
-                known = request["target"] in self.world.loaded.waypoints
-                car.ai_target = request["target"] if known and car.ai_in_lane else None
+                assert world.loaded is not None
+                known = request["target"] in world.loaded.waypoints
+                world.car.ai_target = request["target"] if known and world.car.ai_in_lane else None
                 return {"type": "AiWaypointSet"}
             case kind:
                 return {"bngError": f"No such message: {kind}"}
@@ -476,21 +426,10 @@ class StandIn:
 
 
 _CONTROLS: Final = {
-    "steering": "steering",
     "throttle": "throttle",
     "brake": "brake",
     "parking": "parkingbrake",
 }
-
-
-def _exactly(client: socket.socket, length: int) -> bytes:
-    data = b""
-    while len(data) < length:
-        more = client.recv(length - len(data))
-        if not more:
-            raise _EndError
-        data += more
-    return data
 
 
 def program(home: Path) -> Path:

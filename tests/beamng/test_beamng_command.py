@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 import pytest
 from beamng_stand_in import DROP, StandIn, program
 
-from frenetic.again.rerun import read_reruns
 from frenetic.campaign import CampaignStore
 
 if TYPE_CHECKING:
@@ -40,8 +39,7 @@ def test_campaign_and_its_resumption_at_another_place(
     frenetic: Frenetic, stand_in: StandIn
 ) -> None:
     search = ("run", "--simulations", "2", "--seed", "1", "--driver", "beamng-ai", "--out", "c")
-    options = ("aggression=0.9", "steps_per_second=20")
-    answer = frenetic(*search, *beamng(stand_in, *options), "--json")
+    answer = frenetic(*search, *beamng(stand_in, "aggression=0.9"), "--json")
     assert answer.json["simulations"] == 2, answer.err
     stand_in.close()
     more = ("resume", "c", "--simulations", "1", "--json")
@@ -57,19 +55,8 @@ def test_campaign_and_its_resumption_at_another_place(
         assert store.config["workers"] == 1, "a BeamNG.tech serves one"
     assert isinstance(command, dict)
     assert command["wall_limit"] == 600.0
-    assert command["simulator_options"] == {
-        "port": stand_in.port,
-        "aggression": 0.9,
-        "steps_per_second": 20,
-    }
+    assert command["simulator_options"] == {"port": stand_in.port, "aggression": 0.9}
     assert frenetic("check", "c").code == 0, "the stored verdicts are those of the stored drives"
-
-
-def test_place_is_for_no_campaign_of_another_simulator(frenetic: Frenetic) -> None:
-    assert frenetic("run", "--simulations", "1", "--seed", "1", "--out", "c").code == 0
-    more = ("resume", "c", "--simulations", "1", "--simulator", "port=25252")
-    text = "--simulator is for one that moves, unlike embedded: all else would be"
-    assert text in frenetic(*more).err
 
 
 def test_what_cannot_be_driven_is_one_line_and_leaves_nothing_behind(
@@ -86,21 +73,6 @@ def test_what_cannot_be_driven_is_one_line_and_leaves_nothing_behind(
     text = f"the simulator does not start: nothing answers at 127.0.0.1:{stand_in.port}"
     assert frenetic("run", *beamng(stand_in), "--out", "c").refuses(text)
     assert not Path("c").exists()
-
-
-def test_failures_of_the_embedded_simulator_fail_again(
-    frenetic: Frenetic, stand_in: StandIn
-) -> None:
-    search = ("run", "--simulations", "60", "--seed", "3", "--workers", "1", "--with", "delay=0.05")
-    assert frenetic(*search, "--out", "c").code == 0
-    answer = frenetic("rerun", "c", *beamng(stand_in), "--top", "3", "--json")
-    assert answer.code == 0, answer.err
-    assert answer.json["simulator"]["class"].endswith(":BeamngSimulator")
-    (kept,) = read_reruns(Path("c"))
-    assert kept.car.length == 4.508
-    # The stand-in moves the car by the same physics, so the drives are much the same.
-    assert answer.json["matches"]["same failure"] == answer.json["changes"]["fails again"] == 3
-    assert all(one.test.trajectory is not None for one in kept.drives)
 
 
 def test_connection_lost_for_good_leaves_what_was_driven(frenetic: Frenetic) -> None:

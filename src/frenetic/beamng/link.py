@@ -9,14 +9,13 @@ import importlib
 import logging
 import math
 import os
-import re
 import signal
 import socket
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -30,7 +29,6 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic._support.child_processes import kill_tree
 from frenetic._support.words import pip_install
-from frenetic.beamng.car import CarState
 from frenetic.drivers.camera import Camera, Image
 from frenetic.errors import FreneticError, describe_error
 from frenetic.road import Pose, Road
@@ -41,14 +39,16 @@ LOOPBACK: Final = "127.0.0.1"
 HOME_VARIABLE: Final = "BNG_HOME"
 """Environment variable that says where BeamNG.tech is installed."""
 EXTRA: Final = pip_install("beamng")
-OLDEST: Final = (1, 36)
-"""Oldest usable version of BeamNGpy; it belongs to BeamNG.tech 0.39."""
 START_LIMIT: Final = 180.0
 """Time that BeamNG.tech may take to start, in s."""
 LOAD_LIMIT: Final = 300.0
 """Time that BeamNG.tech may take for each answer while it loads a level, in s."""
 MARKING_WIDTH: Final = 0.15
 """Width of the lines along the road's edges, in m."""
+REPLY_LIMIT: Final = 60.0
+"""Time that BeamNG.tech may take for any other answer, in s."""
+STEPS_PER_SECOND: Final = 60
+"""Frames into which a simulated second is cut."""
 DROP: Final = 0.2
 """Distance above the ground at which the car is put, in m; it settles before the drive begins."""
 
@@ -66,7 +66,7 @@ _SEEN: Final = (0.05, 2000.0)  # m, the nearest and the farthest that a camera s
 _POLL: Final = 0.5  # s between two looks whether BeamNG.tech has started
 _CONNECT_LIMIT: Final = 10.0  # s until a port that does not even refuse counts as unreachable
 _QUIT_LIMIT: Final = 10.0  # s to end when asked, and as much again when told
-# In the order of `frenetic.beamng.car.measured_box`.
+# Front, then rear; each bottom left, bottom right, top left, top right.
 _CORNERS: Final = tuple(
     f"{end}_{height}_{side}"
     for end in ("front", "rear")
@@ -84,105 +84,116 @@ class BeamngError(FreneticError):
 
 
 @dataclass(frozen=True)
-class Place:
-    """Place of BeamNG.tech: to be started, or running."""
+class CarState:
+    """State of the car in BeamNG.tech at one moment."""
 
-    home: str | None
-    """Folder of its installation; None to connect to one that runs."""
-    user: str | None
-    """Folder for what it writes; None for its own choice."""
-    host: str
-    port: int | None
-    """Port; None for a free one, if BeamNG.tech is started."""
-    headless: bool
-    no_gpu: bool
+    time: float
+    """Time on the simulator's own clock in s, which started at some time."""
+    position: FloatArray
+    """The car's reference node, (3,) in m."""
+    forward: FloatArray
+    """Unit vector ahead, (3,)."""
+    up: FloatArray
+    """Unit vector upwards, (3,)."""
+    velocity: FloatArray
+    """Velocity, (3,) in m/s."""
+    steering_input: float
+    """Steering input -1..1, as BeamNG.tech counts it."""
+    throttle_input: float
+    """0..1."""
+    brake_input: float
+    """0..1."""
 
-    @classmethod
-    def of(
-        cls,
-        home: str | None,
-        user: str | None,
-        host: str | None,
-        port: int | None,
-        headless: bool,
-        no_gpu: bool,
-    ) -> Place:
-        """The place that options name: a home starts one, a host or port connects.
+    @property
+    def heading(self) -> float:
+        """Heading in rad, counter-clockwise from +x."""
+        return math.atan2(self.forward[1], self.forward[0])
 
-        Raises:
-            BeamngError: no option names a place, or the options contradict each other.
-        """
-        is_running = host is not None or port is not None
-        if home is None and not is_running:
-            home = os.environ.get(HOME_VARIABLE) or None
-            if home is None:
-                raise BeamngError(
-                    "nothing says where BeamNG.tech is: give its folder as home, set"
-                    f" {HOME_VARIABLE}, or give the port (and the host) of one that runs"
-                )
-        elif home is not None and is_running:
-            raise BeamngError(
-                "home excludes host and port: give a home to start BeamNG.tech on this machine, or"
-                " a host or port to connect to one that runs"
-            )
+    @property
+    def speed(self) -> float:
+        """Speed over the ground, in m/s."""
+        return math.hypot(self.velocity[0], self.velocity[1])
+
+    def place(self, ahead: float, left: float) -> tuple[float, float]:
+        """The point so many m ahead and left of the car's position, in m."""
+        aside = np.cross(self.up, self.forward)
+        x, y, _ = self.position + ahead * self.forward + left * aside
+        return float(x), float(y)
+
+
+def place_of(
+    home: str | None,
+    user: str | None,
+    host: str | None,
+    port: int | None,
+    headless: bool,
+    no_gpu: bool,
+) -> dict[str, Any]:
+    """BeamNGpy's arguments for a place: a home starts BeamNG.tech, a host or port connects to one.
+
+    Raises:
+        BeamngError: no option names a place, or the options contradict each other.
+    """
+    is_running = host is not None or port is not None
+    if home is None and not is_running:
+        home = os.environ.get(HOME_VARIABLE) or None
         if home is None:
-            if user or headless or no_gpu:
-                raise BeamngError(
-                    "user, headless and no_gpu are for a BeamNG.tech that is started: give home,"
-                    " too"
-                )
-            return cls(None, None, host or LOOPBACK, port or DEFAULT_PORT, False, False)
-        user = None if user is None else _absolute(user)
-        if " " in (user or ""):
             raise BeamngError(
-                f"user {user!r}: BeamNG.tech takes no folder with a space in its path; give another"
+                "nothing says where BeamNG.tech is: give its folder as home, set"
+                f" {HOME_VARIABLE}, or give the port (and the host) of one that runs"
             )
-        return cls(_absolute(home), user, LOOPBACK, None, headless, no_gpu)
-
-
-def _absolute(folder: str) -> str:
-    return str(Path(folder).expanduser().resolve())
+    elif home is not None and is_running:
+        raise BeamngError(
+            "home excludes host and port: give a home to start BeamNG.tech on this machine, or a"
+            " host or port to connect to one that runs"
+        )
+    if home is None:
+        if user or headless or no_gpu:
+            raise BeamngError(
+                "user, headless and no_gpu are for a BeamNG.tech that is started: give home, too"
+            )
+        return {"host": host or LOOPBACK, "port": port or DEFAULT_PORT, "home": None}
+    folders = {
+        name: folder and str(Path(folder).expanduser().resolve())
+        for name, folder in (("home", home), ("user", user))
+    }
+    if " " in (folders["user"] or ""):
+        raise BeamngError(
+            f"user {user!r}: BeamNG.tech takes no folder with a space in its path; give another"
+        )
+    return {"host": LOOPBACK, "port": None, **folders, "headless": headless, "nogpu": no_gpu}
 
 
 def beamngpy() -> Any:
     """The package BeamNGpy.
 
     Raises:
-        BeamngError: it is not installed, or too old.
+        BeamngError: it is not installed.
     """
     # BeamNGpy logs a lot, and its warnings go unread; those that matter become errors.
     theirs = logging.getLogger("beamngpy")
     theirs.addHandler(_silence)
     theirs.propagate = logger.isEnabledFor(logging.DEBUG)
     try:
-        package = importlib.import_module("beamngpy")
+        return importlib.import_module("beamngpy")
     except ModuleNotFoundError as error:
         if error.name != "beamngpy":
             raise
         raise BeamngError(f"BeamNG.tech needs the package beamngpy: {EXTRA}") from None
-    number = re.match(r"(\d+)\.(\d+)", version("beamngpy"))
-    if number is not None and (int(number[1]), int(number[2])) < OLDEST:
-        raise BeamngError(
-            f"beamngpy {version('beamngpy')} is too old: 1.36 or newer is needed, and the"
-            f" BeamNG.tech to which it belongs, 0.39 or newer: {EXTRA}"
-        )
-    return package
 
 
 class Link:
     """A connection to BeamNG.tech, and the process if it was started for it.
 
     Args:
-        place: where BeamNG.tech is.
-        reply_limit: s that it may take for an answer.
+        place: where BeamNG.tech is, see `place_of`.
 
     Raises:
         BeamngError: it does not start or answer, or is of another version than BeamNGpy.
     """
 
-    def __init__(self, place: Place, *, reply_limit: float) -> None:
+    def __init__(self, place: Mapping[str, Any]) -> None:
         self._package = beamngpy()
-        self._reply_limit = reply_limit
         self._process: subprocess.Popen[bytes] | None = None
         self._scenario: Any = None
         self._ego: Any = None
@@ -192,20 +203,13 @@ class Link:
         self.is_licensed = False
         """Whether it found its licence, so that it is BeamNG.tech."""
         with _asking("preparing it"):
-            self._bng: Any = self._package.BeamNGpy(
-                place.host,
-                place.port or _free_port(),
-                home=place.home,
-                user=place.user,
-                headless=place.headless,
-                nogpu=place.no_gpu,
-                quit_on_close=False,
-            )
-        where = f"{place.host}:{self._bng.port}"
+            port = place["port"] or _free_port()
+            self._bng: Any = self._package.BeamNGpy(**{**place, "port": port}, quit_on_close=False)
+        where = f"{self._bng.host}:{self._bng.port}"
         try:
-            if place.home is not None:
+            if place["home"] is not None:
                 self._start()
-            elif not self._open(reply_limit):
+            elif not self._open(REPLY_LIMIT):
                 raise BeamngError(
                     f"nothing answers at {where}: is BeamNG.tech running there, started with -tcom"
                     " -tport PORT?"
@@ -225,7 +229,7 @@ class Link:
         self._process = process
         deadline = time.monotonic() + START_LIMIT
         # During the start its first answer may also take long.
-        while not self._open(max(START_LIMIT, self._reply_limit)):
+        while not self._open(max(START_LIMIT, REPLY_LIMIT)):
             code = process.poll()
             if code is not None or time.monotonic() > deadline:
                 ended = f"did not listen within {START_LIMIT:g} s"
@@ -243,7 +247,7 @@ class Link:
             bng.connection = _connection(bng.host, bng.port, limit)
             if not bng.connection.connect_to_beamng(tries=1, log_tries=False):
                 return False
-            self._limit(self._reply_limit)
+            self._limit(REPLY_LIMIT)
             self.is_licensed = bool(bng.system.get_info()["tech"])
             self.user_folder = str(bng.system.get_environment_paths()["user"])
         return True
@@ -294,9 +298,7 @@ class Link:
 
     # A scenario
 
-    def load(
-        self, level: str, ground: float, road: Road, start: Pose, vehicle: str, steps: int
-    ) -> None:
+    def load(self, level: str, ground: float, road: Road, start: Pose, vehicle: str) -> None:
         """Builds a road of two lanes and puts the car on it, while time stands still.
 
         Args:
@@ -305,7 +307,6 @@ class Link:
             road: has the same place on the map and in BeamNG.tech.
             start: place of the car's position, which need not be its middle, and its heading.
             vehicle: the car's model.
-            steps: a second.
         """
         self.unload()
 
@@ -343,7 +344,7 @@ class Link:
             )
             scenario.make(self._bng)
             self._scenario = scenario
-            self._bng.settings.set_deterministic(steps)
+            self._bng.settings.set_deterministic(STEPS_PER_SECOND)
             self._bng.scenario.load(
                 scenario, connect_player_vehicle=False, connect_existing_vehicles=False
             )
@@ -352,7 +353,7 @@ class Link:
             self._bng.control.pause()
             self._bng.scenario.start()
             self._bng.control.pause()
-        self._limit(self._reply_limit)
+        self._limit(REPLY_LIMIT)
 
     def _connect(self, ego: Any) -> None:
         """Connects to the car; BeamNGpy alone would wait for its first answer for ever."""
@@ -371,10 +372,10 @@ class Link:
                 self._bng.scenario.stop()
                 scenario.delete(self._bng)
 
-    def step(self, steps: int) -> None:
-        """Advances time by some steps."""
+    def step(self, seconds: float) -> None:
+        """Advances time."""
         with _asking("driving"):
-            self._bng.control.step(steps)
+            self._bng.control.step(round(seconds * STEPS_PER_SECOND))
 
     # The car
 
@@ -395,39 +396,22 @@ class Link:
             )
 
     def box(self) -> FloatArray:
-        """Corners of the car's box, (8, 3) in m, in the order of `measured_box`."""
+        """Corners of the car's box, (8, 3) in m: front, then rear; left and right in turn."""
         with _asking("asking for the car's box"):
             corners = self._ego.get_bbox()
             return np.array([corners[name] for name in _CORNERS], dtype=float)
 
-    def control(
-        self,
-        steering: float,
-        throttle: float,
-        brake: float,
-        parking: float = 0.0,
-        *,
-        directly: bool = False,
-    ) -> None:
+    def control(self, steering: float, throttle: float, brake: float, parking: float = 0.0) -> None:
         """Steers, -1..1, and moves the pedals and the parking brake, 0..1.
 
-        Args:
-            steering: to one side.
-            throttle: pedal.
-            brake: pedal.
-            parking: brake.
-            directly: whether steering passes by the filter of BeamNG.tech's Control message, which
-                smooths as for a gamepad, the more the faster the car is.
+        Steering passes by the filter of BeamNG.tech's Control message, which smooths as for a
+        gamepad, the more the faster the car is.
         """
         with _asking("steering the car"):
-            if directly:
-                event = f"input.event('steering', {float(steering)!r}, {_DIRECT})"
-                self._ego.queue_lua_command(event)
+            event = f"input.event('steering', {float(steering)!r}, {_DIRECT})"
+            self._ego.queue_lua_command(event)
             self._ego.control(
-                steering=None if directly else float(steering),
-                throttle=float(throttle),
-                brake=float(brake),
-                parkingbrake=float(parking),
+                throttle=float(throttle), brake=float(brake), parkingbrake=float(parking)
             )
 
     # Its camera
@@ -498,13 +482,10 @@ def _asking(what: str) -> Iterator[None]:
     except (BNGError, BNGValueError) as error:
         text = " ".join(str(error).split())
         if "protocol versions" in text:
-            ours, theirs, *_ = [*re.findall(r"\bv\d+\.\d+\b", text), "?", "?"]
-            raise BeamngError(
-                f"beamngpy {version('beamngpy')} and this BeamNG.tech do not belong together: their"
-                f" protocols are {ours} and {theirs}: install the version of beamngpy that belongs"
-                " to this BeamNG.tech: 1.36 to 0.39, a newer one to a newer one; an older"
-                " BeamNG.tech has to be updated"
-            ) from error
+            text += (
+                "; install the version of beamngpy that belongs to this BeamNG.tech: 1.36 to 0.39,"
+                " a newer one to a newer one"
+            )
         raise BeamngError(f"BeamNG.tech reported an error, {what}: {text}") from error
     except (AssertionError, AttributeError, ImportError, LookupError, TypeError, ValueError) as odd:
         raise BeamngError(

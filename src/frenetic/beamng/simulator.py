@@ -5,15 +5,15 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import Annotated, Any, ClassVar, Final, Self
 
+import numpy as np
 from msgspec import Meta
 
 from frenetic._support.bounds import Count, Finite, Positive, Text, check
-from frenetic.beamng.car import CarState, MeasuredCar, measured_box
-from frenetic.beamng.link import BeamngError, Link, Place
+from frenetic.beamng.link import STEPS_PER_SECOND, BeamngError, CarState, Link, place_of
 from frenetic.drive import Breakdown, CarBody, Drive, Rules, Trajectory
 from frenetic.drivers import BeamngAi, Driver, DriveSetup
 from frenetic.drivers.camera import Image
@@ -25,26 +25,45 @@ from frenetic.simulators.checks import Check, drive_checks
 from frenetic.simulators.following import RECORD_PERIOD, follow
 from frenetic.simulators.observing import wrap
 
-RECORD_RATE: Final = round(1.0 / RECORD_PERIOD)
-"""Rate of records, in Hz."""
 WALL_LIMIT: Final = 600.0
 """Default limit of a drive's wall time, in s."""
 LEVELS: Final = {"tech_ground": 0.0, "smallgrid": 0.0, "gridmap_v2": 100.0}
 """Levels with room for a flat map -> m, height of their ground."""
-WIDEST_AI_LANE: Final = 6.3
-"""Least width of a lane that BeamNG.AI takes for two, in m."""
+WHEELBASE_PER_LENGTH: Final = 0.6
+"""Assumed share: BeamNG.tech does not report the axles."""
 
 _SETTLING: Final = 3.0  # s: a count-down passes, then the car comes to rest on its springs
 _SETTLINGS: Final = 3
 _AT_REST: Final = 0.1  # m/s
 _CREEP: Final = 0.3  # m/s, below which braking is left to the parking brake
 _ASTRAY: Final = 0.3  # m, the farthest from its place that a car may stand at the start
-_TURNED: Final = 0.05  # rad, likewise
 _CLOCK_SHARE, _CLOCK_SLACK = 0.02, 0.01  # how far the clock may be off: of the time, and s
 _ACCELERATION, _DECELERATION = 4.0, 9.0  # m/s^2, what drivers are told of a car that is unknown
-_TRIED: Final = 0.5  # steering input of a car at rest, to find out how it steers
 
 logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class MeasuredCar:
+    """A car as it was measured in BeamNG.tech, to the millimetre."""
+
+    length: float
+    """Length of its bounding box, in m."""
+    width: float
+    """Width of its bounding box, in m."""
+    ahead: float
+    """Distance by which the box's middle lies ahead of the car's position, in m."""
+    left: float
+    """Distance by which it lies to the left, in m."""
+    steering: float = 1.0
+    """Front wheels' angle at steering input 1, in rad; negative if that turns to the right."""
+    shown: float = 0.0
+    """Front wheels' angle that a reported steering input of 1 stands for; 0 if none is reported."""
+
+    @property
+    def wheelbase(self) -> float:
+        """Assumed distance between the axles, in m."""
+        return WHEELBASE_PER_LENGTH * self.length
 
 
 class BeamngSimulator:
@@ -64,11 +83,9 @@ class BeamngSimulator:
         no_gpu: started without a graphics card, too.
         vehicle: name of the car's model.
         aggression: of BeamNG.AI, above 0 and up to 2: the share of grip that it uses in curves.
-        steps_per_second: frames into which a simulated second is cut, a multiple of 20.
         level: a flat one, in which the road is built.
         ground: m, height of the ground of an unknown level.
         wall_limit: s of wall time that a drive may take.
-        reply_limit: s that BeamNG.tech may take for an answer.
         restart_every: drives after which BeamNG.tech is started anew; by default it goes on as long
             as it works.
 
@@ -102,11 +119,9 @@ class BeamngSimulator:
         no_gpu: bool = False,
         vehicle: Text = "etk800",
         aggression: Annotated[float, Meta(gt=0.0, le=2.0)] = 0.7,
-        steps_per_second: Annotated[int, Meta(ge=1, multiple_of=RECORD_RATE)] = 60,
         level: Text = "tech_ground",
         ground: Finite | None = None,
         wall_limit: Positive = WALL_LIMIT,
-        reply_limit: Positive = 60.0,
         restart_every: Count | None = None,
     ) -> None:
         check(locals(), BeamngSimulator.__init__)
@@ -115,17 +130,15 @@ class BeamngSimulator:
                 f"level is {level!r}, whose ground is not known: give its height with ground, or"
                 f" choose one of {', '.join(LEVELS)}"
             )
-        self.place = Place.of(home, user, host, port, headless, no_gpu)
-        if restart_every is not None and self.place.home is None:
+        self.place = place_of(home, user, host, port, headless, no_gpu)
+        if restart_every is not None and self.place["home"] is None:
             raise BeamngError("restart_every is for a BeamNG.tech that is started: give home, too")
         self.rules = rules or Rules()
         self.vehicle = vehicle
         self.aggression = aggression
-        self.steps_per_second = steps_per_second
         self.level = level
         self.ground = LEVELS[level] if ground is None else ground
         self.wall_limit = wall_limit
-        self.reply_limit = reply_limit
         self.restart_every = restart_every
         self.car = CarBody()
         self._measured: MeasuredCar | None = None
@@ -139,7 +152,6 @@ class BeamngSimulator:
         return {
             "vehicle": self.vehicle,
             "aggression": self.aggression,
-            "steps_per_second": self.steps_per_second,
             "level": self.level,
             "wall_limit": self.wall_limit,
         }
@@ -147,7 +159,7 @@ class BeamngSimulator:
     @property
     def workers_at_most(self) -> int | None:
         """Most workers at once: a running BeamNG.tech serves one."""
-        return 1 if self.place.home is None else None
+        return 1 if self.place["home"] is None else None
 
     @property
     def link(self) -> Link:
@@ -155,6 +167,13 @@ class BeamngSimulator:
         if self._link is None:
             raise BeamngError("BeamNG.tech is not started: use the simulator in a with statement")
         return self._link
+
+    @property
+    def measured(self) -> MeasuredCar:
+        """The measured car."""
+        if self._measured is None:
+            raise BeamngError("the car is not measured yet: use the simulator in a with statement")
+        return self._measured
 
     def __getstate__(self) -> dict[str, Any]:
         # The connection stays here; the measurements are copied.
@@ -187,7 +206,7 @@ class BeamngSimulator:
         self._leave()
 
     def _connect(self) -> None:
-        self._link = Link(self.place, reply_limit=self.reply_limit)
+        self._link = Link(self.place)
         self._drives, self._is_worn = 0, False
 
     def _leave(self) -> None:
@@ -216,13 +235,6 @@ class BeamngSimulator:
             max_deceleration=_DECELERATION,
         )
 
-    @property
-    def measured(self) -> MeasuredCar:
-        """The measured car."""
-        if self._measured is None:
-            raise BeamngError("the car is not measured yet: use the simulator in a with statement")
-        return self._measured
-
     def drive(self, road: Road, driver: Driver) -> Drive:
         """One drive of the driver along the road.
 
@@ -236,11 +248,6 @@ class BeamngSimulator:
         check_road(self, driver, road)
         try:
             by_ai = self._drives_itself(driver)
-            if by_ai and road.lane_width >= WIDEST_AI_LANE:
-                raise DriverError(
-                    f"lanes of {road.lane_width:g} m are two lanes each to BeamNG.AI: less than"
-                    f" {WIDEST_AI_LANE:g} m are needed"
-                )
         except DriverError as error:
             empty = Trajectory.empty()
             breakdown = Breakdown.of(error, part="simulator")
@@ -248,7 +255,7 @@ class BeamngSimulator:
         if self._is_worn:
             self._leave()
             self._connect()
-        self._place_car(road)
+        self._load(road, self.measured.ahead, self.measured.left)
         if by_ai:
             self.link.let_ai_drive(self.rules.speed_limit / 3.6, self.aggression)
         else:
@@ -293,7 +300,7 @@ class BeamngSimulator:
             DriverError: there is such an option.
         """
         self._drives_itself(driver)
-        if camera_of(driver) is not None and self.place.no_gpu:
+        if camera_of(driver) is not None and self.place.get("nogpu"):
             raise DriverError(
                 "without a graphics card BeamNG.tech draws nothing, and the driver has a camera:"
                 " leave out no_gpu"
@@ -336,87 +343,53 @@ class BeamngSimulator:
         x, y, heading = ego_start(road)
         c, s = math.cos(heading), math.sin(heading)
         start = Pose(x - ahead * c + left * s, y - ahead * s - left * c, heading)
-        self.link.load(self.level, self.ground, road, start, self.vehicle, self.steps_per_second)
+        self.link.load(self.level, self.ground, road, start, self.vehicle)
         for _ in range(_SETTLINGS):
             self.link.control(0.0, 0.0, 0.0, parking=1.0)
-            self.link.step(round(_SETTLING * self.steps_per_second))
+            self.link.step(_SETTLING)
             state = self.link.state()
             if state.speed < _AT_REST:
                 break
-        else:
+        away = math.dist(state.place(ahead, left), (x, y))
+        if state.speed >= _AT_REST or away > _ASTRAY:
             raise BeamngError(
-                f"{self.vehicle} does not come to rest in level {self.level}: it rolls at"
-                f" {state.speed:.1f} m/s; is the ground flat and {self.ground:g} m high?"
-            )
-        if abs(wrap(state.heading - heading)) > _TURNED:
-            raise BeamngError(
-                f"{self.vehicle} points to {state.heading:.2f} rad in level {self.level}, not to"
-                f" {heading:.2f} rad as it was put there"
+                f"{self.vehicle} stands {away:.2f} m from its place in level {self.level} and rolls"
+                f" at {state.speed:.1f} m/s: is the ground flat and {self.ground:g} m high?"
             )
         return state
-
-    def _place_car(self, road: Road) -> None:
-        car = self.measured
-        state = self._load(road, car.ahead, car.left)
-        x, y = car.middle(state)
-        start = ego_start(road)
-        away = math.hypot(x - start.x, y - start.y)
-        if away > _ASTRAY:
-            raise BeamngError(
-                f"{self.vehicle} stands {away:.2f} m from its place in level {self.level}: is"
-                f" the ground flat and {self.ground:g} m high?"
-            )
 
     def _measure(self) -> None:
         """Measures the car's box and its steering."""
         self.link.require(self.level, self.vehicle)
         state = self._load(OPEN_FIELD, 0.0, 0.0)
-        length, width, ahead, left = measured_box(self.link.box(), state)
-        if not (1.0 < length < 30.0 and 0.5 < width < 5.0):
-            raise BeamngError(
-                f"the box of {self.vehicle} is {length:g} by {width:g} m: is it a car?"
-            )
-        car = MeasuredCar(length, width, ahead, left, 1.0, *self._found_steering())
-        self._measured = replace(car, steering=self._measured_steering(car))
-        self.car = self._measured.body
+        corners = self.link.box()
+        pairs = ((corners[:4], corners[4:]), (corners[::2], corners[1::2]))
+        size = [np.linalg.norm(one.mean(axis=0) - other.mean(axis=0)) for one, other in pairs]
+        away = corners.mean(axis=0) - state.position
+        aside = np.cross(state.up, state.forward)
+        car = MeasuredCar(
+            *(round(float(v), 3) + 0.0 for v in (*size, away @ state.forward, away @ aside))
+        )
+        self._measured = self._with_steering(car)
+        self.car = CarBody(car.length, car.width, 0.0)
         self.link.unload()
 
-    def _found_steering(self) -> tuple[bool, float]:
-        """Whether the car at rest can be steered directly, and the sign that it reports."""
-        for directly in (True, False):
-            try:
-                self.link.control(_TRIED, 0.0, 0.0, 1.0, directly=directly)
-            except BeamngError as error:
-                if not directly:
-                    raise
-                logger.info("the steering passes a filter: %s", error)
-                continue
-            for _ in range(RECORD_RATE):
-                self.step()
-            shown = self.link.state().steering_input
-            self.link.control(0.0, 0.0, 0.0, 1.0, directly=directly)
-            if abs(shown) > 0.2 * _TRIED:
-                return directly, math.copysign(1.0, shown * _TRIED)
-        return False, 0.0
-
-    def _measured_steering(self, car: MeasuredCar) -> float:
-        """Front wheels' angle at input 1 in rad, from the circle that the car drives slowly."""
+    def _with_steering(self, car: MeasuredCar) -> MeasuredCar:
+        """The car with its steering, from the circle that it drives slowly."""
         share, slow = 0.25, 3.0
-        for _ in range(10 * RECORD_RATE):
-            self.link.control(share, 0.3, 0.0, directly=car.steers_directly)
-            self.step()
+        for _ in range(round(10.0 / RECORD_PERIOD)):
+            self.link.control(share, 0.3, 0.0)
+            self.link.step(RECORD_PERIOD)
             if self.link.state().speed >= slow:
                 break
-        else:
-            raise BeamngError(f"{self.vehicle} does not drive off in level {self.level}")
         turned = driven = 0.0
         before = self.link.state()
-        for _ in range(RECORD_RATE):
-            self.link.control(share, 0.05, 0.0, directly=car.steers_directly)
-            self.step()
+        for _ in range(round(1.0 / RECORD_PERIOD)):
+            self.link.control(share, 0.05, 0.0)
+            self.link.step(RECORD_PERIOD)
             now = self.link.state()
             turned += wrap(now.heading - before.heading)
-            driven += math.dist(car.middle(now), car.middle(before))
+            driven += math.dist(now.place(car.ahead, car.left), before.place(car.ahead, car.left))
             before = now
         steering = math.atan(car.wheelbase * turned / max(driven, 0.1)) / share
         if not 0.1 < abs(steering) < 1.5:
@@ -424,11 +397,10 @@ class BeamngSimulator:
                 f"{self.vehicle} turned by {turned:.2f} rad within {driven:.1f} m at a steering"
                 f" input of {share:g}: it does not steer as a car does"
             )
-        return round(steering, 3)
-
-    def step(self, seconds: float = RECORD_PERIOD) -> None:
-        """Advances time by one period, or another multiple of it."""
-        self.link.step(round(seconds * self.steps_per_second))
+        steering = round(steering, 3)
+        is_shown = abs(now.steering_input) > 0.2 * share
+        shown = math.copysign(steering, steering * now.steering_input) if is_shown else 0.0
+        return replace(car, steering=steering, shown=shown)
 
 
 class _Car:
@@ -441,7 +413,6 @@ class _Car:
     """
 
     def __init__(self, simulator: BeamngSimulator, *, by_ai: bool, has_camera: bool) -> None:
-        self._simulator = simulator
         self._link = simulator.link
         self._car = simulator.measured
         self._by_ai = by_ai
@@ -461,13 +432,13 @@ class _Car:
         periods, began = self._times
         self._check_clock(state.time - began, periods * RECORD_PERIOD)
         self._times = periods + 1, began
-        x, y = car.middle(state)
+        x, y = state.place(car.ahead, car.left)
         c, s = math.cos(heading), math.sin(heading)
         # The velocity is that of the car's position; its middle swings round it.
         vx = state.velocity[0] - yaw_rate * (car.ahead * s + car.left * c)
         vy = state.velocity[1] + yaw_rate * (car.ahead * c - car.left * s)
         self._heading, self._speed = heading, c * vx + s * vy
-        steering = car.angle_shown(state.steering_input)
+        steering = car.shown * state.steering_input
         motion = [x, y, heading, self._speed, c * vy - s * vx, yaw_rate, steering]
         shown = [steering, state.throttle_input, state.brake_input]
         return [*motion, *shown] if self._by_ai else motion
@@ -476,7 +447,7 @@ class _Car:
         if abs(passed - due) > _CLOCK_SHARE * due + _CLOCK_SLACK:
             raise BeamngError(
                 f"the clock of BeamNG.tech shows {passed:.3f} s after {due:.2f} s of steps: it does"
-                f" not keep {self._simulator.steps_per_second} steps per second; try others"
+                f" not keep {STEPS_PER_SECOND} steps per second"
             )
 
     def picture(self) -> Image | None:
@@ -489,13 +460,12 @@ class _Car:
             # The gearbox takes the brake of a car at rest for the wish to drive backwards.
             holds = brake > 0.0 and throttle == 0.0 and self._speed < _CREEP
             self._link.control(
-                self._car.input_of(steering),
+                min(max(steering / self._car.steering, -1.0), 1.0),
                 throttle,
                 0.0 if holds else brake,
                 1.0 if holds else 0.0,
-                directly=self._car.steers_directly,
             )
-        self._simulator.step(seconds)
+        self._link.step(seconds)
 
 
 OPEN_FIELD: Final = Road([0.0] * 13, pose=Pose(40.0, 100.0, 0.0))
