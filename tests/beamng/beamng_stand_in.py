@@ -30,7 +30,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any, Final, Self
+from typing import Any, Final, Self
 
 import msgpack
 import numpy as np
@@ -305,7 +305,7 @@ class StandIn:
     def types(self) -> list[str]:
         return [kind for kind, _ in self.said]
 
-    def _talk(self, asked: IO[bytes], said: IO[bytes]) -> bool:
+    def _talk(self, asked: Any, said: Any) -> bool:
         """Answers a message; says whether the connection goes on."""
         (length,) = struct.unpack("!I", asked.read(4))
         request = msgpack.unpackb(asked.read(length), raw=False)
@@ -324,7 +324,7 @@ class StandIn:
         said.write(struct.pack("!I", len(data)) + data)
         if kind == "Quit":
             self.has_quit.set()
-        return kind != "Quit"
+        return not self.has_quit.is_set()
 
     def _answer(self, request: Message) -> Message:
         world = self.world

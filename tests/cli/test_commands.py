@@ -97,11 +97,7 @@ MISTAKES: Final = [
     ("run --driver json:JSONDecoder", "is no driver", "no method reset"),
     ("run --driver agression=1", "did you mean 'aggression'?"),
     ("run --driver planner,aggression", "'aggression' is not OPTION=VALUE"),
-    ("run --driver metadrive-idm", "metadrive-idm drives in MetaDrive only"),
-    (
-        "run --simulator metadrive --driver metadrive-idm --with noise=0.1",
-        "do not reach it: leave them out",
-    ),
+    ("run --simulator metadrive --driver marking-follower", "MetaDriveSimulator draws nothing"),
     ("run --with noise=1e308", "noise is 1e+308: 0 to 10 m is needed"),
     ("run --with load=100 --simulator metadrive", "'metadrive' has no option 'load'"),
     ("run --odd windy.toml --simulator metadrive", "MetaDriveSimulator cannot vary gust"),
@@ -157,11 +153,6 @@ MISTAKES: Final = [
     ),
     ("rerun c --simulator metadrive --vary start --vary load", "cannot vary load", "list simul"),
     ("rerun windy --simulator commonroad", "CommonRoadSimulator cannot vary friction"),
-    (
-        "rerun c --simulator metadrive --driver metadrive-idm --with delay=0 --vary noise"
-        " --workers 2",
-        "noise, delay and view do not reach it: leave them out",
-    ),
     ("rerun python", "started from Python", "--driver and --simulator"),
     ("minimise .", "holds no campaign"),
     ("minimise d", "holds no failing road"),

@@ -179,7 +179,6 @@ def test_run_show_and_report_say_what_foresight_came_to(frenetic: Command) -> No
         (("--map-size", "150"), {}, "map size 200, not 150"),
         (("--criteria", "oob_tolerance=0.5"), {}, "oob tolerance 0.95, not 0.5"),
         ((), {"driver": "nobody"}, "nobody"),
-        ((), {"driver": "metadrive-idm", "driver_options": {}}, "metadrive"),
         ((), {"driver": "highway-env", "driver_options": {}}, "no driver for a twin"),
         ((), {"driver_options": {"courage": 3}}, "courage"),
         ((), {"oob_tolerance": 2}, "oob_tolerance"),

@@ -1,8 +1,7 @@
-"""MetaDrive's own drivers as systems under test.
+"""Networks trained in MetaDrive as systems under test.
 
-In MetaDrive they look at its world instead of an `Observation`: `MetaDriveSimulator` recognises
-them and lets MetaDrive's policies act, see `policies` beside this module. Networks drive
-elsewhere, too: an `Observation` has all that they see on an empty road, see `expert`.
+In MetaDrive they look at its world instead of an `Observation`, see `MetaDriveSimulator`. They
+drive elsewhere, too: an `Observation` has all that they see on an empty road, see `expert`.
 """
 
 from __future__ import annotations
@@ -10,100 +9,33 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Any, ClassVar, NoReturn
+from typing import Any, ClassVar
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.bounds import Positive, check
 from frenetic._support.onnx_model import Model, read_model, shown_shape
-from frenetic.drivers import Controls, Driver, DriveSetup, Observation
-from frenetic.drivers.driver import under_layers
+from frenetic.drivers import Controls, DriveSetup, Observation
 from frenetic.errors import DriverError
 from frenetic.metadrive.car import VEHICLE, Decision
 from frenetic.metadrive.expert import (
     ACTION_SIZES,
     SIZE,
     expert_action,
-    mean_action,
-    read_weights,
     state_of,
     weights,
 )
-from frenetic.simulators.simulator import Simulator
 
 
-class PolicySimulator:
-    """Base of a simulator that lets MetaDrive's policies act."""
-
-
-class MetaDriveDriver:
-    """A policy that comes with MetaDrive; the subclasses are its options."""
-
-    name: ClassVar[str]
-    """Name in the registry."""
-    BEHAVIOUR: ClassVar[int] = 1
-    """Raised when its controls change; campaigns record it."""
-    BEHAVIOUR_PACKAGES: ClassVar[tuple[str, ...]] = ("metadrive-simulator",)
-    """Distributions whose versions belong to it."""
-
-    def check_simulator(self, simulator: Simulator) -> None:
-        """Refuses simulators that do not know MetaDrive's drivers.
-
-        Raises:
-            DriverError: the simulator does not know them.
-        """
-        if not isinstance(simulator, PolicySimulator):
-            self._refuse()
-
-    def reset(self, setup: DriveSetup) -> None:  # noqa: ARG002 - asked by a foreign simulator
-        """Refuses: see `act`.
-
-        Raises:
-            DriverError: always.
-        """
-        self._refuse()
-
-    def act(self, observation: Observation) -> Controls:  # noqa: ARG002
-        """Refuses, because a simulator that asks for controls is not MetaDrive.
-
-        Raises:
-            DriverError: always.
-        """
-        self._refuse()
-
-    def _refuse(self) -> NoReturn:
-        raise DriverError(f"{self.name} drives in MetaDrive only: choose the simulator metadrive")
-
-
-class MetaDriveIdm(MetaDriveDriver):
-    """MetaDrive's rule-based driver: PID steering to the lane's centre, constant target speed.
-
-    It does not slow down for curves, so its target speed decides which roads it can take.
-
-    Args:
-        target_speed: km/h; 30 is what MetaDrive's traffic keeps. The speed limit caps it.
-    """
-
-    name = "metadrive-idm"
-
-    def __init__(self, *, target_speed: Positive = 30.0) -> None:
-        check(locals(), MetaDriveIdm.__init__)
-        self.target_speed = float(target_speed)
-
-    @property
-    def options(self) -> dict[str, float]:
-        """Its options."""
-        return {"target_speed": self.target_speed}
-
-
-class ObservingDriver(MetaDriveDriver, ABC):
+class ObservingDriver(ABC):
     """A driver that acts by MetaDrive's observation.
 
-    In another simulator it steers the wheels by the same angle as MetaDrive's car and accelerates
-    like it, as far as that car can.
+    Alone in MetaDrive it sees MetaDrive's own. Elsewhere, and under layers, it steers the wheels by
+    the same angle as MetaDrive's car and accelerates like it, as far as that car can.
     """
 
+    BEHAVIOUR: ClassVar[int] = 1
+    """Raised when its controls change; campaigns record it."""
     period: ClassVar[float] = 0.1
     """s: the time between two decisions in MetaDrive."""
 
@@ -114,9 +46,6 @@ class ObservingDriver(MetaDriveDriver, ABC):
         Args:
             seen: (275,), as MetaDrive's `LidarStateObservation` has it.
         """
-
-    def check_simulator(self, simulator: Simulator) -> None:
-        """Accepts any."""
 
     def reset(self, setup: DriveSetup) -> None:
         """Forgets the last drive."""
@@ -142,7 +71,8 @@ class ObservingDriver(MetaDriveDriver, ABC):
 class MetaDriveExpert(ObservingDriver):
     """The neural network that comes with MetaDrive, trained there by PPO; its mean action."""
 
-    name = "metadrive-expert"
+    BEHAVIOUR_PACKAGES: ClassVar[tuple[str, ...]] = ("metadrive-simulator",)
+    """Distributions whose versions belong to it."""
 
     def reset(self, setup: DriveSetup) -> None:
         """Forgets the last drive.
@@ -162,15 +92,13 @@ class MetaDrivePolicy(ObservingDriver):
     """A policy of one's own that was trained with MetaDrive's observation; its mean action.
 
     Args:
-        weights: path of a ``.npz`` file in the layout of the expert's, of which nothing is
-            executed, or of an ``.onnx`` file that gives 2 numbers for 275, (1, 275).
+        weights: path of an ``.onnx`` file that gives 2 numbers for 275, (1, 275).
 
     Raises:
-        FreneticError: it is an ``.onnx`` file and onnxruntime is not installed.
+        FreneticError: onnxruntime is not installed.
         ValueError: the file holds no such network, or it gives no finite numbers.
     """
 
-    name = "metadrive-policy"
     BEHAVIOUR_PACKAGES: ClassVar[tuple[str, ...]] = ("onnxruntime",)
 
     def __init__(self, *, weights: str) -> None:
@@ -192,15 +120,11 @@ class MetaDrivePolicy(ObservingDriver):
         self._load()
 
     def _load(self) -> None:
-        self._network: Model | Mapping[str, FloatArray]
-        if self._path.endswith(".onnx"):
-            self._network = model = Model(self._data)
-            shapes = [shown_shape(shape) for shape in model.inputs.values()]
-            if len(shapes) != 1 or shapes[0] not in (f"(1, {SIZE})", f"(any, {SIZE})"):
-                given = " and ".join(shapes)
-                raise ValueError(f"it takes {given}: (1, {SIZE}) alone is needed")
-        else:
-            self._network = read_weights(self._data)
+        self._model = Model(self._data)
+        shapes = [shown_shape(shape) for shape in self._model.inputs.values()]
+        if len(shapes) != 1 or shapes[0] not in (f"(1, {SIZE})", f"(any, {SIZE})"):
+            given = " and ".join(shapes)
+            raise ValueError(f"it takes {given}: (1, {SIZE}) alone is needed")
         self._answer(np.zeros(SIZE, dtype=np.float32))
 
     def mean_action(self, seen: FloatArray) -> tuple[float, float]:
@@ -220,32 +144,11 @@ class MetaDrivePolicy(ObservingDriver):
         Raises:
             ValueError: it gives none of finite numbers.
         """
-        if isinstance(self._network, Model):
-            (name,) = self._network.inputs
-            outputs = self._network.run({name: seen.astype(np.float32)[np.newaxis]})
-            given = np.concatenate([one.ravel() for one in outputs.values()])
-        else:
-            with np.errstate(over="ignore", invalid="ignore"):
-                given = np.array(mean_action(seen, self._network))
+        (name,) = self._model.inputs
+        outputs = self._model.run({name: seen.astype(np.float32)[np.newaxis]})
+        given = np.concatenate([one.ravel() for one in outputs.values()])
         if given.size not in ACTION_SIZES:
             raise ValueError(f"it gives {given.size} numbers: 2, steering and pedal, are needed")
         if not np.isfinite(given).all():
             raise ValueError(f"it gives {given[~np.isfinite(given)][0]}")
         return float(given[0]), float(given[1])
-
-
-def metadrive_driver(driver: Driver) -> MetaDriveDriver | None:
-    """The driver if it is one of MetaDrive's own, otherwise None.
-
-    Raises:
-        DriverError: it is one of MetaDrive's own under layers, which would not reach it.
-    """
-    inner = under_layers(driver)
-    if not isinstance(inner, MetaDriveDriver):
-        return None
-    if inner is not driver:
-        raise DriverError(
-            f"{inner.name} looks at MetaDrive's own world, where noise, delay and view do not"
-            " reach it: leave them out, those of a campaign with noise=0, delay=0 or view=inf"
-        )
-    return inner

@@ -9,7 +9,6 @@ import math
 from collections.abc import Mapping
 from functools import cache
 from importlib.util import find_spec
-from io import BytesIO
 from pathlib import Path
 from typing import Final
 
@@ -51,70 +50,27 @@ def weights() -> Mapping[str, FloatArray]:
         raise FreneticError(
             f"the driver metadrive-expert needs the package metadrive: {pip_install('metadrive')}"
         )
-    return read_weights((Path(found.submodule_search_locations[0]) / WEIGHTS).read_bytes())
-
-
-def read_weights(data: bytes) -> Mapping[str, FloatArray]:
-    """A network in the layout of the expert's file, whose hidden layers may have other sizes.
-
-    Args:
-        data: content of a ``.npz`` file; nothing in it is executed.
-
-    Raises:
-        ValueError: it is none, or lacks an array, or has one of another shape.
-    """
-    try:
-        with np.load(BytesIO(data), allow_pickle=False) as file:
-            network = dict(file)
-    except Exception:  # of several classes: of a zip archive, of its arrays
-        raise ValueError("it is no .npz file of numbers, as numpy.savez writes it") from None
-    size = SIZE
-    for layer, sizes in (("fc_1", None), ("fc_2", None), ("fc_out", ACTION_SIZES)):
-        kernel, bias = (f"default_policy/{layer}/{part}" for part in ("kernel", "bias"))
-        for name in (kernel, bias):
-            if name not in network:
-                raise ValueError(f"it has no array {name}")
-            if network[name].dtype.kind != "f" or not np.isfinite(network[name]).all():
-                raise ValueError(f"its {name} must be finite floats")
-        given, last = network[kernel].shape, network[kernel].shape[-1:]
-        if len(given) != 2 or given[0] != size or given[1] not in (sizes or last):
-            wanted = " or ".join(map(str, sizes)) if sizes else "any"
-            raise ValueError(f"its {kernel} has the shape {given}: ({size}, {wanted}) is needed")
-        if network[bias].shape != last:
-            raise ValueError(f"its {bias} has the shape {network[bias].shape}: {last} is needed")
-        size = given[1]
-    return network
+    with np.load(Path(found.submodule_search_locations[0]) / WEIGHTS) as file:
+        return dict(file)
 
 
 def expert_action(seen: FloatArray) -> tuple[float, float]:
-    """The expert's mean action, see `mean_action`.
+    """The expert's mean action, not cut to -1..1: steering to the left, throttle or brake.
 
     Args:
         seen: (275,), as MetaDrive's `LidarStateObservation` has it.
     """
-    seen = seen.copy()
-    seen[[10, 15]] = 1.0 - seen[[10, 15]]  # it was trained when MetaDrive's y pointed elsewhere
-    return mean_action(seen, weights())
-
-
-def mean_action(seen: FloatArray, network: Mapping[str, FloatArray]) -> tuple[float, float]:
-    """A network's mean action, not cut to -1..1: steering to the left, throttle or brake.
-
-    Args:
-        seen: (275,), what it was trained with.
-        network: see `read_weights`.
-    """
+    network = weights()
 
     def layer(name: str, inputs: FloatArray) -> FloatArray:
-        outputs: FloatArray = (
-            inputs @ network[f"default_policy/{name}/kernel"]
-            + network[f"default_policy/{name}/bias"]
-        )
+        kernel, bias = (network[f"default_policy/{name}/{part}"] for part in ("kernel", "bias"))
+        outputs: FloatArray = inputs @ kernel + bias
         return outputs
 
-    for name in ("fc_1", "fc_2"):
-        seen = np.tanh(layer(name, seen))
-    steering, throttle_brake, *_spreads = layer("fc_out", seen).tolist()
+    seen = seen.copy()
+    seen[[10, 15]] = 1.0 - seen[[10, 15]]  # it was trained when MetaDrive's y pointed elsewhere
+    hidden = np.tanh(layer("fc_2", np.tanh(layer("fc_1", seen))))
+    steering, throttle_brake, *_spreads = layer("fc_out", hidden).tolist()
     return steering, throttle_brake
 
 
