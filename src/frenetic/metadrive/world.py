@@ -356,8 +356,11 @@ def pieces_of(road: Road) -> list[Piece]:
 class RoadNavigation:
     """A car's navigation module for its road; MetaDrive makes, asks and updates it."""
 
+    current_lane: Any = None
+    current_ref_lanes: list[Any] | None = None
+    next_ref_lanes: Any = None
+
     def __init__(self, **_options: Any) -> None:
-        self.before_reset()
         self._info = np.zeros(self.get_navigation_info_dim(), dtype=np.float32)
 
     @property
@@ -416,9 +419,7 @@ class RoadNavigation:
 
     def before_reset(self) -> None:
         """Forgets the lane, which is about to be destroyed with its map."""
-        self.current_lane: Any = None
-        self.current_ref_lanes: list[Any] | None = None
-        self.next_ref_lanes = None
+        self.current_lane = self.current_ref_lanes = None
 
     destroy = before_reset
 
