@@ -23,7 +23,7 @@ from pids import LIMIT
 from frenetic import worker
 from frenetic._support.child_processes import process_context
 from frenetic.campaign import Summary
-from frenetic.campaign.database import DATABASE
+from frenetic.campaign.store import DATABASE
 from frenetic.errors import CampaignError
 
 

@@ -41,7 +41,7 @@ class Breaking(sqlite3.Connection):
 
     def _count(self, run: Callable[..., sqlite3.Cursor], sql: str, *values: Any) -> sqlite3.Cursor:
         kind, breaks = type(self), False
-        if kind.left and sql.startswith(("BEGIN", "INSERT", "COMMIT")):
+        if kind.left and sql.startswith(("BEGIN", "INSERT", "UPDATE", "COMMIT")):
             kind.left -= 1
             breaks = kind.left == 0
         if breaks and not self.is_after:

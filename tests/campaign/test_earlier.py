@@ -9,8 +9,7 @@ from typing import Any
 
 import pytest
 from campaigns import campaign, refused
-from checksums import execute
-from contents import contents
+from contents import contents, execute
 
 from frenetic.analysis.failures import distinct_failures
 from frenetic.campaign import Campaign, CampaignStore
@@ -163,9 +162,6 @@ def test_a_changed_warm_start_is_found_and_not_resumed(
         rows: Any = store.fact("earlier")
     (rows[2] if name in rows[2] else rows[2]["arrays"])[name] = value
     change = "UPDATE fact SET value = ? WHERE name = 'earlier'"
-    for renew, why in ((False, "the fact earlier does not match"), (True, "what it started from")):
-        execute(folder, change, json.dumps(rows), renew=renew)
-        with refused(f"is damaged: {why}"):
-            search(folder, simulations=SIMULATIONS + 5).resume()
-        if not renew:
-            assert why in check_campaign(folder, quick=True).findings[0]
+    execute(folder, change, json.dumps(rows))
+    with refused("is damaged: what it started from"):
+        search(folder, simulations=SIMULATIONS + 5).resume()

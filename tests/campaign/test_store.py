@@ -16,18 +16,16 @@ from typing import Any, TypeAlias
 import numpy as np
 import pytest
 from campaigns import refused
-from checksums import execute
-from contents import plain
+from contents import execute, plain
 from msgspec import to_builtins
 from permissions import bound_by_permissions
 from small_disk import Bounded, Breaking
 
 from frenetic._support.json_value import JSONValue
 from frenetic.campaign.check import check_campaign
-from frenetic.campaign.database import APPLICATION_ID, DATABASE, FORMAT
 from frenetic.campaign.lock import lock_file
 from frenetic.campaign.record import ASKED, FINISHED, Attempt, Setting, Test
-from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.store import APPLICATION_ID, DATABASE, FORMAT, CampaignStore
 from frenetic.campaign.trajectory_codec import rounded
 from frenetic.drive import CarBody, Rules, Trajectory
 from frenetic.errors import CampaignError, Fault
@@ -327,10 +325,10 @@ def test_a_store_is_the_list_of_what_was_asked_and_told_whatever_breaks_off(
             told.append(make_test(id, rng.choice([*Outcome, Outcome.FAIL]), len(told) + 1))
             store.told(told[-1])
         elif deed == "break":
-            breaking.left, breaking.is_after = rng.choice([1, 2, 3, 4, 4]), rng.random() < 0.5
+            breaking.left, breaking.is_after = rng.choice([1, 2, 3, 4, 5, 5]), rng.random() < 0.5
             errors = [KeyboardInterrupt(), sqlite3.OperationalError("disk I/O error")]
             breaking.error = errors[not breaking.is_after and rng.random() < 0.5]
-            is_held, is_last = written != (len(asked), len(told)), breaking.left == 4
+            is_held, is_last = written != (len(asked), len(told)), breaking.left == 5
             with pytest.raises((CampaignError, KeyboardInterrupt)) if is_held else nullcontext():
                 store.write()
             breaking.left = 0
@@ -369,14 +367,11 @@ def test_a_reader_sees_the_moment_it_asked_while_the_writer_goes_on(store: Campa
         assert plain(reader.test(many + 1)) == as_read(make_test(many + 1))
 
 
-def test_facts_are_replaced_but_for_those_of_the_beginning(folder: Path) -> None:
+def test_facts_are_replaced(folder: Path) -> None:
     with CampaignStore.create(folder, CONFIG, {"earlier": [{"a": 1}], "pi": 3.25}) as store:
         assert store.facts.keys() == {"created_at", "pi"}
         store.finish(seconds=1.5, ended="budget")
         store.finish(seconds=np.float64(2.5))
-        for name in ("config", "created_at", "earlier"):
-            with pytest.raises(ValueError, match=f"{name} cannot be changed"):
-                store.finish(**{name: {}})
         with pytest.raises(ValueError, match="JSON"):
             store.finish(rate=float("nan"))
     with CampaignStore.open(folder, readonly=False) as store:
@@ -391,7 +386,7 @@ def test_facts_are_replaced_but_for_those_of_the_beginning(folder: Path) -> None
 # Misuse
 
 
-def test_ids_and_limits_are_whole_numbers_of_numpy_too(store: CampaignStore) -> None:
+def test_unknown_ids_are_named_and_those_of_numpy_known(store: CampaignStore) -> None:
     with refused("no test of candidate 1: there are none so far"):
         store.test(1)
     tell(store, 1)
@@ -403,35 +398,17 @@ def test_ids_and_limits_are_whole_numbers_of_numpy_too(store: CampaignStore) -> 
             store.test(unknown)
     with refused("no candidate 5: ids run from 1 to 4"):
         store.candidate(5)
-    mistakes: list[tuple[Callable[[Any], object], object, str]] = [
-        (store.test, 1.5, "id is 1.5: a whole number is needed"),
-        (store.test, "1", "id is '1': a whole number is needed"),
-        (lambda order: store.tests(order_by=order), "id", "order_by is 'id'"),
-        (lambda limit: store.tests(limit=limit), -1, "limit is -1: a whole number of at least 0"),
-        (store.tests, "fail", "outcome is 'fail': one of PASS, FAIL, INVALID"),
-    ]
-    for call, value, complaint in mistakes:
-        with refused(complaint, ValueError):
-            call(value)
     one: Any = np.int64(1)
     assert store.test(one).id == store.candidate(one).id == 1
     assert store.trajectory(one) is not None
     assert [test.id for test in store.tests(limit=one)] == [1]
 
 
-def test_a_candidate_is_asked_once_then_told_once_in_order(finished: Path) -> None:
+def test_the_id_of_a_candidate_is_new(finished: Path) -> None:
     with CampaignStore.open(finished, readonly=False) as store:
         for id in (1, 10):  # noqa: A001
             with refused("already holds candidate 10"):
                 store.asked(make_candidate(id))
-        for test in (make_test(4), make_test(11)):  # told already, never asked
-            with refused("asked once, then told once"):
-                store.told(test)
-        store.asked(make_candidate(11))
-        for told in (10, 12):
-            with refused("asked once, then told once"):
-                store.told(make_test(11, told=told))
-        store.told(make_test(11))
 
 
 def test_a_second_writer_is_refused_and_nothing_is_overwritten(store: CampaignStore) -> None:
@@ -453,7 +430,6 @@ def test_a_reader_writes_nothing_and_a_closed_store_says_so(finished: Path) -> N
     with CampaignStore.open(finished) as store:
         writes: list[Callable[[], None]] = [
             lambda: store.asked(make_candidate(11)),
-            lambda: store.told(make_test(11)),
             store.finish,
             store.reopen,
         ]
@@ -547,8 +523,8 @@ def foreign_database(path: Path, application_id: int, version: int) -> bytes:
     [
         ((0, 0), "is not a campaign's database"),
         ((42, FORMAT), "is not a campaign's database"),
-        ((APPLICATION_ID, FORMAT - 1), "has format 2, .* reads format 3: use the version"),
-        ((APPLICATION_ID, FORMAT + 1), "has format 4, .* reads format 3: use the version"),
+        ((APPLICATION_ID, FORMAT - 1), "has format 3, .* reads format 4: use the version"),
+        ((APPLICATION_ID, FORMAT + 1), "has format 5, .* reads format 4: use the version"),
         (b"no database at all" * 500, "is not a database"),
         (b"", "is not a campaign's database"),
         (b"SQLite format 3\0" + b"x" * 84, "is not a"),
@@ -568,7 +544,7 @@ def test_other_files_are_refused_and_left_alone(
     assert path.read_bytes() == before
 
 
-OWN_SUM = [
+DAMAGE = [
     ("UPDATE test SET outcome = 'MAYBE' WHERE id = 4", "test 4: .*'MAYBE'.*outcome"),
     ("UPDATE test SET moobd = 9e999 WHERE id = 4", "test 4: .*moobd"),
     ("UPDATE test SET x = NULL WHERE id = 4", "test 4: .*pose"),
@@ -584,50 +560,28 @@ OWN_SUM = [
     ("UPDATE finding SET side = 'up' WHERE test = 4", "test 4: .*side"),
     ("DROP TABLE finding", "no such table"),
     ("ALTER TABLE test RENAME worker TO other", "no such column"),
-]
-"""Damage with the right checksums -> what is said of it."""
-OTHER_SUM = [
-    ("UPDATE test SET told = NULL WHERE id = 4", "as number 4 is missing|not as numbers 1 to"),
     ("UPDATE test SET trajectory = x'' WHERE id = 4", "test 4: .*trajectory"),
     ("UPDATE test SET trajectory = zeroblob(99) WHERE id = 4", "test 4: .*trajectory"),
     ("UPDATE test SET trajectory = NULL WHERE id = 4", "trajectory of test 4 is gone"),
-    ("DELETE FROM test WHERE id = 4", "as number 4 is missing|not as numbers 1 to"),
-    ("DELETE FROM test WHERE id = 1", "as number 1 is missing|not as numbers 1 to"),
     ("UPDATE test SET reason = CAST(x'ff41' AS TEXT) WHERE id = 4", "not decode to UTF-8"),
-    *(
-        (change, "test 4 does not match its checksum")
-        for change in (
-            "DELETE FROM finding WHERE test = 4",
-            "INSERT INTO finding SELECT test, 2, 'speed', 9, 8, NULL, 1, 1, 1, 1 FROM finding"
-            " WHERE test = 4",
-        )
-    ),
 ]
-"""Damage that no checksum covers, or that a wrong one tells."""
+"""Damage -> what is said of it."""
 
 
-@pytest.mark.parametrize(
-    ("statement", "message", "renew"),
-    [*((*one, True) for one in OWN_SUM), *((*one, False) for one in OTHER_SUM)],
-)
+@pytest.mark.parametrize(("statement", "message"), DAMAGE)
 def test_damage_is_named_by_readers_and_the_check_and_the_rest_still_read(
-    finished: Path, statement: str, message: str, renew: bool
+    finished: Path, statement: str, message: str
 ) -> None:
-    execute(finished, statement, renew=renew)
-    findings = check_campaign(finished, quick=True).findings
+    execute(finished, statement)
+    findings = check_campaign(finished).findings
     assert re.search(message, "\n".join(findings)), findings
     assert "\n" not in "".join(findings)
     with CampaignStore.open(finished) as store:
         with refused(message) as caught:
             list(store.tests(with_trajectory=True))
         assert str(finished) in str(caught.value)
-        if "id = 1" not in statement:
-            with pytest.raises(CampaignError):
-                store.test(4)
-        if "checksum" in message:
-            for look in (lambda: store.candidate(4), lambda: list(store.candidates())):
-                with refused(message):
-                    look()
+        with pytest.raises(CampaignError):
+            store.test(4)
         if not statement.startswith(("DROP", "ALTER")):
             assert plain(store.test(5)) == as_read(make_test(5))
 
@@ -635,7 +589,7 @@ def test_damage_is_named_by_readers_and_the_check_and_the_rest_still_read(
 def test_a_row_that_is_deleted_while_it_is_read_is_missed(finished: Path) -> None:
     with CampaignStore.open(finished) as store:
         tests, candidates = store.tests(), store.candidates()
-        execute(finished, "DELETE FROM test WHERE id = 7", renew=False)
+        execute(finished, "DELETE FROM test WHERE id = 7")
         for read in (tests, candidates):
             with refused("candidate 7 is missing"):
                 list(read)

@@ -92,7 +92,7 @@ def test_roads_are_the_strategys_and_the_campaign_is_like_any_other(tmp_path: Pa
         assert test.candidate.curvatures.tolist() == alone.ask().curvatures.tolist()
         assert (test.outcome is Outcome.INVALID) or (test.trajectory is None) == (test.id % 2 == 0)
     assert sum(test.outcome is Outcome.FAIL for test in tests) == summary["failed"] > 0
-    assert check_campaign(folder).is_sound
+    assert not check_campaign(folder).findings
     assert write_report(folder).is_file()
 
 
@@ -160,7 +160,7 @@ def test_a_domain_gives_conditions(tmp_path: Path) -> None:
         ]
         assert (store.setting.rules.speed_limit, store.setting.map_size) == (50.0, 400.0)
         assert store.setting.domain is not None
-    assert check_campaign(tmp_path / "told").is_sound
+    assert not check_campaign(tmp_path / "told").findings
 
 
 def test_killed_it_goes_on_with_the_same_roads(tmp_path: Path) -> None:
@@ -256,5 +256,5 @@ def test_a_told_share_replaces_the_count_also_after_a_crash(tmp_path: Path) -> N
         tests = list(store.tests())
     assert [test.budget_spent for test in tests][-3:] == pytest.approx([0.55, 0.55, 1])
     assert {test.moobd for test in tests} == {None}
-    assert check_campaign(folder).is_sound
+    assert not check_campaign(folder).findings
     assert write_report(folder).is_file()

@@ -39,7 +39,7 @@ CALLS: Final = {
     "show c": f"{COUNTS} folder config causes distinct_failures near_misses coverage facts",
     "show c 1": "id test_outcome moobd description driven driver rules curvatures step picture",
     "report c": "report",
-    "check c": f"{COUNTS} folder is_sound findings versions asked told bytes",
+    "check c": f"{COUNTS} folder findings outstanding trajectories bytes",
     "export c --format csv": "campaign folder format outcomes",
     "rerun c --top 1 --times 2": (
         "campaign folder driver simulator rules car seed variations passed same missing changes"

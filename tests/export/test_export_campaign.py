@@ -219,16 +219,16 @@ def test_what_is_there_is_refused_in_one_line(campaign: Path, tmp_path: Path) ->
 
 
 GONE = "UPDATE test SET trajectory = NULL WHERE told = 1"
-LATE = "UPDATE test SET seconds = 99.0 WHERE told = 50"
+LATE = "UPDATE test SET seconds = -1.0 WHERE told = 50"
 
 
 @pytest.mark.parametrize(
     ("name", "statement", "text"),
     [
-        ("csv", LATE, "does not match its checksum"),
+        ("csv", LATE, "test .*seconds"),
         ("parquet", GONE, "the trajectory of test 1 is gone"),
-        ("json", "DELETE FROM test WHERE told = 50", "told as number 50 is missing"),
-        ("competition", LATE, "does not match its checksum"),
+        ("json", LATE, "test .*seconds"),
+        ("competition", LATE, "test .*seconds"),
         ("competition", GONE, "the trajectory of test 1 is gone"),
     ],
 )

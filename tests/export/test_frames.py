@@ -221,16 +221,11 @@ def test_trajectories_are_those_of_the_tests(campaign: Path) -> None:
         assert np.array_equal(rows, test.trajectory.to_rows())
 
 
-FINDING = "DELETE FROM finding WHERE test = (SELECT min(test) FROM finding)"
-
-
 @pytest.mark.parametrize(
     ("statement", "table", "text"),
     [
-        ("UPDATE test SET seconds = 99.0 WHERE id = 9", "tests", "test 9 does not match its check"),
+        ("UPDATE test SET seconds = -1.0 WHERE id = 9", "tests", "test 9: .*seconds"),
         ("UPDATE test SET reason = CAST(X'FF' AS TEXT) WHERE id = 9", "tests", "damaged"),
-        ("DELETE FROM test WHERE told = 9", "tests", "told as number 9 is missing"),
-        (FINDING, "tests", "does not match its checksum"),
         ("UPDATE test SET trajectory = NULL WHERE told = 1", "trajectories", "is gone"),
         ("UPDATE test SET trajectory = X'00' WHERE told = 1", "trajectories", "is damaged"),
     ],

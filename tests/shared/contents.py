@@ -13,8 +13,8 @@ import numpy as np
 
 from frenetic.campaign import CampaignStore
 
-OF_THE_RUN = ("seconds", "finished_at", "elapsed", "worker", "checksum")
-"""Columns of a test that say when and by whom it was driven, or hold a sum over these."""
+OF_THE_RUN = ("seconds", "finished_at", "elapsed", "worker")
+"""Columns of a test that say when and by whom it was driven."""
 
 
 def contents(folder: Path, *, without: tuple[str, ...] = ()) -> dict[str, list[tuple[object, ...]]]:
@@ -30,6 +30,14 @@ def contents(folder: Path, *, without: tuple[str, ...] = ()) -> dict[str, list[t
             "finding": "SELECT * FROM finding ORDER BY test, number",
         }
         return {name: connection.execute(query).fetchall() for name, query in queries.items()}
+
+
+def execute(folder: Path, statement: str, *values: object) -> int:
+    """Changes a campaign's database behind the store's back; returns how many rows."""
+    with closing(sqlite3.connect(folder / "campaign.sqlite")) as connection:
+        changed = connection.execute(statement, values).rowcount
+        connection.commit()
+    return changed
 
 
 def everything(folder: Path) -> list[object]:

@@ -15,9 +15,9 @@ from msgspec import json
 
 from frenetic._support.json_value import JSONValue, plain
 from frenetic.campaign import Budget, Campaign, CampaignStore, Event, RoadTester
-from frenetic.campaign.database import DATABASE
 from frenetic.campaign.objective import MOOBD
 from frenetic.campaign.state import stored_budget
+from frenetic.campaign.store import DATABASE
 from frenetic.errors import CampaignError
 from frenetic.search import Strategy
 from frenetic.spec import describe, require_count

@@ -29,9 +29,8 @@ from frenetic.again.strategy import ByTest
 from frenetic.again.verdicts import Repeat
 from frenetic.campaign.campaign import SOURCES, Campaign
 from frenetic.campaign.counts import key_of
-from frenetic.campaign.database import DATABASE
 from frenetic.campaign.record import Test
-from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.campaign.summary import Event
 from frenetic.campaign.tester import RoadTester
 from frenetic.domain import Domain

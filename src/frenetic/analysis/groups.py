@@ -11,10 +11,9 @@ from typing import Any, Final
 from msgspec import convert
 
 from frenetic._support.files import require_list
-from frenetic.campaign.database import DATABASE
 from frenetic.campaign.earlier import FACT
 from frenetic.campaign.objective import MOOBD
-from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.domain import Domain
 from frenetic.errors import CampaignError
 from frenetic.registry import part_name

@@ -12,9 +12,8 @@ from typing import Final
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic.campaign.reader import Order
 from frenetic.campaign.record import Test
-from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.store import CampaignStore, Order
 from frenetic.drive import Drive
 from frenetic.measures import Seen
 from frenetic.oracle import Assessment, Finding, Side, assess, seen_by_criteria

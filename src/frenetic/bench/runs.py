@@ -25,9 +25,8 @@ from frenetic.bench.strategy import (
     GeneratorStrategy,
 )
 from frenetic.campaign.campaign import Campaign
-from frenetic.campaign.database import DATABASE
 from frenetic.campaign.objective import MOOBD, Objective
-from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.campaign.summary import Event, Summary
 from frenetic.campaign.tester import RoadTester
 from frenetic.drivers import Driver

@@ -30,10 +30,9 @@ from msgspec import Struct, ValidationError, convert, json
 
 from frenetic._support.bounds import Count, Finite, Measured, NotNegative, Share
 from frenetic.campaign.campaign import Campaign
-from frenetic.campaign.database import DATABASE
 from frenetic.campaign.log import CampaignLog
 from frenetic.campaign.record import Attempt
-from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.campaign.summary import Event, Summary
 from frenetic.campaign.tester import RoadTester, fitted
 from frenetic.campaign.workers import Workers

@@ -12,10 +12,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from json import JSONEncoder
-from typing import Any, ClassVar, Final, Literal, NamedTuple, Self, TypeAlias
+from typing import Any, ClassVar, Final, Literal, Self, TypeAlias
 
 import numpy as np
-from msgspec import ValidationError, convert, json, to_builtins
+from msgspec import convert, json, to_builtins
 
 from frenetic._support.bounds import Count, Finite, Index, NotNegative, Positive, Share
 from frenetic._support.notebook import Shown
@@ -250,7 +250,8 @@ Kind: TypeAlias = Literal["INTEGER", "REAL", "TEXT", "JSON", "REALS", "PAIRS"]
 """SQLite's type; or JSON in a text, or float64 in a blob: (n,) or (n, 2)."""
 
 
-class Column(NamedTuple):
+@dataclass(frozen=True)
+class Column:
     """A value of a test in the database."""
 
     name: str
@@ -260,6 +261,11 @@ class Column(NamedTuple):
     about: str
     unit: str = ""
     """Unit, empty for a text, a share or a number."""
+
+    @cached_property
+    def places(self) -> list[str]:
+        """The steps of the path."""
+        return self.path.split(".")
 
     @property
     def sql_type(self) -> str:
@@ -378,32 +384,16 @@ FINDING: Final = tuple(
 """Columns of a finding, after its test and its number."""
 
 FINISHED: Final = (*ASKED, *TOLD)
-_PATHS: Final = tuple((column, column.path.split(".")) for column in FINISHED)
-_POSE: Final = Pose._fields
 
 
-def row_of(test: Test) -> tuple[Any, ...]:
-    """The values of a test beside those of its candidate, in the order of `TOLD`.
+def row_of(record: Any, columns: Sequence[Column]) -> tuple[Any, ...]:
+    """The values of a candidate, test or finding for the database, in the order of its columns.
 
     Raises:
         ValueError: a number is not finite.
     """
-    return tuple([column.encoded(value_at(test, path)) for column, path in _PATHS[len(ASKED) :]])
-
-
-def row_of_candidate(candidate: Candidate) -> tuple[Any, ...]:
-    """The values of a candidate, in the order of `ASKED`.
-
-    Raises:
-        ValueError: a number is not finite.
-    """
-    paths = _PATHS[: len(ASKED)]
-    return tuple([column.encoded(value_at(candidate, path[1:])) for column, path in paths])
-
-
-def row_of_finding(finding: Finding) -> tuple[Any, ...]:
-    """The values of a finding, in the order of `FINDING`."""
-    return tuple(column.encoded(getattr(finding, column.name)) for column in FINDING)
+    start = isinstance(record, Candidate)
+    return tuple([column.encoded(value_at(record, column.places[start:])) for column in columns])
 
 
 def value_at(thing: Any, path: Sequence[str]) -> Any:
@@ -421,14 +411,14 @@ def read_candidate(row: Sequence[Any]) -> Candidate:
     Raises:
         ValueError: the row is damaged; the message names the place.
     """
-    candidate: Candidate = _converted(_nested(_PATHS[: len(ASKED)], row)["candidate"], Candidate)
+    candidate: Candidate = convert(_nested(ASKED, row)["candidate"], Candidate)
     return candidate
 
 
 def read_test(
     row: Sequence[Any],
     findings: Sequence[Sequence[Any]] = (),
-    packed: bytes | None = None,
+    trajectory: Trajectory | None = None,
     setting: Setting | None = None,
 ) -> Test:
     """The test in a row of `FINISHED`.
@@ -436,43 +426,31 @@ def read_test(
     Args:
         row: its values.
         findings: its rows of `FINDING`.
-        packed: its encoded trajectory, decoded if it is given.
+        trajectory: its trajectory, if it is wanted.
         setting: the campaign's.
 
     Raises:
         ValueError: a row is damaged; the message names the place.
-        CampaignError: the trajectory is damaged.
     """
-    values = _nested(_PATHS, row)
+    values = _nested(FINISHED, row)
     attempt = values["attempt"]
     attempt["candidate_id"] = values["candidate"]["id"]
-    pose = attempt.pop("pose", {})
-    if pose:
-        attempt["pose"] = [pose.get(name) for name in _POSE]
+    if pose := attempt.pop("pose"):
+        attempt["pose"] = [pose.get(name) for name in Pose._fields]
     names = [column.name for column in FINDING]
     attempt["result"]["findings"] = [dict(zip(names, one, strict=True)) for one in findings]
-    test: Test = _converted(values, Test)
-    if packed is not None:
-        found = replace(test.attempt, trajectory=decode(packed))
-        test = replace(test, attempt=found)
-    return replace(test, setting=setting)
+    test: Test = convert(values, Test)
+    return replace(test, attempt=replace(test.attempt, trajectory=trajectory), setting=setting)
 
 
-def _nested(paths: Sequence[tuple[Column, list[str]]], row: Sequence[Any]) -> dict[str, Any]:
+def _nested(columns: Sequence[Column], row: Sequence[Any]) -> dict[str, Any]:
     """Values of a row, nested by the paths of their columns; missing ones are left out."""
     values: dict[str, Any] = {"candidate": {"origin": {}}, "attempt": {"result": {}, "pose": {}}}
-    for (column, path), value in zip(paths, row, strict=False):
+    for column, value in zip(columns, row, strict=False):
         if value is None:
             continue
         place = values
-        for name in path[:-1]:
+        for name in column.places[:-1]:
             place = place[name]
-        place[path[-1]] = column.decoded(value)
+        place[column.places[-1]] = column.decoded(value)
     return values
-
-
-def _converted(values: Any, kind: type[Any]) -> Any:
-    try:
-        return convert(values, kind)
-    except ValidationError as error:
-        raise ValueError(str(error)) from None

@@ -15,10 +15,9 @@ from msgspec import Struct, to_builtins
 from msgspec.json import decode
 
 from frenetic._support.words import printable
-from frenetic.campaign.database import LOCK
 from frenetic.campaign.lock import holder, last_host
 from frenetic.campaign.log import LOG, LogEvent
-from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.store import LOCK, CampaignStore
 from frenetic.campaign.summary import Summary
 from frenetic.errors import CampaignError
 from frenetic.registry import part_name

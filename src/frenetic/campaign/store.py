@@ -19,56 +19,89 @@ last results may be missing, but the database is sound.
 
 from __future__ import annotations
 
+import json
+import operator
 import os
 import sqlite3
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final, Self
+from typing import Any, Final, Literal, Self, TypeAlias
 
 from filelock import FileLock
 
-from frenetic._support.json_value import JSONValue
+from frenetic._support.files import flush
+from frenetic._support.json_value import JSONValue, plain
+from frenetic._support.notebook import Shown
 from frenetic._support.words import present_moment
-from frenetic.campaign.database import (
-    DATABASE,
-    LOCK,
-    REPLACE_FACT,
-    check_identity,
-    checksum,
-    connect,
-    connect_to_read,
-    fact_row,
-    find_database,
-    make_database,
-    refuse_existing,
-    translated,
-    writable,
-)
+from frenetic.campaign.counts import Counts, road_key
 from frenetic.campaign.lock import lock_file
-from frenetic.campaign.reader import CampaignReader
 from frenetic.campaign.record import (
+    ASKED,
     FINDING,
     FINISHED,
     TOLD,
+    Setting,
     Test,
+    read_candidate,
+    read_test,
     row_of,
-    row_of_candidate,
-    row_of_finding,
 )
+from frenetic.campaign.trajectory_codec import decode
+from frenetic.drive import Trajectory
 from frenetic.errors import CampaignError
+from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate
 
-_INSERT: Final = f"INSERT OR REPLACE INTO test VALUES ({', '.join('?' * (len(FINISHED) + 3))})"  # noqa: S608
-_INSERT_FINDING: Final = f"INSERT INTO finding VALUES ({', '.join('?' * (len(FINDING) + 2))})"  # noqa: S608
-_UNTOLD: Final = (None,) * len(TOLD)
+DATABASE: Final = "campaign.sqlite"
+"""Name of the database in a campaign's folder."""
+FORMAT: Final = 4
+"""Format of the database (`PRAGMA user_version`); another one is refused."""
+APPLICATION_ID: Final = int.from_bytes(b"FrnC")
+"""Mark of our campaigns among SQLite files (`PRAGMA application_id`)."""
+LOCK: Final = "campaign.lock"
+"""Name of the lock file in a campaign's folder."""
+Order: TypeAlias = Literal["told", "moobd"]
+
+_BUSY_TIMEOUT: Final = 10.0  # s that a reader waits for the writer
+_AT_ONCE: Final = 500  # tests read by one SELECT
 _ENDINGS: Final = ("finished_at", "seconds", "interrupted", "ended", "notice")
-_FIXED: Final = ("config", "created_at", "earlier", "sources", "started_in")
+_UNLISTED: Final = ("config", "earlier", "sources", "started_in")  # large, or shown elsewhere
+_FINDING: Final = ", ".join(f'"{column.name}"' for column in FINDING)
+_SCHEMA: Final = f"""
+PRAGMA application_id = {APPLICATION_ID};
+PRAGMA user_version = {FORMAT};
+CREATE TABLE fact (name TEXT PRIMARY KEY, value TEXT NOT NULL) STRICT, WITHOUT ROWID;
+CREATE TABLE test (
+    {", ".join(f"{column.name} {column.sql_type}" for column in FINISHED)},
+    asked_after INTEGER NOT NULL, trajectory BLOB, PRIMARY KEY (id)
+) STRICT;
+CREATE TABLE finding (
+    test INTEGER NOT NULL REFERENCES test (id), number INTEGER NOT NULL,
+    {", ".join(f'"{column.name}" {column.sql_type}' for column in FINDING)},
+    PRIMARY KEY (test, number)
+) STRICT, WITHOUT ROWID;
+"""  # asked_after is the number of results told before a road was asked for
 
 
-class CampaignStore(CampaignReader):
+def _sql(columns: Sequence[object]) -> str:
+    return ", ".join(map(str, columns))
+
+
+_ASKED: Final = [*(column.name for column in ASKED), "asked_after"]
+_TOLD: Final = [*(column.name for column in TOLD), "trajectory"]
+_INSERT: Final = f"INSERT INTO test ({_sql(_ASKED)}) VALUES ({_sql('?' * len(_ASKED))})"  # noqa: S608
+_UPDATE: Final = f"UPDATE test SET {_sql([f'{name} = ?' for name in _TOLD])} WHERE id = ?"  # noqa: S608
+_INSERT_FINDING: Final = f"INSERT INTO finding VALUES ({_sql('?' * (len(FINDING) + 2))})"  # noqa: S608
+_REPLACE_FACT: Final = "INSERT OR REPLACE INTO fact VALUES (?, ?)"
+_SELECT: Final = f"SELECT {_sql([column.name for column in FINISHED])} FROM test WHERE id IN "  # noqa: S608
+_SELECT_FINDINGS: Final = f"SELECT test, {_FINDING} FROM finding WHERE test IN "  # noqa: S608
+_ORDERS: Final = {"told": "told", "moobd": "moobd IS NULL, moobd, told"}
+
+
+class CampaignStore(Shown):
     """The database of one campaign, open for one writer or for reading.
 
     Made by `create` or `open`; a context manager that closes it. One process writes at a time and
@@ -81,20 +114,27 @@ class CampaignStore(CampaignReader):
     def __init__(
         self, folder: Path, connection: sqlite3.Connection, lock: FileLock | None
     ) -> None:  # used by `create` and `open` only
-        super().__init__(folder, connection)
+        self.folder = folder
+        """The campaign's folder."""
+        self._path = folder / DATABASE
+        self._connection = connection
         self._lock = lock
         self._opened = self._path.stat()
-        self._held: dict[int, tuple[object, ...]] = {}  # rows for the next transaction
-        self._findings: list[tuple[object, ...]] = []  # likewise
-        self._asked: dict[int, tuple[Candidate, tuple[object, ...]]] = {}  # and their values
-        with translated(self._path):
-            number = "SELECT coalesce(max(id), 0), count(told) FROM test"
-            self._last_asked, self._told = connection.execute(number).fetchone()
-            self._outstanding: dict[int, int] = dict(
-                connection.execute("SELECT id, asked_after FROM test WHERE told IS NULL")
-                if lock is not None
-                else ()
-            )
+        self._held: dict[str, list[tuple[Any, ...]]] = {  # for the next transaction
+            statement: [] for statement in (_INSERT, _UPDATE, _INSERT_FINDING)
+        }
+        ((self._last_asked, self._told),) = self._select(
+            "SELECT coalesce(max(id), 0), count(told) FROM test"
+        )
+        config = self.fact("config")
+        if not isinstance(config, dict):
+            raise self._damaged("the config is no JSON object")
+        self.config: Mapping[str, JSONValue] = MappingProxyType(config)
+        """The campaign's configuration."""
+        try:
+            self._setting: Setting | str = Setting.of(config)
+        except ValueError as error:
+            self._setting = str(error)
 
     @classmethod
     def create(
@@ -111,20 +151,26 @@ class CampaignStore(CampaignReader):
         """
         folder = Path(folder)
         named = {"config": dict(config), "created_at": present_moment(), **facts}
-        rows = [fact_row(*fact) for fact in named.items()]
-        with writable(folder):
+        rows = [_fact_row(*fact) for fact in named.items()]
+        try:
             folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            is_file = isinstance(error, FileExistsError | NotADirectoryError)
+            reason = "a file is in the way" if is_file else error.strerror or error
+            raise CampaignError(
+                f"cannot make the folder {folder}: {reason}; choose another place"
+            ) from error
         path = folder / DATABASE
-        refuse_existing(path)
+        _refuse_existing(path)
         lock = lock_file(folder / LOCK)
         try:
-            refuse_existing(path)  # again: someone may have been faster before we had the lock
+            _refuse_existing(path)  # again: someone may have been faster before we had the lock
             # Made under another name, so that a campaign exists completely or not at all.
             unfinished = folder / f"{DATABASE}.new"
-            with translated(path):
+            with _translated(path):
                 for leftover in ("", "-wal", "-shm", "-journal"):
                     unfinished.with_name(unfinished.name + leftover).unlink(missing_ok=True)
-                make_database(unfinished, rows)
+                _make_database(unfinished, rows)
                 unfinished.replace(path)
             return cls._open_locked(folder, lock)
         except BaseException:
@@ -140,33 +186,42 @@ class CampaignStore(CampaignReader):
                 campaign; or, for writing, another process writes it.
         """
         folder = Path(folder)
-        path = find_database(folder)
-        if not readonly:
-            lock = lock_file(folder / LOCK)
-            try:
-                return cls._open_locked(folder, lock)
-            except BaseException:
-                lock.release()
-                raise
-        connection = connect_to_read(path)
+        path = folder / DATABASE
+        with _translated(path):
+            if not path.is_file():
+                what = "holds no campaign" if folder.is_dir() else "is not a folder"
+                if not os.path.lexists(folder):
+                    what = "does not exist"
+                raise CampaignError(
+                    f"{folder} {what}: the folder of a campaign is needed, one with {DATABASE}"
+                )
+        if readonly:
+            return cls._with(folder, _connect_to_read(path), None)
+        lock = lock_file(folder / LOCK)
         try:
-            return cls(folder, connection, None)
+            return cls._open_locked(folder, lock)
         except BaseException:
-            connection.close()
+            lock.release()
             raise
 
     @classmethod
     def _open_locked(cls, folder: Path, lock: FileLock) -> Self:
+        with _translated(folder / DATABASE):
+            connection = _connect(folder / DATABASE, "mode=rw")
+        return cls._with(folder, connection, lock)
+
+    @classmethod
+    def _with(cls, folder: Path, connection: sqlite3.Connection, lock: FileLock | None) -> Self:
+        """The campaign of a connection, which is closed if it is none."""
         path = folder / DATABASE
-        with translated(path):
-            connection = connect(path, "mode=rw")
         try:
-            with translated(path):
-                check_identity(connection, path)
-                connection.execute("PRAGMA journal_mode = WAL").fetchone()
-                connection.execute("PRAGMA synchronous = NORMAL")
-                # Waiting for the disk every 16 MiB instead of every 4 MiB.
-                connection.execute("PRAGMA wal_autocheckpoint = 4000").fetchone()
+            with _translated(path):
+                _check_identity(connection, path)
+                if lock is not None:
+                    connection.execute("PRAGMA journal_mode = WAL").fetchone()
+                    connection.execute("PRAGMA synchronous = NORMAL")
+                    # Waiting for the disk every 16 MiB instead of every 4 MiB.
+                    connection.execute("PRAGMA wal_autocheckpoint = 4000").fetchone()
             return cls(folder, connection, lock)
         except BaseException:
             connection.close()
@@ -182,6 +237,64 @@ class CampaignStore(CampaignReader):
             with suppress(CampaignError):  # the error under way says more
                 self.close()
 
+    def close(self) -> None:
+        """Writes the rest and closes the database; closing twice does no harm."""
+        try:
+            self.write()
+        finally:
+            self._forget_held()
+            try:
+                with _translated(self._path):
+                    self._connection.close()
+            finally:
+                if self._lock is not None:
+                    self._lock.release()
+
+    def at_a_glance(self) -> str:
+        """The campaign's folder and results: ``campaigns/night: 70 PASS, 12 FAIL``."""
+        counts = [f"{number} {outcome}" for outcome, number in self.by_outcome().items() if number]
+        return f"{self.folder}: {', '.join(counts) or 'no results'}"
+
+    def __repr__(self) -> str:
+        """The campaign at a glance; of a closed one, its folder."""
+        try:
+            return f"<CampaignStore {self.at_a_glance()}>"
+        except CampaignError:
+            return f"<CampaignStore {self.folder}>"
+
+    # Facts
+
+    @property
+    def setting(self) -> Setting:
+        """The setting of the campaign's drives.
+
+        Raises:
+            CampaignError: the configuration lacks it.
+        """
+        if isinstance(self._setting, str):
+            raise self._damaged(f"its configuration: {self._setting}")
+        return self._setting
+
+    @property
+    def facts(self) -> Mapping[str, JSONValue]:
+        """The other facts of the campaign: ``created_at`` and those that `finish` added."""
+        names = [name for (name,) in self._select("SELECT name FROM fact ORDER BY name")]
+        return MappingProxyType({name: self.fact(name) for name in names if name not in _UNLISTED})
+
+    def fact(self, name: str) -> JSONValue:
+        """A fact by its name, None if there is no such fact.
+
+        Raises:
+            CampaignError: it is damaged.
+        """
+        for (text,) in self._select("SELECT value FROM fact WHERE name = ?", (name,)):
+            try:
+                value: JSONValue = json.loads(text)
+            except (ValueError, RecursionError):
+                raise self._damaged(f"the fact {name} is not JSON") from None
+            return value
+        return None
+
     def finish(self, **facts: JSONValue) -> None:
         """Adds facts about the whole campaign, such as its ``seconds``, and writes what is held.
 
@@ -189,7 +302,7 @@ class CampaignStore(CampaignReader):
         campaign can be resumed and finish again.
 
         Raises:
-            ValueError: a fact is not JSON or cannot be changed.
+            ValueError: a fact is not JSON.
             CampaignError: it cannot be written, or the database was removed.
         """
         self.require_there()
@@ -197,20 +310,12 @@ class CampaignStore(CampaignReader):
 
     def keep(self, **facts: JSONValue) -> None:
         """Adds or replaces facts about the whole campaign; errors are those of `finish`."""
-        self._add_facts(facts)
+        self._transact({_REPLACE_FACT: [_fact_row(*fact) for fact in facts.items()]})
 
     def reopen(self, **facts: JSONValue) -> None:
         """Replaces the facts about the campaign's end by others; errors are those of `finish`."""
-        self._add_facts(facts, without=_ENDINGS)
-
-    def _add_facts(self, facts: Mapping[str, JSONValue], without: Sequence[str] = ()) -> None:
-        self._require_writer()
-        if fixed := sorted(facts.keys() & set(_FIXED)):
-            raise ValueError(f"{', '.join(fixed)} cannot be changed: choose another name")
-        rows = [fact_row(*fact) for fact in facts.items()]
-        with self._transaction() as connection:
-            connection.executemany("DELETE FROM fact WHERE name = ?", [(name,) for name in without])
-            connection.executemany(REPLACE_FACT, rows)
+        ends = {"DELETE FROM fact WHERE name = ?": [(name,) for name in _ENDINGS]}
+        self._transact({**ends, _REPLACE_FACT: [_fact_row(*fact) for fact in facts.items()]})
 
     # Writing
 
@@ -227,39 +332,20 @@ class CampaignStore(CampaignReader):
                 f"{self._path} already holds candidate {self._last_asked}: the next one needs a"
                 f" higher id, not {candidate.id}"
             )
-        asked = row_of_candidate(candidate)
-        row = (*asked, *_UNTOLD, self._told)
-        self._held[candidate.id] = (*row, checksum(row), None)
-        self._asked[candidate.id] = candidate, asked
-        self._outstanding[candidate.id] = self._told
+        self._held[_INSERT].append((*row_of(candidate, ASKED), self._told))
         self._last_asked = candidate.id
 
     def told(self, test: Test) -> None:
-        """Takes a result for the next `write`.
+        """Takes the result of an outstanding candidate for the next `write`.
 
         Raises:
-            CampaignError: its candidate is not outstanding, or it is not the next to be told.
             ValueError: a number is not finite.
         """
         self._require_writer()
-        if test.id not in self._outstanding or test.told != self._told + 1:
-            raise CampaignError(
-                f"{self._path} refuses result {test.told} of candidate {test.id}: a candidate is"
-                f" asked once, then told once, and the next result is number {self._told + 1}"
-            )
-        packed = test.attempt.pack(keep=True)
-        candidate, asked = self._asked.pop(test.id, (None, ()))
-        if candidate is not test.candidate:
-            asked = row_of_candidate(test.candidate)
-        if packed is not test.attempt:
-            test = replace(test, attempt=packed)
-        row = (*asked, *row_of(test), self._outstanding[test.id])
-        numbered = enumerate(test.result.findings, start=1)
-        findings = [(number, *row_of_finding(finding)) for number, finding in numbered]
-        total = checksum([*row, *(value for finding in findings for value in finding)])
-        del self._outstanding[test.id]
-        self._held[test.id] = (*row, total, packed.packed)
-        self._findings += [(test.id, *finding) for finding in findings]
+        test = replace(test, attempt=test.attempt.pack(keep=True))
+        findings = enumerate([row_of(finding, FINDING) for finding in test.result.findings], 1)
+        self._held[_UPDATE].append((*row_of(test, TOLD), test.attempt.packed, test.id))
+        self._held[_INSERT_FINDING] += [(test.id, number, *row) for number, row in findings]
         self._told += 1
 
     def write(self) -> None:
@@ -268,22 +354,19 @@ class CampaignStore(CampaignReader):
         Raises:
             CampaignError: it cannot be written; the rest waits for the next try.
         """
-        if self._held:
-            with self._transaction():
-                pass
+        if any(self._held.values()):
+            self._transact({})
 
-    @contextmanager
-    def _transaction(self) -> Iterator[sqlite3.Connection]:
-        """Gives the connection within a transaction that begins with what is held."""
-        connection = self._connection
-        has_begun = False
-        with translated(self._path):
+    def _transact(self, others: Mapping[str, Sequence[tuple[Any, ...]]]) -> None:
+        """Executes what is held, and other statements with their values, in one transaction."""
+        self._require_writer()
+        connection, has_begun = self._connection, False
+        with _translated(self._path):
             try:
                 connection.execute("BEGIN IMMEDIATE")
                 has_begun = True
-                connection.executemany(_INSERT, self._held.values())
-                connection.executemany(_INSERT_FINDING, self._findings)
-                yield connection
+                for statement, rows in {**self._held, **others}.items():
+                    connection.executemany(statement, rows)
                 connection.execute("COMMIT")
                 self._forget_held()
             except BaseException as error:
@@ -294,25 +377,12 @@ class CampaignStore(CampaignReader):
                 raise
 
     def _forget_held(self) -> None:
-        self._held.clear()
-        self._findings.clear()
+        for rows in self._held.values():
+            rows.clear()
 
     def _require_writer(self) -> None:
         if self._lock is None:
             raise CampaignError(f"{self._path} was opened for reading: open it with readonly=False")
-
-    def close(self) -> None:
-        """Writes the rest and closes the database; closing twice does no harm."""
-        try:
-            self.write()
-        finally:
-            self._forget_held()
-            try:
-                with translated(self._path):
-                    self._connection.close()
-            finally:
-                if self._lock is not None:
-                    self._lock.release()
 
     def require_there(self) -> None:
         """Checks that the database is still the file that was opened.
@@ -331,13 +401,333 @@ class CampaignStore(CampaignReader):
             )
 
     def require_sound(self) -> None:
-        """Checks that SQLite finds the file whole, before anything is added.
+        """Checks that SQLite finds the file whole and no result is missing, before one is added.
 
         Reads the whole file once, which takes about a second per gigabyte.
 
         Raises:
-            CampaignError: it does not.
+            CampaignError: it is not.
         """
         ((verdict,),) = self._select("PRAGMA quick_check(1)")
         if verdict != "ok":
             raise self._damaged(" ".join(verdict.split()))
+        ((number, last),) = self._select("SELECT count(told), max(told) FROM test")
+        if number and number != last:
+            raise self._damaged(f"it holds {number} of {last} results")
+
+    # Reading
+
+    def tests(
+        self,
+        outcome: Outcome | None = None,
+        order_by: Order = "told",
+        limit: int | None = None,
+        with_trajectory: bool | Container[int] = False,
+    ) -> Iterator[Test]:
+        """The tests that are stored at this moment; later ones do not show up.
+
+        Args:
+            outcome: only of tests with it.
+            order_by: the order of telling, or ``moobd``: lowest first, those without one last.
+            limit: most tests.
+            with_trajectory: whether they come with their trajectories, or the ids of those that do.
+
+        Raises:
+            CampaignError: a test is damaged or missing.
+        """
+        only = "" if outcome is None else f"AND outcome = '{Outcome(outcome)}'"
+        self.write()
+        # A stored test never changes, so the ids are a snapshot, and no transaction stays open
+        # between two tests.
+        ids = self._ids(
+            f"SELECT id FROM test WHERE told IS NOT NULL {only} ORDER BY {_ORDERS[order_by]}"  # noqa: S608
+            f" LIMIT {-1 if limit is None else limit:d}"
+        )
+        return (
+            test
+            for start in range(0, len(ids), _AT_ONCE)
+            for test in self._read(ids[start : start + _AT_ONCE], with_trajectory)
+        )
+
+    def _ids(self, select: str) -> list[int]:
+        return [number for (number,) in self._select(select)]
+
+    def test(self, id: int, with_trajectory: bool = True) -> Test:  # noqa: A002
+        """The test of the candidate with this id.
+
+        Raises:
+            CampaignError: there is none (the message names the existing ids), or it is damaged.
+        """
+        number = self._known(id, "test of candidate", "told IS NOT NULL")
+        return self._read([number], with_trajectory)[0]
+
+    def trajectory(self, id: int) -> Trajectory | None:  # noqa: A002
+        """The trajectory of the candidate with this id; None if none is stored.
+
+        Raises:
+            CampaignError: it is damaged.
+        """
+        self.write()
+        for records, packed in self._select(
+            "SELECT records, trajectory FROM test WHERE id = ?", (operator.index(id),)
+        ):
+            if packed is not None:
+                with self._reading(f"the trajectory of test {id}"):
+                    return decode(packed)
+            if records is not None:
+                raise self._damaged(f"the trajectory of test {id} is gone")
+        return None
+
+    def candidate(self, id: int) -> Candidate:  # noqa: A002
+        """The candidate with this id, whether it has a result or not.
+
+        Raises:
+            CampaignError: there is none (the message names the existing ids), or it is damaged.
+        """
+        return self._read_candidates([self._known(id, "candidate", "true")])[0]
+
+    def candidates(self) -> Iterator[tuple[Candidate, int]]:
+        """All candidates in the order of asking, each with the number of results told before it.
+
+        Raises:
+            CampaignError: one is damaged or missing.
+        """
+        self.write()
+        places = dict(self._select("SELECT id, asked_after FROM test ORDER BY id"))
+        ids = list(places)
+        return (
+            (candidate, places[candidate.id])
+            for start in range(0, len(ids), _AT_ONCE)
+            for candidate in self._read_candidates(ids[start : start + _AT_ONCE])
+        )
+
+    def _read(self, ids: Sequence[int], with_trajectory: bool | Container[int]) -> list[Test]:
+        """The tests of some candidates, in this order."""
+        has_path = ids if with_trajectory is True else with_trajectory or ()
+        setting = self._setting if isinstance(self._setting, Setting) else None
+        findings: dict[int, list[Sequence[Any]]] = {}
+        select = f"{_SELECT_FINDINGS}({_sql('?' * len(ids))}) ORDER BY test, number"
+        for number, *values in self._select(select, ids):
+            findings.setdefault(number, []).append(values)
+        tests = []
+        for row in self._rows(ids):
+            path = self.trajectory(row[0]) if row[0] in has_path else None
+            with self._reading(f"test {row[0]}"):
+                tests.append(read_test(row, findings.get(row[0], ()), path, setting))
+        return tests
+
+    def _read_candidates(self, ids: Sequence[int]) -> list[Candidate]:
+        candidates = []
+        for row in self._rows(ids):
+            with self._reading(f"candidate {row[0]}"):
+                candidates.append(read_candidate(row))
+        return candidates
+
+    def _rows(self, ids: Sequence[int]) -> list[tuple[Any, ...]]:
+        """The rows of some candidates, in this order.
+
+        Raises:
+            CampaignError: one is missing.
+        """
+        rows = {row[0]: row for row in self._select(f"{_SELECT}({_sql('?' * len(ids))})", ids)}
+        for number in ids:
+            if number not in rows:
+                raise self._damaged(f"candidate {number} is missing")
+        return [rows[number] for number in ids]
+
+    def by_outcome(self) -> dict[Outcome, int]:
+        """The number of results per outcome; every outcome is present."""
+        return self._count_by_outcome()[0]
+
+    def counts(self) -> Counts:
+        """The number of tests per outcome and of different roads, and the lowest MOOBD.
+
+        Reads the roads of all tests: where numbers are enough, `by_outcome` is faster.
+        """
+        by_outcome, min_moobd = self._count_by_outcome()
+        select = "SELECT step, curvatures, points FROM test WHERE outcome <> 'DROPPED'"
+        roads = {road_key(*row) for row in self.rows(select)}
+        return Counts.of(by_outcome, min_moobd, len(roads))
+
+    def _count_by_outcome(self) -> tuple[dict[Outcome, int], float | None]:
+        """The number of results per outcome, and the lowest MOOBD in m."""
+        self.write()
+        rows = self._select(
+            "SELECT outcome, count(*), min(moobd) FROM test WHERE told IS NOT NULL GROUP BY outcome"
+        )
+        by_outcome = dict.fromkeys(Outcome, 0)
+        with self._reading("the outcome of a test"):
+            by_outcome |= {Outcome(outcome): count for outcome, count, _ in rows}
+        return by_outcome, min((moobd for *_, moobd in rows if moobd is not None), default=None)
+
+    def stored(self) -> int:
+        """The number of results on disk, without held ones; 0 if it cannot be read."""
+        with suppress(CampaignError):
+            ((number,),) = self._select("SELECT count(told) FROM test")
+            return int(number)
+        return 0
+
+    def elapsed(self) -> float:
+        """The campaign's time at the last result, in s."""
+        self.write()
+        ((seconds,),) = self._select("SELECT coalesce(max(elapsed), 0.0) FROM test")
+        return float(seconds)
+
+    def rows(self, select: str, parameters: Sequence[object] = ()) -> Iterator[tuple[Any, ...]]:
+        """The rows of a SELECT, for reading many tests at once.
+
+        Nothing is checked. Later results may show up.
+        """
+        self.write()
+        with _translated(self._path):
+            yield from self._connection.execute(select, tuple(parameters))
+
+    def _select(self, select: str, parameters: Sequence[object] = ()) -> list[tuple[Any, ...]]:
+        with _translated(self._path):
+            return self._connection.execute(select, tuple(parameters)).fetchall()
+
+    @contextmanager
+    def _reading(self, name: str) -> Iterator[None]:
+        """Turns the faults of a value into a `CampaignError` that names it."""
+        try:
+            yield
+        except (TypeError, ValueError, RecursionError, CampaignError) as error:
+            raise self._damaged(f"{name}: {error}") from None
+
+    def _known(self, id: int, what: str, where: str) -> int:  # noqa: A002
+        """An id, if the database holds it; beyond what SQLite knows there is none."""
+        self.write()
+        number = operator.index(id)  # of numpy, too
+        select = f"SELECT count(*) FROM test WHERE {where} AND id = ?"  # noqa: S608
+        if 0 < number < 2**63 and self._select(select, (number,)) == [(1,)]:
+            return number
+        ids = f"SELECT min(id), max(id) FROM test WHERE {where}"  # noqa: S608
+        ((lowest, highest),) = self._select(ids)
+        there_are = f"ids run from {lowest} to {highest}" if lowest else "there are none so far"
+        raise CampaignError(f"{self.folder} holds no {what} {number}: {there_are}")
+
+    def _damaged(self, what: str) -> CampaignError:
+        return CampaignError(
+            f"{self._path} is damaged: {what}; restore it from a copy, or run the campaign again"
+        )
+
+
+def _fact_row(name: str, value: JSONValue) -> tuple[str, str]:
+    """The row of a fact.
+
+    Raises:
+        ValueError: the value is not JSON.
+    """
+    return name, json.dumps(value, allow_nan=False, default=plain)
+
+
+def _refuse_existing(path: Path) -> None:
+    """Raises a `CampaignError` if there is something in a new database's place."""
+    if os.path.lexists(path):
+        raise CampaignError(
+            f"{path.parent} already holds a campaign; choose another place, or "
+            "go on with that one: frenetic resume (in Python: resume())"
+        )
+
+
+def _connect(path: Path, options: str) -> sqlite3.Connection:
+    """A connection that begins and ends transactions only when told to."""
+    uri = f"{path.resolve().as_uri()}?{options}"
+    return sqlite3.connect(uri, uri=True, timeout=_BUSY_TIMEOUT, isolation_level=None)
+
+
+def _connect_to_read(path: Path) -> sqlite3.Connection:
+    """A connection to a campaign's database that changes nothing, even in a writable folder.
+
+    Raises:
+        CampaignError: it cannot be read.
+    """
+    with _translated(path):
+        connection = _connect(path, "mode=ro")
+        try:
+            connection.execute("PRAGMA user_version").fetchone()
+        except sqlite3.Error as error:
+            connection.close()
+            # Even a reader makes files beside the database, which fails in a folder that it may
+            # not write. If no writer's log is there, nobody is writing: this is what `immutable`
+            # promises.
+            code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+            is_written = path.with_name(f"{DATABASE}-wal").exists()
+            if code not in (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY) or is_written:
+                raise
+            connection = _connect(path, "mode=ro&immutable=1")
+    return connection
+
+
+def _check_identity(connection: sqlite3.Connection, path: Path) -> None:
+    """Checks that a database is a campaign's of this format.
+
+    Raises:
+        CampaignError: it is not.
+    """
+    (application_id,) = connection.execute("PRAGMA application_id").fetchone()
+    (version,) = connection.execute("PRAGMA user_version").fetchone()
+    if application_id != APPLICATION_ID:
+        raise CampaignError(
+            f"{path} is not a campaign's database: choose the folder of a campaign; nothing was"
+            " changed"
+        )
+    if version != FORMAT:
+        raise CampaignError(
+            f"{path} has format {version}, this version of frenetic reads format {FORMAT}: use the"
+            " version that wrote it; nothing was changed"
+        )
+
+
+def _make_database(path: Path, facts: Sequence[tuple[str, str]]) -> None:
+    """Writes a complete campaign without tests to a new file."""
+    connection = _connect(path, "mode=rwc")
+    try:
+        # It counts when it is complete, so only its end waits for the disk.
+        connection.execute("PRAGMA synchronous = OFF")
+        connection.execute("PRAGMA journal_mode = MEMORY").fetchone()
+        connection.executescript(_SCHEMA)
+        connection.executemany(_REPLACE_FACT, facts)
+        connection.execute("PRAGMA journal_mode = WAL").fetchone()
+    finally:
+        connection.close()
+    flush(path)
+
+
+@contextmanager
+def _translated(path: Path) -> Iterator[None]:
+    """Turns errors of SQLite and the file system into a `CampaignError` about `path`."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        # Extended codes carry the primary one in their lowest byte; Python's own errors have none.
+        code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+        text = " ".join(str(error).split())
+        raise CampaignError(f"{path} {_EXPLAINED.get(code, _UNEXPLAINED).format(text)}") from error
+    except UnicodeDecodeError as error:  # SQLite quotes what it found in its complaint
+        raise CampaignError(f"{path} {_EXPLAINED[sqlite3.SQLITE_CORRUPT].format(error)}") from error
+    except OSError as error:
+        raise CampaignError(
+            f"cannot use {path}: {error.strerror or error}; check its permissions, or choose "
+            "another folder"
+        ) from error
+
+
+_IN_USE: Final = "is in use by another program ({}): close it and try again"
+_EXPLAINED: Final[Mapping[int, str]] = {
+    sqlite3.SQLITE_FULL: (
+        "cannot grow, the disk is full: free some space and resume the campaign; what was stored "
+        "is safe"
+    ),
+    sqlite3.SQLITE_BUSY: _IN_USE,
+    sqlite3.SQLITE_LOCKED: _IN_USE,
+    sqlite3.SQLITE_CORRUPT: "is damaged ({}): restore it from a copy, or run the campaign again",
+    sqlite3.SQLITE_NOTADB: (
+        "is not a database, or is damaged ({}): restore it from a copy, or choose another folder"
+    ),
+}
+"""SQLite's primary result code -> its meaning for the campaign and what to do."""
+_UNEXPLAINED: Final = (
+    "cannot be used ({}): check the permissions of file and folder, and the disk; if these are in"
+    " order, restore it from a copy"
+)

@@ -38,7 +38,7 @@ def recorded_spec(store: CampaignStore, given: Mapping[str, Any], *, checked: bo
         click.UsageError: another map is given.
     """
     from frenetic.campaign.campaign import STARTED_IN
-    from frenetic.campaign.database import DATABASE
+    from frenetic.campaign.store import DATABASE
 
     if given.get("road_class") is not None:
         raise click.UsageError("--roads is for a ROAD file: a campaign has its own road class")

@@ -53,7 +53,7 @@ def ask_tell(
     """
     from frenetic.campaign import CampaignStore, new_folder
     from frenetic.campaign.asktell import ToldCampaign
-    from frenetic.campaign.database import DATABASE
+    from frenetic.campaign.store import DATABASE
 
     if simulations is None and seconds is None and failures is None:
         simulations = DEFAULT_SIMULATIONS

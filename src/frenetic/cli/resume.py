@@ -59,7 +59,7 @@ def resume(
     """
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.campaign import SOURCES, STARTED_IN
-    from frenetic.campaign.database import DATABASE
+    from frenetic.campaign.store import DATABASE
     from frenetic.run_file import next_command
 
     with CampaignStore.open(campaign) as store:

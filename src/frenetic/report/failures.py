@@ -14,9 +14,8 @@ from frenetic._support.files import replacing
 from frenetic._support.interrupt import catch_interrupt
 from frenetic._support.json_value import JSONValue
 from frenetic._support.words import simulated_time
-from frenetic.campaign.database import DATABASE
 from frenetic.campaign.record import Test
-from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.errors import CampaignError
 from frenetic.oracle import Result
 from frenetic.outcome import Outcome

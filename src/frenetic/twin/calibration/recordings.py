@@ -25,8 +25,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Finite, Positive, Share
 from frenetic._support.files import require_list
 from frenetic.analysis.groups import find_campaigns
-from frenetic.campaign.database import DATABASE
-from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.drive import Rules
 from frenetic.errors import FreneticError, RoadError
 from frenetic.export.competition import SimulationRecord
