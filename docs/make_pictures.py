@@ -8,8 +8,8 @@ from pathlib import Path
 from frenetic import Budget, Campaign, EmbeddedSimulator, Frenetic, Planner, RandomSearch, Rules
 from frenetic.analysis import compare
 from frenetic.campaign import CampaignStore
-from frenetic.report.comparison import draw_comparison
 from frenetic.report.picture import draw_test
+from frenetic.report.plots import draw_comparison
 from frenetic.road.classes import RoadClass
 
 IMAGES = Path(__file__).parent / "images"

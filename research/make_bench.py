@@ -13,21 +13,21 @@ import re
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from frenetic.campaign.database import DATABASE
 
 from frenetic import Budget, Campaign, CampaignStore
 from frenetic.analysis import Comparison
 from frenetic.analysis.comparison import MeasureComparison, PairComparison, compare, p_text
 from frenetic.analysis.failures import Failure, cluster_failures, failures_of
 from frenetic.bench import Entrant
-from frenetic.campaign.database import DATABASE
 from frenetic.campaign.workers import available_cores
-from frenetic.report.comparison import draw_comparison
+from frenetic.report.plots import draw_comparison
 from frenetic.spec import Spec, changed_parts
 
 HERE: Final = Path(__file__).resolve().parent
@@ -300,7 +300,15 @@ def telling_of(comparison: Comparison) -> set[str]:
 def _pair(by: MeasureComparison, other: str) -> PairComparison:
     """Our search against another entrant."""
     pair = next(p for p in by.pairs if {p.first, p.second} == {OURS.name, other})
-    return pair if pair.first == OURS.name else pair.turned
+    if pair.first == OURS.name:
+        return pair
+    return replace(
+        pair,
+        first=pair.second,
+        second=pair.first,
+        a12=1.0 - pair.a12,
+        repeats=pair.repeats[::-1],
+    )
 
 
 def _verdict(pair: PairComparison) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import shlex
 import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,7 +12,6 @@ import pytest
 
 from frenetic.campaign import CampaignStore
 from frenetic.campaign.check import check_campaign
-from frenetic.report.html.repeating import repeat_command
 
 if TYPE_CHECKING:
     from command_line import Frenetic
@@ -244,12 +242,6 @@ def test_a_bench_is_a_file_and_every_bench_keeps_one(frenetic: Frenetic, wiggly:
     assert frenetic("bench", "a/bench.toml", "--out", "again").code == 0
     assert results_of("again") == results_of("a")
     assert len(results_of("a")) == 3
-    with CampaignStore.open("a/theirs/01") as store:
-        line = repeat_command(store.config, store.facts)
-    assert line is not None
-    alone = shlex.split(line.replace("../../", "a/"))[1:]  # as from the run's folder
-    assert frenetic(*alone, "--out", "alone").code == 0
-    assert results_of("alone") == {"wiggly/01": results_of("a")["theirs/01"]}
     # Options given beside it win.
     beside = ("--strategy", "random", "--simulations", "2", "--driver", "aggression=1.2")
     twice = ("--objective", "moobd", "--repeats", "2", "--out", "b2")

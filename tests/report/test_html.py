@@ -36,26 +36,21 @@ from frenetic.oracle import assess
 from frenetic.outcome import Outcome
 from frenetic.report.html import (
     Chart,
-    Fact,
     Facts,
     Paragraph,
+    Part,
     Report,
     Section,
     Series,
-    Table,
     campaign_report,
     render,
     write_report,
 )
-from frenetic.report.html.headline import headline as tell
-from frenetic.report.html.operators import operator_results, operators_section
-from frenetic.report.html.reading import Reading
-from frenetic.report.html.repeating import repeat_command, repeatability
-from frenetic.report.html.tests import COLUMNS, TestSummary, drive_columns, table_of
+from frenetic.report.html.campaign import Reading, configuration
+from frenetic.report.html.tests import COLUMNS, TestSummary, drive_columns
 from frenetic.report.html.timeline import POINTS, timeline_of
 from frenetic.road import Road, profile
-from frenetic.search import Origin, RandomSearch, variation
-from frenetic.search.operators import DOES, FAIL_OPERATORS, PASS_OPERATORS
+from frenetic.search import RandomSearch
 from frenetic.simulators import EmbeddedSimulator
 
 pytest_plugins = ["reported_campaign"]
@@ -108,14 +103,9 @@ def report_of(folder: Path, **known: Clusters) -> tuple[Report, dict[str, Sectio
     return report, {section.id: section for section in report.sections}
 
 
-def headline_of(folder: Path) -> Any:
-    (block,) = report_of(folder)[1]["summary"].blocks
-    return block
-
-
-def told(number: int, outcome: Outcome, operator: str = "random", *parents: int) -> TestSummary:
+def told(number: int, outcome: Outcome, is_random: bool = True) -> TestSummary:
     moobd = {Outcome.PASS: 1.0, Outcome.FAIL: -number / 10.0}.get(outcome)
-    return TestSummary(number, outcome, moobd, float(number), Origin(operator, parents))
+    return TestSummary(number, outcome, moobd, is_random, {})
 
 
 def alike(*ids: int) -> Cluster:
@@ -144,7 +134,7 @@ def test_no_text_from_outside_becomes_markup(searched: Path, tmp_path: Path) -> 
     page = page_of(write_report(folder))
     assert len(page.texts["script"]) == 2
     assert page.data["drives"][0]["reason"] == HOSTILE
-    assert page.data["tests"]["operator"] == [HOSTILE] * 2
+    assert page.data["drives"][0]["origin"].startswith(HOSTILE)
     assert shlex.split(page.data["campaign"]) == [str(folder)]
     text = (folder / "report.html").read_text(encoding="utf-8")
     assert "window.hacked" in text
@@ -164,13 +154,13 @@ def test_a_section_id_that_cannot_be_used_is_refused(name: str) -> None:
 def test_a_section_of_ones_own_is_shown(searched: Path, tmp_path: Path) -> None:
     blocks = (
         Paragraph("Two tools."),
-        Facts((Fact("tools", "2"),)),
+        Facts({"tools": "2"}),
         Chart((Series("ours", (1.0, 2.0), (float("nan"), 4.0)),), "runs", "failures"),
     )
     section = Section("bench", "The bench", blocks)
     page = page_of(write_report(searched, tmp_path / "r.html", sections=[section]))
     assert {"The bench", "Two tools.", "tools"} <= set(page.texts[""])
-    assert block_of(page.data, "chart")["series"][0]["y"] == [None, 4.0]
+    assert page.data["blocks"][-1]["series"][0]["y"] == [None, 4.0]
 
 
 # What it says
@@ -180,21 +170,19 @@ def test_headline_counts_what_the_campaign_holds(searched: Path) -> None:
     with CampaignStore.open(searched) as store:
         counts = store.counts()
         every, few = (distinct_failures(store, limit) for limit in (None, 3))
-        slow = {"seconds": 3600.0 * counts.tests / 4.3}
-        rate = tell(store.config, slow, counts, every, folder="", elapsed=0.0).tiles[0].note
-    assert rate == "4.3 tests/h"
-    headline = headline_of(searched)
-    tiles = {tile.label: tile.value for tile in headline.tiles}
-    assert tiles["simulations"] == str(counts.simulations) == "150"
-    assert tiles["failures"] == str(counts.failed)
-    assert tiles["distinct failures"] == str(len(every))
+    report, sections = report_of(searched)
+    (headline,) = sections["summary"].blocks
+    assert isinstance(headline, Part)
+    tiles = {label: (value, note) for label, value, note, _ in headline.data["tiles"]}
+    assert tiles["simulations"][0] == str(counts.simulations) == "150"
+    assert tiles["failures"][0] == str(counts.failed)
     late = sum(one.ids[0] > 0.8 * counts.tests for one in every)
-    notes = {tile.label: tile.note for tile in headline.tiles}
-    assert f"{late} of them first seen in the last fifth" in notes["distinct failures"]
-    assert tiles["causes"] == str(len(every.causes))
+    said = f"{late} of them first seen in the last fifth"
+    assert tiles["distinct failures"] == (str(len(every)), said)
+    assert tiles["causes"][0] == str(len(every.causes))
     assert ("invalid roads" in tiles) is (counts.invalid > 0)
-    assert headline.title.endswith(f" of {len(every)} distinct failures in 150 simulations")
-    assert headline.warning == ""
+    assert report.title.endswith(f" of {len(every)} distinct failures in 150 simulations")
+    assert headline.data["warning"] == ""
     some, _ = report_of(searched, clusters=few)
     assert f" of at least {len(few)} distinct failure" in some.title
 
@@ -203,10 +191,12 @@ def test_campaigns_without_results_have_a_report(searched: Path, tmp_path: Path)
     for make in (make_empty, make_refused):
         folder = make(tmp_path / make.__name__, searched)
         assert page_of(write_report(folder)).data["drives"] == []
-        headline = headline_of(folder)
-        assert headline.title == "No failure in 0 simulations"
-        assert headline.warning.startswith("Not finished")
-        assert {tile.role for tile in headline.tiles} == {None}  # 0 is no alarm
+        report, sections = report_of(folder)
+        assert report.title == "No failure in 0 simulations"
+        (headline,) = sections["summary"].blocks
+        assert isinstance(headline, Part)
+        assert headline.data["warning"].startswith("Not finished")
+        assert {role for *_, role in headline.data["tiles"]} == {""}  # 0 is no alarm
 
 
 def test_a_campaign_without_failures_shows_its_nearest_misses(tmp_path: Path) -> None:
@@ -313,87 +303,30 @@ def test_every_cluster_can_be_opened_or_it_is_said(
 def test_timeline_ends_with_the_counts_and_continues_the_random_share() -> None:
     tests = [told(i, Outcome.FAIL if i % 4 == 0 else Outcome.PASS) for i in range(1, 21)]
     tests += [told(i, Outcome.INVALID) for i in range(21, 26)]
-    tests += [told(i, Outcome.FAIL, "C1", 4) for i in range(26, 31)]
-    tests += [told(31, Outcome.DROPPED, "C1", 4)]
+    tests += [told(i, Outcome.FAIL, False) for i in range(26, 31)]
+    tests += [told(31, Outcome.DROPPED, False)]
     clusters = Clusters((alike(4, 8, 26), alike(12, 16, 20, 27), alike(28, 29, 30)), 2.0)
-    charts, caption = timeline_of(tests, clusters)
-    ends = {name: chart.series[0].x[-1] for name, chart in charts.items()}
-    assert ends == {"simulations": 25, "wall time": 30.0}
-    failures, distinct, *expected = charts["simulations"].series
+    chart = timeline_of(tests, clusters)
+    assert chart is not None
+    failures, distinct, expected = chart.series
+    assert failures.x[-1] == 25
     assert [failures.y[i] for i in (24, -1)] == [5, 10]
     assert [distinct.y[i] for i in (2, 3, 11, 26, 27, -1)] == [0, 1, 2, 2, 3, 3]
-    assert charts["simulations"].tests[:5] == (None, None, None, 4, 4)
-    assert charts["simulations"].tests[-1] == 30
-    last = [expected[0].y[-1], expected[0].low[-1], expected[0].high[-1]]
+    assert (chart.tests[:5], chart.tests[-1]) == ((None, None, None, 4, 4), 30)
     shares = np.array([5 / 20, *proportion_interval(5, 20)])
+    last = [expected.y[-1], expected.low[-1], expected.high[-1]]
     assert last == pytest.approx(25 * shares, abs=0.006)
-    assert charts["wall time"].series[2].y == expected[0].y
-    # The random roads found two of the three distinct failures, in two and three roads.
-    assert expected[1].y[19] == pytest.approx(2.0)
-    assert expected[1].y[-1] >= 2.0
-    assert "5 of the 20 random roads" in caption
-    assert "failed (25.0\u00a0%), 2 distinct failures" in caption
+    assert "5 of the 20 random roads" in chart.caption
 
 
-def test_timeline_of_a_long_campaign_is_thinned_but_keeps_its_ends() -> None:
-    tests = [told(i, Outcome.FAIL if i % 10 == 0 else Outcome.PASS) for i in range(1, 10_001)]
-    failures = timeline_of(tests, Clusters((), 2.0))[0]["simulations"].series[0]
+def test_a_long_timeline_is_thinned_and_one_without_random_roads_expects_nothing() -> None:
+    tests = [told(i, Outcome.FAIL if i % 10 else Outcome.PASS, False) for i in range(1, 10_001)]
+    chart = timeline_of(tests, Clusters((), 2.0))
+    assert chart is not None
+    failures, _ = chart.series
     assert len(failures.y) == POINTS
-    assert (failures.x[0], failures.x[-1], failures.y[-1]) == (1, 10_000, 1000)
-
-
-@pytest.mark.parametrize(
-    ("seconds", "title", "last"), [(100.0, "s", 100.0), (600.0, "min", 10.0), (36e3, "h", 10)]
-)
-def test_wall_time_has_a_unit_that_suits_it(seconds: float, title: str, last: float) -> None:
-    tests = [
-        TestSummary(i, Outcome.PASS, 1.0, seconds * i / 10, Origin("random")) for i in range(1, 11)
-    ]
-    chart = timeline_of(tests, Clusters((), 2.0))[0]["wall time"]
-    assert (chart.x_title, chart.series[0].x[-1]) == (f"wall time ({title})", last)
-
-
-def test_timeline_without_random_roads_or_times_says_so() -> None:
-    tests = [TestSummary(1, Outcome.FAIL, -1.0, None, Origin("mine"))]
-    charts, caption = timeline_of(tests, Clusters((alike(1),), 2.0))
-    assert list(charts) == ["simulations"]
-    assert "no random expectation" in caption
-    failures, distinct = charts["simulations"].series
-    assert failures.width > distinct.width  # one line lies on the other
-
-
-def test_operators_are_counted_by_hand() -> None:
-    tests = [
-        told(1, Outcome.PASS),
-        told(2, Outcome.FAIL),
-        told(3, Outcome.FAIL, "C1", 1, 2),  # -0.3, from -0.2 and 1.0
-        told(4, Outcome.INVALID, "C1", 1),
-        told(5, Outcome.PASS, "P1", 1),
-        told(6, Outcome.FAIL, "P1", 3),  # -0.6, from -0.3
-        told(7, Outcome.DROPPED, "F1", 3),
-    ]
-    random, crossed, mutated = operator_results(tests, Clusters((alike(3, 2), alike(6)), 2.0))
-    names = ("name", "tests", "driven", "failures", "distinct", "first")
-    assert [random[name] for name in names] == ["random", 2, 2, 1, 1, 1]
-    assert [crossed[name] for name in names] == ["C1", 2, 1, 1, 1, 0]
-    assert [mutated[name] for name in names] == ["P1", 2, 2, 1, 1, 1]
-    assert [one["change"] for one in (random, crossed, mutated)] == [
-        None, pytest.approx(-0.1), pytest.approx((0.0 - 0.3) / 2),
-    ]  # fmt: skip
-    wanted = [50.0, *(100.0 * end for end in proportion_interval(1, 2))]
-    assert mutated["shares"] == pytest.approx(wanted)
-
-
-def test_every_operator_is_explained(searched: Path) -> None:
-    listing_1 = {*PASS_OPERATORS, *FAIL_OPERATORS, "C1", "C2"}
-    others = {"random", "rest", "given", "earlier"}
-    assert {*others, *listing_1, *variation.OPERATORS} == DOES.keys()
-    report, sections = report_of(searched)
-    assert report.data["operators"].items() <= DOES.items()
-    (table,) = (block for block in sections["operators"].blocks if isinstance(block, Table))
-    assert [row[1] for row in table.rows] == [DOES[row[0]] for row in table.rows]
-    strange = operators_section([told(1, Outcome.FAIL, "mine")], Clusters((), 2.0))
-    assert strange.lead == "Which operators of the strategy paid off."
+    assert (failures.x[0], failures.x[-1], failures.y[-1]) == (1, 10_000, 9000)
+    assert "andom" not in chart.caption
 
 
 def test_map_has_every_test_in_the_cell_of_its_features(searched: Path) -> None:
@@ -413,18 +346,7 @@ def test_map_has_every_test_in_the_cell_of_its_features(searched: Path) -> None:
                 assert axis["edges"][cell] - 1e-6 <= value <= axis["edges"][cell + 1] + 1e-6
 
 
-def test_table_keeps_what_it_was_made_of(searched: Path) -> None:
-    assert table_of([told(2, Outcome.INVALID), told(5, Outcome.FAIL, "F1", 1)]) == {
-        "id": [2, 5],
-        "outcome": ["INVALID", "FAIL"],
-        "moobd": [None, -0.5],
-        "side": [None, None],
-        "broke": [None, None],
-        "operator": ["random", "F1"],
-        "parents": [(), (1,)],
-        "length": [0, 0],
-        "duration": [None, None],
-    }
+def test_table_has_every_test(searched: Path) -> None:
     table = page_of(searched / "report.html").data["tests"]
     with CampaignStore.open(searched) as store:
         for row, test in enumerate(store.tests()):
@@ -459,7 +381,9 @@ def test_the_telling_rerun_of_a_failure_is_shown(copied: tuple[Path, list[int]])
     for path in folder.glob(f"again/*/{DATABASE}"):
         with closing(sqlite3.connect(path)) as database, database:
             database.execute("UPDATE test SET outcome = 'MAYBE'")
-    assert "is damaged" in headline_of(folder).warning
+    (headline,) = report_of(folder)[1]["summary"].blocks
+    assert isinstance(headline, Part)
+    assert "is damaged" in headline.data["warning"]
 
 
 def test_minimised_roads_are_shown(copied: tuple[Path, list[int]]) -> None:
@@ -493,50 +417,27 @@ def test_minimised_roads_are_shown(copied: tuple[Path, list[int]]) -> None:
 def test_failures_in_other_simulators_are_shown(copied: tuple[Path, list[int]]) -> None:
     folder, failures = copied
     there = rerun(folder, EmbeddedSimulator(friction=0.8), Planner(), tests=failures)
-    report, sections = report_of(folder)
-    text, table, _ = sections["elsewhere"].blocks
-    assert isinstance(text, Paragraph)
-    told = "planner in embedded, friction 0.8: 3 fail again (3 elsewhere)."
-    assert text.text.startswith(told)
-    assert isinstance(table, Table)
-    assert [row[0] for row in table.rows] == [str(number) for number in failures]
-    assert table.links == tuple(f"#test-{number}" for number in failures)
-    data = block_of(page_of(write_report(folder)).data, "elsewhere")
-    assert (data["here"], data["there"]) == ("embedded", "embedded, friction 0.8")
-    for one, shown in zip(there.tests, data["drives"], strict=True):
-        assert (shown["test"], shown["agreement"]) == (one.id, one.verdict)
-        trajectory = one.drives[0].test.trajectory
-        assert trajectory is not None
-        x = 0.01 * np.cumsum(np.cumsum(shown["columns"][1]))
-        assert x[0] == pytest.approx(trajectory.x[0], abs=0.006)
-    assert set(failures) <= {drive["id"] for drive in report.data["drives"]}
+    page = page_of(write_report(folder))
+    assert block_of(page.data, "gallery")["elsewhere"] == [
+        {
+            "test": one.id,
+            "where": "embedded, friction 0.8",
+            "text": f"{one.verdict}: {one.drives[0].reason}",
+        }
+        for one in there.tests
+    ]
+    assert set(failures) <= {drive["id"] for drive in page.data["drives"]}
 
 
 # Repeating
-
-
-def test_the_command_repeats_the_campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    run = ["run", "--simulations", "3", "--seed", "3", "--workers", "1", "--out", "c"]
-    assert CliRunner().invoke(cli, run).exit_code == 0
-    with CampaignStore.open(Path("c")) as store:
-        line = repeat_command(store.config, store.facts)
-        tests = [test.result for test in store.tests()]
-    assert line == "frenetic run campaign.toml"
-    monkeypatch.chdir("c")
-    assert CliRunner().invoke(cli, [*line.split()[1:], "--out", "again"]).exit_code == 0
-    with CampaignStore.open(Path("again")) as store:
-        assert [test.result for test in store.tests()] == tests
 
 
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
         ({}, "started from Python"),
-        ({"workers": 4}, "any number of workers"),
+        ({"workers": 4}, "The same seed gives the same campaign"),
         ({"budget": {"simulations": None, "time": 60}}, "machine's speed"),
-        ({"command": {"strategy": 3}}, "damaged"),
-        ({"seed": None}, "No seed is recorded"),
     ],
 )
 def test_it_is_said_whether_a_campaign_can_be_repeated(
@@ -544,8 +445,24 @@ def test_it_is_said_whether_a_campaign_can_be_repeated(
 ) -> None:
     with CampaignStore.open(searched) as store:
         config = {**store.config, **changes}
-    assert repeat_command(config, {}) is None
-    assert said in repeatability(config, {})
+    (how, *_) = configuration(config, {}).blocks
+    assert isinstance(how, Paragraph)
+    assert said in how.text
+
+
+def test_the_command_repeats_the_campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    run = ["run", "--simulations", "3", "--seed", "3", "--workers", "1", "--out", "c"]
+    assert CliRunner().invoke(cli, run).exit_code == 0
+    line = "frenetic run campaign.toml"
+    assert line in "".join(page_of(Path("c/report.html")).texts[""])
+    monkeypatch.chdir("c")
+    assert CliRunner().invoke(cli, [*line.split()[1:], "--out", "again"]).exit_code == 0
+    results = []
+    for folder in (".", "again"):
+        with CampaignStore.open(folder) as store:
+            results.append([test.result for test in store.tests()])
+    assert results[0] == results[1]
 
 
 # Files and the command line
@@ -557,19 +474,11 @@ def invoke(*arguments: str) -> Any:
     return done
 
 
-def test_report_is_written_whole_or_refused_in_one_line(searched: Path, tmp_path: Path) -> None:
-    path = tmp_path / "r.html"
-    path.write_text("old")
-    with CampaignStore.open(searched) as store:
-        assert write_report(store, path) == path
-    assert page_of(path).texts["title"][0].endswith("simulations")
-    in_the_way = tmp_path / "folder.html"
-    in_the_way.mkdir()
-    for place in (tmp_path / "nowhere" / "r.html", in_the_way):
-        with pytest.raises(FreneticError, match=r"cannot be written: .*another place") as caught:
+def test_what_cannot_be_written_is_one_line(searched: Path, tmp_path: Path) -> None:
+    (tmp_path / "folder.html").mkdir()
+    for place in (tmp_path / "nowhere" / "r.html", tmp_path / "folder.html"):
+        with pytest.raises(FreneticError, match=r"^[^\n]* cannot be written: [^\n]*another place"):
             write_report(searched, place)
-        assert "\n" not in str(caught.value)
-    assert {*tmp_path.iterdir()} == {path, in_the_way}
     with pytest.raises(CampaignError, match="holds no campaign"):
         write_report(tmp_path)
 

@@ -16,23 +16,19 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from html_browser import background, low_contrast
-from html_campaigns import HOSTILE, make_empty, make_hostile, make_sloping
+from html_campaigns import HOSTILE, make_hostile
 from PIL import Image
 from playwright.sync_api import Browser, Locator, Page, expect
 
-from frenetic.again.rerun import rerun
 from frenetic.analysis.coverage import DomainCoverage, domain_coverage
 from frenetic.analysis.failures import Clusters, distinct_failures
 from frenetic.campaign import Budget, Campaign, CampaignStore, Test
 from frenetic.cli import cli
-from frenetic.drivers import Planner
 from frenetic.drivers.loading import load_driver
 from frenetic.outcome import Outcome
 from frenetic.report import animate
 from frenetic.report.html import (
     Chart,
-    Column,
-    Fact,
     Facts,
     Paragraph,
     Section,
@@ -94,24 +90,6 @@ def car(page: Page) -> tuple[float, float]:
     moved = page.locator("#car").get_attribute("transform") or ""
     x, y = re.findall(r"-?[\d.]+", moved)[:2]
     return float(x), float(y)
-
-
-def test_page_has_all_parts(page: Page) -> None:
-    expect(page.locator("h1")).to_contain_text("in 150 simulations")
-    assert page.locator("main h2").all_text_contents() == [
-        "Failures",
-        "Failures over time",
-        "Feature map",
-        "Operators",
-        "All tests",
-        "Configuration",
-    ]
-    expect(page.locator(".block-switch canvas")).to_have_count(1)
-    assert page.locator(".bar-fill").count() > 5
-    assert page.locator(".gallery .card svg .path").count() > 5
-    for place in ("tbody tr", ".bar-row"):
-        row = page.locator(f"#operators {place}", has=page.get_by_text("random", exact=True))
-        expect(row).to_contain_text("draws a new road")
 
 
 # The player
@@ -211,12 +189,6 @@ def test_replay_shows_heights_slopes_and_widened_lanes(show: Show, sloping: Path
     expect(page.locator("dialog .facts")).to_contain_text(road.in_words())
 
 
-def test_no_two_edges_of_a_map_have_the_same_label(show: Show, tmp_path: Path) -> None:
-    folder = make_sloping(tmp_path / "c", "rural-100")
-    labels = show(write_report(folder)).locator(".edges-x span").all_text_contents()
-    assert len({*labels}) == len(labels) > 4
-
-
 def test_keyboard_alone_is_enough(page: Page) -> None:
     cards, title = page.locator(".gallery .card"), page.locator("#player-title")
     cards.first.focus()
@@ -295,42 +267,12 @@ def test_commands_can_be_copied_and_pasted(show: Show, tmp_path: Path) -> None:
     assert minimise[:3] == ["frenetic", "minimise", str(folder)]
 
 
-def test_a_failure_in_another_simulator_is_replayed_beside_the_campaigns(
-    show: Show, searched: Path, tmp_path: Path
-) -> None:
-    folder = shutil.copytree(searched, tmp_path / "again")
-    with CampaignStore.open(folder) as store:
-        failures = [test.id for test in store.tests(Outcome.FAIL, order_by="moobd", limit=2)]
-    there = rerun(folder, EmbeddedSimulator(friction=0.8), Planner(), tests=failures)
-    page = show(write_report(folder), color_scheme="dark", **PHONE)
-    section, title = page.locator("#elsewhere"), page.locator("#player-title")
-    assert section.locator("img").count() == 0  # a picture on white paper would glare
-    cards = section.locator(".card")
-    expect(cards).to_have_count(2)
-    assert box_of(cards.first.locator("svg"))["width"] > 300  # of 390
-    expect(cards.first.locator("path.other")).to_have_count(1)
-    expect(cards.first).to_contain_text(there.tests[0].verdict)
-    cards.first.click()
-    expect(title).to_contain_text(f"Test {failures[0]} ")
-    expect(page.get_by_role("dialog")).to_contain_text("embedded, friction 0.8: ")
-    expect(page.locator(".stage-main path.other")).to_have_count(1)
-    ghost = page.locator(".stage-main .ghost")
-    before = ghost.get_attribute("transform")
-    page.keyboard.press("End")
-    assert ghost.get_attribute("transform") != before
-    assert page.locator(".plot .line.other").count() == 6
-    assert low_contrast(page) == []
-    page.keyboard.press("Escape")
-    section.locator("tbody a").last.click()
-    expect(title).to_contain_text(f"Test {failures[1]} ")
-
-
 # Charts
 
 
 def pointed(page: Page, share: float) -> tuple[float, float]:
     """A place in the first chart, so far from its left edge."""
-    over = page.locator(".block-switch .u-over")
+    over = page.locator(".block-chart .u-over")
     over.scroll_into_view_if_needed()
     box = box_of(over)
     return box["x"] + share * box["width"], box["y"] + 60
@@ -338,7 +280,7 @@ def pointed(page: Page, share: float) -> tuple[float, float]:
 
 def said(page: Page) -> tuple[int, dict[str | None, str | None]]:
     """Where the first chart's cursor is, and the values there."""
-    tip = page.locator(".block-switch .chart-tip")
+    tip = page.locator(".block-chart .chart-tip")
     rows = {
         row.locator("span").text_content(): row.locator("b").text_content()
         for row in tip.locator("> div").all()
@@ -349,7 +291,7 @@ def said(page: Page) -> tuple[int, dict[str | None, str | None]]:
 def test_chart_says_what_it_shows_where_one_points(page: Page, searched: Path) -> None:
     with CampaignStore.open(searched) as store:
         driven = [test for test in store.tests() if test.outcome in ("PASS", "FAIL", "ERROR")]
-    legend = page.locator(".block-switch .legend button")
+    legend = page.locator(".block-chart .legend button")
     page.mouse.move(*pointed(page, 0.6))
     at, rows = said(page)
     assert at == pytest.approx(90, abs=2)
@@ -365,35 +307,27 @@ def test_chart_says_what_it_shows_where_one_points(page: Page, searched: Path) -
     expect(page.locator("#player-title")).to_contain_text(f"Test {failed[-1]} FAIL")
 
 
-def test_chart_is_enlarged_and_counts_in_two_ways(page: Page) -> None:
+def test_chart_is_enlarged(page: Page) -> None:
     page.mouse.move(*pointed(page, 1 / 3))
     page.mouse.down()
     page.mouse.move(*pointed(page, 2 / 3), steps=3)
     page.mouse.up()
-    whole = page.get_by_role("button", name="Whole range")
     for share, simulations in ((0.02, 50), (0.98, 100)):
         page.mouse.move(*pointed(page, share))
         assert said(page)[0] == pytest.approx(simulations, abs=3)
-    expect(page.get_by_role("dialog")).to_have_count(0)
-    whole.click()
+    page.get_by_role("button", name="Whole range").click()
     page.mouse.move(*pointed(page, 0.98))
     assert said(page)[0] > 140
-    expect(whole).to_be_hidden()
-    drawing = page.locator(".block-switch .chart-drawing")
-    page.get_by_role("button", name="wall time", exact=True).click()
-    label = re.compile(re.escape("found so far over wall time (s)"))
-    expect(drawing).to_have_attribute("aria-label", label)
-    expect(drawing).to_have_count(1)
 
 
 def test_chart_is_read_with_the_keyboard(page: Page) -> None:
-    page.locator(".block-switch .chart-drawing").focus()
+    page.locator(".block-chart .chart-drawing").focus()
     page.keyboard.press("ArrowRight")
     first, _ = said(page)
     for _ in range(60):
         page.keyboard.press("ArrowRight")
     assert said(page)[0] > first + 50
-    tip = page.locator(".block-switch .chart-tip")
+    tip = page.locator(".block-chart .chart-tip")
     number = re.findall(r"test (\d+)", tip.text_content() or "")[0]
     page.keyboard.press("Enter")
     expect(page.locator("#player-title")).to_contain_text(f"Test {number} ")
@@ -521,34 +455,16 @@ def test_the_domain_shows_its_cells_and_those_never_reached(show: Show, varied: 
     rows = page.locator(".domain > div")
     expect(rows).to_have_count(len(found.singles))
     for row, one in zip(rows.all(), found.singles, strict=True):
-        wanted = [
-            "never reached" if not drives else f"{failed} of {drives} failed" if failed else None
-            for drives, failed in zip(one.drives.tolist(), one.failures.tolist(), strict=True)
-        ]
-        cells = row.locator("li")
-        texts = cells.locator("span:nth-child(2)").all_text_contents()
-        assert [text for text in texts if not text.endswith("passed")] == [
-            text for text in wanted if text is not None
-        ]
+        expect(row.locator("li")).to_have_count(one.count)
         expect(row.locator("li.unreached")).to_have_count(one.never_reached)
-        # The more of its drives failed, the redder.
-        levels = [
-            int((re.findall(r"failing-(\d)", c.get_attribute("class") or "") or "0")[0])
-            for c in cells.all()
-        ]
-        shares = (one.failures / np.maximum(one.drives, 1)).tolist()
-        order = sorted(zip(shares, levels, strict=True))
-        assert [level for _, level in order] == sorted(levels)
+        expect(row.locator("[class*=failing-]")).to_have_count(one.failed)
     assert sum(one.never_reached for one in found.singles) > 0
     pairs = page.locator("#domain tbody tr", has=page.locator("a"))
-    expect(pairs).to_have_count(len(found.pairs))
-    numbers = pairs.first.locator("td").all_text_contents()
-    first = found.pairs[0]
-    assert numbers[:4] == [
-        str(number) for number in (first.count, first.driven, first.failed, first.never_reached)
-    ]
-    gaps = page.locator("#domain .table").last.locator("tbody tr")
+    numbers, first = pairs.first.locator("td").all_text_contents(), found.pairs[0]
+    counts = first.count, first.driven, first.failed, first.never_reached
+    assert numbers[:4] == [str(number) for number in counts]
     text = found.gaps[0].in_words().replace(" -", " \u2212")
+    gaps = page.locator("#domain .table").last.locator("tbody tr")
     expect(gaps.first).to_contain_text(text, ignore_case=True)
 
 
@@ -588,7 +504,6 @@ def test_tests_are_sorted_and_found(page: Page, searched: Path) -> None:
     with CampaignStore.open(searched) as store:
         tests = {test.id: test for test in store.tests()}
     rows, ids = page.locator("#tests tbody tr"), page.locator("#tests tbody th")
-    expect(rows).to_have_count(50)
     assert ids.all_text_contents() == [str(i) for i in sorted(tests)[:50]]
     page.get_by_role("button", name="MOOBD (m)").click()
     head = page.locator("#tests thead th", has_text="MOOBD (m)")
@@ -601,16 +516,12 @@ def test_tests_are_sorted_and_found(page: Page, searched: Path) -> None:
     page.select_option("#tests-outcome", "FAIL")
     failures = sum(test.outcome is Outcome.FAIL for test in tests.values())
     expect(page.locator("#tests .found")).to_have_text(f"{failures} of {len(tests)}")
-    expect(rows).to_have_count(failures)
     page.select_option("#tests-outcome", "")
     page.get_by_role("button", name=f"Show more of {len(tests)}").click()
     expect(rows).to_have_count(len(tests))
-    child = next(test for test in tests.values() if test.candidate.origin.parents)
-    parent = child.candidate.origin.parents[0]
-    page.fill("#tests-search", f"#{parent}")
-    assert {str(child.id), str(parent)} <= set(ids.all_text_contents())
-    page.locator("#tests tbody a", has_text=re.compile(f"^{parent}$")).click()
-    expect(page.locator("#player-title, #notice code").first).to_contain_text(str(parent))
+    page.fill("#tests-search", "#150")
+    page.locator("#tests tbody a").click()
+    expect(page.locator("#player-title, #notice code").first).to_contain_text("150")
 
 
 def test_failures_like_another_that_cannot_be_opened_say_why(
@@ -655,7 +566,7 @@ def test_all_text_can_be_read(show: Show, searched: Path, theme: str) -> None:
     page.locator(".legend button").first.click()
     page.locator("button.alike").first.click()
     page.locator(".cell.severity").first.click()
-    page.locator(".block-switch .chart-drawing").focus()
+    page.locator(".block-chart .chart-drawing").focus()
     page.keyboard.press("ArrowRight")
     page.evaluate("location.hash = '#test-99999'")
     expect(page.locator("#notice")).to_be_visible()
@@ -672,7 +583,7 @@ def has_colour(canvas: Locator, colour: tuple[int, int, int]) -> bool:
 
 def test_dark_colours_follow_the_system_and_the_switch(show: Show, searched: Path) -> None:
     page = show(searched / "report.html", color_scheme="dark")
-    canvas, button = page.locator(".block-switch canvas"), page.locator("#theme")
+    canvas, button = page.locator(".block-chart canvas"), page.locator("#theme")
     light, dark = (196, 31, 39), (255, 122, 112)  # of failures
     assert background(page) < 150
     assert has_colour(canvas, dark)
@@ -700,7 +611,7 @@ def test_small_screens_need_no_scrolling_sideways(show: Show, searched: Path, wi
 
 def test_a_phone_shows_the_player_and_the_roads_of_a_cell(show: Show, searched: Path) -> None:
     page = show(searched / "report.html", **PHONE)
-    for name in ("nav", "#operators .table"):  # what goes on to the right says so
+    for name in ("nav", "#tests .table"):  # what goes on to the right says so
         box = page.locator(name)
         expect(box).to_have_class(re.compile("goes-on"))
         assert box.evaluate("box => getComputedStyle(box).maskImage").startswith("linear-gradient")
@@ -761,7 +672,6 @@ def test_no_text_from_outside_is_run(show: Show, searched: Path, tmp_path: Path)
     expect(page.locator(".reason")).to_have_text(HOSTILE)
     assert page.evaluate("window.hacked === undefined && typeof hacked === 'undefined'")
     assert page.locator("main img, dialog img").count() == 0
-    expect(page.locator("#operators tbody th")).to_have_text(HOSTILE)
 
 
 def test_a_script_that_is_not_ours_is_refused(browser: Browser, searched: Path) -> None:
@@ -781,15 +691,7 @@ def test_a_script_that_is_not_ours_is_refused(browser: Browser, searched: Path) 
     page.close()
 
 
-def test_a_campaign_without_tests_has_a_page(show: Show, searched: Path, tmp_path: Path) -> None:
-    page = show(write_report(make_empty(tmp_path / "empty", searched)))
-    expect(page.locator("h1")).to_have_text("No failure in 0 simulations")
-    expect(page.locator(".warning")).to_contain_text("Not finished")
-    expect(page.locator("#failures")).to_contain_text("No failure was found.")
-
-
 def test_sections_of_ones_own_are_drawn(show: Show, searched: Path, tmp_path: Path) -> None:
-    columns, rows = (Column("tool"), Column("n", True)), (("ours", "1"), ("theirs", "2"))
     line = Series("line", (0.0, 1.0), (1.0, 2.0), (0.5, 1.5), (1.5, 2.5), dashed=True)
     section = Section(
         id="bench",
@@ -797,22 +699,19 @@ def test_sections_of_ones_own_are_drawn(show: Show, searched: Path, tmp_path: Pa
         lead="Two tools.",
         blocks=(
             Paragraph("A paragraph."),
-            Facts((Fact("a", "b"),), "Some facts"),
-            Facts((Fact("c", "d"),), "Folded facts", folded=True),
-            Table(columns, rows, "Caption."),
+            Facts({"c": "d"}, "Folded facts", folded=True),
+            Table(("tool", ">n"), (("ours", "1"), ("theirs", "2")), "Caption."),
             Chart((line,), "runs", "failures"),
         ),
     )
     page = show(write_report(searched, tmp_path / "r.html", sections=[section]))
     ours = page.locator("#bench")
     ours.locator(".chart-drawing").focus()
-    tip = ours.locator(".chart-tip")
-    for place, value in (("0", "1"), ("1", "2"), ("1", "2")):  # there are two points
-        page.keyboard.press("ArrowRight")
-        expect(tip.locator("p").first).to_have_text(f"{place} runs")
-        expect(tip.locator("b")).to_have_text(value)
-    for text in ("Two tools.", "A paragraph.", "Some facts", "Folded facts", "theirs", "Caption."):
+    page.keyboard.press("ArrowRight")
+    expect(ours.locator(".chart-tip b")).to_have_text("1")
+    for text in ("Two tools.", "A paragraph.", "Folded facts", "theirs", "Caption."):
         expect(ours).to_contain_text(text)
+    expect(ours.locator("thead th.number")).to_have_text("n")
     expect(ours.locator(".stroke.dashed").first).to_be_visible()
     expect(page.locator("nav a").last).to_have_text("The bench")
 

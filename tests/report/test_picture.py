@@ -101,10 +101,10 @@ def test_a_failure_says_what_happened(tmp_path: Path) -> None:
     drive = drive_along(HAIRPIN, drift=5.0)
     result = judge(HAIRPIN, drive)
     assert result.outcome is Outcome.FAIL
-    draw_drive(HAIRPIN, drive, tmp_path / "a.svg", title="Test 123: FAIL", map_size=200.0)
+    draw_drive(HAIRPIN, drive, tmp_path / "a.svg", title="Test 123: FAIL")
     texts = svg_texts(tmp_path / "a.svg")
     labels = {"distance along the road (m)", "oob distance (m)", "curvature (1/m)", "start", "end"}
-    labels |= {"speed (km/h)", "departure", "departure to the left", "edge of the map"}
+    labels |= {"speed (km/h)", "departure", "departure to the left"}
     figures = {f"{result.duration:.1f} s", f"{HAIRPIN.length:.0f} m"}
     figures.add(f"{result.moobd:.2f} m".replace("-", "−"))
     assert labels | figures | {"Test 123: FAIL", result.reason} <= set(texts)
@@ -140,10 +140,10 @@ def test_drawn_lanes_widen() -> None:
 
 def test_a_pass_has_no_departure(tmp_path: Path) -> None:
     drive = drive_along(WINDING, drift=1.0)
-    draw_drive(WINDING, drive, tmp_path / "a.svg", map_size=1000.0)
+    draw_drive(WINDING, drive, tmp_path / "a.svg")
     texts = svg_texts(tmp_path / "a.svg")
     assert {"Drive: PASS", "none"} <= set(texts)
-    assert not {"departure", "edge of the map"} & set(texts)
+    assert not {"departure"} & set(texts)
 
 
 @pytest.mark.parametrize(
@@ -154,11 +154,11 @@ def test_every_road_can_be_drawn(name: str, drift: float, tmp_path: Path) -> Non
     road = ROADS[name]
     speed = max(0.2, road.length / 20.0)
     path = tmp_path / "a.png"
-    draw_drive(road, drive_along(road, speed=speed, drift=drift), path, map_size=200.0)
+    draw_drive(road, drive_along(road, speed=speed, drift=drift), path)
     width, height = png_size(path)
     assert width == 1210
     assert 600 <= height <= 1600
-    draw_road(road, tmp_path / "a.svg", reason="The road is too sharp", map_size=200.0)
+    draw_road(road, tmp_path / "a.svg", reason="The road is too sharp")
     texts = svg_texts(tmp_path / "a.svg")
     assert {"Road", "The road is too sharp", "curvature (1/m)"} <= set(texts)
     assert texts.count("start") == texts.count("end") == 1
@@ -227,7 +227,7 @@ def test_the_same_drive_gives_the_same_bytes_whatever_was_there_or_is_set(
     for settings in ({}, {"font.size": 30.0, "svg.fonttype": "path", "savefig.bbox": "tight"}):
         with mpl.rc_context(settings):
             before = dict(mpl.rcParams)
-            draw_drive(HAIRPIN, drive, path, map_size=200.0)
+            draw_drive(HAIRPIN, drive, path)
             assert dict(mpl.rcParams) == before
         pictures.add(path.read_bytes())
     assert len(pictures) == 1

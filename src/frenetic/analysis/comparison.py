@@ -80,13 +80,6 @@ class PairComparison:
         return "no difference shown" if self.is_told else "too few repeats to tell"
 
     @property
-    def turned(self) -> PairComparison:
-        """The same with the second group named first."""
-        return PairComparison(
-            self.second, self.first, 1.0 - self.a12, self.p, self.p_corrected, self.repeats[::-1]
-        )
-
-    @property
     def better(self) -> str | None:
         """The better group; None if no difference is shown."""
         if not self.is_told or self.p_corrected >= SIGNIFICANT:
@@ -115,17 +108,18 @@ class MeasureComparison:
             return ""
         return f"{self.measure.text(found.low)} to {self.measure.text(found.high)}"
 
+    def median(self, group: str) -> str:
+        """The median of a group for people."""
+        return self.measure.text(self.quartiles(group).median)
+
     def text(self, group: str) -> str:
         """The median of a group, and its quartiles in brackets, for people."""
-        between, median = self.between(group), self.measure.text(self.quartiles(group).median)
+        between, median = self.between(group), self.median(group)
         return f"{median} ({between})" if between else median
 
     @cached_property
-    def mean_ranks(self) -> Mapping[str, float]:
-        """Name of a group -> mean rank of its campaigns among all campaigns; 1 is the best.
-
-        Equal campaigns share the mean of their ranks.
-        """
+    def _mean_ranks(self) -> Mapping[str, float]:
+        """Name of a group -> mean rank of its campaigns among all campaigns; 1 is the best."""
         every = ranks(-self.measure.sign * np.concatenate([*self.values.values()]))
         ends = np.cumsum([len(values) for values in self.values.values()])
         parts = zip(self.values, np.split(every, ends[:-1]), strict=True)
@@ -139,7 +133,7 @@ class MeasureComparison:
         """
         scores = {
             name: (-self.measure.sign * self.quartiles(name).median, round(rank, 9))
-            for name, rank in self.mean_ranks.items()
+            for name, rank in self._mean_ranks.items()
         }
         return {
             name: 1 + sum(other < score for other in scores.values())
@@ -398,6 +392,14 @@ def verdict(comparison: Comparison) -> str:
         odds = max(pair.a12, 1.0 - pair.a12)
         evidence = f" (A12 {odds:.2f}, {pair.magnitude}; p {p_text(pair.p)})"
     return f"{best} finds more {by.measure.title} than {in_short(worse)}{evidence}."
+
+
+def pair_rows(measures: Iterable[MeasureComparison]) -> Iterator[tuple[str, str, str, str, str]]:
+    """Pairs of groups: the measure once, what can be said, A12, effect, p after correction."""
+    for by in measures:
+        for i, pair in enumerate(by.pairs):
+            effect, p = (pair.magnitude, p_text(pair.p_corrected)) if pair.is_told else ("–", "–")
+            yield "" if i else by.measure.title, by.said(pair), f"{pair.a12:.2f}", effect, p
 
 
 def in_short(names: Sequence[str], most: int = 3) -> str:

@@ -11,8 +11,8 @@ from frenetic._support.words import format_duration
 from frenetic.analysis.comparison import Comparison
 from frenetic.bench.bench import Bench
 from frenetic.bench.presets import COLUMNS, measured
-from frenetic.report.html.blocks import Block, Column, Fact, Facts, Section, Table
 from frenetic.report.html.comparison import write_comparison_page
+from frenetic.report.html.page import Block, Facts, Section, Table
 
 PAGE: Final = "index.html"
 
@@ -33,7 +33,7 @@ def write_results(bench: Bench, comparison: Comparison) -> Path:
         bench.folder / PAGE,
         title=f"Bench of {number} generators",
         lead=f"{bench.runs_in_words} each.",
-        facts=list(_terms(bench)),
+        facts=_terms(bench),
         sections=list(_published(bench, comparison)),
         command=None if bench.file is None else shlex.join(["frenetic", "bench", str(bench.file)]),
     )
@@ -49,7 +49,7 @@ def _published(bench: Bench, comparison: Comparison) -> Iterator[Section]:
         figures = (*measured(comparison), *preset.published)
         blocks.append(
             Table(
-                tuple(Column(title, is_number=title in COLUMNS) for title in columns),
+                tuple(f">{title}" if title in COLUMNS else title for title in columns),
                 tuple(
                     (one.tool, *(cell or "–" for cell in one.cells), one.source) for one in figures
                 ),
@@ -58,21 +58,21 @@ def _published(bench: Bench, comparison: Comparison) -> Iterator[Section]:
         )
     differences = preset.differences(bench.entries())
     for title, facts in (("What differs", differences), ("Sources", preset.sources)):
-        blocks.append(Facts(tuple(Fact(name, text) for name, text in facts.items()), title))
+        blocks.append(Facts(facts, title))
     none = "" if preset.published else ". No figures of this edition are known to us"
     yield Section("published", f"Beside {preset.title}", tuple(blocks), f"{preset.setting}{none}.")
 
 
-def _terms(bench: Bench) -> Iterator[Fact]:
+def _terms(bench: Bench) -> dict[str, str]:
     terms = bench.terms
     budget = format_duration(terms.time)
-    yield Fact(
-        "virtual clock",
-        f"{budget}, of which each simulation costs {terms.seconds_per_test:g} s; the time that a"
-        " generator takes itself is free",
-    )
-    yield Fact("seeds", f"{bench.seed} to {bench.seed + bench.repeats - 1}")
+    facts = {
+        "virtual clock": f"{budget}, of which each simulation costs {terms.seconds_per_test:g} s;"
+        " the time that a generator takes itself is free",
+        "seeds": f"{bench.seed} to {bench.seed + bench.repeats - 1}",
+    }
     for entrant in bench.entrants:
         kind = "strategy" if entrant.is_strategy else "generator"
         options = ", ".join(f"{name}={value}" for name, value in entrant.options.items())
-        yield Fact(entrant.name, f"{kind} {entrant.spec}{' with ' if options else ''}{options}")
+        facts[entrant.name] = f"{kind} {entrant.spec}{' with ' if options else ''}{options}"
+    return facts

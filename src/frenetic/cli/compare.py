@@ -40,8 +40,7 @@ _MOST_MEASURES: Final = 4
 @click.argument("places", nargs=-1, required=True, metavar="[NAME=]FOLDER...")
 @file_option(
     "--out",
-    "Write a page (.html), a picture (.png, .svg, .pdf) or a table of medians and quartiles (.csv,"
-    " .md) into this file; may be repeated.",
+    "Write a page (.html) or a picture (.png, .svg, .pdf) into this file; may be repeated.",
     type=NewFile(),
     multiple=True,
 )
@@ -173,21 +172,14 @@ def _write_page(comparison: Comparison, path: Path, places: Sequence[str]) -> No
 
 
 def _draw(comparison: Comparison, path: Path, _: Sequence[str]) -> None:
-    from frenetic.report.comparison import draw_comparison
+    from frenetic.report.plots import draw_comparison
 
     draw_comparison(comparison, path)
-
-
-def _write_table(comparison: Comparison, path: Path, _: Sequence[str]) -> None:
-    from frenetic.analysis.tables import write_table
-
-    write_table(comparison, path)
 
 
 _FORMS: Final[Mapping[str, Callable[[Comparison, Path, Sequence[str]], None]]] = {
     ".html": _write_page,
     **dict.fromkeys((".png", ".svg", ".pdf"), _draw),
-    **dict.fromkeys((".csv", ".md"), _write_table),
 }
 """Suffix of a file -> what writes it."""
 
@@ -247,7 +239,6 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
     def measure_document(measured: MeasureComparison) -> dict[str, Any]:
         return {
             **asdict(measured.measure),
-            "mean_ranks": dict(measured.mean_ranks),
             "groups": {
                 name: {
                     "values": [number(value) for value in values],
@@ -327,19 +318,11 @@ def _print_by_group(comparison: Comparison) -> None:
 
 
 def _print_pairs(measures: Sequence[MeasureComparison], *, several: bool) -> None:
+    from frenetic.analysis.comparison import pair_rows
+
     print_table(
         ("", "what can be said", ">A12", ">effect", ">p (Holm)" if several else ">p"),
-        [
-            (
-                "" if i else by.measure.title,
-                by.said(pair),
-                f"{pair.a12:.2f}",
-                pair.magnitude if pair.is_told else None,
-                f"{pair.p_corrected:.2g}" if pair.is_told else None,
-            )
-            for by in measures
-            for i, pair in enumerate(by.pairs)
-        ],
+        list(pair_rows(measures)),
         title="Differences",
     )
     click.echo("A12: chance that a campaign of the first named does better than one of the second")

@@ -29,7 +29,7 @@ from frenetic.errors import BrokenDriverError, CampaignError, FreneticError
 if TYPE_CHECKING:
     from frenetic.analysis import Clusters
     from frenetic.campaign import Campaign, CampaignStore, Event, Summary
-    from frenetic.report.html.reading import Reading
+    from frenetic.report.html.campaign import Reading
     from frenetic.spec import Spec
 
 SLOW: Final = 0.5
@@ -107,7 +107,7 @@ def search(
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.earlier import still_failing
     from frenetic.report.failures import FAILURES, GALLERY, write_failures
-    from frenetic.report.html.reading import Reading
+    from frenetic.report.html.campaign import Reading
     from frenetic.report.minimised import minimised_drives, minimised_road
 
     folder = campaign.folder

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from frenetic.report.html import write_comparison_page, write_report
     from frenetic.report.html.replay import Replay, animate
     from frenetic.report.picture import draw_drive, draw_gallery, draw_road
-    from frenetic.report.plots import plot, plot_failures, plot_progress
+    from frenetic.report.plots import plot, plot_progress
 
 __getattr__ = lazy_names(
     __name__,
@@ -21,7 +21,7 @@ __getattr__ = lazy_names(
         "frenetic.report.html": ("write_comparison_page", "write_report"),
         "frenetic.report.html.replay": ("Replay", "animate"),
         "frenetic.report.picture": ("draw_drive", "draw_gallery", "draw_road"),
-        "frenetic.report.plots": ("plot", "plot_failures", "plot_progress"),
+        "frenetic.report.plots": ("plot", "plot_progress"),
     },
 )
 
@@ -32,7 +32,6 @@ __all__ = [
     "draw_gallery",
     "draw_road",
     "plot",
-    "plot_failures",
     "plot_progress",
     "write_comparison_page",
     "write_report",

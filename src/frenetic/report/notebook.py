@@ -11,18 +11,16 @@ from typing import Final
 
 import matplotlib as mpl
 
-from frenetic._support.words import signed
+from frenetic._support.words import counted, format_duration, signed
 from frenetic.analysis.comparison import Comparison
-from frenetic.analysis.failures import Clusters
+from frenetic.analysis.failures import distinct_failures, nearest_misses
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
 from frenetic.export.tables import opened
-from frenetic.report.comparison import draw_curves
-from frenetic.report.html.headline import headline
 from frenetic.report.picture import Fact, draw_sheet, facts_of_drive, facts_of_road, sheet_row
-from frenetic.report.plots import failures_to_show
+from frenetic.report.plots import draw_curves
 from frenetic.report.scene import look
 from frenetic.report.style import STYLE, Paper, encode_figure
 from frenetic.road import Road
@@ -67,13 +65,38 @@ def _campaign(campaign: Campaign | CampaignStore) -> str:
     if not campaign.folder.exists():
         return f"<p>{html.escape(repr(campaign))}</p>"
     with opened(campaign) as store:
-        title, items = failures_to_show(store, FAILURES, COMPARED)
+        title, items = _failures_to_show(store)
         picture = _sheet(items, 2.0 * min(len(items), 3), title) if items else ""
-        nothing, elapsed = Clusters((), 0.0), store.elapsed()
-        counts = store.counts()
-        top = headline(store.config, store.facts, counts, nothing, folder="", elapsed=elapsed)
-    told = (tile for tile in top.tiles if tile.label != "distinct failures")
-    return _card(title, top.lead, picture, [(one.label, one.value, one.note) for one in told])
+        counts, time = store.counts(), format_duration(store.elapsed())
+    moobd = "–" if counts.min_moobd is None else f"{signed(counts.min_moobd)} m"
+    facts = [
+        ("simulations", str(counts.simulations), ""),
+        ("failures", str(counts.failed), ""),
+        ("lowest MOOBD", moobd, ""),
+        ("wall time", time, ""),
+    ]
+    return _card(title, "", picture, facts)
+
+
+def _failures_to_show(store: CampaignStore) -> tuple[str, list[tuple[str, Road, Test]]]:
+    """A title, and the most severe distinct failures with their captions; else near misses."""
+    counts = store.counts()
+    found = distinct_failures(store, COMPARED)
+    among = counted(counts.failed, "failure")
+    if found.failures < counts.failed:
+        among = f"the {found.failures} most severe of {among}"
+    title = f"{counted(len(found), 'distinct failure')} among {among}"
+    if not counts.failed:
+        found = nearest_misses(store, FAILURES)
+        title = counts.broken or "No failure"
+        title += "; the nearest misses" if found else ""
+    items = []
+    for cluster in found.clusters[:FAILURES]:
+        test = store.test(cluster.most_severe)
+        if test.drive is not None:
+            more = f", {len(cluster) - 1} more like it" if len(cluster) > 1 else ""
+            items.append((f"Test {test.id}{more}", test.road, test))
+    return title, items
 
 
 @html_of.register
@@ -82,8 +105,7 @@ def _comparison(comparison: Comparison) -> str:
         page = Paper.new(6.5, 3.2, _DPI)
         axes = page.axes(0.6, 0.1, 5.8, 2.6, bare=False)
         draw_curves(axes, comparison)
-        axes.legend(loc="upper left", frameon=False, fontsize=8.5)
-        picture = _image(page, "Failures found over simulations")
+        picture = _image(page, "Distinct failures found over simulations")
     shown, groups = comparison.measures, comparison.groups
     rows = [
         (group, str(len(groups[group])), *(by.text(group) for by in shown))

@@ -90,7 +90,6 @@ def draw_drive(
     path: Path | str,
     *,
     title: str | None = None,
-    map_size: float | None = None,
 ) -> None:
     """Write a picture of one drive to ``path``: PNG, SVG or PDF by its suffix.
 
@@ -103,7 +102,6 @@ def draw_drive(
         drive: what the simulator recorded, judged with its own rules, or a test that was driven.
         path: where the picture goes; an existing file is replaced.
         title: headline; the outcome if None.
-        map_size: m, side of the map [0, map_size]^2, whose edge is drawn where it is in sight.
 
     Raises:
         FreneticError: another suffix, or a file that cannot be written.
@@ -113,7 +111,7 @@ def draw_drive(
         seen = look(road, drive)
         result = seen.result
         title = title or f"Drive: {result.outcome}"
-        figure = _page(road, seen, title, result.reason, COLOURS[result.outcome], map_size)
+        figure = _page(road, seen, title, result.reason, COLOURS[result.outcome])
         write_figure(figure, path, form)
 
 
@@ -136,7 +134,6 @@ def draw_road(
     title: str | None = None,
     reason: str | None = None,
     outcome: Outcome = Outcome.INVALID,
-    map_size: float | None = None,
 ) -> None:
     """Write a picture of a road that was not driven to ``path``: PNG, SVG or PDF by its suffix.
 
@@ -146,7 +143,6 @@ def draw_road(
         title: headline; "Road" if None.
         reason: a sentence below it, such as why the road was refused.
         outcome: of which this is the reason.
-        map_size: m, side of the map [0, map_size]^2, whose edge is drawn where it is in sight.
 
     Raises:
         FreneticError: another suffix, or a file that cannot be written.
@@ -154,7 +150,7 @@ def draw_road(
     form = form_of(path)
     with mpl.rc_context(STYLE):
         colour = INK if reason is None else COLOURS[outcome]
-        write_figure(_page(road, None, title or "Road", reason or "", colour, map_size), path, form)
+        write_figure(_page(road, None, title or "Road", reason or "", colour), path, form)
 
 
 def draw_gallery(
@@ -233,7 +229,6 @@ def _page(
     title: str,
     reason: str,
     colour: str,
-    map_size: float | None,
 ) -> Figure:
     focus = None if seen is None else focus_of(seen)
     facts = facts_of_road(road) if seen is None else facts_of_drive(road, seen)
@@ -272,8 +267,8 @@ def _page(
     if closer and seen is not None and focus is not None:
         x = MARGIN + main_width + _GAP
         near = _close_up(page.axes(x, y, CLOSE_UP, main_height), turn, road, seen, focus)
-    draw_scene(view, road, seen, focus, map_size, near=near)
-    draw_key(page, y + main_height + 0.1, view, road, seen, map_size)
+    draw_scene(view, road, seen, focus, near=near)
+    draw_key(page, y + main_height + 0.1, view, road, seen)
 
     # Along the road.
     y += main_height + strip
@@ -476,7 +471,7 @@ def draw_sheet(
         turn = turn_of(road)
         view = View.showing(page.axes(x, y, picture, height), box_of(road, seen, turn), turn)
         focus = None if seen is None else focus_of(seen)
-        draw_scene(view, road, seen, focus, None, labelled=False)
+        draw_scene(view, road, seen, focus, labelled=False)
         page.text(x, y + height + 0.17, one_line(text, letters), size=9, weight="bold")
         line = f"{road.length:.0f} m"
         if seen is not None:

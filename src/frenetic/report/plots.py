@@ -6,24 +6,25 @@ is drawn by the same code as in the report's pictures.
 
 from __future__ import annotations
 
-import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Final
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
 
 from frenetic._support.words import counted, signed
 from frenetic.analysis.comparison import Comparison
-from frenetic.analysis.failures import Clusters, distinct_failures, nearest_misses
+from frenetic.analysis.failures import distinct_failures
 from frenetic.campaign.record import Test
-from frenetic.campaign.store import CampaignStore
 from frenetic.drive import Drive
 from frenetic.export.tables import Place, opened
-from frenetic.report.comparison import draw_chart, draw_curves
+from frenetic.report.html.comparison import group_curves
+from frenetic.report.html.page import Chart
 from frenetic.report.html.tests import TestSummary
-from frenetic.report.html.timeline import EXPECTED, timeline_of
-from frenetic.report.picture import draw_sheet, sheet_row
+from frenetic.report.html.timeline import timeline_of
 from frenetic.report.scene import (
     SeenDrive,
     View,
@@ -34,11 +35,19 @@ from frenetic.report.scene import (
     look,
     road_of,
 )
-from frenetic.report.style import STYLE, Paper
+from frenetic.report.style import FAINT, STYLE, WIDTH, Paper, form_of, write_figure
 from frenetic.road import Road
 
-SHEET: Final = 12
-"""Default number of failures that `plot_failures` draws."""
+# Told apart with any kind of colour vision, and in grey by their order.
+_GROUPS: Final = (
+    "#0b5fa5", "#e07b1a", "#1b8a6b", "#8a4fa0", "#b3262c", "#5c6670", "#c2a200", "#c2407f",
+)  # fmt: skip
+_COLOURS: Final[Mapping[str, str]] = {
+    "accent": "#0b5fa5",
+    "fail": "#d1232a",
+    **{f"group-{i}": colour for i, colour in enumerate(_GROUPS)},
+}
+"""Colours of a chart's lines on paper."""
 
 # Sizes in inches.
 _WIDE: Final = 6.5  # new axes
@@ -47,11 +56,7 @@ _LEFT, _RIGHT, _TOP, _BOTTOM, _KEY = 0.65, 0.2, 0.4, 0.55, 0.45  # around them
 
 
 def plot(
-    thing: Road | Drive | Test | Comparison,
-    ax: Axes | None = None,
-    *,
-    road: Road | None = None,
-    map_size: float | None = None,
+    thing: Road | Drive | Test | Comparison, ax: Axes | None = None, *, road: Road | None = None
 ) -> Axes:
     """Draws a road or a drive from above, or the failures of compared groups over the simulations.
 
@@ -64,7 +69,6 @@ def plot(
         ax: axes to draw on; those of a new figure of pyplot's if None, of a drive with a key to the
             colours.
         road: that was driven, for a drive that does not know it.
-        map_size: m, side of the map [0, map_size]^2, whose edge is drawn.
 
     Returns:
         The axes.
@@ -77,19 +81,16 @@ def plot(
         if isinstance(thing, Comparison):
             axes = _new_axes(_WIDE, 3.2)[0] if ax is None else ax
             draw_curves(axes, thing)
-            axes.legend(loc="upper left", frameon=False, fontsize=8.5)
             return axes
         if isinstance(thing, Test) and thing.drive is None:
             thing = thing.road
         if isinstance(thing, Road):
-            return _plot_above(thing, None, ax, map_size)
+            return _plot_above(thing, None, ax)
         road = thing.road if isinstance(thing, Test) else road_of(thing, road)
-        return _plot_above(road, look(road, thing), ax, map_size)
+        return _plot_above(road, look(road, thing), ax)
 
 
-def _plot_above(
-    road: Road, seen: SeenDrive | None, ax: Axes | None, map_size: float | None
-) -> Axes:
+def _plot_above(road: Road, seen: SeenDrive | None, ax: Axes | None) -> Axes:
     """A road and its drive where they lie on the map; what the axes show already stays in sight."""
     box, title = box_of(road, seen, 0.0), f"Road, {road.length:.0f} m"
     if ax is None:
@@ -104,7 +105,7 @@ def _plot_above(
     if axes.has_data():
         box = box.holding(np.transpose([axes.get_xlim(), axes.get_ylim()]))
     focus = None if seen is None else focus_of(seen)
-    draw_scene(View.showing(axes, box, 0.0), road, seen, focus, map_size)
+    draw_scene(View.showing(axes, box, 0.0), road, seen, focus)
     axes.set_aspect("equal")
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
@@ -127,98 +128,67 @@ def _new_axes(width: float, height: float, *, key: float = 0.0) -> tuple[Axes, P
 # Campaigns
 
 
-def failures_to_show(
-    store: CampaignStore, number: int, limit: int | None = None
-) -> tuple[str, list[tuple[str, Road, Test]]]:
-    """A title, and the most severe distinct failures with their captions; else near misses.
-
-    Args:
-        store: of the campaign.
-        number: most drives.
-        limit: most failures to compare; the usual number if None.
-    """
-    counts = store.counts()
-    failed = counts.failed
-    found = distinct_failures(store) if limit is None else distinct_failures(store, limit)
-    title = _distinct_in_words(found, failed)
-    if len(found) > number:
-        title += f"; the {number} most severe"
-    if not failed:
-        found = nearest_misses(store, number)
-        title = counts.broken or "No failure"
-        title += "; the nearest misses" if found else ""
-    items = []
-    for cluster in found.clusters[:number]:
-        test = store.test(cluster.most_severe)
-        if test.drive is not None:
-            more = f", {len(cluster) - 1} more like it" if len(cluster) > 1 else ""
-            items.append((f"Test {test.id}{more}", test.road, test))
-    return title, items
-
-
-def _distinct_in_words(found: Clusters, failed: int) -> str:
-    among = (
-        counted(failed, "failure")
-        if found.failures >= failed
-        else f"the {found.failures} most severe of {failed} failures"
-    )
-    return f"{counted(len(found), 'distinct failure')} among {among}"
-
-
-def plot_failures(campaign: Place, ax: Axes | None = None, *, number: int = SHEET) -> Axes:
-    """Draws the most severe distinct failures from above; the nearest misses if nothing failed.
-
-    Args:
-        campaign: with the failures, or its folder.
-        ax: axes to draw on; a sheet fills them.
-        number: most drives to draw, one of each distinct failure.
-
-    Raises:
-        CampaignError: there is no campaign, or it is damaged.
-    """
-    with opened(campaign) as store, mpl.rc_context(STYLE):
-        title, items = failures_to_show(store, number)
-        axes = ax
-        if axes is None:
-            columns = min(max(len(items), 1), 4)
-            rows = max(math.ceil(len(items) / columns), 1)
-            axes, _ = _new_axes(2.2 * columns, rows * sheet_row(2.2 * columns, columns))
-        page = Paper.on(axes)
-        axes.set_axis_off()
-        axes.set_title(title, loc="left", fontsize=9.0)
-        draw_sheet(page, items, _columns(page, len(items)), left=0.0, top=0.0, width=page.width)
-    return axes
-
-
-def _columns(page: Paper, number: int) -> int:
-    """The fewest columns in which so many pictures of a sheet fit on a page."""
-    for columns in range(1, number):
-        if math.ceil(number / columns) * sheet_row(page.width, columns) <= 1.001 * page.height:
-            return columns
-    return max(number, 1)
-
-
 def plot_progress(campaign: Place, ax: Axes | None = None) -> Axes:
     """Draws failures and distinct failures over the simulations, as the report does.
 
-    Dashed: how many there would be if all roads were like those of the random phase, with bands of
-    what is not known of it (95 %).
+    Dashed: how many there would be if all roads were like those of the random phase, with the band
+    of what is not known of it (95 %).
 
     Raises:
         CampaignError: there is no campaign, or it is damaged.
     """
     with opened(campaign) as store:
-        charts, _ = timeline_of([*map(TestSummary.of, store.tests())], distinct_failures(store))
+        chart = timeline_of([*map(TestSummary.of, store.tests())], distinct_failures(store))
     with mpl.rc_context(STYLE):
         axes = _new_axes(_WIDE, 3.2)[0] if ax is None else ax
-        if charts:
-            chart = charts["simulations"]
-            names = {
-                line.name: line.name.replace(f" {EXPECTED}", f", {EXPECTED}")
-                if line.dashed
-                else f"{line.name}: {line.y[-1]:.0f}"
-                for line in chart.series
-            }
-            draw_chart(axes, chart, names)
-            axes.legend(loc="upper left", frameon=False, fontsize=8.5)
+        if chart is not None:
+            counts = {one.name: f"{one.name}: {one.y[-1]:.0f}" for one in chart.series[:2]}
+            _draw_chart(axes, chart, lambda name: counts.get(name, name))
     return axes
+
+
+def draw_comparison(comparison: Comparison, path: Path | str) -> None:
+    """Write a picture of a comparison to ``path``: PNG, SVG or PDF by its suffix.
+
+    Distinct failures and failures over the simulations: each group's median, and the band between
+    its quartiles.
+
+    Raises:
+        FreneticError: another suffix, or a file that cannot be written.
+    """
+    form = form_of(path)
+    with mpl.rc_context(STYLE):
+        page = Paper.new(WIDTH, 4.2)
+        for i, left in enumerate((0.65, 6.15)):
+            draw_curves(page.axes(left, 0.2, 4.6, 3.4, bare=False), comparison, i)
+        write_figure(page.figure, path, form)
+
+
+def draw_curves(axes: Axes, comparison: Comparison, which: int = 0) -> None:
+    """Draws the distinct failures (0), or the failures (1), of each group over the simulations."""
+    groups = comparison.groups
+    chart = [*group_curves(comparison)][which]
+    _draw_chart(axes, chart, lambda name: f"{name}, {counted(len(groups[name]), 'campaign')}")
+
+
+def _draw_chart(axes: Axes, chart: Chart, name_of: Callable[[str], str]) -> None:
+    """Draws a chart of counts, with other names of its lines in its legend."""
+    for line in chart.series:
+        colour, style = _COLOURS[line.role], (0, (4, 2)) if line.dashed else "-"
+        if line.low:
+            axes.fill_between(line.x, line.low, line.high, color=colour, alpha=0.16, linewidth=0)
+        for single in line.singles:
+            axes.plot(line.x, single, color=colour, alpha=0.3, linewidth=0.8)
+        axes.plot(
+            line.x, line.y, label=name_of(line.name), color=colour, linestyle=style, lw=line.width,
+            drawstyle="steps-post" if line.stepped else "default",
+        )  # fmt: skip
+    most = max(max(*line.y, *line.high, 1.0) for line in chart.series)
+    axes.set_xlim(0, max(1, *(line.x[-1] for line in chart.series)))
+    axes.set_ylim(-0.02 * most, 1.05 * most)  # a curve at 0 can be seen
+    axes.set_xlabel(chart.x_title)
+    axes.set_ylabel(chart.y_title)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MaxNLocator(steps=[1, 2, 5, 10], integer=True))
+    axes.grid(color=FAINT, linewidth=0.5, alpha=0.6)
+    axes.legend(loc="upper left", frameon=False, fontsize=8.5)

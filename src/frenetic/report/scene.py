@@ -304,17 +304,11 @@ def draw_scene(
     road: Road,
     seen: SeenDrive | None,
     focus: Focus | None,
-    map_size: float | None,
     *,
     near: View | None = None,
     labelled: bool = True,
 ) -> None:
     """The whole road from above with the drive on it, and a frame around what ``near`` shows."""
-    if map_size is not None:
-        corners = map_size * np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]])
-        view.axes.plot(
-            *view.at(corners).T, color=QUIET, lw=1.0, dashes=(5.0, 3.0), alpha=0.8, zorder=0.5,
-        )  # fmt: skip
     draw_surface(view, road)
     spacing = max(1.0, road.length / _MAX_POINTS)
     start, end = view.at(road.sample(spacing, -0.5 * road.lane_width)[[0, -1]])
@@ -498,9 +492,7 @@ def draw_close_up(view: View, road: Road, seen: SeenDrive, focus: Focus) -> None
     view.mark(place, "o", ms=4.5, color=focus.colour, zorder=7)
 
 
-def draw_key(
-    page: Paper, y: float, view: View, road: Road, seen: SeenDrive | None, map_size: float | None
-) -> None:
+def draw_key(page: Paper, y: float, view: View, road: Road, seen: SeenDrive | None) -> None:
     """Below the view: scale, axes of the map, and what the colours mean."""
     metres = 10.0 ** math.floor(math.log10(130.0 / view.scale))
     metres *= max(k for k in (1, 2, 5) if k * metres * view.scale <= 130.0)
@@ -512,12 +504,6 @@ def draw_key(
         page.line([x, x + dx], [y + 0.24, y + 0.24 + dy], color=QUIET, lw=1.1)
         beside = x + 1.55 * dx, y + 0.24 + 1.55 * dy
         page.text(*beside, name, size=8, color=QUIET, ha="center", va="center")
-    frame = view.centre + view.half * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
-    ends = turned(frame, -view.turn)
-    if map_size is not None and ((ends < 0.0) | (ends > map_size)).any():
-        x += 0.65
-        page.line([x, x + 0.36], [y + 0.2, y + 0.2], color=QUIET, lw=1.0, dashes=(5.0, 3.0))
-        page.text(x + 0.45, y + 0.24, "edge of the map", size=8.5, color=QUIET)
     if seen is not None and len(seen):
         draw_colour_bar(page, WIDTH - MARGIN, y + 0.07, 0.5 * road.lane_width)
 

@@ -1,9 +1,7 @@
 """A campaign as one HTML file that opens anywhere, without a network: `write_report`.
 
-What the page says is put together here as *sections* of *blocks* (`frenetic.report.html.blocks`),
-which become JSON in the page; how it looks is up to ``static``.
-
-Your own section needs no JavaScript, as long as its blocks are of existing kinds::
+A page is made of *sections* of *blocks*. Your own needs no JavaScript, as long as its blocks are of
+existing kinds::
 
     from frenetic.report.html import Chart, Paragraph, Section, Series, write_report
 
@@ -18,26 +16,24 @@ Your own section needs no JavaScript, as long as its blocks are of existing kind
     write_report("campaigns/night", sections=[errors])
 """
 
-from frenetic.report.html.blocks import (
+from frenetic.report.html.campaign import REPORT, campaign_report, write_report
+from frenetic.report.html.comparison import comparison_report, write_comparison_page
+from frenetic.report.html.page import (
     Chart,
-    Column,
-    Fact,
     Facts,
     Paragraph,
     Part,
+    Report,
     Section,
     Series,
     Table,
+    render,
+    write_page,
 )
-from frenetic.report.html.campaign import REPORT, campaign_report, write_report
-from frenetic.report.html.comparison import comparison_report, write_comparison_page
-from frenetic.report.html.page import Report, render, write_page
 
 __all__ = [
     "REPORT",
     "Chart",
-    "Column",
-    "Fact",
     "Facts",
     "Paragraph",
     "Part",

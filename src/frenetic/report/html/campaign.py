@@ -2,39 +2,62 @@
 
 from __future__ import annotations
 
+import json
+import math
 import shlex
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
 from msgspec.json import encode
 
 from frenetic._support.entry_points import imported, installed
-from frenetic.again.rerun import Rerun, elsewhere, own_repeats, read_reruns
+from frenetic._support.json_value import JSONValue, plain
+from frenetic._support.words import capitalised, counted, format_duration, rate_words, signed
+from frenetic.again.rerun import elsewhere, own_repeats, read_reruns
 from frenetic.analysis.coverage import domain_coverage, varied_axes
 from frenetic.analysis.criteria import criteria_in_words
-from frenetic.analysis.failures import Clusters, caution
-from frenetic.analysis.segments import segment_of_test
+from frenetic.analysis.failures import (
+    COMPARED,
+    Clusters,
+    Failure,
+    caution,
+    distinct_among,
+    nearest_misses,
+)
+from frenetic.analysis.features import Features
+from frenetic.analysis.segments import Segment, segment_of_test
+from frenetic.campaign.asking import FACTS
+from frenetic.campaign.counts import Counts
 from frenetic.campaign.earlier import still_failing
+from frenetic.campaign.objective import in_words as objective_in_words
 from frenetic.campaign.objective import objectives
 from frenetic.campaign.record import Test
+from frenetic.campaign.repeat import not_repeatable
 from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.summary import facts_in_words
 from frenetic.errors import CampaignError
 from frenetic.estimate import Estimate
 from frenetic.export.tables import Place, opened
 from frenetic.outcome import Outcome
 from frenetic.quantities import in_words
-from frenetic.report.html.blocks import Part, Section
+from frenetic.report.failures import MOST_FILES
 from frenetic.report.html.domain import domain_section
-from frenetic.report.html.elsewhere import elsewhere_sections
-from frenetic.report.html.feature_map import map_section
+from frenetic.report.html.feature_map import choose_mapped, map_section, measure
 from frenetic.report.html.gallery import gallery_section
-from frenetic.report.html.headline import headline
-from frenetic.report.html.operators import operators_section
-from frenetic.report.html.page import Report, write_page
-from frenetic.report.html.reading import Reading
-from frenetic.report.html.repeating import repeat_section
+from frenetic.report.html.page import (
+    Facts,
+    Paragraph,
+    Part,
+    Report,
+    Section,
+    command,
+    percent,
+    write_page,
+)
 from frenetic.report.html.tests import (
     COLUMNS,
     Film,
@@ -44,7 +67,10 @@ from frenetic.report.html.tests import (
     table_of,
 )
 from frenetic.report.html.timeline import timeline_section
-from frenetic.search.operators import DOES
+from frenetic.run_file import NAME
+from frenetic.search.records import Candidate
+from frenetic.spec import earlier_of, part_text
+from frenetic.versions import innermost, short_version
 
 FILMS: Final = "frenetic.films"
 """Group of entry points: functions of a campaign's record that give one of a test, for its `Film`
@@ -55,6 +81,57 @@ FILMS_SIZE: Final = 3_000_000
 """Most bytes of all pictures of a page, likewise."""
 REPORT: Final = "report.html"
 """Name of the report in a campaign's folder."""
+
+_LATE: Final = 0.8
+"""Share of the tests behind which failures are late: many late ones, and more drives find more."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A campaign's tests at one moment, each of which is read once."""
+
+    tests: Sequence[TestSummary]
+    counts: Counts
+    clusters: Clusters
+    """The distinct failures."""
+    misses: Clusters | None
+    """The nearest misses; None if a test failed."""
+    mapped: Mapping[int, tuple[Mapping[str, Features], Candidate]]
+    """The tests in the feature map, with their features, see `measure`."""
+    failures: Mapping[int, tuple[Test, Segment | None]]
+    """The most severe failures, each with its segment, if it has records."""
+
+    @classmethod
+    def of(cls, store: CampaignStore) -> Reading:
+        """The tests of a campaign.
+
+        Raises:
+            CampaignError: the campaign is damaged.
+        """
+        rows = store.rows(
+            "SELECT id, outcome, moobd FROM test WHERE told IS NOT NULL ORDER BY told"
+        )
+        told = [(int(id), str(outcome), moobd) for id, outcome, moobd in rows]  # noqa: A001
+        failed = [row for row in told if row[1] == Outcome.FAIL]
+        failed.sort(key=lambda row: math.inf if row[2] is None else row[2])
+        chosen = choose_mapped(told)
+        compared, kept = ({row[0] for row in failed[:most]} for most in (COMPARED, MOST_FILES))
+        counts, tests = Counts(), []
+        failures: list[Failure] = []
+        mapped, severe = {}, {}
+        for record in store.tests(with_trajectory=chosen | compared):
+            tests.append(TestSummary.of(record))
+            counts.add(record.candidate, record.outcome, record.moobd)
+            segment = segment_of_test(record)
+            if record.id in compared:
+                failures += filter(None, [Failure.of_segment(segment, record.result, record.id)])
+            if record.id in chosen and segment is not None:
+                mapped[record.id] = measure(segment), record.candidate
+            if record.id in kept:
+                severe[record.id] = record, segment
+        clusters = distinct_among(store, failures)
+        misses = None if counts.failed else nearest_misses(store)
+        return cls(tests, counts, clusters, misses, mapped, severe)
 
 
 def write_report(
@@ -98,47 +175,31 @@ def campaign_report(
     """
     reading = Reading.of(store) if reading is None else reading
     tests, counts, clusters = reading.tests, reading.counts, reading.clusters
-    found, failures = reading.misses or clusters, counts.failed
-    config, facts = store.config, store.facts
-    reruns, trouble = _reruns(store)
+    found, config = reading.misses or clusters, store.config
+    try:
+        reruns, trouble = read_reruns(store.folder), ""
+    except CampaignError as error:
+        reruns, trouble = [], str(error)
     there = elsewhere(reruns, config)
     shown = _to_show(tests, found, [test.id for one in there for test in one.tests])
     coverage = domain_coverage(store.setting, store.tests())
-    axes = varied_axes(reading.conditions) if coverage is None else coverage.axes
+    driven = [test.conditions for test in tests if test.outcome.is_driven]
+    axes = varied_axes(driven) if coverage is None else coverage.axes
     drives = _drives(store, reading, shown)
-    order = [i for i in dict.fromkeys([*shown, *reading.features]) if i in reading.features]
-    measured = {i: reading.features[i] for i in order}
-    cells = {axis: [axis.find(reading.mapped[i]) for i in order] for axis in axes}
-    moobds = {test.id: test.moobd for test in tests if test.moobd is not None}
-    road_class = store.setting.road_class
-    top = headline(
-        config,
-        facts,
-        counts,
-        clusters,
-        folder=str(store.folder),
-        criteria=criteria_in_words(store),
-        roads="" if road_class is None else road_class.in_words(),
-        domain=_domain(store),
-        elapsed=store.elapsed(),
-        objectives=objectives(store),
-        known=still_failing(store),
-        caution=caution(store),
-        trouble=trouble,
-    )
-    own = own_repeats(reruns)
+    order = [i for i in dict.fromkeys([*shown, *reading.mapped]) if i in reading.mapped]
+    mapped = {i: reading.mapped[i] for i in order}
+    cells = {axis: [axis.find(candidate) for _, candidate in mapped.values()] for axis in axes}
+    title = _title(clusters, counts)
     return Report(
-        title=top.title,
+        title=title,
         sections=(
-            Section("summary", top.title, (top,)),
-            gallery_section(found, moobds, drives, own, failures, counts.broken),
+            Section("summary", title, (headline(store, clusters, counts, trouble),)),
+            gallery_section(found, tests, drives, counts, own_repeats(reruns), there, config),
             timeline_section(tests, clusters),
             *([] if coverage is None else [domain_section(coverage)]),
-            map_section(measured, tests, cells),
-            operators_section(tests, clusters),
-            *elsewhere_sections(store, there),
+            map_section({i: features for i, (features, _) in mapped.items()}, tests, cells),
             Section("tests", "All tests", (Part("tests", {}),)),
-            repeat_section(config, facts),
+            configuration(config, store.facts),
             *sections,
         ),
         data={
@@ -146,19 +207,10 @@ def campaign_report(
             "is_named": isinstance(config.get("command"), Mapping),
             "lane_width": store.setting.lane_width,
             "tests": table_of(tests),
-            "operators": {test.origin.operator: DOES.get(test.origin.operator) for test in tests},
             "resolutions": COLUMNS,
             "drives": drives,
         },
     )
-
-
-def _domain(store: CampaignStore) -> str:
-    """What conditions were searched, and how often the driver fails in them, if that is known."""
-    if (domain := store.setting.domain) is None:
-        return ""
-    found = Estimate.read(store.folder)
-    return domain.in_words() if found is None else f"{domain.in_words()}; {found.in_words()}"
 
 
 def _drives(store: CampaignStore, reading: Reading, shown: Sequence[int]) -> list[dict[str, Any]]:
@@ -178,7 +230,7 @@ def _drives(store: CampaignStore, reading: Reading, shown: Sequence[int]) -> lis
             segment = segment_of_test(record)
         if segment is None:
             continue
-        data = drive_data(test_id, record.result, segment, record.candidate.origin.generation)
+        data = drive_data(test_id, record.result, segment, record.candidate.origin)
         data |= files_of(test_id, store)
         if conditions := in_words(record.candidate.conditions):
             data["reason"] += f"; {conditions}"
@@ -208,15 +260,158 @@ def _to_show(
     return list(dict.fromkeys([*examples, *heads, *elsewhere, *(test.id for test in failed)]))
 
 
-def _reruns(store: CampaignStore) -> tuple[list[Rerun], str]:
-    """The reruns of a campaign, and trouble with them."""
-    try:
-        return read_reruns(store.folder), ""
-    except CampaignError as error:
-        return [], str(error)
-
-
 def _shell(path: Path) -> str:
     """A path for pasting into a shell."""
     text = str(path).encode("utf-8", "replace").decode()  # it may hold what no page can
     return f'"{text}"' if sys.platform == "win32" else shlex.quote(text)
+
+
+# The headline
+
+
+def _title(clusters: Clusters, counts: Counts) -> str:
+    if counts.errors and not counts.failed:
+        return counts.broken
+    found = "No failure"
+    if counts.failed:
+        distinct = counted(len(clusters), "distinct failure")
+        least = "at least " if clusters.failures < counts.failed else ""
+        found = f"{counted(len(clusters.causes), 'cause')} of {least}{distinct}"
+    broken = f"; {counts.broken}" if counts.errors else ""
+    return f"{found} in {counted(counts.simulations, 'simulation')}{broken}"
+
+
+def headline(store: CampaignStore, clusters: Clusters, counts: Counts, trouble: str = "") -> Part:
+    """The search and its results at a glance.
+
+    Args:
+        store: the campaign.
+        clusters: its distinct failures.
+        counts: of its tests.
+        trouble: a warning for the reader.
+    """
+    config, facts = store.config, store.facts
+    strategy, driver, simulator = (
+        part_text(config.get(part)) for part in ("strategy", "driver", "simulator")
+    )
+    criteria, seed = criteria_in_words(store), config.get("seed")
+    warnings = [not_repeatable(facts), str(facts.get("notice", "")), caution(store)]
+    if facts.get("interrupted"):
+        warnings.insert(0, "interrupted before its budget was spent; 'frenetic resume' goes on")
+    elif "finished_at" not in facts:
+        warnings.insert(0, "not finished: the campaign was still running, or was killed")
+    road_class, domain = store.setting.road_class, store.setting.domain
+    estimate = None if domain is None else Estimate.read(store.folder)
+    version = short_version(innermost(config.get("driver")))
+    told = {
+        "campaign": str(store.folder),
+        "roads": "" if road_class is None else road_class.in_words(),
+        "domain": "" if domain is None else domain.in_words(),
+        "how often it fails": "" if estimate is None else estimate.in_words(),
+        "criteria": criteria,
+        "objective": objective_in_words(config, objectives(store)),
+        "starts from": "; ".join(map(str, earlier_of(config))),
+        "known before": still_failing(store),
+        "search": facts_in_words(facts.get(FACTS)),
+        "driver": f"{driver}, {version}" if version else "",
+        "finished": _when(facts.get("finished_at")),
+    }
+    return Part(
+        "headline",
+        {
+            "lead": f"{strategy} searched for roads on which {driver} leaves its lane"
+            f"{' or breaks another criterion' if criteria else ''} in {simulator},"
+            f" seed {'unknown' if seed is None else seed}.",
+            "warning": " ".join([*(f"{capitalised(one)}." for one in warnings if one), trouble]),
+            "tiles": list(_tiles(store, clusters, counts)),
+            "facts": {name: value for name, value in told.items() if value},
+        },
+    )
+
+
+def _tiles(
+    store: CampaignStore, clusters: Clusters, counts: Counts
+) -> Iterator[tuple[str, str, str, str]]:
+    """Headline numbers: name, value, note, and what its colour means, if it has one."""
+    failures, tests, least = counts.failed, counts.tests, counts.min_moobd
+    seconds: Any = store.facts.get("seconds", store.elapsed())
+    rate = rate_words(tests / seconds) if tests and seconds > 0.0 else ""
+    yield "simulations", str(counts.simulations), rate, ""
+    share = f"{percent(failures / counts.simulations)} of simulations" if failures else ""
+    yield "failures", str(failures), share, "fail" if failures else ""
+    notes = [f"{clusters.known} known before"] if earlier_of(store.config) else []
+    if len(clusters):
+        late = sum(one.ids[0] > _LATE * tests for one in clusters)
+        notes.append(f"{late} of them first seen in the last fifth")
+    if clusters.failures < failures:
+        notes.append(f"among the {clusters.failures} most severe")
+    role = "fail" if len(clusters) else ""
+    yield "distinct failures", str(len(clusters)), ", ".join(notes), role
+    yield "causes", str(len(clusters.causes)), "", role
+    if least is not None:
+        where = "furthest outside the lane" if least < 0.0 else "nearest to the lane's edge"
+        yield where, f"{abs(least):.2f} m", f"MOOBD {signed(least)} m", ""
+    if counts.invalid:
+        yield (
+            "invalid roads",
+            str(counts.invalid),
+            f"{percent(counts.invalid / tests)} of tests",
+            "",
+        )
+    if counts.errors:
+        yield "errors", str(counts.errors), "", "error"
+    if counts.dropped:
+        yield "dropped", str(counts.dropped), "before they were driven", ""
+    yield "wall time", format_duration(seconds), "min:s" if seconds < 3600.0 else "h:min:s", ""
+
+
+def _when(value: object) -> str:
+    try:
+        return f"{datetime.fromisoformat(str(value)):%Y-%m-%d %H:%M} UTC"
+    except ValueError:
+        return ""
+
+
+# The configuration
+
+
+def configuration(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValue]) -> Section:
+    """A campaign's configuration, and how to repeat it."""
+    known = {**config, "budget": facts.get("budget", config.get("budget"))}
+    named = {name: one for name, one in known.items() if isinstance(one, Mapping)}
+    others = {name: one for name, one in known.items() if name not in named}
+    how = Paragraph(_repeatability(known))
+    again = command(f"frenetic run {NAME}", "Repeats the campaign, in a new folder, from its own:")
+    is_named = isinstance(config.get("command"), Mapping) and config.get("entrant") is None
+    return Section(
+        "configuration",
+        "Configuration",
+        (
+            *([again] if is_named else []),
+            how,
+            *(
+                Facts(dict(_flat(one)), capitalised(name), folded=True)
+                for name, one in [*named.items(), ("others", others)]
+            ),
+        ),
+    )
+
+
+def _repeatability(config: Mapping[str, Any]) -> str:
+    """Whether a campaign repeats exactly, and if not, why."""
+    text = "The same seed gives the same campaign, on the same machine with the same versions."
+    if config["budget"] and config["budget"].get("time") is not None:
+        text += " Its budget is of wall time, so how far it comes depends on the machine's speed."
+    if not isinstance(config.get("command"), Mapping):
+        text += " It was started from Python, so there is no command that repeats it."
+    return text
+
+
+def _flat(value: object, name: str = "") -> Iterator[tuple[str, str]]:
+    """The values in nested objects, each with the path to it."""
+    if isinstance(value, Mapping) and value:
+        for key, inner in value.items():
+            yield from _flat(inner, f"{name}.{key}" if name else str(key))
+    else:
+        text = value if isinstance(value, str) else json.dumps(value, default=plain)
+        yield name.removeprefix("options."), text

@@ -3,64 +3,61 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from math import isfinite
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 from urllib.parse import quote
 
+import numpy as np
+from matplotlib.ticker import MaxNLocator
+
+from frenetic._support.arrays import evenly
 from frenetic._support.words import capitalised
-from frenetic.analysis.comparison import Comparison, findings, in_short
-from frenetic.analysis.metrics import CampaignMeasures, Measure
-from frenetic.analysis.statistics import LEAST_REPEATS, SIGNIFICANT
-from frenetic.report.html.blocks import (
-    Block,
-    Column,
-    Fact,
-    Facts,
-    Headline,
-    Section,
-    Table,
-    Tile,
+from frenetic.analysis.comparison import (
+    Comparison,
+    MeasureComparison,
+    findings,
+    in_short,
+    pair_rows,
 )
-from frenetic.report.html.blocks import command as command_block
+from frenetic.analysis.metrics import CampaignMeasures, Curve, curves
+from frenetic.analysis.statistics import LEAST_REPEATS, SIGNIFICANT
 from frenetic.report.html.campaign import REPORT
-from frenetic.report.html.groups import group_curves, group_pairs, group_spreads, group_tables
-from frenetic.report.html.page import Report, write_page
+from frenetic.report.html.page import (
+    Block,
+    Chart,
+    Facts,
+    Part,
+    Report,
+    Section,
+    Series,
+    Table,
+    command,
+    proper,
+    write_page,
+)
 
 MOST_TILES: Final = 8
 """Most groups in the headline."""
-
-_STATISTICS: Final = (
-    Fact("median, quartiles", "Half of a group's campaigns lie between the quartiles."),
-    Fact(
-        "order",
-        "All tables and charts list the groups by the median of the main measure. Of equal medians"
-        " the better mean rank comes first.",
-    ),
-    Fact(
-        "mean rank",
-        "All campaigns of all groups are put in one order: the best has rank 1, equal ones share"
-        " the mean of their ranks. Then the mean over a group's campaigns.",
-    ),
-    Fact(
-        "A12",
-        "Vargha and Delaney's: the chance that a campaign of the first group does better than one"
-        " of the second. 0.5 is no difference; from 0.56 on it is small, 0.64 medium, 0.71 large,"
-        " likewise below.",
-    ),
-    Fact(
-        "p",
-        "Mann-Whitney, two-sided, exact up to 80 campaigns: how often chance alone would part two"
-        " groups as far. With several groups it is corrected by Holm for the number of pairs,"
-        f" measure by measure. Better is said below {SIGNIFICANT:g}.",
-    ),
-    Fact(
-        "limits",
-        f"Below {LEAST_REPEATS} campaigns in a group nothing is claimed. Measures are tested one"
-        " by one, and of many some differ by chance: the one that puts groups in order was chosen"
-        " beforehand.",
-    ),
+POINTS: Final = 400
+"""Most points of a curve."""
+COLOURS: Final = 8
+"""Colours of groups; when all are taken they come again, with dashed lines and hollow marks."""
+_CURVES: Final[tuple[tuple[Curve, str], ...]] = (
+    ("distinct_after", "distinct failures"),
+    ("failures_after", "failures"),
 )
+_STATISTICS: Final = {
+    "median, quartiles": "Half of a group's campaigns lie between the quartiles.",
+    "A12": "Vargha and Delaney's: the chance that a campaign of the first group does better than"
+    " one of the second. 0.5 is no difference; from 0.56 on it is small, 0.64 medium, 0.71 large,"
+    " likewise below.",
+    "p": "Mann-Whitney, two-sided: how often chance alone would part two groups as far. With"
+    " several groups it is corrected by Holm for the number of pairs, measure by measure. Better is"
+    f" said below {SIGNIFICANT:g}, and of {LEAST_REPEATS} campaigns a group or more. Of many"
+    " measures some differ by chance: the one that puts groups in order was chosen beforehand.",
+}
 
 
 def write_comparison_page(
@@ -69,7 +66,7 @@ def write_comparison_page(
     *,
     title: str = "",
     lead: str = "",
-    facts: Sequence[Fact] = (),
+    facts: Mapping[str, str] | None = None,
     command: str | None = None,
     sections: Sequence[Section] = (),
 ) -> Path:
@@ -98,7 +95,7 @@ def write_comparison_page(
         title=title,
         lead=lead,
         facts=facts,
-        command=command,
+        line=command,
         sections=sections,
     )
     return write_page(page, path)
@@ -110,109 +107,218 @@ def comparison_report(
     *,
     title: str = "",
     lead: str = "",
-    facts: Sequence[Fact] = (),
-    command: str | None = None,
+    facts: Mapping[str, str] | None = None,
+    line: str | None = None,
     sections: Sequence[Section] = (),
 ) -> Report:
-    """The page of a comparison, to lie in ``folder``.
+    """The page of a comparison, to lie in ``folder``; ``line`` is the command that repeats it.
 
     The other arguments are those of `write_comparison_page`.
     """
     title = title or f"{in_short(list(comparison.groups))} compared"
-    pairs = Section("pairs", "Pair by pair", (group_pairs(comparison),))
+    definitions = {
+        by.measure.title: f"{by.measure.definition} {capitalised(by.measure.better)} is better."
+        for by in comparison.measures
+    }
+    configuration: list[Block] = [] if line is None else [command(line, "Makes this again:")]
+    if facts:
+        configuration.append(Facts(facts))
+    if comparison.shared:
+        configuration.append(Facts(comparison.shared, "The same in all campaigns"))
+    measured = Facts(definitions, "Measures"), Facts(_STATISTICS, "Statistics")
     return Report(
         title=title,
         sections=(
             Section("summary", title, (_headline(comparison, lead),)),
-            Section("results", "Results", tuple(group_tables(comparison))),
+            Section("results", "Results", (group_table(comparison),)),
             *sections,
             Section("curves", "Over the budget", tuple(group_curves(comparison))),
             Section("spreads", "Campaign by campaign", (group_spreads(comparison),)),
-            *([pairs] if len(comparison.groups) > 1 else []),
-            Section("measures", "What is measured", tuple(_definitions(comparison))),
+            *_pairs(comparison),
+            Section("measures", "What is measured", measured),
             Section("campaigns", "Campaigns", (_campaigns(comparison, folder),)),
-            _configuration(comparison, facts, command),
+            Section("configuration", "Configuration", tuple(configuration)),
         ),
     )
 
 
-def _headline(comparison: Comparison, lead: str) -> Headline:
+def _headline(comparison: Comparison, lead: str) -> Part:
     by = comparison.headline
-    shown = by.order[:MOST_TILES]
-    tiles = [
-        Tile(
-            f"{by.places[name]}. {name}",
-            by.measure.text(by.quartiles(name).median),
-            by.between(name),
-        )
-        for name in shown
-    ]
-    left_out = len(by.order) - len(shown)
     campaigns = [one for group in comparison.groups.values() for one in group]
-    return Headline(
-        title="",
-        lead=" ".join(text for text in (lead, findings(comparison)) if text),
-        warning=" ".join(f"{capitalised(note)}." for note in comparison.notes),
-        tiles=tuple(tiles),
-        facts=(
-            Fact(
-                "shown above",
-                f"{by.measure.title}: place, median and quartiles"
-                + (f"; {left_out} more groups below" if left_out else ""),
-            ),
-            Fact("campaigns", _sizes(comparison)),
-            Fact("simulations", _range([one.simulations for one in campaigns]) + " each"),
-            *(
-                Fact(part, comparison.shared[part])
-                for part in ("driver", "simulator", "domain")
-                if part in comparison.shared
-            ),
-        ),
+    spent = sorted({one.simulations for one in campaigns})
+    facts = {
+        "shown above": f"{by.measure.title}: place, median and quartiles",
+        "campaigns": ", ".join(f"{len(own)} of {n}" for n, own in comparison.groups.items()),
+        "simulations": f"{' to '.join(map(str, dict.fromkeys([spent[0], spent[-1]])))} each",
+    }
+    parts = ("driver", "simulator", "domain")
+    facts |= {part: comparison.shared[part] for part in parts if part in comparison.shared}
+    return Part(
+        "headline",
+        {
+            "lead": " ".join(text for text in (lead, findings(comparison)) if text),
+            "warning": " ".join(f"{capitalised(note)}." for note in comparison.notes),
+            "tiles": [
+                (f"{by.places[name]}. {name}", by.median(name), by.between(name), "")
+                for name in by.order[:MOST_TILES]
+            ],
+            "facts": facts,
+        },
     )
 
 
-def _sizes(comparison: Comparison) -> str:
-    sizes = {name: len(group) for name, group in comparison.groups.items()}
-    if len(set(sizes.values())) == 1:
-        each = f"{next(iter(sizes.values()))} of each of {len(sizes)} groups"
-    else:
-        each = ", ".join(f"{size} of {name}" for name, size in sizes.items())
-    return f"{sum(sizes.values())}: {each}"
+def groups_of(comparison: Comparison) -> dict[str, dict[str, Any]]:
+    """Name -> group, in the order of the headline measure, each with its own colour.
+
+    ``role`` names the colour, ``style`` is its class in the style sheet.
+    """
+    colours = {name: i for i, name in enumerate(comparison.groups)}
+    groups = {}
+    for name in comparison.headline.order:
+        again, colour = divmod(colours[name], COLOURS)
+        role = f"group-{colour}"
+        style = f"{role} again" if again else role
+        groups[name] = {"name": name, "role": role, "style": style, "is_again": bool(again)}
+    return groups
 
 
-def _range(numbers: Sequence[int]) -> str:
-    low, high = min(numbers), max(numbers)
-    return str(low) if low == high else f"{low} to {high}"
+def group_table(comparison: Comparison) -> Part:
+    """A row per group: medians, and the quartiles under them."""
+    varying: list[MeasureComparison] = []
+    alike: list[str] = []
+    for by in comparison.measures:
+        values = {value for group in by.values.values() for value in group}
+        if len(values) > 1:
+            varying.append(by)
+        else:
+            alike.append(f"{by.measure.title} {by.measure.text(values.pop())}")
+    same = f" The same in all campaigns: {', '.join(alike)}." if alike else ""
+    return Part(
+        "groupTable",
+        {
+            "columns": [by.measure for by in varying],
+            "rows": [
+                (group, [(by.median(name), by.between(name)) for by in varying])
+                for name, group in groups_of(comparison).items()
+            ],
+            "caption": f"Median, and under it the quartiles.{same}",
+        },
+    )
 
 
-# Definitions and sources
+def group_curves(comparison: Comparison) -> Iterator[Chart]:
+    """Findings over the simulations: a median, and a band or each campaign, for each group."""
+    band = "the band lies between the quartiles"
+    if min(map(len, comparison.groups.values())) < LEAST_REPEATS:
+        band = (
+            f"the band between the quartiles needs {LEAST_REPEATS} campaigns, below that each"
+            " campaign is a thin line"
+        )
+    caption = (
+        f"Median of each group; {band}. A curve reaches as far as all campaigns of its group. A"
+        " distinct failure counts from the first of those alike."
+    )
+    groups = groups_of(comparison).values()
+    for what, title in _CURVES:
+        lines = tuple(_curve(comparison, group, what) for group in groups)
+        is_last = what == _CURVES[-1][0]
+        yield Chart(lines, "simulations", title, caption if is_last else "", counts=True)
 
 
-def _definitions(comparison: Comparison) -> Iterator[Block]:
-    measured = tuple(_definition(one.measure) for one in comparison.measures)
-    yield Facts(measured, "Measures")
-    yield Facts(_STATISTICS, "Statistics")
+def _curve(comparison: Comparison, group: dict[str, Any], what: Curve) -> Series:
+    found = curves(comparison.groups[group["name"]], what)
+    shown = evenly(found.shape[1], POINTS).tolist()
+    low, median, high = (
+        tuple(np.round(line[shown], 2).tolist())
+        for line in np.quantile(found, (0.25, 0.5, 0.75), axis=0)
+    )
+    has_band = len(found) >= LEAST_REPEATS
+    shows_each = not has_band and len(found) > 1
+    return Series(
+        group["name"],
+        tuple(shown),
+        median,
+        low if has_band else (),
+        high if has_band else (),
+        role=group["role"],
+        dashed=group["is_again"],
+        singles=tuple(tuple(line[shown].tolist()) for line in found) if shows_each else (),
+    )
 
 
-def _definition(measure: Measure) -> Fact:
-    unit = f" {measure.unit}" if measure.unit else ""
-    better = f"{capitalised(measure.better)} is better"
-    return Fact(measure.title, f"{measure.definition} {better}; {measure.bounds}{unit}.")
+def group_spreads(comparison: Comparison) -> Part:
+    """Each campaign's value, by each measure."""
+    groups = groups_of(comparison)
+    return Part(
+        "spreads",
+        {
+            "panels": [_spread_panel(by, groups) for by in comparison.measures],
+            "caption": "A point is a campaign, the line in the box the median, the box reaches"
+            " from the first to the third quartile.",
+        },
+    )
+
+
+def _spread_panel(by: MeasureComparison, groups: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """A measure's values, a row per group; all places are in percent of a track.
+
+    What is worse than any number stands at an end of its own.
+    """
+    every = [value for name in groups for value in by.values[name]]
+    known = [value for value in every if isfinite(value)]
+    low, high = (min(known), max(known)) if known else (0.0, 1.0)
+    if low == high:  # then it is shown how far they are from zero
+        low, high = (0.0, 1.0) if low == 0.0 else (min(low, 0.0), max(high, 0.0))
+    more = by.measure.more_is_better
+    nowhere = 0.0 if more else 100.0
+    first, last = 0.0, 100.0
+    if has_none := len(known) < len(every):
+        first, last = (14.0, 100.0) if more else (0.0, 86.0)
+
+    def at(value: float) -> float:
+        if not isfinite(value):
+            return nowhere
+        return round(first + (last - first) * (value - low) / (high - low), 2)
+
+    numbers = MaxNLocator(5, steps=[1, 2, 5, 10]).tick_values(low, high)
+    ticks = [(at(one), proper(f"{one:.6g}")) for one in numbers if low <= one <= high]
+    if has_none:
+        ticks = [tick for tick in ticks if abs(tick[0] - nowhere) > 20.0] + [(nowhere, "none")]
+    rows = []
+    for name, group in groups.items():
+        values, quartiles = sorted(by.values[name]), by.quartiles(name)
+        box = [at(value) for value in (quartiles.low, quartiles.median, quartiles.high)]
+        rows.append(
+            {
+                "group": group,
+                "places": [at(value) for value in values],
+                "texts": ", ".join(map(by.measure.text, values)),
+                "median": by.median(name),
+                "box": box if quartiles.n >= LEAST_REPEATS else None,
+            }
+        )
+    note = f"{by.measure.better} is better"
+    return {"title": by.measure.heading, "note": note, "spreads": rows, "ticks": ticks}
+
+
+def _pairs(comparison: Comparison) -> Iterator[Section]:
+    """Each two groups, by each measure."""
+    if len(comparison.groups) > 1:
+        columns = ("by", "what can be said", ">A12", "effect", ">p")
+        rows = tuple(pair_rows(comparison.measures))
+        caption = (
+            "A12: the chance that a campaign of the first named does better than one of the second."
+        )
+        yield Section("pairs", "Pair by pair", (Table(columns, rows, caption),))
 
 
 def _campaigns(comparison: Comparison, folder: Path) -> Table:
     campaigns = [
         (group, campaign) for group, found in comparison.groups.items() for campaign in found
     ]
-    numbers = ("seed", "simulations", "failures", "distinct", "invalid", "errors")
-    columns = (
-        Column("campaign"),
-        Column("group"),
-        *(Column(name, is_number=True) for name in numbers),
-        Column("finished"),
-    )
+    numbers = (">seed", ">simulations", ">failures", ">distinct", ">invalid", ">errors")
     return Table(
-        columns,
+        ("campaign", "group", *numbers, "finished"),
         tuple(
             (
                 _relative(campaign.folder, folder) or str(campaign.folder),
@@ -228,7 +334,6 @@ def _campaigns(comparison: Comparison, folder: Path) -> Table:
             for group, campaign in campaigns
         ),
         links=tuple(_link(campaign, folder) for _, campaign in campaigns),
-        tall=len(campaigns) > 15,
     )
 
 
@@ -248,15 +353,3 @@ def _link(campaign: CampaignMeasures, folder: Path) -> str | None:
     except OSError:
         return None
     return None if address is None else quote(address)
-
-
-def _configuration(comparison: Comparison, facts: Sequence[Fact], command: str | None) -> Section:
-    blocks: list[Block] = []
-    if command:
-        blocks.append(command_block(command, "Makes this again:"))
-    if facts:
-        blocks.append(Facts(tuple(facts)))
-    if comparison.shared:
-        shared = tuple(Fact(part, value) for part, value in comparison.shared.items())
-        blocks.append(Facts(shared, "The same in all campaigns"))
-    return Section("configuration", "Configuration", tuple(blocks))

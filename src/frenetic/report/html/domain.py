@@ -6,21 +6,14 @@ from typing import Any, Final
 
 from frenetic._support.words import capitalised, counted
 from frenetic.analysis.coverage import ROADS, Cells, DomainCoverage
-from frenetic.report.html.blocks import Block, Column, Part, Section, Table, percent, proper
+from frenetic.report.html.page import Block, Part, Section, Table, percent, proper
 
 LISTED: Final = 12
 """Most cells without a drive that are named."""
 
 _LEVELS: Final = (0.0, 0.02, 0.05, 0.1, 0.25)
 """Failing shares above which a cell is darker."""
-_PAIRS: Final = (
-    Column("pair"),
-    Column("cells", True),
-    Column("driven", True),
-    Column("with failures", True),
-    Column("never reached", True),
-    Column("driven share", True, "Share of the domain's drives that lie in driven cells"),
-)
+_PAIRS: Final = ("pair", ">cells", ">driven", ">with failures", ">never reached", ">driven share")
 
 
 def domain_section(coverage: DomainCoverage) -> Section:
@@ -78,7 +71,6 @@ def _pairs(coverage: DomainCoverage) -> Table:
         tuple(rows),
         "Combinations of the cells of two rows above. A pair opens in the feature map.",
         links=tuple(links),
-        tall=len(rows) > LISTED,
     )
 
 
@@ -86,7 +78,7 @@ def _gaps(coverage: DomainCoverage) -> Table:
     gaps = coverage.gaps[:LISTED]
     left = len(coverage.gaps) - len(gaps)
     return Table(
-        (Column("never reached, most probable first"), Column("lies there", True)),
+        ("never reached, most probable first", ">lies there"),
         tuple((proper(capitalised(gap.in_words())), gap.likelihood) for gap in gaps),
         f"{left} more are less probable; 'frenetic show --json' lists all." if left else "",
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, Final, Protocol, TypeVar
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +16,7 @@ from frenetic.analysis.coverage import Axis
 from frenetic.analysis.features import FEATURES, Feature, Features, features_of
 from frenetic.analysis.segments import Segment
 from frenetic.outcome import Outcome
-from frenetic.report.html.blocks import Part, Section, proper
+from frenetic.report.html.page import Part, Section, proper
 from frenetic.report.html.tests import TestSummary
 
 MAPPED: Final = 3000
@@ -60,32 +60,23 @@ def measure(segment: Segment) -> dict[str, Features]:
     return {"segment": features_of(segment), "whole": features_of(segment.whole())}
 
 
-class _Judged(Protocol):
-    @property
-    def id(self) -> int: ...
-    @property
-    def outcome(self) -> str: ...
-    @property
-    def moobd(self) -> float | None: ...
-
-
-_Test = TypeVar("_Test", bound=_Judged)
-
-
-def choose_mapped(tests: Sequence[_Test]) -> list[_Test]:
-    """The measured tests: all failures, and others evenly over the campaign.
+def choose_mapped(tests: Sequence[tuple[int, str, float | None]]) -> set[int]:
+    """Ids of the measured tests: all failures, and others evenly over the campaign.
 
     Of more than `MAPPED_FAILURES` failures, an even selection from the most severe on.
+
+    Args:
+        tests: id, outcome and MOOBD of each, in the order of the results.
     """
-    failed = sorted(
-        (test for test in tests if test.outcome == Outcome.FAIL),
-        key=lambda test: (test.moobd or 0.0, test.id),
-    )
+    failed = sorted((row for row in tests if row[1] == Outcome.FAIL), key=_severity)
     failed = [failed[i] for i in evenly(len(failed), MAPPED_FAILURES)]
-    passed = [test for test in tests if test.outcome == Outcome.PASS]
+    passed = [row for row in tests if row[1] == Outcome.PASS]
     passed = [passed[i] for i in spread(len(passed), max(MAPPED - len(failed), MAPPED_PASSED))]
-    chosen = {test.id for test in (*failed, *passed)}
-    return [test for test in tests if test.id in chosen]
+    return {row[0] for row in (*failed, *passed)}
+
+
+def _severity(row: tuple[int, str, float | None]) -> tuple[float, int]:
+    return row[2] or 0.0, row[0]
 
 
 def map_section(
@@ -133,7 +124,8 @@ def map_section(
     }
     lead = "What the roads are like on which the driver fails; choose a cell to see its roads."
     if not all_driven:
-        lead += f" {_mapped(failed, passed)}"
+        mapped = f"{sum(failed)} of {len(failed)} failures, {sum(passed)} of {len(passed)} others"
+        lead += f" Mapped are {mapped}, evenly over the campaign."
     return Section("map", title, (Part("featureMap", data),), lead)
 
 
@@ -149,22 +141,3 @@ def _axis(axis: Axis, cells: Sequence[int | None]) -> dict[str, Any]:
         "ticks": [(place, proper(text)) for place, text in axis.ticks],
         "whole": {"bins": bins},
     }
-
-
-def _mapped(failed: Sequence[bool], passed: Sequence[bool]) -> str:
-    """A sentence about the tests in the map."""
-    parts = []
-    if failed:
-        thinned = len(failed) > MAPPED_FAILURES
-        text = _some(failed, "failure", "failures")
-        parts.append(f"{text}, evenly from the most to the least severe," if thinned else text)
-    if passed:
-        parts.append(_some(passed, "test that passed", "tests that passed"))
-    over = "" if all(passed) else ", evenly over the campaign,"
-    return f"{capitalised(' and '.join(parts))}{over} are mapped."
-
-
-def _some(mapped: Sequence[bool], one: str, many: str) -> str:
-    if not all(mapped):
-        return f"{sum(mapped)} of the {len(mapped)} {many}"
-    return f"the only {one}" if len(mapped) == 1 else f"all {len(mapped)} {many}"

@@ -3,41 +3,40 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Final
+from typing import Any
 
 from frenetic._support.words import capitalised, counted
+from frenetic.again.rerun import Rerun, names_of
 from frenetic.again.verdicts import Repeats
 from frenetic.analysis.causes import in_words
 from frenetic.analysis.failures import Clusters
-from frenetic.report.html.blocks import Column, Part, Section, Table
-
-_COLUMNS: Final = (
-    Column("the driver"),
-    Column("failures", is_number=True),
-    Column("distinct", is_number=True),
-    Column("an example", text="a typical failure; its road is cut as far as it fails alike"),
-)
+from frenetic.campaign.counts import Counts
+from frenetic.report.html.page import Part, Section, Table
+from frenetic.report.html.tests import TestSummary
 
 
 def gallery_section(
     clusters: Clusters,
-    moobds: Mapping[int, float],
+    tests: Sequence[TestSummary],
     drives: Sequence[Mapping[str, Any]],
+    counts: Counts,
     again: Iterable[Repeats],
-    failures: int,
-    broken: str,
+    there: Iterable[Rerun],
+    config: Mapping[str, Any],
 ) -> Section:
     """The causes of failures, and the failures as pictures; the nearest misses without any.
 
     Args:
         clusters: the distinct failures, or misses; an example of each cause comes first.
-        moobds: m, of each of their tests.
+        tests: all of the campaign.
         drives: in the page, see `drive_data`.
+        counts: of all tests.
         again: those failures that were driven again with the same parts.
-        failures: number of all failures.
-        broken: what is wrong where every drive ended with an error; mostly empty.
+        there: the reruns in other simulators.
+        config: of the campaign.
     """
     shown = {drive["id"] for drive in drives}
+    moobds = {test.id: test.moobd or 0.0 for test in tests}
     causes = {one.ids: cause for cause in clusters.causes for one in cause.clusters}
     examples = [cause.example for cause in clusters.causes]
 
@@ -71,42 +70,51 @@ def gallery_section(
         for one in again
         if one.stability is not None
     ]
-    if failures:
-        title, lead = "Failures", _lead(clusters, failures, data)
-    else:
-        title, lead = "Nearest misses", f"{broken or 'No failure was found'}."
-        if not data:
-            return Section("failures", "Failures", (), lead)
-        lead += (
-            " These tests passed and came nearest to failing, by MOOBD. Those that would be the"
-            " same problem are together."
-        )
-    gallery = Part("gallery", {"clusters": data, "repeats": repeats})
-    blocks = (_causes(clusters, drives), gallery) if examples else (gallery,)
-    return Section("failures", title, blocks, lead)
+    elsewhere = [
+        {
+            "test": test.id,
+            "where": names_of(rerun, config)[1],
+            "text": f"{test.verdict}: {test.drives[0].reason}",
+        }
+        for rerun in there
+        for test in rerun.tests
+    ]
+    gallery = Part("gallery", {"clusters": data, "repeats": repeats, "elsewhere": elsewhere})
+    if counts.failed:
+        blocks = (_causes(clusters, drives), gallery) if examples else (gallery,)
+        return Section("failures", "Failures", blocks, _lead(clusters, counts.failed, data))
+    lead = f"{counts.broken or 'No failure was found'}."
+    if not data:
+        return Section("failures", "Failures", (), lead)
+    lead += (
+        " These tests passed and came nearest to failing, by MOOBD. Those that would be the same"
+        " problem are together."
+    )
+    return Section("failures", "Nearest misses", (gallery,), lead)
 
 
 def _causes(clusters: Clusters, drives: Sequence[Mapping[str, Any]]) -> Table:
     roads = {drive["id"]: _road(drive) for drive in drives}
-    examples = [cause.example for cause in clusters.causes]
     rows = tuple(
         (
             capitalised(cause.words),
             str(cause.failures),
             str(len(cause.clusters)),
-            f"test {example}{roads.get(example, '')}",
+            f"test {cause.example}{roads.get(cause.example, '')}",
         )
-        for cause, example in zip(clusters.causes, examples, strict=True)
+        for cause in clusters.causes
     )
+    examples = [cause.example for cause in clusters.causes]
     links = tuple(f"#test-{i}" if i in roads else None for i in examples)
-    return Table(_COLUMNS, rows, links=links)
+    return Table(("the driver", ">failures", ">distinct", "an example"), rows, links=links)
 
 
 def _road(drive: Mapping[str, Any]) -> str:
     """How long the road of a drive was, and is."""
     roads = [drive["road"], *([drive["minimised"]["drive"]["road"]] if drive["minimised"] else [])]
-    found, *cut = [f"{road['step'] * (len(road['curvatures']) - 1):.0f} m" for road in roads]
-    return f": {found}, cut to {cut[0]}" if cut else f": {found}"
+    return ": " + ", cut to ".join(
+        f"{road['step'] * (len(road['curvatures']) - 1):.0f} m" for road in roads
+    )
 
 
 def _lead(clusters: Clusters, failures: int, data: Sequence[Mapping[str, Any]]) -> str:
@@ -120,8 +128,6 @@ def _lead(clusters: Clusters, failures: int, data: Sequence[Mapping[str, Any]]) 
                 f" The driver {cluster.fault} in {counted(len(cluster), 'drive')} that left no"
                 f" record, such as test {cluster.most_severe}."
             )
-    if clusters.known:
-        lead += f" {clusters.known} of them were known from the earlier campaign."
     if clusters.failures < failures:
         lead += f" Compared were the {clusters.failures} most severe of {failures}."
     there = sum(len(one["shown"]) for one in data)

@@ -1,4 +1,7 @@
-"""A page from its data: one self-contained HTML file."""
+"""A page from its data, sections of blocks: one self-contained HTML file.
+
+Texts are plain: nothing in them is HTML.
+"""
 
 from __future__ import annotations
 
@@ -11,27 +14,119 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, ClassVar, Final, TypeAlias
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from msgspec.json import encode
 
 from frenetic._support.files import write_file
-from frenetic._support.words import signed
-from frenetic.report.html.blocks import Block, Part, Section
 
-REPLAY_SCRIPTS: Final = ("base.js", "road.js", "elsewhere.js", "player.js", "replay.js")
+REPLAY_SCRIPTS: Final = ("base.js", "road.js", "player.js", "replay.js")
 """Files in ``static`` that a page with one replay needs, in this order."""
 SCRIPTS: Final = (
     *REPLAY_SCRIPTS[:-1],
     *("gallery.js", "map.js", "tests.js", "charts.js", "main.js"),
 )
 """Files in ``static`` that draw a page of sections, in this order."""
-SCRIPTED: Final = frozenset({"chart", "switch", "gallery", "elsewhere", "featureMap", "tests"})
+SCRIPTED: Final = frozenset({"chart", "gallery", "featureMap", "tests"})
 """Kinds of blocks that the script draws; the template draws the others."""
 
 _SECTION_ID: Final = re.compile(r"[a-z][a-z0-9-]*")
+
+
+@dataclass(frozen=True)
+class Part:
+    """A block of our own pages."""
+
+    kind: str
+    """Name of what draws it: a macro of ``templates/blocks.html``, or a function of the script."""
+    data: Mapping[str, Any]
+    """What is drawn: texts, numbers, and lists, mappings or dataclasses of them."""
+
+
+@dataclass(frozen=True)
+class Paragraph:
+    """A text."""
+
+    kind: ClassVar[str] = "paragraph"
+    text: str
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Names and values, one below the other."""
+
+    kind: ClassVar[str] = "facts"
+    facts: Mapping[str, str]
+    title: str = ""
+    folded: bool = False
+    """Whether it is folded until its title is clicked."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of texts."""
+
+    kind: ClassVar[str] = "table"
+    columns: tuple[str, ...]
+    """Titles; one that begins with > is right-aligned, for numbers."""
+    rows: tuple[tuple[str, ...], ...]
+    caption: str = ""
+    links: tuple[str | None, ...] = ()
+    """Relative address of the link in each row's first text, as many as rows, or none."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """A line through points, with a band around it if there is one."""
+
+    name: str
+    x: tuple[float, ...]
+    """Ascending."""
+    y: tuple[float, ...]
+    low: tuple[float, ...] = ()
+    """Lower edge of the band, as many as points, or none."""
+    high: tuple[float, ...] = ()
+    role: str = "accent"
+    """Name of a colour of ``report.css``: accent, fail, pass, quiet, or ``group-0`` to 7."""
+    dashed: bool = False
+    stepped: bool = False
+    """Whether the value holds until the next point."""
+    width: float = 2.0
+    """Width of the line, in pixels."""
+    singles: tuple[tuple[float, ...], ...] = ()
+    """Thin lines beside it, each with as many points."""
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Lines over a number."""
+
+    kind: ClassVar[str] = "chart"
+    series: tuple[Series, ...]
+    x_title: str
+    y_title: str
+    caption: str = ""
+    counts: bool = False
+    """Whether both axes begin at 0, and the upper one has whole numbers."""
+    tests: tuple[int | None, ...] = ()
+    """Id of the test that a click at each point of the first line opens, or none."""
+
+
+Block: TypeAlias = Part | Paragraph | Facts | Table | Chart
+
+
+@dataclass(frozen=True)
+class Section:
+    """A headline with blocks under it."""
+
+    id: str
+    """Letters, digits and hyphens; each once in a page."""
+    title: str
+    blocks: tuple[Block, ...]
+    lead: str = ""
+    """A sentence or two under the headline."""
 
 
 def made_by() -> str:
@@ -67,7 +162,12 @@ def render(report: Report) -> str:
                 f"a section's id is {name!r}: letters, digits and hyphens are needed, and each id"
                 " once"
             )
-    blocks = [b for s in report.sections for b in s.blocks if b.kind in SCRIPTED]
+    blocks = [
+        {"kind": block.kind, **(block.data if isinstance(block, Part) else vars(block))}
+        for section in report.sections
+        for block in section.blocks
+        if block.kind in SCRIPTED
+    ]
     script, style = _assets(is_replay="replay" in report.data)
     text = (
         _templates()
@@ -78,7 +178,7 @@ def render(report: Report) -> str:
             policy=_policy(script, style),
             style=Markup(style),  # noqa: S704  # our own
             script=Markup(script),  # noqa: S704  # likewise
-            data=_island({**report.data, "title": report.title, "blocks": [*map(_plain, blocks)]}),
+            data=_island({**report.data, "title": report.title, "blocks": blocks}),
         )
     )
     # A name of a file may hold what no encoding has.
@@ -96,10 +196,6 @@ def write_page(report: Report, path: Path | str) -> Path:
     return path
 
 
-def _plain(block: Block) -> dict[str, Any]:
-    return {"kind": block.kind, **(block.data if isinstance(block, Part) else vars(block))}
-
-
 def _island(data: Mapping[str, Any]) -> Markup:
     """JSON whose texts cannot end a script element."""
     text = encode(data).decode()  # what is not finite is null
@@ -110,10 +206,10 @@ def _island(data: Mapping[str, Any]) -> Markup:
 
 def _policy(script: str, style: str) -> str:
     """A content security policy that allows this script and style and loads nothing."""
-    hashed = (
-        base64.b64encode(hashlib.sha256(t.encode()).digest()).decode() for t in (script, style)
+    script_src, style_src = (
+        f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+        for text in (script, style)
     )
-    script_src, style_src = (f"'sha256-{one}'" for one in hashed)
     return (
         f"default-src 'none'; script-src {script_src}; style-src {style_src}; img-src data:;"
         " base-uri 'none'; form-action 'none'"
@@ -122,15 +218,13 @@ def _policy(script: str, style: str) -> str:
 
 @cache
 def _templates() -> Environment:
-    templates = Environment(
+    return Environment(
         loader=PackageLoader("frenetic.report.html"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    templates.filters["fixed"] = signed
-    return templates
 
 
 @cache
@@ -148,3 +242,21 @@ def _assets(*, is_replay: bool) -> tuple[str, str]:
 
 def _text(name: str) -> str:
     return files(__package__).joinpath("static", name).read_text(encoding="utf-8")
+
+
+# Numbers for people
+
+
+def command(line: str, text: str) -> Part:
+    """A command line that can be copied, and its effect."""
+    return Part("command", {"line": line, "text": text})
+
+
+def percent(share: float) -> str:
+    """A share 0..1 in percent, in the form of a page's texts."""
+    return f"{100.0 * share:.1f}\u00a0%"
+
+
+def proper(text: str) -> str:
+    """A text whose negative numbers have a proper minus sign."""
+    return re.sub(r"(?<!\w)-(?=\d)", "−", text)

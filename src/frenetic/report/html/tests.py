@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
@@ -21,6 +21,8 @@ from frenetic.report.failures import FAILURES, file_stem
 from frenetic.report.minimised import MINIMISED, minimised_drives
 from frenetic.report.orientation import turn_of
 from frenetic.road import Road, profile
+from frenetic.search.operators import DOES
+from frenetic.search.random_search import RANDOM
 from frenetic.search.records import Origin
 
 RATE: Final = 10.0
@@ -54,9 +56,9 @@ class TestSummary:
     outcome: Outcome
     moobd: float | None
     """m."""
-    elapsed: float | None
-    """Campaign time when it was told, in s."""
-    origin: Origin
+    is_random: bool
+    """Whether its road was drawn at random."""
+    conditions: Mapping[str, float]
     side: Side | None = None
     """Side on which the car left its lane; None if it did not."""
     broke: str | None = None
@@ -74,8 +76,8 @@ class TestSummary:
             candidate.id,
             record.outcome,
             record.moobd,
-            record.elapsed,
-            candidate.origin,
+            candidate.origin.operator == RANDOM,
+            candidate.conditions,
             None if departure is None else departure.side,
             ", ".join(one.criterion.replace("_", " ") for one in record.result.findings) or None,
             candidate.step * (len(candidate.curvatures) - 1),
@@ -83,24 +85,18 @@ class TestSummary:
         )
 
 
-_TABLE: Final[Mapping[str, Callable[[TestSummary], Any]]] = {
-    "id": lambda test: test.id,
-    "outcome": lambda test: test.outcome,
-    "moobd": lambda test: _rounded(test.moobd, 2),
-    "side": lambda test: test.side,
-    "broke": lambda test: test.broke,
-    "operator": lambda test: test.origin.operator,
-    "parents": lambda test: test.origin.parents,
-    "length": lambda test: round(test.length),
-    "duration": lambda test: _rounded(test.duration, 1),
-}
-"""Columns of the table of all tests -> their values."""
-
-
 def table_of(tests: Iterable[TestSummary]) -> dict[str, list[Any]]:
     """Columns of equal length, a row per test."""
     rows = list(tests)
-    return {name: [value(test) for test in rows] for name, value in _TABLE.items()}
+    return {
+        "id": [test.id for test in rows],
+        "outcome": [test.outcome for test in rows],
+        "moobd": [_rounded(test.moobd, 2) for test in rows],
+        "side": [test.side for test in rows],
+        "broke": [test.broke for test in rows],
+        "length": [round(test.length) for test in rows],
+        "duration": [_rounded(test.duration, 1) for test in rows],
+    }
 
 
 @dataclass(frozen=True)
@@ -136,14 +132,19 @@ def road_data(road: Road) -> dict[str, Any]:
     }
 
 
-def drive_data(id: int, result: Result, segment: Segment, generation: int = 0) -> dict[str, Any]:  # noqa: A002
+def drive_data(
+    id: int,  # noqa: A002
+    result: Result,
+    segment: Segment,
+    origin: Origin | None = None,
+) -> dict[str, Any]:
     """A test with its road and its drive, in SI units, a few kilobytes of JSON.
 
     Args:
         id: of the test.
         result: of the drive.
         segment: of the drive, any.
-        generation: of the candidate.
+        origin: of the candidate.
     """
     drive, road, departure = segment.drive, segment.road, result.departure
     car = drive.car
@@ -155,7 +156,7 @@ def drive_data(id: int, result: Result, segment: Segment, generation: int = 0) -
         "moobd_distance": _rounded(result.moobd_distance, 2),
         "max_oob_share": _rounded(result.max_oob_share, 3),
         "duration": _rounded(result.duration, 2),
-        "generation": generation,
+        "origin": origin and _origin_in_words(origin),
         "road": road_data(road),
         "car": [round(size, 3) for size in (car.length, car.width, car.centre_ahead)],
         "speed_limit": drive.rules.speed_limit,
@@ -178,6 +179,12 @@ def drive_data(id: int, result: Result, segment: Segment, generation: int = 0) -
         "road_file": None,
         "minimised": None,
     }
+
+
+def _origin_in_words(origin: Origin) -> str:
+    parents = f" of {' and '.join(map(str, origin.parents))}" if origin.parents else ""
+    does = f": {DOES[origin.operator]}" if origin.operator in DOES else ""
+    return f"{origin.operator}{parents}{does}; generation {origin.generation}"
 
 
 def _kept(result: Result, segment: Segment) -> list[str]:

@@ -156,25 +156,7 @@ function drawCharts(width) {
   }
 }
 
-function caption(text) {
-  return text ? el("p", { class: "caption" }, text) : "";
-}
-
 function drawChart(element, block) {
-  element.append(chart(block), caption(block.caption));
-}
-
-/** Charts of which one is shown, by a switch. */
-function drawSwitch(element, block) {
-  const place = el("div", {});
-  const all = Object.entries(block.charts);
-  const buttons = all.map(([name]) => el("button", { type: "button" }, name));
-  const show = (i) => {
-    buttons.forEach((button, k) => button.setAttribute("aria-pressed", String(k === i)));
-    charts.splice(0, charts.length, ...charts.filter(({ plot }) => !place.contains(plot.root)));
-    place.replaceChildren(chart(all[i][1]));
-  };
-  buttons.forEach((button, i) => button.addEventListener("click", () => show(i)));
-  element.append(el("div", { class: "choices" }, `${block.label} `, el("div", { class: "switch", role: "group", "aria-label": block.label }, buttons)), place, caption(block.caption));
-  show(0);
+  element.append(chart(block));
+  if (block.caption) element.append(el("p", { class: "caption" }, block.caption));
 }

@@ -2,6 +2,7 @@
 
 const PAGE = window.innerWidth < 560 ? 8 : 24; // clusters that are shown at first
 const repeats = new Map(); // test -> how it was driven again
+const elsewhere = new Map(); // test -> how it was driven in other simulators
 const causes = new Map(); // test -> what the driver did wrong
 
 /** A button with a picture that opens a test. */
@@ -25,8 +26,7 @@ function card(id, order, { caption = "", small = false } = {}) {
 function isFound(query, cluster, id) {
   const number = query.match(/^#?(\d+)$/);
   if (number !== null) return id === Number(number[1]);
-  const { operator } = tests.get(id);
-  const text = `${cluster.cause} ${cluster.description} ${drives.get(id).reason} ${operator} ${report.operators[operator] ?? ""}`.toLowerCase();
+  const text = `${cluster.cause} ${cluster.description} ${drives.get(id).reason} ${drives.get(id).origin}`.toLowerCase();
   return query.split(/\s+/).every((word) => text.includes(word));
 }
 
@@ -47,6 +47,7 @@ function drawGallery(element, block) {
   const fields = [cause, side, search, robust];
   const openable = block.clusters.filter((cluster) => cluster.shown.length);
   for (const one of block.repeats) repeats.set(one.test, one);
+  for (const one of block.elsewhere) elsewhere.set(one.test, [...(elsewhere.get(one.test) ?? []), one]);
   for (const cluster of openable) if (cluster.cause) for (const id of cluster.shown) causes.set(id, cluster.cause);
 
   const show = () => {

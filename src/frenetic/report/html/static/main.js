@@ -2,9 +2,7 @@
 
 const kinds = {
   chart: drawChart,
-  switch: drawSwitch,
   gallery: drawGallery,
-  elsewhere: drawElsewhere,
   featureMap: drawFeatureMap,
   tests: drawTests,
 };
@@ -28,11 +26,6 @@ document.documentElement.dataset.theme = storedTheme();
 drawTheme();
 document.querySelectorAll("#bar nav, main .table").forEach(scrollsSideways);
 document.querySelectorAll(".command-line").forEach(makeCopied);
-for (const select of document.querySelectorAll("[data-shows]")) {
-  select.addEventListener("change", () => {
-    for (const one of document.querySelectorAll(`[data-shown-by="${select.id}"]`)) one.hidden = one.dataset.value !== select.value;
-  });
-}
 for (const element of document.querySelectorAll("[data-block]")) {
   const block = report.blocks[element.dataset.block];
   kinds[block.kind](element, block);

@@ -135,7 +135,6 @@ const player = (() => {
     shown.time = clamp(time, 0, shown.end);
     const at = momentAt(records, shown.time + records.time[0]);
     moveCars(shown.cars, at);
-    for (const { records: other, cars } of shown.others) moveCars(cars, momentAt(other, shown.time + other.time[0]));
     const [u, v] = shown.view.place(at.x, at.y);
     const wide = shown.closeWide;
     const tall = wide / shown.closeAspect;
@@ -206,13 +205,12 @@ const player = (() => {
     const closeAspect = isPhone ? 0.7 : isNarrow ? 2.2 : 0.85;
     const closeWide = isPhone ? CLOSE_UP_PHONE : CLOSE_UP;
     const found = drives.get(drive.id);
-    const others = (drive === found ? othersOf(drive.id) : []).map((other) => ({ ...other, records: recordsOf(other), cars: [] }));
-    const view = viewOf(placesOf(line, records, others.map((other) => other.records)), drive.road.turn, aspect);
+    const view = viewOf(placesOf(line, records), drive.road.turn, aspect);
     const length = roadLength(drive.road);
     let furthest = -Infinity;
     const along = records.distance.map((d) => (furthest = Math.max(furthest, d)));
     const state = {
-      drive, order, records, others, view, length, along, closeAspect, closeWide,
+      drive, order, records, view, length, along, closeAspect, closeWide,
       time: 0,
       end: records.time[records.time.length - 1] - records.time[0],
       cars: [],
@@ -251,7 +249,6 @@ const player = (() => {
       ),
       el("p", { class: "reason" }, drive.reason),
       ...lengthsOf(found, drive, order),
-      ...othersText(others),
       el(
         "div",
         { class: "stage" },
@@ -279,12 +276,6 @@ const player = (() => {
     const car = carShape(drive, isMain ? { class: "car", id: "car" } : { class: "car" }, scale);
     state.cars.push(car);
     const parts = [...roadShapes(line, view), ...pathShapes(records, view)];
-    const ghosts = state.others.map((other, i) => {
-      parts.push(otherShape(i, other.records, view));
-      const ghost = asOther(i, carShape(drive, { class: "car ghost" }, scale));
-      other.cars.push(ghost);
-      return ghost;
-    });
     if (isMain) {
       const [x, y] = view.place(records.x[0], records.y[0]);
       parts.push(svg("circle", { class: "start", cx: x, cy: y, r: view.box[2] / 150 }));
@@ -298,7 +289,7 @@ const player = (() => {
       parts.push(svg("circle", { class: "broke-here", cx: x, cy: y, r: isMain ? view.box[2] / 90 : 0.8 }));
     }
     const label = isMain ? "The road from above, with the car's path and the car" : "The car close up";
-    return svg("svg", { class: "scene", role: "img", "aria-label": label }, parts, ghosts, car);
+    return svg("svg", { class: "scene", role: "img", "aria-label": label }, parts, car);
   }
 
   function carShape(drive, attributes, scale) {
@@ -317,15 +308,14 @@ const player = (() => {
     const places = Array.from({ length: 401 }, (_, i) => (i * length) / 400);
     const own = PROFILES.filter(isThere).map((profile) => {
       const scale = profile.scale ?? 1;
-      const recorded = (of, name) => of[name].map((value, i) => [of.distance[i], scale * value]);
+      const recorded = (name) => records[name].map((value, i) => [records.distance[i], scale * value]);
       const isOfRoad = OF_ROAD[profile.lines[0]] !== undefined;
       const along = (name) => (name === "curvature" ? curvatures.map((value, i) => [i * step, value]) : places.map((place) => [place, scale * OF_ROAD[name](drive.road, place)]));
-      const pointsOf = (name) => (isOfRoad ? along(name) : recorded(records, name));
+      const pointsOf = (name) => (isOfRoad ? along(name) : recorded(name));
       return {
         ...profile,
         now: (at) => profile.lines.map((name) => scale * (isOfRoad ? OF_ROAD[name](drive.road, at.distance) : at[name])),
         points: profile.lines.map(pointsOf),
-        others: isOfRoad ? [] : state.others.flatMap((other, i) => profile.lines.map((name) => ({ i, name, points: recorded(other.records, name) }))),
         limit: profile.title === "speed" ? drive.speed_limit : null,
       };
     });
@@ -376,7 +366,7 @@ const player = (() => {
   }
 
   function plotOf(profile, length) {
-    const values = [...profile.points, ...profile.others.map((other) => other.points)].flat().map(([, value]) => value);
+    const values = profile.points.flat().map(([, value]) => value);
     let low = Math.min(...values, 0);
     let high = Math.max(...values, 0, profile.limit ?? -Infinity, profile.most ?? -Infinity);
     if (profile.lines[0] === "oob_distance") high = Math.max(high, report.lane_width / 2);
@@ -392,7 +382,6 @@ const player = (() => {
     shapes.push(svg("path", { class: "zero", d: `M0 ${up(0)}H${wide}` }));
     if (profile.limit !== null && profile.limit !== undefined) shapes.push(svg("path", { class: "limit", d: `M0 ${up(profile.limit)}H${wide}` }));
     const line = (name, points) => svg("path", { class: `line ${name}`, d: pathText(points.map(([d, v]) => [across(d), up(v)])) });
-    shapes.push(...profile.others.map(({ i, name, points }) => asOther(i, line(`other line-${name}`, points))));
     shapes.push(...profile.points.map((points, i) => line(`line-${profile.lines[i]}`, points)));
     const label = `${profile.title} in ${profile.unit} along the road`;
     return el(
@@ -436,8 +425,6 @@ function badge(outcome) {
 }
 
 function factsOf(drive) {
-  const test = tests.get(drive.id);
-  const parents = test.parents.length ? ` of ${test.parents.join(" and ")}` : "";
   const facts = [
     ["MOOBD", `${fixed(drive.moobd, 2, "m")}${drive.moobd_distance === null ? "" : `, at ${fixed(drive.moobd_distance, 0, "m")}`}`],
     ["Largest oob share", percent(drive.max_oob_share)],
@@ -446,11 +433,12 @@ function factsOf(drive) {
     ...drive.kept.map((words) => ["Kept", words]),
     ["Duration", fixed(drive.duration, 1, "s")],
     ["Road", drive.road.words],
-    ["Origin", `${test.operator}${parents}${report.operators[test.operator] ? `: ${report.operators[test.operator]}` : ""}; generation ${drive.generation}`],
+    ["Origin", drives.get(drive.id).origin],
   ];
   if (causes.has(drive.id)) facts.unshift(["Cause", causes.get(drive.id)]);
   const again = repeats.get(drive.id);
   if (again !== undefined) facts.push([`Driven again: ${again.stability}`, again.text]);
+  for (const { where, text } of elsewhere.get(drive.id) ?? []) facts.push([`In ${where}`, text]);
   return el("dl", { class: "facts" }, facts.map(([name, value]) => el("div", {}, el("dt", {}, name), el("dd", {}, value))));
 }
 

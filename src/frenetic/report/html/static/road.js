@@ -155,31 +155,21 @@ function pathShapes(records, view) {
   return shapes;
 }
 
-/** The path of a drive in another simulator. */
-function otherShape(i, records, view) {
-  return asOther(i, svg("path", { class: "path other", d: pathText(records.x.map((x, k) => view.place(x, records.y[k]))) }));
-}
-
-/** What a picture has to show: a road, a path, and others where they do not go far astray. */
-function placesOf(line, records, others = []) {
-  const own = [...line, ...records.x.map((x, i) => ({ x, y: records.y[i] }))];
-  const [xs, ys] = [line.map(({ x }) => x), line.map(({ y }) => y)];
-  const near = (value, all) => clamp(value, Math.min(...all) - 20, Math.max(...all) + 20);
-  return [...own, ...others.flatMap((other) => other.x.map((x, i) => ({ x: near(x, xs), y: near(other.y[i], ys) })))];
-}
-
-/** A small picture of a drive from above, with drives in other simulators. */
-function roadPicture(drive, label, { others = [] } = {}) {
+/** A small picture of a drive from above. */
+function roadPicture(drive, label) {
   const line = centreLine(drive.road);
   const records = recordsOf(drive);
-  const beyond = others.map(recordsOf);
-  const view = viewOf(placesOf(line, records, beyond), drive.road.turn, 1.6);
+  const view = viewOf(placesOf(line, records), drive.road.turn, 1.6);
   const [startX, startY] = view.place(records.x[0], records.y[0]);
-  const shapes = [...roadShapes(line, view), svg("circle", { class: "start", cx: startX, cy: startY, r: view.box[2] / 70 })];
-  shapes.push(...pathShapes(records, view), ...beyond.map((one, i) => otherShape(i, one, view)));
+  const shapes = [...roadShapes(line, view), svg("circle", { class: "start", cx: startX, cy: startY, r: view.box[2] / 70 }), ...pathShapes(records, view)];
   if (drive.departure !== null) {
     const [x, y] = view.place(drive.departure.x, drive.departure.y);
     shapes.push(svg("circle", { class: "left-here", cx: x, cy: y, r: view.box[2] / 32 }));
   }
   return svg("svg", { viewBox: view.box.map((v) => v.toFixed(2)).join(" "), class: "picture", role: "img", "aria-label": label }, shapes);
+}
+
+/** What a picture has to show: a road and a path. */
+function placesOf(line, records) {
+  return [...line, ...records.x.map((x, i) => ({ x, y: records.y[i] }))];
 }

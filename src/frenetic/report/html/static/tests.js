@@ -7,20 +7,17 @@ const TEST_COLUMNS = [
   ["MOOBD (m)", (test) => test.moobd, (test) => fixed(test.moobd, 2)],
   ["side", (test) => test.side],
   ["broke", (test) => test.broke],
-  ["operator", (test) => test.operator],
-  ["parents", (test) => test.parents[0] ?? null, (test) => test.parents.join(", ") || "–"],
   ["road (m)", (test) => test.length, (test) => fixed(test.length, 0)],
   ["drive (s)", (test) => test.duration, (test) => fixed(test.duration, 1)],
 ];
-const NUMBERS = [0, 2, 7, 8]; // columns of numbers
+const NUMBERS = [0, 2, 5, 6]; // columns of numbers
 
 function drawTests(element) {
   let [sorted, isDown, shown] = [0, false, ROWS];
   const all = [...tests.values()];
   const pick = (id, values) => el("select", { id }, el("option", { value: "" }, "all"), values.map((value) => el("option", {}, value)));
   const outcome = pick("tests-outcome", [...new Set(all.map((test) => test.outcome))].sort());
-  const operator = pick("tests-operator", [...new Set(all.map((test) => test.operator))].sort());
-  const search = el("input", { type: "search", id: "tests-search", placeholder: "number of a test or parent", inputmode: "numeric" });
+  const search = el("input", { type: "search", id: "tests-search", placeholder: "number of a test", inputmode: "numeric" });
   const found = el("span", { role: "status", class: "found" });
   const head = el("tr", {});
   const body = el("tbody", {});
@@ -31,8 +28,7 @@ function drawTests(element) {
     const rows = all.filter(
       (test) =>
         (outcome.value === "" || test.outcome === outcome.value) &&
-        (operator.value === "" || test.operator === operator.value) &&
-        (number === "" || String(test.id).startsWith(number) || test.parents.map(String).includes(number)),
+        (number === "" || String(test.id).startsWith(number)),
     );
     const value = TEST_COLUMNS[sorted][1];
     const sign = isDown ? -1 : 1;
@@ -52,9 +48,9 @@ function drawTests(element) {
       return el("th", { scope: "col", class: NUMBERS.includes(i) ? "number" : null, "aria-sort": order }, el("button", { type: "button", class: "sorts", on: { click: sort } }, title));
     }));
   };
-  for (const field of [outcome, operator, search]) field.addEventListener("input", () => { shown = ROWS; show(); });
+  for (const field of [outcome, search]) field.addEventListener("input", () => { shown = ROWS; show(); });
   element.append(
-    el("div", { class: "choices" }, labelled("Outcome ", outcome), labelled("Operator ", operator), labelled("Find ", search), found),
+    el("div", { class: "choices" }, labelled("Outcome ", outcome), labelled("Find ", search), found),
     scrollsSideways(el("div", { class: "table", tabindex: 0, role: "region", "aria-label": "All tests" }, el("table", {}, el("thead", {}, head), body))),
     more,
   );
