@@ -57,9 +57,8 @@ def test_what_is_installed_is_read_once(site: Path, monkeypatch: pytest.MonkeyPa
 @pytest.mark.parametrize(
     ("registry", "spec", "option", "message"),
     [
-        (STRATEGIES, "frenetic", {"use_archive": "False"}, "use_archive is 'False': true or false"),
-        (STRATEGIES, "frenetic", {"learn_shares": 7}, "learn_shares is 7: true or false"),
-        (STRATEGIES, "frenetic", {"threshold": "abc"}, "threshold is 'abc': a number"),
+        (STRATEGIES, "frenetic", {"likely": "False"}, "likely is 'False': true or false"),
+        (STRATEGIES, "frenetic", {"likely": 7}, "likely is 7: true or false"),
         (STRATEGIES, "frenetic-2021", {"random_budget": "abc"}, "random_budget is 'abc': a number"),
         (STRATEGIES, "random", {"is_valid": "abc"}, "is_valid is 'abc': a function"),
         (DRIVERS, "own.py:Own", {"gain": "abc"}, "gain is 'abc': a number"),

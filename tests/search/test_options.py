@@ -21,7 +21,6 @@ MISTAKES = [
     (RandomSearch, "max_redraws", -1, "a whole number >= 0"),
     (Frenetic, "random_budget", 1.1, "a number <= 1"),
     (Frenetic, "random_roads", 0, "a whole number >= 1"),
-    (Frenetic, "threshold", float("inf"), "a number that is finite"),
     (Frenetic2021, "length_jitter", -1, "a whole number >= 0"),
     (Frenetic2021, "length_jitter", 1001, "a whole number <= 1000"),
     (Frenetic2021, "curvature_bound", 0.0, "a number > 0"),

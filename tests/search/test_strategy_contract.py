@@ -35,7 +35,7 @@ class TestFrenetic(StrategyContract):
 
 class TestFreneticInOtherWays(StrategyContract):
     def make(self, seed: int) -> Strategy:
-        return Frenetic(seed=seed, random_roads=5, use_archive=False, predict_speeds=False)
+        return Frenetic(seed=seed, random_roads=5, likely=True)
 
 
 class TestFrenetic2021(StrategyContract):

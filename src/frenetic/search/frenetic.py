@@ -12,7 +12,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.bounds import Count, Finite, Index, Positive, Share
+from frenetic._support.bounds import Count, Index, Positive, Share
 from frenetic.domain import Domain
 from frenetic.errors import Fault
 from frenetic.outcome import Outcome
@@ -158,13 +158,8 @@ class Frenetic(Strategy):
         random_budget: Share of the budget that the first random roads may take, 0..1, and those
             of earlier campaigns.
         random_roads: Number of the first random roads.
-        threshold: m, only failures and places with a lower oob distance become parents; None for
-            one that adapts to the driver.
         likely: Whether failures are parents first, and of six children the one is driven that will
             most likely fail: for those who count failures, alike or not.
-        use_archive: Whether second places, and the differences from the known failures, count.
-        learn_shares: Whether operators are chosen by what they have brought.
-        predict_speeds: Whether a child's speeds are predicted.
         step: m between two curvature values.
         max_length: Largest usual number of values of a road; it has up to five more or fewer.
         is_valid: Refuses roads that are not worth a test; by default those that do not fit the map
@@ -191,11 +186,7 @@ class Frenetic(Strategy):
         map_size: Positive | None = None,
         random_budget: Share = 0.2,
         random_roads: Count = 30,
-        threshold: Finite | None = None,
         likely: bool = False,
-        use_archive: bool = True,
-        learn_shares: bool = True,
-        predict_speeds: bool = True,
         step: Positive | None = None,
         max_length: Size = MAX_LENGTH,
         is_valid: RoadCheck | None = None,
@@ -211,9 +202,6 @@ class Frenetic(Strategy):
         self._failing = FailureModel(self._rng, len(OPERATORS)) if likely else None
         self._random_budget = random_budget
         self._first_roads = random_roads
-        self._fixed_threshold = threshold
-        self._use_archive = use_archive
-        self._learn_shares = learn_shares
         self._usual_length = max(min(int(_ROAD_PER_MAP * map_size / step), max_length), MIN_VALUES)
         if road_class is not None:
             self._usual_length = usual_length(road_class)
@@ -232,7 +220,7 @@ class Frenetic(Strategy):
         self._ledger = Ledger()
         self._rests = Rests(road_class)
         self._archive = Archive()
-        self._model = SpeedModel(self._rng) if predict_speeds else None
+        self._model = SpeedModel(self._rng)
         self._faults: set[Fault] = set()  # of the driver
         self._proposed: set[bytes] = set()  # fingerprints
         self._budget_spent = 0.0
@@ -270,7 +258,7 @@ class Frenetic(Strategy):
                 continue
             worst = places_of(evaluation, candidate, severity)[0]
             self._earlier.add(candidate, worst._replace(has_failed=False))
-            if self._model is not None and evaluation.trace is not None:
+            if evaluation.trace is not None:
                 self._model.learn(candidate.curvatures, candidate.step, evaluation.trace)
         self._earlier_left = len(self._earlier)
         roads = [*self._earlier.candidates, *self._given]
@@ -321,7 +309,7 @@ class Frenetic(Strategy):
             brought = self._keep(evaluation, candidate, severity or 0.0)
         if fault is not None:
             self._faults.add(fault)
-        if self._model is not None and evaluation.trace is not None:
+        if evaluation.trace is not None:
             self._model.learn(candidate.curvatures, candidate.step, evaluation.trace)
         if candidate.origin.operator == EARLIER:
             self._driven_again += 1
@@ -346,7 +334,7 @@ class Frenetic(Strategy):
         row = len(self._archive)
         worst, *others = places_of(evaluation, candidate, severity)
         difference = self._archive.add(candidate, worst)
-        if self._use_archive and self._is_moobd:
+        if self._is_moobd:
             for place in others:
                 self._archive.add(candidate, place)
         if evaluation.outcome is not Outcome.FAIL:
@@ -432,9 +420,7 @@ class Frenetic(Strategy):
         usual, middle = (float(q) for q in np.quantile(recent, (_QUANTILE, 0.5)))
         if not self._is_moobd:
             self._origin, self._spread = usual, max(middle - usual, 1e-9)
-        if self._fixed_threshold is not None:
-            threshold = self._fixed_threshold
-        elif not self._archive.has_failures:
+        if not self._archive.has_failures:
             share = max(_CLOSING_QUANTILE, min(_LEAST_POOL / len(recent), 1.0))
             threshold = float(np.quantile(recent, share))
         else:
@@ -447,7 +433,7 @@ class Frenetic(Strategy):
         rows = self._pool[self._rng.integers(0, len(self._pool), _TOURNAMENT)]
         places = self._archive.places[rows]
         worth = np.minimum((self._origin - places["severity"]) / self._spread, _NEAR_MISS)
-        if self._use_archive and self._archive.has_failures:
+        if self._archive.has_failures:
             worth += np.sqrt(self._archive.squares[rows])
         # In a domain most that did not fail is far from it: its conditions are as usual.
         comes_first = self.domain is not None or self._failing is not None
@@ -539,10 +525,8 @@ class Frenetic(Strategy):
         opposite = {LEFT: RIGHT, RIGHT: LEFT}.get(side, side)
         known = archive.failures(side), archive.failures(opposite)
         # A class's bends look much alike: without a failure, what is out forbids too many.
-        is_idle = self.road_class is not None and not archive.has_failures
-        if not self._use_archive or is_idle:
+        if self.road_class is not None and not archive.has_failures:
             known = known[0][:0], known[1][:0]
-        model = self._model if self._model is not None and self._model.is_ready else None
         expected = np.empty(SIZE)
         first = 0
         while first < draws:
@@ -561,7 +545,7 @@ class Frenetic(Strategy):
                 *known,
                 _SAME,
                 kept[first:],
-                np.empty(0) if model is None else model.weights,
+                self._model.weights if self._model.is_ready else np.empty(0),
                 self._room,
                 expected,
             )
@@ -615,11 +599,8 @@ class Frenetic(Strategy):
     def _shares(self, had_failed: int) -> FloatArray:
         """Running sum of the shares of the operators, (k,), the last 1."""
         count = OF_FAILURES if had_failed else len(OPERATORS)
-        worth = np.ones(count)
-        if self._learn_shares:
-            brought, used = self._brought[had_failed, :count], self._used[had_failed, :count]
-            worth = ((brought + 1.0) / (used + 6.0)) ** _POWER
-        sums = np.cumsum(worth)
+        brought, used = self._brought[had_failed, :count], self._used[had_failed, :count]
+        sums = np.cumsum(((brought + 1.0) / (used + 6.0)) ** _POWER)
         shares: FloatArray = sums / sums[-1]
         return shares
 
