@@ -111,16 +111,6 @@ def test_amounts_are_distributed_as_declared(path: Path) -> None:
     assert len({one[SEED] for one in drawn}) == 4000
 
 
-def test_conditions_are_found_again_as_a_point(path: Path) -> None:
-    domain, rng = Domain.of(path), np.random.default_rng(2)
-    for _ in range(50):
-        conditions = domain.at(rng.random(domain.dimension), 400.0)
-        again = domain.at(domain.shares_of(conditions, 400.0), 400.0)
-        assert again.keys() == conditions.keys()
-        for name, amount in conditions.items():
-            assert again[name] == pytest.approx(amount, rel=2e-3, abs=0.2)
-
-
 def test_what_lies_on_the_road_moves_with_it() -> None:
     there = {"friction": 0.5, "wet": 0.4, "wet_at": 30.0, "gust": 9.0, "gust_at": 100.0}
     assert moved_along(there, -40.0) == {"friction": 0.5, "gust": 9.0, "gust_at": 60.0}
@@ -152,13 +142,6 @@ def test_a_campaign_in_a_domain_goes_on_and_is_driven_again(
     entries = read_run_file(tmp_path / "whole" / "campaign.toml")[0]
     assert entries.domain == domain
     assert entries.road_class == domain.road_class
-
-
-def test_without_a_domain_nothing_changes() -> None:
-    for kind in (Frenetic, RandomSearch):
-        strategy: Any = kind(seed=1)
-        for _ in range(5):
-            assert strategy.ask().conditions == {}
 
 
 def test_until_something_fails_a_search_has_rare_conditions_in_half_of_its_roads() -> None:

@@ -12,7 +12,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from frenetic import EmbeddedSimulator, Road
 from frenetic.drivers import (
     BeamngAi,
     Controls,
@@ -97,18 +96,6 @@ def controls_of(driver: Driver, *seen: Observation) -> Controls:
     return answers[-1]
 
 
-def test_laws_are_compiled_once_however_arrays_are_given() -> None:
-    """A law takes seconds to compile."""
-    fixed, seen = random_observation(1), random_observation(1)
-    fixed.ahead.setflags(write=False)
-    fixed.curvature_ahead.setflags(write=False)
-    strided = replace(seen, curvature_ahead=np.repeat(seen.curvature_ahead, 2)[::2])
-    with EmbeddedSimulator() as simulator:
-        simulator.drive(Road([0.0, 0.0]), Planner())  # the rollout
-    assert len({controls_of(Planner(), one) for one in (seen, fixed, strided)}) == 1
-    assert len(laws.decide.signatures) == 1  # type: ignore[attr-defined]
-
-
 def speed_wanted(curvature_ahead: FloatArray, driver: Planner | Stanley) -> float:
     lateral, braking, _, smoothing = driver.parameters()[:4]
     wanted: float = laws.planned_speed(
@@ -177,16 +164,6 @@ def test_pure_pursuit_takes_the_arc_through_the_lookahead_point(kappa: float, ro
     assert steering == pytest.approx(math.atan(WHEELBASE * kappa), abs=1e-12)
 
 
-def test_pure_pursuit_goes_for_a_point_between_two_of_the_view() -> None:
-    driver = Planner(lookahead_time=0.1, lookahead_min=4.0)  # at 10 m/s 5 m
-    ahead = arc(0.0)
-    ahead[2] = [4.0, 1.0]
-    ahead[3] = [6.0, 2.0]
-    x, y = 5.0 + SETUP.rear_axle, 1.5
-    expected = math.atan(2.0 * WHEELBASE * y / (x * x + y * y))
-    assert controls_of(driver, observation(ahead=ahead)).steering == pytest.approx(expected)
-
-
 def test_stanleys_law_term_by_term() -> None:
     driver = Stanley(offset_gain=2.0, softening=1.0, yaw_damping=0.1)
     offset = -math.atan(2.0 * 0.3 / (1.0 + 10.0))
@@ -224,20 +201,6 @@ def test_the_plan_keeps_every_budget_and_gives_nothing_away(
         kappa = abs(curvature[max(i - reach, 0) : i + reach + 1].mean())
         bounds.append(lateral / kappa + 2.0 * braking * AHEAD_SPACING * i)
     assert speed_wanted(curvature, driver) == pytest.approx(math.sqrt(min(bounds)), rel=1e-9)
-
-
-@pytest.mark.parametrize("make", BUILT_IN)
-def test_pedals_bring_the_speed_to_the_limit(make: Callable[..., Planner]) -> None:
-    driver = make(speed_gain=1.5)
-    limit = SETUP.speed_limit
-    slow = controls_of(driver, observation(speed=limit - 1.0))
-    assert (slow.throttle, slow.brake) == pytest.approx((1.5 / 4.5, 0.0))
-    fast = controls_of(driver, observation(speed=limit + 2.0))
-    assert (fast.throttle, fast.brake) == pytest.approx((0.0, 3.0 / 9.0))
-    even = controls_of(driver, observation(speed=limit))
-    assert (even.throttle, even.brake) == pytest.approx((0.0, 0.0), abs=1e-12)
-    assert controls_of(driver, observation(speed=0.0)).throttle == 1.0
-    assert controls_of(driver, observation(speed=3.0 * limit)).brake == 1.0
 
 
 @pytest.mark.parametrize("make", [*BUILT_IN, BeamngAi])
@@ -312,13 +275,6 @@ def test_errors_have_their_standard_deviations_and_correlation(
         assert abs(float(np.corrcoef(errors[:, 0], errors[:, 1])[0, 1])) < 0.05
 
 
-def test_the_first_error_of_a_drive_is_no_larger_than_the_others() -> None:
-    first = np.array(
-        [Noisy(Planner(), offset=1.0, seed=seed).errors(0.05).upto(1)[0, 0] for seed in range(1000)]
-    )
-    assert first.std() == pytest.approx(1.0, rel=0.1)
-
-
 def test_the_view_ahead_errs_as_the_place_does() -> None:
     """Seen from where the car believes to be, every point lies where it really is."""
     recorder = Recorder()
@@ -374,12 +330,6 @@ def test_a_limited_view_has_the_next_points_only(distance: float, rows: int) -> 
     assert (seen.speed, seen.lateral_offset) == (real.speed, real.lateral_offset)
 
 
-def test_layers_tell_their_options() -> None:
-    noisy = Noisy(Planner(), offset=0.2, heading=0.02, correlation_time=2.0, seed=3)
-    noisy.reset(SETUP)
-    assert noisy.options == {"offset": 0.2, "heading": 0.02, "correlation_time": 2.0, "seed": 3}
-
-
 @pytest.mark.parametrize("make", BUILT_IN)
 def test_layers_commute(make: Callable[..., Driver]) -> None:
     layers: list[Callable[[Driver], Driver]] = [
@@ -397,28 +347,6 @@ def test_layers_commute(make: Callable[..., Driver]) -> None:
         answers.append([driver.act(each) for each in seen])
     assert all(answer == answers[0] for answer in answers)
     assert len(set(answers[0])) > 10
-
-
-@pytest.mark.parametrize(
-    ("layer", "options", "message"),
-    [
-        (Noisy, {"offset": -0.1}, "offset is -0.1: a number >= 0 is needed"),
-        (Noisy, {"heading": math.nan}, "heading is nan: a number >= 0 is needed"),
-        (Noisy, {"correlation_time": 0.0}, "correlation_time is 0.0: a number > 0 is needed"),
-        (Noisy, {"seed": 0.5}, "seed is 0.5: a whole number is needed"),
-        (Noisy, {"offset": 1e308}, "offset is 1e+308: a number <= 100 is needed"),
-        (Noisy, {"heading": 101.0}, "heading is 101.0: a number <= 100 is needed"),
-        (Delayed, {"seconds": -0.1}, "seconds is -0.1: a number >= 0 is needed"),
-        (Delayed, {"seconds": 11.0}, "seconds is 11.0: a number <= 10 is needed"),
-        (LimitedView, {"distance": 0.0}, "distance is 0.0: a number > 0 is needed"),
-    ],
-)
-def test_bad_amounts_are_refused_by_name(
-    layer: Callable[..., Driver], options: dict[str, float], message: str
-) -> None:
-    with pytest.raises(ValueError) as caught:
-        layer(Planner(), **options)
-    assert str(caught.value) == message
 
 
 # --- What may be compiled ------------------------------------------------------------------------

@@ -18,7 +18,7 @@ from road_rules import RULES, violations
 from frenetic import Frenetic, Frenetic2021, RandomSearch, Road
 from frenetic.errors import FreneticError
 from frenetic.outcome import Outcome
-from frenetic.road.classes import RoadClass, classes
+from frenetic.road.classes import RoadClass
 from frenetic.search import Evaluation, Strategy
 from frenetic.search.records import Trace
 
@@ -195,10 +195,6 @@ def test_a_road_of_a_class_keeps_clear_of_itself_and_the_edge() -> None:
     straight = road_of(CLASS, np.zeros(140))
     assert not straight.placed(1000.0, road_class=CLASS)[1]
     assert straight.placed(2400.0, road_class=CLASS)[1]
-
-
-def test_every_class_is_named_in_the_rules() -> None:
-    assert set(RULES) == set(classes())
 
 
 def test_lanes_widen_in_narrow_bends() -> None:

@@ -95,36 +95,6 @@ def test_other_points_are_joined_by_the_spline(seed: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "points",
-    [
-        [(10.0, 20.0), (150.0, 90.0)],
-        [(0.0, 0.0), (0.0, 0.5)],
-        [(0.0, 0.0), (30.0, 0.0), (40.0, 1.0)],
-        [(10.0, 20.0), (30.0, 20.0), (40.0, 30.0), (60.0, 80.0)],
-    ],
-    ids=["line", "short", "parabola", "cubic"],
-)
-def test_few_points_are_joined_by_a_spline_of_lower_degree(
-    points: list[tuple[float, float]],
-) -> None:
-    road = assert_follows_the_spline(np.array(points))
-    if len(points) == 2:
-        np.testing.assert_allclose(road.curvatures, 0.0, rtol=0, atol=1e-12)
-
-
-def test_a_road_along_a_spline_has_the_splines_curvature() -> None:
-    points = np.array([(0.0, 0.0), (40.0, 0.0), (70.0, 30.0), (70.0, 80.0), (100.0, 110.0)])
-    u = np.linspace(0.0, 1.0, 200_001)
-    (x, y), (a, b) = (competition_spline(points).derivative(k)(u).T for k in (1, 2))
-    rate = np.hypot(x, y)
-    arc = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(u))])
-    road = Road.from_points(points)
-    distances = np.linspace(0.0, road.length, 400)
-    expected = np.interp(distances, arc, (x * b - y * a) / rate**3)
-    np.testing.assert_allclose(road.curvature_at(distances), expected, rtol=0, atol=5e-4)
-
-
-@pytest.mark.parametrize(
     ("points", "message"),
     [
         ([[0.0, 0.0], [1e3, 0.0], [0.0, 0.0], [1e-14, 0.0], [0.0, 5.0]], "2 and 3 are the same"),

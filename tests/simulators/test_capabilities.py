@@ -103,12 +103,6 @@ def test_every_quantity_that_one_of_ours_lays_is_an_option_of_it() -> None:
                 assert describe(made) != describe(kind()), "its record says it"
 
 
-def test_what_can_be_varied_is_what_can_be_set() -> None:
-    everything = {"rules", "friction", "steering_lag", "start_offset", "start_heading"}
-    everything |= {"load", "wet", "wet_at", "gust", "gust_at"}
-    assert capabilities(EmbeddedSimulator()).variable == everything
-
-
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [

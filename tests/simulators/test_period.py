@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from frenetic import Controls, Driver, DriveSetup, EmbeddedSimulator, Observation, Road, Stanley
-from frenetic.drivers import Noisy
 from frenetic.errors import DriverError
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
@@ -73,13 +72,6 @@ def test_the_period_of_the_simulator_changes_nothing() -> None:
     np.testing.assert_array_equal(plain, own)
     assert EmbeddedSimulator().drives_compiled(Stanley())
     assert not EmbeddedSimulator().drives_compiled(Own(0.05))
-
-
-def test_a_layer_has_the_period_of_its_driver() -> None:
-    driver = Own(0.02)
-    drive = EmbeddedSimulator().drive(WINDING, Noisy(driver, offset=0.2))
-    assert drive.error is None
-    assert (driver.told, driver.seen[1].time) == pytest.approx((0.02, 0.02))
 
 
 @pytest.mark.parametrize(

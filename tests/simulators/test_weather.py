@@ -96,13 +96,6 @@ def test_a_gust_pushes_as_its_formula_says_and_only_where_it_blows() -> None:
     assert place[-1, 1] > place[0, 1] + 0.1, "to the left"
 
 
-def test_a_gust_to_the_right_is_the_mirror_image() -> None:
-    left = rows(EmbeddedSimulator(gust=9.0), Held(6.0), STRAIGHT)
-    right = rows(EmbeddedSimulator(gust=-9.0), Held(6.0), STRAIGHT)
-    n = min(len(left), len(right))
-    assert np.allclose(left[:n, 6], -right[:n, 6], atol=1e-12)
-
-
 def test_brakes_are_weaker_on_the_wet_stretch_alone() -> None:
     road = Road([0.0] * 60)
     dry = EmbeddedSimulator().drive(road, Held(6.5, brake=1.0)).trajectory
@@ -140,12 +133,6 @@ def test_a_hasty_driver_drives_over_the_limit() -> None:
     hasty = simulator.drive(Road([0.0] * 60), Hasty(Planner(), excess=18.0)).trajectory.speed.max()
     assert usual <= 70.0 / 3.6 + 0.1
     assert hasty == pytest.approx(usual + 5.0, abs=0.2)
-
-
-def test_no_weather_is_the_usual_drive_bit_for_bit() -> None:
-    usual = rows(EmbeddedSimulator(), Planner())
-    nothing = EmbeddedSimulator(wet=1.0, wet_at=50.0, gust=0.0, gust_at=20.0, load=0.0)
-    assert np.array_equal(rows(nothing, Planner()), usual)
 
 
 @pytest.mark.parametrize(

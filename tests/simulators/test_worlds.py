@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 from frenetic.drivers import Delayed, Driver, LimitedView, Noisy, Planner
 from frenetic.drivers.layers import compiled_form
 from frenetic.errors import FreneticError
-from frenetic.quantities import quantities
 from frenetic.road import Road
 from frenetic.simulators import EmbeddedSimulator, Rules, Simulator
 from frenetic.simulators.worlds import Conditions, in_conditions
 from frenetic.testing import DummySimulator
-from frenetic.vision import appearance
-from frenetic.vision.marking_follower import MarkingFollower
 
 ROAD = Road([0.0, 0.0, 0.01, 0.03, 0.05, 0.05, 0.02, -0.02, -0.04, -0.04, 0.0, 0.0])
 
@@ -115,15 +111,3 @@ def test_a_value_that_a_simulator_refuses_is_one_line() -> None:
         in_conditions(world, Picky(), Planner()),
     ):
         pass
-
-
-def test_the_table_of_quantities_is_true() -> None:
-    """Both ends of every quantity's range can be driven in."""
-    for name, quantity in quantities().items():
-        for value in (quantity.low, quantity.high):
-            driver = MarkingFollower() if name in appearance.ALL else Planner()
-            simulator = EmbeddedSimulator()
-            with in_conditions({name: value}, simulator, driver) as there:
-                drive = simulator.drive(SHORT, there)
-            assert drive.error is None
-            assert np.isfinite(drive.trajectory.to_rows()).all()

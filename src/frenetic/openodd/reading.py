@@ -10,10 +10,10 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from itertools import groupby, pairwise
+from itertools import combinations, groupby, pairwise, product
 from pathlib import Path
 from types import MappingProxyType, ModuleType
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from msgspec import Struct, ValidationError, convert
 
@@ -22,7 +22,7 @@ from frenetic.errors import FreneticError
 from frenetic.quantities import Quantity, quantities
 
 if TYPE_CHECKING:
-    from openodd import OddCondition, OddDefinition, OddModule
+    from openodd import OddDefinition
 
 ROAD_CLASS: Final = "road_class"
 OURS: Final = "frenetic"
@@ -108,23 +108,43 @@ def read_domain(path: Path) -> dict[str, Any]:
         ours = convert(told[0] if told else {}, _Ours)
     except ValidationError as error:
         raise ValueError(f"{OURS} in METADATA: {error}") from None
-    rules = _Rules(odd)
-    limited = {name for module in roots for name in rules.limited_by(module)}
+    probes = {one.name: _probes(one.item) for one in odd.attributes}
+    undecided = dict.fromkeys(probes, library().UNDECIDED)
+
+    def holds(**values: Any) -> bool:
+        """Whether values of attributes may be inside, whatever the others are."""
+        return odd.evaluate({**undecided, **values}).inside
+
+    inside = {
+        name: [one for one in found if holds(**{name: one.value})] for name, found in probes.items()
+    }
+    known = {ROAD_CLASS, *_own()}
+    for pair in combinations(probes, 2):
+        if known.isdisjoint(map(_leaf, pair)):
+            continue
+        for values in product(*(inside[name] for name in pair)):
+            if not holds(**{name: one.value for name, one in zip(pair, values, strict=True)}):
+                told = " and ".join(sorted(map(_leaf, pair)))
+                raise ValueError(f"{told} depend on each other: a domain limits each on its own")
     conditions: dict[str, dict[str, Any]] = {}
     entries: dict[str, Any] = {"about": " ".join(filter(None, (one.text for one in roots)))}
     foreign, free = [], []
-    for attribute in odd.attributes:
-        name, leaf, item = attribute.name, _leaf(attribute.name), attribute.item
-        is_limited = name in limited
-        literals = [] if item is None else list(item.values or ())
-        edges = [] if item is None else list(filter(math.isfinite, item.edges))
-        if leaf == ROAD_CLASS and (len(literals) == 1 or (literals and is_limited)):
-            entries["roads"] = _roads(rules, name, literals, ours.roads)
-        elif not is_limited:
+    named = {
+        name
+        for module in odd.modules
+        for condition in module.conditions()
+        for name in condition.attributes()
+    }
+    for name, found in probes.items():
+        leaf, is_limited = _leaf(name), len(inside[name]) < len(found)
+        is_literal = any(math.isnan(one.low) for one in found)
+        if leaf == ROAD_CLASS and is_literal and (len(found) == 1 or name in named):
+            entries["roads"] = _roads([str(one.value) for one in inside[name]], ours.roads)
+        elif not is_limited and (leaf in known or name not in named):
             free.append(leaf)
-        elif name in rules.ours and edges:
+        elif leaf in known and not is_literal:
             shape = ours.conditions.get(leaf, {})
-            conditions[leaf] = {**shape, **_range(rules, name, _own()[leaf], edges, shape)}
+            conditions[leaf] = {**shape, **_range(_own()[leaf], found, inside[name], shape)}
         else:
             foreign.append(leaf)
     if not conditions and "roads" not in entries:
@@ -162,33 +182,50 @@ def _listed(names: list[str]) -> str:
     return ", ".join(names[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
-def _roads(rules: _Rules, name: str, literals: list[Any], told: dict[str, Any] | None) -> Any:
+def _roads(inside: list[str], told: dict[str, Any] | None) -> Any:
     """The road class that is inside, with its values if the METADATA holds them."""
-    inside = [str(one) for one in literals if rules.holds(name, one)]
     if len(inside) != 1:
         raise ValueError(f"{ROAD_CLASS} has {len(inside)} classes inside: a domain has one")
     return told if told is not None and told.get("name") == inside[0] else inside[0]
 
 
+class _Probe(NamedTuple):
+    """A value of an attribute that stands for others."""
+
+    value: Any
+    low: float = math.nan
+    """Least amount for which it stands; nan for a literal."""
+    high: float = math.nan
+
+
+def _probes(item: Any) -> list[_Probe]:
+    """Values of an attribute that stand for all: its literals, or its edges and what is between."""
+    if item is None:
+        return []
+    edges = list(filter(math.isfinite, item.edges))
+    if item.values or not edges:
+        return [_Probe(one) for one in item.values or ()]
+    below = math.nextafter(edges[0], -math.inf)
+    probes = [_Probe(edges[0] - 1.0 - abs(edges[0]), -math.inf, below)]
+    for edge, after in pairwise((*edges, edges[-1] + 2.0 + abs(edges[-1]))):
+        end = math.inf if edge == edges[-1] else math.nextafter(after, -math.inf)
+        between = _Probe(0.5 * (edge + after), math.nextafter(edge, math.inf), end)
+        probes += [_Probe(edge, edge, edge), between]
+    return probes
+
+
 def _range(
-    rules: _Rules, name: str, row: Quantity, edges: list[float], shape: Mapping[str, Any]
+    row: Quantity, probes: list[_Probe], inside: list[_Probe], shape: Mapping[str, Any]
 ) -> dict[str, float]:
     """The low and high end of the one range of a quantity that is inside, both included.
 
     An end that is left open is the quantity's own.
     """
-    # What holds changes at the edges alone: they, and an amount on either side, stand for all.
-    steps = [(-math.inf, edges[0] - 1.0 - abs(edges[0]))]
-    for edge, after in pairwise((*edges, edges[-1] + 2.0 + abs(edges[-1]))):
-        steps += [(edge, edge), (math.nextafter(edge, math.inf), 0.5 * (edge + after))]
-    ends = [*(math.nextafter(low, -math.inf) for low, _ in steps[1:]), math.inf]
     ranges = []
-    for is_inside, group in groupby(
-        zip(steps, ends, strict=True), lambda step: rules.holds(name, step[0][1])
-    ):
+    for is_inside, group in groupby(probes, lambda one: one in inside):
         if is_inside:
             found = list(group)
-            ranges.append((found[0][0][0], found[-1][1]))
+            ranges.append((found[0].low, found[-1].high))
     if len(ranges) > 1 and "chance" in shape:
         ranges = [one for one in ranges if one != (row.nothing, row.nothing)]
     if len(ranges) != 1:
@@ -199,63 +236,3 @@ def _range(
         "low": row.low if math.isinf(low) else low,
         "high": row.high if math.isinf(high) else high,
     }
-
-
-class _Rules:
-    """What the modules of an ODD limit."""
-
-    def __init__(self, odd: OddDefinition) -> None:
-        self._odd = odd
-        self._by_name: dict[str, list[OddModule]] = {}
-        for module in odd.modules:
-            for name in (module.name, *module.labels):
-                self._by_name.setdefault(name, []).extend([module] if module.active else [])
-        known = {ROAD_CLASS, *_own()}
-        self.ours = {one.name for one in odd.attributes if _leaf(one.name) in known}
-        """Names of the attributes that are ours."""
-        self._open = dict.fromkeys((one.name for one in odd.attributes), library().UNDECIDED)
-        self._limited: dict[tuple[str, bool], frozenset[str]] = {}
-
-    def holds(self, name: str, value: Any) -> bool:
-        """Whether a value of one attribute may be inside, whatever the others are."""
-        return self._odd.evaluate({**self._open, name: value}).inside
-
-    def limited_by(self, module: OddModule, is_needed: bool = True) -> frozenset[str]:
-        """The attributes that a module limits, or its negation.
-
-        Raises:
-            ValueError: it limits one of ours by another.
-        """
-        key = module.name, is_needed
-        if key not in self._limited:
-            conditions = iter(module.conditions())
-            sections = []
-            for section, texts in module.describe().items():
-                kind, _, operator = section.partition("_")
-                if kind in ("include", "exclude") and operator in ("and", "or"):
-                    is_meant = is_needed == (kind == "include")
-                    parts = [self._limited_in(next(conditions), text, is_meant) for text in texts]
-                    sections.append(self._joined(parts, is_all=is_meant == (operator == "and")))
-            self._limited[key] = self._joined(sections, is_all=is_needed)
-        return self._limited[key]
-
-    def _limited_in(self, condition: OddCondition, text: str, is_meant: bool) -> frozenset[str]:
-        names, references = condition.attributes(), condition.references()
-        is_needed = is_meant == text.rstrip(")").endswith(" is true")
-        modules = [
-            self.limited_by(module, is_needed)
-            for reference in references
-            for module in self._by_name.get(reference, [])
-        ]
-        # A label holds if any of its modules does. What a group needs is not told.
-        is_reference = not names and len(references) == 1
-        parts = [*modules, *(frozenset([name]) for name in names)]
-        return self._joined(parts, is_all=is_reference and not is_needed)
-
-    def _joined(self, parts: list[frozenset[str]], *, is_all: bool) -> frozenset[str]:
-        """What parts limit of which all or any are needed."""
-        names = frozenset[str]().union(*parts)
-        if not is_all and len(list(filter(None, parts))) > 1 < len(names) and names & self.ours:
-            told = " and ".join(sorted(_leaf(name) for name in names))
-            raise ValueError(f"{told} depend on each other: a domain limits each on its own")
-        return names

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +27,7 @@ from frenetic.testing.dummy import DummyDriver
 RECORD_RATE = 10.0
 """Least rate of a drive's records, in Hz."""
 
+BROKEN = "no idea where I am"
 _ENDS = {
     RUNNING: "stopped before a rule ended it",
     REACHED: "reached the road's end",
@@ -205,10 +208,10 @@ class SimulatorContract:
         """A driver that raises fails its drive, and no other."""
         clean = self.usual_drive(road)
         with self.make(Rules()) as simulator:
-            broken = self.drive_in(simulator, road, Broken())
+            broken = self.drive_in(simulator, road, Watch(DummyDriver(throttle=0.3), breaking))
             if self.asks_driver:
                 assert broken.error is not None, "a driver raised, but the drive has no error"
-                assert Broken.message in broken.error, f"the error does not say why: {broken.error}"
+                assert BROKEN in broken.error, f"the error does not say why: {broken.error}"
                 fault = judge(road, broken).fault
                 assert fault is not None, "the drive does not say whose fault its error is"
                 assert fault.part == "driver", f"the error is blamed on the {fault.part}"
@@ -307,7 +310,7 @@ class SimulatorContract:
     def test_car_turns_as_its_wheels_and_axles_say(self) -> None:
         """At low speed the car drives the circle of its front wheels' angle and its wheelbase."""
         self._needs_driver()
-        watch = Watch(Circling())
+        watch = Watch(DummyDriver(), circling)
         road = Road(np.zeros(7), pose=Pose(80.0, 50.0, 1.0))
         t = self.drive(road, driver=watch).trajectory
         turns = next(
@@ -378,7 +381,7 @@ class SimulatorContract:
         """A drive in which everything that a driver sees and does changes."""
         self._needs_driver()
         if "_woven" not in vars(type(self)):
-            watch = Watch(Weaving(Stanley()))
+            watch = Watch(Stanley(), weaving)
             type(self)._woven = watch, self.drive(road, driver=watch)
         watch, drive = self._woven
         assert len(watch.seen) > 20, f"the driver was asked only {len(watch.seen)} times"
@@ -452,16 +455,21 @@ def _shown(value: FloatArray) -> str:
 
 # Drivers that record how a simulator treats them
 
+Change: TypeAlias = Callable[[list[Observation], Controls], Controls]
+"""What becomes of a driver's controls, given all that it saw in this drive."""
+
 
 class Watch:
     """Drives as another driver does, and keeps its setups, observations and answers.
 
     Args:
         driver: the other driver.
+        change: of its answers.
     """
 
-    def __init__(self, driver: Driver) -> None:
+    def __init__(self, driver: Driver, change: Change = lambda _, controls: controls) -> None:
         self.driver = driver
+        self.change = change
         self.setups: list[DriveSetup] = []
         """Its setups, drive by drive."""
         self.seen: list[Observation] = []
@@ -476,69 +484,27 @@ class Watch:
         self.driver.reset(setup)
 
     def act(self, observation: Observation) -> Controls:
-        """The other driver's controls."""
+        """The other driver's controls, changed."""
         self.seen.append(observation)
-        self.given.append(self.driver.act(observation))
+        self.given.append(self.change(self.seen, self.driver.act(observation)))
         return self.given[-1]
 
 
-class Weaving:
-    """Keeps its lane as another driver does, but weaves in it, and brakes for a while.
-
-    So everything that it sees and does changes.
-
-    Args:
-        driver: the driver that keeps the lane.
-    """
-
-    def __init__(self, driver: Driver) -> None:
-        self.driver = driver
-
-    def reset(self, setup: DriveSetup) -> None:
-        """Another drive."""
-        self.driver.reset(setup)
-
-    def act(self, observation: Observation) -> Controls:
-        """The other driver's controls, with a little more steering to either side in turn."""
-        controls = self.driver.act(observation)
-        time = observation.time
-        controls = replace(controls, steering=controls.steering + 0.03 * math.sin(math.pi * time))
-        return replace(controls, throttle=0.0, brake=0.3) if 2.5 <= time < 3.5 else controls
+def weaving(seen: list[Observation], controls: Controls) -> Controls:
+    """Steers a little to either side in turn and brakes for a while, so that everything changes."""
+    time = seen[-1].time
+    controls = replace(controls, steering=controls.steering + 0.03 * math.sin(math.pi * time))
+    return replace(controls, throttle=0.0, brake=0.3) if 2.5 <= time < 3.5 else controls
 
 
-class Circling:
-    """Drives straight ahead and slowly, then steers to the left and keeps that angle."""
-
-    angle = 0.15
-    """Angle asked of the front wheels, in rad."""
-
-    def reset(self, setup: DriveSetup) -> None:  # noqa: ARG002
-        """Another drive."""
-        self.turns = False
-
-    def act(self, observation: Observation) -> Controls:
-        """Keeps to 3 m/s."""
-        speed = observation.speed
-        self.turns = self.turns or speed >= 2.5
-        return Controls(
-            self.angle if self.turns else 0.0,
-            throttle=0.3 if speed < 3.0 else 0.0,
-            brake=0.2 if speed > 3.5 else 0.0,
-        )
+def circling(seen: list[Observation], _: Controls) -> Controls:
+    """Straight ahead, slowly, then to the left by a steady angle at 3 m/s."""
+    speed, turns = seen[-1].speed, any(one.speed >= 2.5 for one in seen)
+    return Controls(0.15 if turns else 0.0, 0.3 if speed < 3.0 else 0.0, 0.2 * (speed > 3.5))
 
 
-class Broken:
-    """Raises in the middle of its drive."""
-
-    message = "no idea where I am"
-
-    def reset(self, setup: DriveSetup) -> None:  # noqa: ARG002
-        """Another drive."""
-        self.calls = 0
-
-    def act(self, observation: Observation) -> Controls:  # noqa: ARG002
-        """Drives off, then raises."""
-        self.calls += 1
-        if self.calls > 5:
-            raise RuntimeError(self.message)
-        return Controls(0.0, throttle=0.3)
+def breaking(seen: list[Observation], controls: Controls) -> Controls:
+    """Raises in the middle of the drive."""
+    if len(seen) > 5:
+        raise RuntimeError(BROKEN)
+    return controls
