@@ -124,8 +124,8 @@ def read_domain(path: Path) -> dict[str, Any]:
             continue
         for values in product(*(inside[name] for name in pair)):
             if not holds(**{name: one.value for name, one in zip(pair, values, strict=True)}):
-                told = " and ".join(sorted(map(_leaf, pair)))
-                raise ValueError(f"{told} depend on each other: a domain limits each on its own")
+                both = " and ".join(sorted(map(_leaf, pair)))
+                raise ValueError(f"{both} depend on each other: a domain limits each on its own")
     conditions: dict[str, dict[str, Any]] = {}
     entries: dict[str, Any] = {"about": " ".join(filter(None, (one.text for one in roots)))}
     foreign, free = [], []
