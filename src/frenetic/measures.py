@@ -21,7 +21,7 @@ from frenetic.criteria import EDGE_DISTANCE, Criterion, quantity
 from frenetic.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.errors import FreneticError
 from frenetic.road import Road
-from frenetic.road.geometry import HEADING, project_near, reach_of
+from frenetic.road.geometry import project_near, reach_of
 from frenetic.road.profile import value_at
 
 _POINTS: Final = 9
@@ -62,66 +62,14 @@ class Seen:
     @cached_property
     def edge_distances(self) -> FloatArray:
         """Distances of the car's outline from the left and right edge of its lane, (n, 2) in m."""
-        return self._edge_distances(slice(None))
-
-    def least_edge_distance(self, first: int, last: int) -> float | None:
-        """Least of `edge_distances` from one record to before another; None if none is finite.
-
-        Only the records that may have it are measured.
-        """
-        bounds, values = self._edge_bounds[first:last], self._nearest_edges[first:last]
-        least = np.nanmin(values, initial=np.inf)
-        for is_close in (bounds == bounds.min(initial=np.inf), True):
-            near = np.flatnonzero(is_close & (bounds <= least) & np.isnan(values))
-            if len(near):
-                values[near] = self._edge_distances(first + near).min(axis=1)
-                least = np.nanmin(values, initial=np.inf)
-        return float(least) if least < np.inf else None
-
-    @cached_property
-    def _nearest_edges(self) -> FloatArray:
-        """Least of `edge_distances` record by record, (n,); NaN where it is not measured."""
-        return np.full(len(self.distance), np.nan)
-
-    @cached_property
-    def _edge_bounds(self) -> FloatArray:
-        """What no edge of the lane is nearer than to the car's outline, (n,) in m.
-
-        The outline reaches so far sideways, and the road bends so far to it, see
-        `frenetic.road.overlap`. Within a sub-step the heading is off the line between its ends by a
-        quarter of the largest turn.
-        """
-        car, road = self.car, self.road
-        ahead, left = 0.5 * car.length + abs(car.centre_ahead), 0.5 * car.width
-        radius, half = float(np.hypot(ahead, left)), 0.5 * road.lane_width
-        sharpest = float(np.abs(road.curvatures).max())
-        rows = np.arange(len(road.table)) * road.sub_step
-        along = np.interp(self.distance, rows, road.table[:, HEADING])
-        turned = np.abs(np.sin(self.path.heading - along)) + 0.25 * sharpest * road.sub_step
-        offset = np.abs(self.lateral_offset)
-        stretch = np.maximum(1.0 - sharpest * (offset + half + radius), 0.0)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            bend = 0.5 * sharpest * radius * radius / stretch
-            bounds = half - offset - ahead * turned - left - bend - 1e-6
-        found: FloatArray = np.where(np.isfinite(bounds), bounds, -np.inf)
-        return found
-
-    @cached_property
-    def _outline(self) -> tuple[FloatArray, FloatArray]:
-        """Places ahead of the centre of mass and left of it, (m,) in m each, of the outline."""
-        car = self.car
+        path, road, car = self.path, self.road, self.car
         ahead = np.linspace(-0.5, 0.5, _POINTS) * car.length + car.centre_ahead
-        left = np.repeat([-0.5, 0.5], _POINTS) * car.width
-        return np.concatenate([ahead, ahead]), left
-
-    def _edge_distances(self, records: slice | npt.NDArray[np.intp]) -> FloatArray:
-        path, road, (ahead, left) = self.path, self.road, self._outline
-        heading = path.heading[records]
-        cos, sin = np.cos(heading)[:, None], np.sin(heading)[:, None]
-        x = path.x[records, None] + cos * ahead - sin * left
-        y = path.y[records, None] + sin * ahead + cos * left
+        ahead, left = np.tile(ahead, 2), np.repeat([-0.5, 0.5], _POINTS) * car.width
+        cos, sin = np.cos(path.heading)[:, None], np.sin(path.heading)[:, None]
+        x = path.x[:, None] + cos * ahead - sin * left
+        y = path.y[:, None] + sin * ahead + cos * left
         reach = reach_of(float(np.hypot(ahead, left).max()))
-        places = _places(road.table, road.sub_step, x, y, self.distance[records], reach)
+        places = _places(road.table, road.sub_step, x, y, self.distance, reach)
         wider = value_at(road.widening, places[:, :, 0].ravel()).reshape(x.shape)
         right = places[:, :, 1] + road.lane_width + wider
         return np.column_stack([-places[:, :, 1].max(axis=1), right.min(axis=1)])

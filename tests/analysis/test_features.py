@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_drives import departing, drive
 
-from frenetic.analysis import FEATURES, Segment, feature, features_of, segment_of
-from frenetic.errors import UnknownNameError
+from frenetic.analysis import FEATURES, Segment, features_of, segment_of
 from frenetic.road import Road
 
 STRAIGHT = Road(np.zeros(11))
@@ -45,7 +44,6 @@ def test_features_of_a_drive_worked_out_by_hand() -> None:
             "extreme_offset": -1.1,
             "lateral_acceleration": 0.0,
             "lateral_jerk": 0.0,
-            "edge_distance": 2.0 - 0.5 * 1.61 - 1.1,  # on the right
         }
     )
 
@@ -83,12 +81,7 @@ def test_direction_coverage_counts_36_degree_bins(degrees: tuple[float, ...], bi
 def test_values_fall_into_bins_and_those_beyond_into_the_last(
     name: str, values: list[float], bins: list[int]
 ) -> None:
-    assert [feature(name).bin(value) for value in values] == list(bins)
-
-
-def test_an_unknown_feature_is_refused_with_those_there_are() -> None:
-    with pytest.raises(UnknownNameError, match="'curviness': choose from length, max_curvature"):
-        feature("curviness")
+    assert [FEATURES[name].bin(value) for value in values] == list(bins)
 
 
 @settings(max_examples=50)
@@ -100,6 +93,4 @@ def test_features_stay_within_their_bounds_and_mirroring_flips_offsets(values: l
     assert 0.0 <= left["max_curvature"] <= max(map(abs, values))
     assert left["extreme_offset"] > 2.0
     turned = {name: -left[name] for name in ("mean_offset", "extreme_offset")}
-    # The lane's edges have other radii, and a car's side is straight.
-    assert right.pop("edge_distance") == pytest.approx(left.pop("edge_distance"), abs=0.15)
     assert right == pytest.approx({**left, **turned}, abs=1e-6)

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import csv
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from shapely import LineString, Point
 
-from frenetic.campaign import Budget, Campaign, CampaignStore, Test
+from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.export import competition, data_frame, export_campaign
 from frenetic.export.competition import SimulationRecord
 from frenetic.outcome import Outcome
@@ -120,38 +118,6 @@ def test_tables_count_all_tests(campaign: Path, exported: Path) -> None:
         "module_name": "frenetic.search.frenetic_2021",
         "class_name": "Frenetic2021",
     }
-
-
-def test_sides_by_the_official_rule_are_distances_from_the_centre_line(
-    exported: Path, campaign: Path, told_anew: ToldAnew, tmp_path: Path
-) -> None:
-    with CampaignStore.open(campaign) as store:
-        right = {
-            test.id for test in store.tests() if test.departure and test.departure.side == "right"
-        }
-
-    def change(test: Test) -> Test:
-        if test.id != min(right):
-            return test
-        findings = tuple(replace(finding, side="left") for finding in test.result.findings)
-        result = replace(test.result, findings=findings)
-        return replace(test, attempt=replace(test.attempt, result=result))
-
-    folder = told_anew(change)
-    out = export_campaign(folder, "competition", tmp_path / "out", sides="competition")
-    left = others = 0
-    for document in documents_in(exported).values():
-        data = [dict(zip(FIELDS, values, strict=True)) for values in document["execution_data"]]
-        place = next((r["pos"] for r in data if r["is_oob"]), None)
-        if place is not None:
-            line = LineString([point[:2] for point in document["interpolated_points"]])
-            is_left = line.distance(Point(place[:2])) < 2.0
-            left, others = left + is_left, others + (not is_left)
-    theirs, ours = row(out / "oob_stats.csv"), row(exported / "oob_stats.csv")
-    assert (theirs.pop("left_oob"), theirs.pop("right_oob")) == (str(left), str(others))
-    assert theirs == {name: ours[name] for name in theirs}
-    by_place = row(export_campaign(folder, "competition", tmp_path / "ours") / "oob_stats.csv")
-    assert int(by_place["left_oob"]) == int(ours["left_oob"]) + 1
 
 
 def test_some_outcomes_only_change_the_files(

@@ -26,7 +26,6 @@ FEATURES = {
     "extreme_offset": 0.5,
     "lateral_acceleration": 3.0,
     "lateral_jerk": 2.0,
-    "edge_distance": 0.2,
 }
 
 

@@ -1,7 +1,7 @@
 """The meaning of a campaign's tests, one by one and together."""
 
 from frenetic.analysis.comparison import Comparison, compare, compare_measured
-from frenetic.analysis.competition import CompetitionSegment, competition_segment, failure_segment
+from frenetic.analysis.competition import competition_segment, failure_segment
 from frenetic.analysis.coverage import DomainCoverage, domain_coverage
 from frenetic.analysis.failures import (
     Cluster,
@@ -11,7 +11,7 @@ from frenetic.analysis.failures import (
     failures_of,
     nearest_misses,
 )
-from frenetic.analysis.features import FEATURES, Feature, Features, feature, features_of
+from frenetic.analysis.features import FEATURES, Feature, Features, features_of
 from frenetic.analysis.groups import find_campaigns, group_campaigns
 from frenetic.analysis.metrics import MEASURES, CampaignMeasures, Measure, measure_campaign
 from frenetic.analysis.segments import (
@@ -32,7 +32,6 @@ __all__ = [
     "Cluster",
     "Clusters",
     "Comparison",
-    "CompetitionSegment",
     "DomainCoverage",
     "Failure",
     "Feature",
@@ -46,7 +45,6 @@ __all__ = [
     "domain_coverage",
     "failure_segment",
     "failures_of",
-    "feature",
     "features_of",
     "find_bends",
     "find_campaigns",

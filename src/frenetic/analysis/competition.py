@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -11,35 +10,20 @@ import numpy.typing as npt
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis.segments import REACH
 from frenetic.campaign.record import Test
-from frenetic.oracle import Side
 from frenetic.road.validity import as_points
 
 _NEAR: Final = 0.55
 """Distance from a place to the road's node for it, in m: half of 1 m, and a tolerance."""
-_LEFT: Final = 2.0
-"""Distance from the centre line up to which a departure counts as one to the left, in m."""
-
-
-@dataclass(frozen=True, eq=False)
-class CompetitionSegment:
-    """A failure's segment as the competition cuts it out of a road."""
-
-    points: FloatArray
-    """The segment, (n, 2) in m: nodes before, the place on the road, nodes after.
-
-    The first node after the place may lie half a metre *before* it, where the line then turns back
-    and forth; the competition's measures are computed on that.
-    """
-    side: Side
-    """The side on which the car left its lane, as the competition's evaluation has it: the left
-    one within 2 m of the centre line, on either side of it, and the right one further away. A car
-    that goes far enough out to the left counts as right."""
 
 
 def competition_segment(
     road_points: npt.ArrayLike, position: tuple[float, float]
-) -> CompetitionSegment | None:
-    """The segment around the place of a road that is nearest to a position.
+) -> FloatArray | None:
+    """The segment around the place of a road that is nearest to a position, (n, 2) in m.
+
+    Nodes before, the place on the road, nodes after. The first node after the place may lie half a
+    metre *before* it, where the line then turns back and forth; the competition's measures are
+    computed on that.
 
     Args:
         road_points: (N, 2) m, the road as it was submitted.
@@ -62,11 +46,10 @@ def competition_segment(
     i = int(near[-1])
     before = _within(np.vstack([line[:i], place])[::-1])[::-1]
     after = _within(line[i:])
-    away = float(np.hypot(*(np.array(position) - place)))
-    return CompetitionSegment(np.vstack([before, after]), "left" if away < _LEFT else "right")
+    return np.vstack([before, after])
 
 
-def failure_segment(test: Test) -> CompetitionSegment | None:
+def failure_segment(test: Test) -> FloatArray | None:
     """The segment of a failure; None without a departure, or where `competition_segment` has none.
 
     Raises:

@@ -13,8 +13,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis.segments import Segment, heading_range
-from frenetic.criteria import EDGE_DISTANCE, quantity
-from frenetic.errors import UnknownNameError
+from frenetic.criteria import quantity
 from frenetic.measures import series
 
 HEADING_BINS: Final = 10
@@ -53,10 +52,6 @@ class Feature:
         """Whether its values are whole numbers."""
         return self.low % 1.0 == 0.5 and self.high - self.low == self.bins
 
-    def of(self, features: Features) -> float:
-        """This feature's value."""
-        return float(features[self.name])
-
     def bin(self, value: float) -> int:
         """The bin of a value, from 0."""
         found = int(np.searchsorted(self.edges, value, side="right")) - 1
@@ -78,22 +73,10 @@ FEATURES: Final[Mapping[str, Feature]] = MappingProxyType(
             Feature("extreme_offset", "Extreme lateral position", "m", -5.0, 5.0, 10),
             Feature("lateral_acceleration", "Lateral acceleration", "m/s²", 0.0, 12.0, 12),
             Feature("lateral_jerk", "Lateral jerk", "m/s³", 0.0, 20.0, 10),
-            Feature("edge_distance", "Least distance from the lane's edge", "m", -2.0, 2.0, 10),
         )
     }
 )
 """Name of a feature -> its range."""
-
-
-def feature(name: str) -> Feature:
-    """The feature with this name.
-
-    Raises:
-        UnknownNameError: there is none.
-    """
-    if name not in FEATURES:
-        raise UnknownNameError(f"no feature is called {name!r}: choose from {', '.join(FEATURES)}")
-    return FEATURES[name]
 
 
 def features_of(segment: Segment) -> Features:
@@ -125,7 +108,7 @@ def _worst_values(segment: Segment) -> dict[str, float]:
     for name in ("lateral_acceleration", "lateral_jerk"):
         values = np.abs(series(name, seen, quantity(name).window)[first:last])
         found[name] = float(values[np.isfinite(values)].max(initial=0.0))
-    return found | {EDGE_DISTANCE: seen.least_edge_distance(first, last) or 0.0}
+    return found
 
 
 def _directions(distances: FloatArray, curvatures: FloatArray) -> int:

@@ -253,7 +253,7 @@ def measure_campaign(folder: Path | str) -> CampaignMeasures:
             cells.add(tuple(FEATURES[name].bin(features[name]) for name in MAP_AXES))
             roads.append(test.road.sample(ROAD_SPACING))
             if (cut := failure_segment(test)) is not None:
-                cuts.append(cut.points)
+                cuts.append(cut)
         facts, seed = store.facts, store.config.get("seed")
     clusters = cluster_failures(failures)
     distances = largest_distances([cuts[i] for i in evenly(len(cuts), MOST_COMPARED)])

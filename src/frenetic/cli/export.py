@@ -34,7 +34,7 @@ TABLES: Final[Mapping[str, tuple[str, ...]]] = {
     "parquet": ("trajectories",),
     "csv": ("trajectories",),
     "json": ("trajectories",),
-    "competition": ("trajectories", "sides"),
+    "competition": ("trajectories",),
     **{entry.name: () for entry in installed("frenetic.exports")},
 }
 ROADS: Final[Mapping[str, tuple[str, ...]]] = {
@@ -55,8 +55,8 @@ EXPORTS: Final = "exports"
     "form",
     metavar="FORMAT",
     help=f"Of a campaign {', '.join(TABLES)}; of roads {', '.join(ROADS)}. Options follow a comma:"
-    " csv,trajectories=failures (or all, none), competition,sides=competition (or geometry),"
-    " opendrive,origin=[49,8.4]. [default: for a road, what the suffix of --out says]",
+    " csv,trajectories=failures (or all, none), opendrive,origin=[49,8.4]. [default:"
+    " for a road, what the suffix of --out says]",
 )
 @file_option(
     "--out",

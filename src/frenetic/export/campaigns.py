@@ -14,7 +14,7 @@ from frenetic._support.entry_points import imported, installed
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import FreneticError
-from frenetic.export.competition import Sides, write_competition_folder
+from frenetic.export.competition import write_competition_folder
 from frenetic.export.tables import Place, opened, write_tables
 from frenetic.outcome import Outcome
 
@@ -33,7 +33,6 @@ def export_campaign(
     *,
     outcomes: Collection[Outcome | str] = (),
     trajectories: Which = "all",
-    sides: Sides = "geometry",
     on_progress: Callable[[int, int], None] | None = None,
 ) -> Path:
     """Writes a campaign's tests and trajectories into a folder, completely or not at all.
@@ -58,33 +57,23 @@ def export_campaign(
         out: an empty or new folder; by default ``exports/FORMAT`` in the campaign's.
         outcomes: only tests of these, such as ``["FAIL"]``; all without any.
         trajectories: which of their trajectories are written.
-        sides: the competition's ``oob_stats.csv`` counts departures by the side on which the car
-            was (geometry), or by the rule of the official script (competition), which takes 2 m to
-            the left of the road's centre line for right; other formats have no such count.
         on_progress: called now and then with the work done, and the whole work.
 
     Returns:
         The folder.
 
     Raises:
-        FreneticError: the folder is not empty or cannot be written, the campaign is damaged; or
-            another format than the competition's is to have its sides, or is asked for without
-            pandas and pyarrow.
-        ValueError: there is no such format, outcome, choice of trajectories or of sides.
+        FreneticError: the folder is not empty or cannot be written, the campaign is damaged, or
+            pandas and pyarrow are missing.
+        ValueError: there is no such format, outcome or choice of trajectories.
     """
     guests = {entry.name: entry.target for entry in installed(GROUP)}
     for name, value, allowed in (
         ("format", format, (*get_args(Format), *guests)),
         ("trajectories", trajectories, get_args(Which)),
-        ("sides", sides, get_args(Sides)),
     ):
         if value not in allowed:
             raise ValueError(f"{name} is {value!r}: one of {', '.join(allowed)} is needed")
-    if format != "competition" and sides != "geometry":
-        raise FreneticError(
-            f"the format {format} counts no sides: leave the sides out, or choose the format"
-            " competition"
-        )
     wanted = tuple(Outcome(outcome) for outcome in outcomes) or tuple(Outcome)
     driven = {
         "all": wanted,
@@ -102,7 +91,7 @@ def export_campaign(
             total = sum(store.by_outcome().values())
             options: dict[str, Any] = {"outcomes": wanted, "on_test": lambda n: notify(n, total)}
             if format == "competition":
-                options |= {"driven": driven or (), "sides": sides}
+                options |= {"driven": driven or ()}
                 write_competition_folder(folder, store, **options)
             else:
                 imported(guests[format])(folder, store, **options)

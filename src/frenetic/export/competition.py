@@ -12,7 +12,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
-from typing import Any, Final, Literal, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -31,9 +31,6 @@ from frenetic.road.validity import interpolate
 
 GROUND: Final = -28.0
 """Height of the competition's flat map, in m."""
-
-Sides: TypeAlias = Literal["geometry", "competition"]
-"""Rule for the side of a departure in ``oob_stats.csv``: where the car was, or the official one."""
 
 _DIGITS: Final = 6  # decimals: micrometres
 
@@ -198,7 +195,6 @@ def write_competition_folder(
     *,
     outcomes: Collection[Outcome],
     driven: Collection[Outcome],
-    sides: Sides,
     on_test: Callable[[int], None],
 ) -> None:
     """Writes a file per road test, and three tables about the whole campaign.
@@ -213,8 +209,6 @@ def write_competition_folder(
         store: the campaign.
         outcomes: only tests of these get a file.
         driven: only files of tests of these hold execution data.
-        sides: whose ``left_oob`` and ``right_oob``. By geometry they add up to ``total_oob``. The
-            competition's side is that of `CompetitionSegment`, where its code makes a segment.
         on_test: called with the number of tests so far.
 
     Raises:
@@ -225,7 +219,7 @@ def write_competition_folder(
     numbers: Counter[Outcome] = Counter()
     by_side: Counter[str] = Counter()
     segments: list[FloatArray] = []
-    departures, driven_for, simulated, elapsed = 0, 0.0, 0.0, 0.0
+    driven_for = simulated = elapsed = 0.0
     for done, record in enumerate(store.tests(), start=1):
         outcome, departure = record.outcome, record.departure
         on_test(done)
@@ -236,15 +230,9 @@ def write_competition_folder(
         driven_for += 0.0 if outcome is Outcome.INVALID else record.attempt.seconds
         elapsed = record.elapsed
         if outcome is Outcome.FAIL and departure is not None:
-            departures += 1
-            by_geometry = sides == "geometry"
-            segment = failure_segment(record) if compared or not by_geometry else None
-            if by_geometry:
-                by_side[str(departure.side)] += 1
-            elif segment is not None:
-                by_side[segment.side] += 1
-            if segment is not None and compared:
-                segments.append(segment.points)
+            by_side[str(departure.side)] += 1
+            if compared and (segment := failure_segment(record)) is not None:
+                segments.append(segment)
         if outcome in outcomes:
             _write_test(folder, store.test(record.id) if outcome in driven else record)
     alone = store.config.get("workers", 1) == 1 and store.config.get("cluster") is None
@@ -261,7 +249,7 @@ def write_competition_folder(
         "simulated_time_execution": round(simulated, 3),
     }
     out_of_bounds = {
-        "total_oob": departures,
+        "total_oob": by_side.total(),
         "left_oob": by_side["left"],
         "right_oob": by_side["right"],
         "avg_sparseness": round(float(distances.mean()), 6) if len(distances) else None,

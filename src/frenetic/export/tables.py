@@ -21,68 +21,41 @@ from msgspec.json import encode
 from frenetic._support.words import pip_install, simulated_time, text_cell
 from frenetic.analysis.groups import find_campaigns
 from frenetic.campaign.campaign import Campaign
-from frenetic.campaign.record import FINISHED, Column, Test, value_at
+from frenetic.campaign.record import FINISHED, Test, value_at
 from frenetic.campaign.store import CampaignStore
 from frenetic.drive import Trajectory
 from frenetic.errors import FreneticError
 from frenetic.oracle import Side
 from frenetic.outcome import Outcome
-from frenetic.quantities import SEED, quantities
+from frenetic.quantities import SEED
 from frenetic.road import profile
 
 if TYPE_CHECKING:
     import pandas as pd
-    import pyarrow as pa
 
 Table: TypeAlias = Literal["tests", "trajectories"]
 Place: TypeAlias = Campaign | CampaignStore | Path | str
 """A campaign, its folder, or a folder of several, such as a bench's."""
-_Row: TypeAlias = tuple[str, int, Test]
-"""Folder of a campaign, number of results told before the test was asked, the test."""
+_Row: TypeAlias = tuple[str, Test]
+"""Folder of a campaign, the test."""
 
-_DERIVED: Final = (
-    Column("asked_after", "", "INTEGER", "number of results told when it was asked"),
-    Column("length", "", "REAL", "of the road", "m"),
-    Column("curvature_count", "", "INTEGER", "number of curvatures"),
-    Column("max_curvature", "", "REAL", "largest curvature, without its sign", "1/m"),
-    Column("departure_time", "departure.time", "REAL", "when the car left its lane", "s"),
-    Column("departure_distance", "departure.distance", "REAL", "along the road to there", "m"),
-    Column("departure_x", "departure.x", "REAL", "where it was then", "m"),
-    Column("departure_y", "departure.y", "REAL", "where it was then", "m"),
-    Column("departure_side", "departure.side", "TEXT", "left or right"),
-)
-_BY_NAME: Final = {column.name: column for column in (*FINISHED, *_DERIVED)}
+_PATHS: Final[Mapping[str, Sequence[str]]] = {column.name: column.places for column in FINISHED}
+_KINDS: Final = {column.name: column.kind for column in FINISHED}
+_DEPARTURE: Final = ("time", "distance", "x", "y", "side")
 _ORDER: Final = """
-    id told outcome reason operator parents generation asked_after
-    length curvature_count max_curvature curvatures step x y heading
+    id told outcome reason operator parents generation
+    length max_curvature curvatures step x y heading
     superelevation grade widening
     moobd moobd_distance max_oob_share objective duration
     departure_time departure_distance departure_x departure_y departure_side
     seconds elapsed attempts worker budget_spent finished_at
     repeat source notes fault records
 """
-TABLES: Final[Mapping[str, tuple[Column, ...]]] = MappingProxyType(
-    {
-        "tests": tuple(_BY_NAME[name] for name in _ORDER.split()),
-        "trajectories": (
-            Column("id", "id", "INTEGER", "of the test"),
-            Column("time", "time", "REAL", "since the start of the drive", "s"),
-            Column("x", "x", "REAL", "centre of mass", "m"),
-            Column("y", "y", "REAL", "centre of mass", "m"),
-            Column("heading", "heading", "REAL", "counter-clockwise from +x, unwrapped", "rad"),
-            Column("speed", "speed", "REAL", "along the car", "m/s"),
-            Column("lateral_speed", "lateral_speed", "REAL", "positive to the left", "m/s"),
-            Column("yaw_rate", "yaw_rate", "REAL", "positive to the left", "rad/s"),
-            Column("steering", "steering", "REAL", "of the wheels, positive to the left", "rad"),
-            Column("steering_input", "steering_input", "REAL", "as the driver asked", "rad"),
-            Column("throttle", "throttle", "REAL", "0..1, as the driver asked"),
-            Column("brake", "brake", "REAL", "0..1, as the driver asked"),
-        ),
-    }
+TABLES: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
+    {"tests": tuple(_ORDER.split()), "trajectories": ("id", *Trajectory.names())}
 )
-"""Name of a table -> its columns; of several campaigns, `CAMPAIGN` comes first. A column for each
+"""Name of a table -> its columns; of several campaigns, ``campaign`` comes first. A column for each
 condition that some test has, such as ``condition_friction``, comes last."""
-CAMPAIGN: Final = Column("campaign", "", "TEXT", "folder of the campaign")
 
 _CONDITION: Final = "condition_"
 _DTYPES: Final = {
@@ -92,12 +65,13 @@ _DTYPES: Final = {
     "JSON": "object",
     "REALS": "object",
     "PAIRS": "object",
+    "campaign": "string",
     f"{_CONDITION}{SEED}": "Int64",
     **dict.fromkeys(("length", "step", "seconds", "elapsed", "budget_spent"), "float64"),
     "finished_at": "datetime64[ms, UTC]",
     "records": "Int64",
 }
-"""Kind or name of a column -> its type in pandas; names go first."""
+"""Kind or name of a column -> its type in pandas; names go first, and others are REAL."""
 _CATEGORIES: Final[Mapping[str, tuple[str, ...]]] = {
     "outcome": tuple(map(str, Outcome)),
     "departure_side": get_args(Side),
@@ -174,8 +148,8 @@ def write_tables(
         with opened(campaign) as store:
             total += sum(number for o, number in store.by_outcome().items() if o in outcomes)
     rows = _rows(campaigns, outcomes, driven is not None)
-    writers: dict[Table, Callable[[pd.DataFrame], object]] = {}
     with ExitStack() as files:
+        writers: dict[Table, Callable[[pd.DataFrame], object]] = {}
         while True:
             batch = list(islice(rows, TESTS_AT_ONCE))
             parts: dict[Table, list[_Row]] = {"tests": batch}
@@ -184,8 +158,7 @@ def write_tables(
             for table, part in parts.items():
                 frame = _frame(table, part, named, conditions)
                 if table not in writers:
-                    known = (CAMPAIGN, *TABLES[table], *conditions.values())
-                    writer = _writer(folder / table, known, format, frame)
+                    writer = _WRITERS[format](folder / table, frame)
                     writers[table] = files.enter_context(writer)
                 writers[table](frame)
             done += len(batch)
@@ -238,80 +211,75 @@ def _rows(
     only = next(iter(outcomes)) if len(outcomes) == 1 else None
     for campaign in campaigns:
         with opened(campaign) as store:
-            tests = store.tests(only, with_trajectory=with_trajectory)
-            asked_after = dict(store.rows("SELECT id, asked_after FROM test"))
             name = store.folder.as_posix()
-            for test in tests:
+            for test in store.tests(only, with_trajectory=with_trajectory):
                 if test.outcome in outcomes:
-                    yield name, asked_after[test.id], test
+                    yield name, test
 
 
-def _conditions(campaigns: Iterable[Place]) -> dict[str, Column]:
-    """The conditions that tests of some campaigns have -> their columns."""
-    columns = {}
+def _conditions(campaigns: Iterable[Place]) -> list[str]:
+    """The conditions that tests of some campaigns have."""
+    names: dict[str, None] = {}
     for campaign in campaigns:
         with opened(campaign) as store:
-            for (name,) in store.rows(
-                "SELECT DISTINCT key FROM test, json_each(conditions) ORDER BY key"
-            ):
-                row = quantities().get(name)  # its package may be gone
-                about, unit = ("", "") if row is None else (row.about, row.unit)
-                columns[name] = Column(f"{_CONDITION}{name}", "", "REAL", about, unit)
-    return columns
+            rows = store.rows("SELECT DISTINCT key FROM test, json_each(conditions) ORDER BY key")
+            names |= {name: None for (name,) in rows}
+    return list(names)
 
 
 def _frame(
-    table: Table, rows: Iterable[_Row], named: bool, conditions: Mapping[str, Column]
+    table: Table, rows: Iterable[_Row], named: bool, conditions: Iterable[str]
 ) -> pd.DataFrame:
     frame = _tests(rows, conditions) if table == "tests" else _trajectories(rows)
-    return frame if named else frame.drop(columns=CAMPAIGN.name)
+    return frame if named else frame.drop(columns="campaign")
 
 
-def _tests(rows: Iterable[_Row], conditions: Mapping[str, Column]) -> pd.DataFrame:
+def _tests(rows: Iterable[_Row], conditions: Iterable[str]) -> pd.DataFrame:
     import pandas as pd  # an extra
 
-    columns = (CAMPAIGN, *TABLES["tests"], *conditions.values())
-    values: dict[str, list[Any]] = {column.name: [] for column in columns}
-    paths = [
-        (values[column.name], column.path.split("."))
-        for column in columns
-        if column.path and column.name not in profile.NAMES
-    ]
-    for campaign, asked_after, test in rows:
-        values["campaign"].append(campaign)
-        values["asked_after"].append(asked_after)
-        for found, path in paths:
-            found.append(value_at(test, path))
-        for name, column in conditions.items():
-            values[column.name].append(test.candidate.conditions.get(name))
-        # Some of a road's profiles follow from its class; what was refused may be no road.
-        is_road = test.attempt.pose is not None and len(test.candidate.curvatures) > 1
-        whole = test.road if is_road else test.candidate
-        for name in profile.NAMES:
-            pairs = getattr(whole, name)
-            values[name].append(None if pairs is None else pairs.tolist() or None)
-    roads = values["curvatures"]
-    values |= {
-        "curvature_count": [len(road) for road in roads],
-        "length": [
-            max(len(road) - 1, 0) * step for road, step in zip(roads, values["step"], strict=True)
-        ],
-        "max_curvature": [np.abs(road).max() if len(road) else None for road in roads],
-        "curvatures": [np.array(road) for road in roads],
-        "parents": [np.array(parents, np.int64) for parents in values["parents"]],
-        "outcome": [str(outcome) for outcome in values["outcome"]],
-        **{n: [simulated_time(t) for t in values[n]] for n in ("duration", "departure_time")},
-        **{n: [to_builtins(value) or None for value in values[n]] for n in _DICTIONARIES},
+    names = ("campaign", *TABLES["tests"], *(f"{_CONDITION}{name}" for name in conditions))
+    values: dict[str, list[Any]] = {name: [] for name in names}
+    for campaign, test in rows:
+        row = _row_of(test)
+        row["campaign"] = campaign
+        for name in names:
+            values[name].append(row.get(name))
+    dtypes: dict[str, Any] = {
+        name: _DTYPES.get(name) or _DTYPES[_KINDS.get(name, "REAL")] for name in names
     }
-    dtypes: dict[str, Any] = {c.name: _DTYPES.get(c.name, _DTYPES[c.kind]) for c in columns}
     dtypes |= {name: pd.CategoricalDtype(known) for name, known in _CATEGORIES.items()}
     return pd.DataFrame({n: pd.Series(values[n], dtype=dtype) for n, dtype in dtypes.items()})
+
+
+def _row_of(test: Test) -> dict[str, Any]:
+    """Name of a column -> the value of a test."""
+    row = {name: value_at(test, path) for name, path in _PATHS.items()}
+    candidate, departure = test.candidate, test.departure
+    curvatures = candidate.curvatures
+    row["outcome"] = str(test.outcome)
+    row["duration"] = simulated_time(test.result.duration)
+    row["curvatures"] = np.array(curvatures)
+    row["parents"] = np.array(candidate.origin.parents, np.int64)
+    row["length"] = max(len(curvatures) - 1, 0) * candidate.step
+    row["max_curvature"] = np.abs(curvatures).max() if len(curvatures) else None
+    for name in _DICTIONARIES:
+        row[name] = to_builtins(row[name]) or None
+    if departure is not None:
+        row |= {f"departure_{name}": getattr(departure, name) for name in _DEPARTURE}
+        row["departure_time"] = simulated_time(departure.time)
+    row |= {f"{_CONDITION}{name}": amount for name, amount in candidate.conditions.items()}
+    # Some of a road's profiles follow from its class; what was refused may be no road.
+    whole = test.road if test.attempt.pose is not None and len(curvatures) > 1 else candidate
+    for name in profile.NAMES:
+        pairs = getattr(whole, name)
+        row[name] = None if pairs is None else pairs.tolist() or None
+    return row
 
 
 def _trajectories(rows: Iterable[_Row]) -> pd.DataFrame:
     import pandas as pd  # an extra
 
-    driven = [(name, t.id, t.trajectory) for name, _, t in rows if t.trajectory is not None]
+    driven = [(name, test.id, test.trajectory) for name, test in rows if test.trajectory]
     records = np.array([len(path) for *_, path in driven], np.int64)
     names = pd.Series([name for name, *_ in driven], dtype="string")
     ids = np.array([number for _, number, _ in driven], np.int64)
@@ -320,69 +288,56 @@ def _trajectories(rows: Iterable[_Row]) -> pd.DataFrame:
         for name in Trajectory.names()
     }
     campaigns = names.repeat(records).reset_index(drop=True)
-    return pd.DataFrame({CAMPAIGN.name: campaigns, "id": np.repeat(ids, records), **columns})
+    return pd.DataFrame({"campaign": campaigns, "id": np.repeat(ids, records), **columns})
 
 
-# From a frame to a file
+# From a frame to a file: a function that adds frames like the first one, to a path without suffix
 
 
 @contextmanager
-def _writer(
-    path: Path,
-    columns: Sequence[Column],
-    format: str,  # noqa: A002
-    first: pd.DataFrame,
-) -> Iterator[Callable[[pd.DataFrame], object]]:
-    """A function that adds frames like the first one to a table's file, a path without suffix."""
-    from pyarrow.csv import CSVWriter  # an extra
+def _lines(path: Path, _: pd.DataFrame) -> Iterator[Callable[[pd.DataFrame], object]]:
+    """A JSON object per row."""
+    with path.with_suffix(".jsonl").open("wb") as file:
+
+        def write(frame: pd.DataFrame) -> None:
+            for row in zip(*(_plain(frame[name]) for name in frame), strict=True):
+                file.write(encode(dict(zip(frame, row, strict=True))) + b"\n")
+
+        yield write
+
+
+@contextmanager
+def _csv(path: Path, first: pd.DataFrame) -> Iterator[Callable[[pd.DataFrame], object]]:
+    """What is no number is a text that no spreadsheet takes for a formula."""
+    import pandas as pd  # an extra
+
+    texts = [name for name in first if not pd.api.types.is_numeric_dtype(first[name])]
+    with path.with_suffix(".csv").open("w", encoding="utf-8", newline="") as file:
+        first[:0].to_csv(file, index=False)
+        yield lambda frame: _with_texts(frame, texts).to_csv(
+            file, index=False, header=False, lineterminator="\n"
+        )
+
+
+@contextmanager
+def _parquet(path: Path, first: pd.DataFrame) -> Iterator[Callable[[pd.DataFrame], object]]:
+    import pyarrow as pa  # an extra
     from pyarrow.parquet import ParquetWriter  # an extra
 
-    if format == "json":
-        with path.with_suffix(".jsonl").open("wb") as lines:
-            yield lambda frame: lines.writelines(_lines(frame))
-    elif format == "csv":
-        with CSVWriter(path.with_suffix(".csv"), _texts(first).schema) as file:
-            yield lambda frame: file.write_table(_texts(frame))
-    else:
-        schema = _described(first, columns).schema
-        with ParquetWriter(path.with_suffix(".parquet"), schema, compression="zstd") as file:
-            yield lambda frame: file.write_table(_described(frame, columns))
-
-
-def _lines(frame: pd.DataFrame) -> Iterator[bytes]:
-    """A JSON object per row."""
-    names = list(frame)
-    for row in zip(*(_plain(frame[name]) for name in names), strict=True):
-        yield encode(dict(zip(names, row, strict=True))) + b"\n"
-
-
-def _texts(frame: pd.DataFrame) -> pa.Table:
-    """A frame for CSV: what is no number as a text that no spreadsheet takes for a formula."""
-    import pandas as pd  # an extra
-    import pyarrow as pa  # an extra
-
-    others = [name for name in frame if not pd.api.types.is_numeric_dtype(frame[name])]
-    return pa.Table.from_pandas(_with_texts(frame, others), preserve_index=False)
-
-
-def _described(frame: pd.DataFrame, columns: Sequence[Column]) -> pa.Table:
-    """A frame for Parquet: fields have descriptions and units."""
-    import pyarrow as pa  # an extra
-
-    frame = _with_texts(frame, [name for name in _DICTIONARIES if name in frame])
-    found = pa.Schema.from_pandas(frame, preserve_index=False)
-    lists = {"curvatures": pa.list_(pa.float64()), "parents": pa.list_(pa.int64())}
-    lists |= dict.fromkeys(profile.NAMES, pa.list_(lists["curvatures"]))
-    fields = [
-        pa.field(
-            column.name,
-            lists.get(column.name, found.field(column.name).type),
-            metadata={"description": column.about, "unit": column.unit},
+    texts = [name for name in _DICTIONARIES if name in first]
+    numbers = pa.list_(pa.float64())
+    lists = {"curvatures": numbers, "parents": pa.list_(pa.int64())}
+    lists |= dict.fromkeys(profile.NAMES, pa.list_(numbers))
+    found = pa.Schema.from_pandas(_with_texts(first, texts), preserve_index=False)
+    fields = [pa.field(one.name, lists.get(one.name, one.type)) for one in found]
+    schema = pa.schema(fields, found.metadata)
+    with ParquetWriter(path.with_suffix(".parquet"), schema, compression="zstd") as file:
+        yield lambda frame: file.write_table(
+            pa.Table.from_pandas(_with_texts(frame, texts), schema, preserve_index=False)
         )
-        for column in columns
-        if column.name in frame
-    ]
-    return pa.Table.from_pandas(frame, pa.schema(fields), preserve_index=False)
+
+
+_WRITERS: Final = {"json": _lines, "csv": _csv, "parquet": _parquet}
 
 
 def _with_texts(frame: pd.DataFrame, names: Iterable[str]) -> pd.DataFrame:

@@ -41,7 +41,7 @@ def cells_of(
         edges are those of the published range if nothing is measured.
     """
     factor = 3.6 if feature.unit == "m/s" else 1.0
-    values = factor * np.array([feature.of(one) for one in measured], dtype=np.float64)
+    values = factor * np.array([one[feature.name] for one in measured], dtype=np.float64)
     shown = values if len(values) else factor * feature.edges[[0, -1]]
     low, high = float(shown.min()), float(shown.max())
     if feature.counts:
