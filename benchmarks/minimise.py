@@ -41,6 +41,7 @@ from frenetic.again.minimise import (
     minimise,
 )
 from frenetic.analysis.failures import THRESHOLD, Failure
+from frenetic.analysis.segments import segment_of
 from frenetic.campaign import RoadTester
 from frenetic.drive import Drive
 from frenetic.drivers import Driver, Noisy
@@ -170,7 +171,9 @@ def failure_reason(road: Road, drive: Drive) -> FailureReason | None:
 def has_same_failure(minimised: Minimised, drive: Drive) -> bool:
     """Whether a drive on the minimised road has the failure of the original."""
     before = Failure.of_test(minimised.original)
-    after = Failure.of_drive(minimised.road, drive, judge(minimised.road, drive))
+    result = judge(minimised.road, drive)
+    segment = segment_of(minimised.road, drive, result.finding)
+    after = Failure.of_segment(segment, result)
     is_like = before is not None and after is not None and after.difference(before) <= THRESHOLD
     return is_like and failure_reason(minimised.road, drive) is minimised.reason
 

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from made_campaigns import measures, search, store_of
 
-from frenetic._support.json_value import JSONValue
 from frenetic.analysis.comparison import Comparison, compare, compare_measured, repeats_needed
 from frenetic.analysis.groups import find_campaigns, group_campaigns
 from frenetic.analysis.metrics import MEASURES, CampaignMeasures
-from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.campaign import Budget, Campaign
 from frenetic.drivers import Delayed, Planner
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
@@ -59,12 +58,6 @@ def test_all_measures_are_compared(comparison: Comparison) -> None:
     assert comparison.notes == ()
     with pytest.raises(KeyError, match="no measure is called 'speed'"):
         comparison.by("speed")
-
-
-def test_what_all_campaigns_have_in_common_is_told(comparison: Comparison) -> None:
-    assert comparison.shared["driver"] == "planner"
-    assert comparison.shared["budget"] == f"simulations {SIMULATIONS}"
-    assert "strategy" not in comparison.shared
 
 
 # Statistics of made-up groups
@@ -143,17 +136,6 @@ def test_a_group_is_placed_by_its_median_and_equal_ones_by_mean_rank() -> None:
     assert list(alike.places.values()) == [1, 1, 3]
 
 
-def test_too_many_groups_for_their_repeats_are_noted() -> None:
-    five = {name: group(*range(5)) for name in "abcde"}
-    (note,) = compare_measured(five).notes
-    # 10 pairs of 5 and 5: 10 * 2 / 252.
-    assert "no two can be shown to differ: p after correction is 0.079 at least" in note
-    assert "make 6 repeats each" in note
-    apart = {name: group(*range(10 * i, 10 * i + 5)) for i, name in enumerate("abcde")}
-    assert not any(pair.better for pair in compare_measured(apart).headline.pairs)
-    assert compare_measured({name: five[name] for name in "abc"}).notes == ()
-
-
 @pytest.mark.parametrize("groups", range(2, 9))
 def test_the_repeats_needed_are_the_fewest_with_which_a_difference_can_be_shown(
     groups: int,
@@ -214,35 +196,6 @@ def test_names_say_what_differs_and_no_more(tmp_path: Path) -> None:
     assert list(group_campaigns(folders[:1])) == ["all"]
 
 
-def names_of(folder: Path, *drivers: dict[str, JSONValue]) -> list[str]:
-    """The names of groups of campaigns with these drivers."""
-    folders = [folder / str(number) for number, _ in enumerate(drivers)]
-    for place, driver in zip(folders, drivers, strict=True):
-        with CampaignStore.create(place, {"driver": driver}):
-            pass
-    return list(group_campaigns(folders))
-
-
-def test_drivers_of_one_class_name_are_told_apart_by_their_files(tmp_path: Path) -> None:
-    drivers: list[dict[str, JSONValue]] = [
-        {"class": name} for name in ("v1.py:Driver", "v2.py:Driver", "v1.py:Other")
-    ]
-    names = names_of(tmp_path / "bare", *drivers)
-    assert names == ["v1.py:Driver", "v2.py:Driver", "Other"]
-    layered: list[dict[str, JSONValue]] = [
-        {"class": "frenetic.drivers:Delayed", "driver": driver} for driver in drivers[:2]
-    ]
-    assert names_of(tmp_path / "layered", *layered) == [
-        "Delayed over v1.py:Driver",
-        "Delayed over v2.py:Driver",
-    ]
-
-
-def test_what_cannot_be_told_in_short_is_numbered(tmp_path: Path) -> None:
-    one: dict[str, JSONValue] = {"class": "one:Driver"}
-    assert names_of(tmp_path, one, one | {"extra": 1}) == ["Driver 1", "Driver 2"]
-
-
 def test_places_hold_one_campaign_or_several(repeats: Path, tmp_path: Path) -> None:
     one = repeats / "random-1"
     assert find_campaigns(one) == [one]
@@ -261,12 +214,6 @@ def test_one_group_or_an_empty_one_is_refused(repeats: Path) -> None:
         compare({"a": [repeats / "random-1", repeats / "random-2"]})
     with pytest.raises(FreneticError, match="group b has no campaigns"):
         compare({"a": [repeats / "random-1"], "b": []})
-
-
-def test_a_campaign_counts_once(repeats: Path) -> None:
-    twice = repeats / "random-2" / ".." / "random-1"
-    with pytest.raises(FreneticError, match="is there twice"):
-        compare({"a": [repeats / "random-1"], "b": [twice]})
 
 
 def test_repeats_that_are_none_are_noted(tmp_path: Path) -> None:

@@ -8,8 +8,6 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from made_campaigns import search
 from made_drives import departing
 
@@ -96,20 +94,7 @@ def test_difference_of_roads_is_the_distance_of_their_points() -> None:
     assert difference(base, bent) == pytest.approx(expected, abs=1e-6)
 
 
-@settings(max_examples=30)
-@given(st.floats(-300.0, 300.0), st.floats(-300.0, 300.0), st.floats(-math.pi, math.pi))
-def test_moving_and_turning_a_road_makes_no_difference(x: float, y: float, heading: float) -> None:
-    here, there = failure(LEFT), failure(LEFT, pose=Pose(x, y, heading))
-    assert difference(here, there) == pytest.approx(0.0, abs=1e-6)
-
-
 # Which are put together
-
-
-def test_three_clearly_different_shapes_with_jitter_are_three_clusters() -> None:
-    found = cluster_failures(three_families())
-    assert members(found) == {tuple(range(k, k + 8)) for k in (1, 101, 201)}
-    assert found.failures == 24
 
 
 @pytest.mark.parametrize("batch", [3000, 1])
@@ -157,12 +142,6 @@ def test_failures_beyond_a_batch_join_or_are_linked_in_turn(
         assert cluster_failures(failures[::-1]) == cluster_failures(failures)
 
 
-@pytest.mark.parametrize("threshold", [0.0, -1.0, math.inf, math.nan])
-def test_threshold_has_to_be_a_length(threshold: float) -> None:
-    with pytest.raises(ValueError, match="a positive number of metres"):
-        cluster_failures([], threshold=threshold)
-
-
 def test_an_id_may_not_be_there_twice() -> None:
     with pytest.raises(ValueError, match="failure 3 is there twice"):
         cluster_failures([failure(LEFT, id=3), failure(RIGHT, id=3)])
@@ -190,11 +169,6 @@ def test_clusters_come_most_severe_first_with_their_worst_and_their_typical_fail
     )
     assert str(found[1]).endswith("km/h: 3 failures, worst -1.80 m")
     assert str(found[0]).endswith("km/h: 1 failure, worst -2.50 m")
-
-
-def test_an_unknown_id_has_no_cluster() -> None:
-    with pytest.raises(KeyError, match="no failure has the id 5"):
-        cluster_failures([failure(LEFT, id=3)]).of(5)
 
 
 @pytest.mark.parametrize(
@@ -304,12 +278,3 @@ def test_a_near_miss_is_described_by_the_edge_that_it_came_nearest_to(unfailing:
             verb = "crosses" if cluster.moobd < 0.0 else "comes nearest to"
             assert cluster.side == side
             assert cluster.description.startswith(f"{verb} the {side} edge ")
-
-
-def test_more_passing_tests_are_read_until_there_are_enough_distinct_near_misses(
-    unfailing: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with CampaignStore.open(unfailing) as store:
-        expected = nearest_misses(store)
-        monkeypatch.setattr(module, "_PASSES_COMPARED", (3, 10_000))
-        assert list(nearest_misses(store)) == list(expected)

@@ -232,18 +232,6 @@ def test_a_test_has_an_address_of_its_own(show: Show, searched: Path) -> None:
         expect(again.locator("#player-title")).to_contain_text(f"Test {number} ")
 
 
-def test_a_test_that_is_not_in_the_page_is_said_to_be_elsewhere(show: Show, searched: Path) -> None:
-    page = show(searched / "report.html", fragment="#test-99999")
-    notice = page.get_by_role("status").filter(has_text="The drive of test 99999 is not in this")
-    expect(notice.locator("code")).to_have_text(f"frenetic show {searched} 99999")
-    expect(page.get_by_role("dialog")).to_have_count(0)
-    notice.get_by_role("button", name="Close").click()
-    expect(notice).to_have_count(0)
-    assert page.evaluate("location.hash") == ""
-    page.evaluate("location.hash = '#test-88888'")
-    expect(page.locator("#notice")).to_contain_text("88888")
-
-
 def test_commands_can_be_copied_and_pasted(show: Show, tmp_path: Path) -> None:
     folder = tmp_path / "it's a night"
     options = ("--failures", "2", "--seed", "1", "--workers", "1", "--with", "noise=0.1")
@@ -488,16 +476,6 @@ def test_a_pair_of_the_domain_opens_in_the_map(show: Show, varied: Path) -> None
     expect(again.locator(".edges-x span").last).to_have_text("∞")
     shown = show(varied / "report.html", fragment="#map:beauty:delay")
     expect(shown.locator("#map-up")).to_have_value("mean_speed")
-
-
-@pytest.mark.parametrize("theme", ["light", "dark"])
-def test_the_domain_can_be_read_on_a_phone(show: Show, varied: Path, theme: str) -> None:
-    page = show(varied / "report.html", color_scheme=theme, viewport={"width": 320, "height": 844})
-    assert page.evaluate("document.documentElement.scrollWidth") <= 320
-    page.locator(".domain li").evaluate_all(
-        "els => els.forEach((el, i) => { el.className = `failing-${i % 6}`; })"
-    )
-    assert low_contrast(page) == []
 
 
 def test_tests_are_sorted_and_found(page: Page, searched: Path) -> None:

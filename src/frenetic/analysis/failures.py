@@ -41,7 +41,7 @@ from frenetic.analysis.segments import (
     Bend,
     Segment,
     find_bends,
-    segment_of,
+    segment_of_test,
     segment_profile,
     segments_of,
 )
@@ -49,11 +49,9 @@ from frenetic.campaign.earlier import EarlierTest, read_earlier
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.criteria import EDGE_DISTANCE
-from frenetic.drive import Drive
 from frenetic.errors import Fault
 from frenetic.oracle import Result, Side
 from frenetic.outcome import Outcome
-from frenetic.road import Road
 from frenetic.search.approach import (
     ALIKE,
     ROAD_SIZE,
@@ -151,28 +149,16 @@ class Failure:
         )
 
     @classmethod
-    def of_drive(
-        cls,
-        road: Road,
-        drive: Drive | None,
-        result: Result,
-        *,
-        id: int = 0,  # noqa: A002
-    ) -> Failure | None:
-        """The failure of a drive that was judged FAIL; None without records, unless by a fault."""
-        segment = None
-        if drive is not None and len(drive.trajectory):
-            segment = segment_of(road, drive, result.finding)
-        return cls.of_segment(segment, result, id)
-
-    @classmethod
     def of_segment(
         cls,
         segment: Segment | None,
         result: Result,
         id: int = 0,  # noqa: A002
     ) -> Failure | None:
-        """The failure of such a drive, from its segment; None without records, likewise."""
+        """The failure of a drive that was judged FAIL, from its segment.
+
+        None without records, unless by a fault.
+        """
         fault = result.fault
         if segment is not None:
             return cls.of(segment, id=id, moobd=result.moobd or 0.0, fault=fault)
@@ -186,7 +172,7 @@ class Failure:
         """The failure of a stored test; None unless it failed and was read with its trajectory."""
         if record.outcome is not Outcome.FAIL:
             return None
-        return cls.of_drive(record.road, record.drive, record.result, id=record.id)
+        return cls.of_segment(segment_of_test(record), record.result, record.id)
 
     def difference(self, other: Failure) -> float:
         """Difference of two failures in m, whatever their sides; see this module's text."""

@@ -16,7 +16,7 @@ from frenetic._support.arrays import evenly
 from frenetic.analysis.competition import failure_segment
 from frenetic.analysis.failures import Failure, cluster_failures
 from frenetic.analysis.features import FEATURES, features_of
-from frenetic.analysis.segments import segment_of
+from frenetic.analysis.segments import segment_of_test
 from frenetic.analysis.sparseness import MOST_COMPARED, largest_distances, unlike_lines
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.store import CampaignStore
@@ -97,8 +97,6 @@ class Measure:
     title: str
     definition: str
     """Definition, in a sentence or two."""
-    bounds: str
-    """Range, as a text."""
     short: str
     """A title for a narrow column."""
     unit: str = ""
@@ -147,14 +145,12 @@ MEASURES: Final[Mapping[str, Measure]] = MappingProxyType(
                 "distinct failures",
                 "Clusters of failures that are the same problem: side, road and drive before the"
                 " departure differ by up to 2 m.",
-                "0..failures",
                 "distinct",
             ),
             Measure(
                 "failures",
                 "failures",
                 "FAIL outcomes.",
-                "0..simulations",
                 "failures",
             ),
             Measure(
@@ -163,7 +159,6 @@ MEASURES: Final[Mapping[str, Measure]] = MappingProxyType(
                 "Cells that hold a failure, of 10 x 10 x 10 x 10 over direction coverage"
                 " 0.05..1.05, largest curvature 0..0.07 1/m, standard deviation of steering"
                 " 0..0.3 rad and mean lateral position -1.5..1.5 m, on the failures' segments.",
-                "0..10000",
                 "cells",
             ),
             Measure(
@@ -171,7 +166,6 @@ MEASURES: Final[Mapping[str, Measure]] = MappingProxyType(
                 "failing roads unlike each other",
                 "Failing roads, each of which differs from every one counted before it in more than"
                 " a fifth of its steps of 5 m: whole roads, whatever happens on them.",
-                "0..failures",
                 "roads",
             ),
             Measure(
@@ -181,7 +175,6 @@ MEASURES: Final[Mapping[str, Measure]] = MappingProxyType(
                 " edit distance to those after it in the order of the tests, mean. One odd road"
                 " raises it for all. None for fewer than two failures, which counts as worse than"
                 " any number.",
-                "0..about 60",
                 "sparseness",
                 unit="edits",
                 decimals=1,
@@ -191,7 +184,6 @@ MEASURES: Final[Mapping[str, Measure]] = MappingProxyType(
                 "simulations to first failure",
                 "Simulations up to and with the first failure; none if there was none, which"
                 " counts as later than any.",
-                "1..simulations",
                 "first failure",
                 more_is_better=False,
             ),
@@ -200,7 +192,6 @@ MEASURES: Final[Mapping[str, Measure]] = MappingProxyType(
                 "lowest MOOBD",
                 "Lowest minimum oob distance of all drives: how near to failing, or beyond, a"
                 " driver was brought. The one measure that tells searches apart where none fails.",
-                "-inf..2",
                 "lowest MOOBD",
                 unit="m",
                 more_is_better=False,
@@ -210,7 +201,6 @@ MEASURES: Final[Mapping[str, Measure]] = MappingProxyType(
                 "valid_share",
                 "valid share",
                 "Valid roads divided by all roads tested, refused ones included.",
-                "0..1",
                 "valid share",
                 decimals=3,
             ),
@@ -242,13 +232,10 @@ def measure_campaign(folder: Path | str) -> CampaignMeasures:
         for test in store.tests(Outcome.FAIL, with_trajectory=True):
             if test.id not in found_at:
                 continue  # of a campaign that goes on
-            if test.drive is None:
-                if test.result.fault is not None:  # the driver's, and the records were lost
-                    failures += filter(None, [Failure.of_test(test)])
+            segment = segment_of_test(test)
+            failures += filter(None, [Failure.of_segment(segment, test.result, test.id)])
+            if segment is None:
                 continue
-            segment = segment_of(test.road, test.drive, test.result.finding)
-            moobd, fault = test.moobd or 0.0, test.result.fault
-            failures.append(Failure.of(segment, id=test.id, moobd=moobd, fault=fault))
             features = features_of(segment)
             cells.add(tuple(FEATURES[name].bin(features[name]) for name in MAP_AXES))
             roads.append(test.road.sample(ROAD_SPACING))
