@@ -13,11 +13,9 @@ from frenetic.analysis.failures import distinct_failures, representative_failure
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.counts import Counts
 from frenetic.cli.console import print_failures
-from frenetic.criteria import LANE
 from frenetic.errors import CampaignError
-from frenetic.oracle import Finding, Result, judge
 from frenetic.outcome import Outcome
-from frenetic.report.failures import road_document, verdict_entries, write_failures
+from frenetic.report.failures import road_document, write_failures
 from frenetic.road.files import read_road
 from frenetic.search import RandomSearch
 from frenetic.testing import DummyDriver, DummySimulator
@@ -35,25 +33,6 @@ def store(tmp_path: Path) -> Iterator[CampaignStore]:
     ).run()
     with CampaignStore.open(tmp_path / "c") as opened:
         yield opened
-
-
-def test_stored_drive_is_judged_as_it_was(store: CampaignStore) -> None:
-    for record in store.tests(with_trajectory=True):
-        if record.outcome.is_driven:
-            assert record.drive is not None
-            again = judge(record.road, record.drive)
-            assert again.outcome is record.outcome
-            assert again.moobd == pytest.approx(record.moobd, abs=1e-3)
-
-
-def test_a_time_in_json_is_that_of_its_steps() -> None:
-    time = 189 * 0.05
-    assert str(time) == "9.450000000000001"
-    finding = Finding(LANE, 1.0, 0.95, "left", time, 80.0, 0.0, 0.0)
-    result = Result(Outcome.FAIL, "", -1.0, 80.0, 1.0, time, (finding,))
-    for document in (result.as_json(), verdict_entries(result)):
-        assert "9.45," in json.dumps(document)
-        assert str(time) not in json.dumps(document)
 
 
 def test_representative_failures_are_examples_of_causes_then_the_worst_of_each_problem(

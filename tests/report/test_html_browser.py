@@ -295,19 +295,6 @@ def test_chart_says_what_it_shows_where_one_points(page: Page, searched: Path) -
     expect(page.locator("#player-title")).to_contain_text(f"Test {failed[-1]} FAIL")
 
 
-def test_chart_is_enlarged(page: Page) -> None:
-    page.mouse.move(*pointed(page, 1 / 3))
-    page.mouse.down()
-    page.mouse.move(*pointed(page, 2 / 3), steps=3)
-    page.mouse.up()
-    for share, simulations in ((0.02, 50), (0.98, 100)):
-        page.mouse.move(*pointed(page, share))
-        assert said(page)[0] == pytest.approx(simulations, abs=3)
-    page.get_by_role("button", name="Whole range").click()
-    page.mouse.move(*pointed(page, 0.98))
-    assert said(page)[0] > 140
-
-
 def test_chart_is_read_with_the_keyboard(page: Page) -> None:
     page.locator(".block-chart .chart-drawing").focus()
     page.keyboard.press("ArrowRight")
@@ -500,15 +487,6 @@ def test_tests_are_sorted_and_found(page: Page, searched: Path) -> None:
     page.fill("#tests-search", "#150")
     page.locator("#tests tbody a").click()
     expect(page.locator("#player-title, #notice code").first).to_contain_text("150")
-
-
-def test_failures_like_another_that_cannot_be_opened_say_why(
-    show: Show, searched: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("frenetic.report.html.campaign.DRIVES_SIZE", 60_000)
-    page = show(write_report(searched, tmp_path / "r.html"))
-    closed = page.locator("p.alike").first
-    expect(closed).to_have_text(re.compile("(its drive is|their drives are) not in this"))
 
 
 # Light and dark, wide and narrow, paper

@@ -138,14 +138,6 @@ def test_drawn_lanes_widen() -> None:
     assert left[:, 0] == pytest.approx(np.arange(11) * 10.0)
 
 
-def test_a_pass_has_no_departure(tmp_path: Path) -> None:
-    drive = drive_along(WINDING, drift=1.0)
-    draw_drive(WINDING, drive, tmp_path / "a.svg")
-    texts = svg_texts(tmp_path / "a.svg")
-    assert {"Drive: PASS", "none"} <= set(texts)
-    assert not {"departure"} & set(texts)
-
-
 @pytest.mark.parametrize(
     ("name", "drift"),
     [*((name, 5.0) for name in ROADS), ("hairpin", 0.0), ("loop", -5.0)],
