@@ -24,7 +24,7 @@ from frenetic.oracle import (
     judge,
 )
 from frenetic.outcome import Outcome
-from frenetic.road import Pose, Road
+from frenetic.road import Road
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -181,41 +181,7 @@ def test_drives_end_by_the_rules_as_they_read(
         assert departure.distance == pytest.approx(distances[last], abs=1e-6)
 
 
-@pytest.mark.parametrize(("lane_width", "goal"), [(16.0, 8.0), (40.0, 8.0), (4.0, 1.0)])
-def test_the_roads_end_is_reached_however_far_from_its_last_point(
-    lane_width: float, goal: float
-) -> None:
-    road = Road(np.zeros(11), lane_width=lane_width)
-    result = judged(road, steady(road), rules=Rules(goal_distance=goal))
-    assert result.outcome is Outcome.PASS
-    assert result.moobd == pytest.approx(lane_width / 2.0)
-    elsewhere = Rules(oob_tolerance=1.0, goal_distance=0.1)
-    beside = judged(road, steady(road), 0.5 * lane_width + 1.0, elsewhere)
-    assert beside.outcome is Outcome.ERROR  # in the other lane, and nothing but time ends it
-
-
 # --- FAIL: out of the lane -----------------------------------------------------------------------
-
-
-@given(offset=st.floats(1.3, 2.7), left=st.booleans())
-@settings(max_examples=50)
-def test_a_share_equal_to_the_tolerance_is_tolerated(offset: float, left: bool) -> None:
-    distances = steady(STRAIGHT)
-    offsets = np.where(distances > 50.0, offset if left else -offset, 0.0)
-    path = trajectory(STRAIGHT, distances, offsets)
-    shares = assess(STRAIGHT, Drive(path, rules=Rules(oob_tolerance=1.0))).oob_share
-    share = float(shares.max())
-    assert share == pytest.approx(outside(offset), abs=1e-7)
-
-    def verdict(tolerance: float) -> Result:
-        return judge(STRAIGHT, Drive(path, rules=Rules(oob_tolerance=tolerance)))
-
-    assert verdict(share).outcome is Outcome.PASS
-    assert verdict(share).max_oob_share == share
-    less = verdict(float(np.nextafter(shares[shares > 0.0].min(), 0.0)))
-    assert less.outcome is Outcome.FAIL
-    assert less.departure is not None
-    assert less.departure.distance == pytest.approx(50.5)
 
 
 def test_reasons_say_where_and_how_long() -> None:
@@ -327,35 +293,6 @@ def test_a_car_keeps_to_its_piece_of_road_where_another_one_passes_close_by() ->
     assert result.departure.side == "left"
 
 
-@given(
-    seed=st.integers(0, 2**32 - 1),
-    x=st.floats(-500.0, 500.0),
-    y=st.floats(-500.0, 500.0),
-    turn=st.floats(-7.0, 7.0),
-    drift=st.floats(0.005, 0.06) | st.floats(-0.06, -0.005),
-)
-@settings(max_examples=50)
-def test_moving_and_turning_the_world_changes_no_verdict(
-    seed: int, x: float, y: float, turn: float, drift: float
-) -> None:
-    rng = np.random.default_rng(seed)
-    curvatures = 0.03 * rng.uniform(-1.0, 1.0, 10)
-    here = Road(curvatures)
-    there = Road(curvatures, pose=Pose(x, y, math.pi / 2 + turn))
-    distances = steady(here)
-    one = judged(here, distances, drift * distances)
-    other = judged(there, distances, drift * distances)
-    assert other.outcome is one.outcome
-    assert other.duration == one.duration
-    assert other.moobd == pytest.approx(one.moobd, abs=1e-6)
-    assert other.moobd_distance == pytest.approx(one.moobd_distance, abs=1e-5)
-    assert other.max_oob_share == pytest.approx(one.max_oob_share, abs=1e-6)
-    assert (other.departure is None) == (one.departure is None)
-    if other.departure is not None and one.departure is not None:
-        assert other.departure.side == one.departure.side
-        assert other.departure.distance == pytest.approx(one.departure.distance, abs=1e-5)
-
-
 # --- Rules and records ---------------------------------------------------------------------------
 
 
@@ -365,15 +302,3 @@ def test_rules_that_are_not_positive_are_refused_by_name(name: str, value: float
     options: dict[str, Any] = {name: value}
     with pytest.raises(ValueError, match=f"{name} is {value}: a positive number is needed"):
         Rules(**options)
-
-
-def test_a_trajectory_survives_its_rows_and_cannot_be_changed() -> None:
-    path = trajectory(LEFT_TURN, steady(LEFT_TURN), 0.3)
-    rows = path.to_rows()
-    assert rows.shape == (len(path), 11)
-    again = Trajectory.from_rows(rows)
-    for name in Trajectory.names():
-        column = getattr(again, name)
-        np.testing.assert_array_equal(column, getattr(path, name))
-        with pytest.raises(ValueError, match="read-only"):
-            column[0] = 1.0

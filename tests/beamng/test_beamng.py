@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import pickle
 import subprocess
 import sys
 import time
@@ -324,15 +323,6 @@ def campaign(simulator: BeamngSimulator, folder: Path, **options: object) -> Cam
             **options,
         },  # type: ignore[arg-type]
     )
-
-
-def test_simulator_can_be_sent_to_a_worker(stand_in: StandIn) -> None:
-    assert connected(stand_in).workers_at_most == 1
-    with connected(stand_in) as simulator:
-        copy = pickle.loads(pickle.dumps(simulator))
-    assert copy.car == simulator.car
-    with pytest.raises(BeamngError, match="is not started"):
-        _ = copy.link
 
 
 # Starting it: the stand-in as a program

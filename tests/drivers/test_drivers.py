@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable
 from dataclasses import fields, replace
@@ -141,18 +140,6 @@ def test_a_mirrored_world_is_steered_mirrored(seed: int, make: Callable[..., Dri
     assert (other.throttle, other.brake) == (one.throttle, one.brake)
 
 
-@given(seed=st.integers(0, 2**32 - 1), make=st.sampled_from(BUILT_IN))
-@settings(max_examples=80)
-def test_controls_are_within_bounds_and_never_both_pedals(
-    seed: int, make: Callable[..., Driver]
-) -> None:
-    controls = controls_of(make(), random_observation(seed))
-    assert abs(controls.steering) <= SETUP.max_steering
-    assert 0.0 <= controls.throttle <= 1.0
-    assert 0.0 <= controls.brake <= 1.0
-    assert controls.throttle == 0.0 or controls.brake == 0.0
-
-
 @pytest.mark.parametrize("kappa", [0.05, -0.05, 0.01, 0.15])
 @pytest.mark.parametrize("row", [1, 3, 6])
 def test_pure_pursuit_takes_the_arc_through_the_lookahead_point(kappa: float, row: int) -> None:
@@ -237,23 +224,6 @@ def test_a_driver_that_only_steers_gets_the_built_in_speed_and_pedals(
 # --- Noise ---------------------------------------------------------------------------------------
 
 
-def errors_seen(driver: Noisy, recorder: Recorder, n: int) -> FloatArray:
-    """(n, 2) errors in offset and heading that a recorder under the layer sees."""
-    driver.reset(SETUP)
-    for _ in range(n):
-        driver.act(observation(lateral_offset=0.7, heading_error=-0.2))
-    return np.array([(o.lateral_offset - 0.7, o.heading_error + 0.2) for o in recorder.seen])
-
-
-def test_noise_is_the_same_in_every_drive_and_another_for_another_seed() -> None:
-    recorder = Recorder()
-    driver = Noisy(recorder, seed=3)
-    first = errors_seen(driver, recorder, 600)
-    np.testing.assert_array_equal(errors_seen(driver, recorder, 600), first)
-    np.testing.assert_array_equal(errors_seen(Noisy(recorder, seed=3), recorder, 600), first)
-    assert np.abs(errors_seen(Noisy(recorder, seed=4), recorder, 600) - first).max() > 0.01
-
-
 @pytest.mark.parametrize(
     ("offset", "heading", "correlation_time"), [(0.3, 0.02, 1.0), (0.0, 0.05, 0.2)]
 )
@@ -330,25 +300,6 @@ def test_a_limited_view_has_the_next_points_only(distance: float, rows: int) -> 
     assert (seen.speed, seen.lateral_offset) == (real.speed, real.lateral_offset)
 
 
-@pytest.mark.parametrize("make", BUILT_IN)
-def test_layers_commute(make: Callable[..., Driver]) -> None:
-    layers: list[Callable[[Driver], Driver]] = [
-        lambda driver: Noisy(driver, offset=0.3, heading=0.05, seed=6),
-        lambda driver: Delayed(driver, seconds=0.15),
-        lambda driver: LimitedView(driver, distance=14.0),
-    ]
-    seen = [random_observation(seed) for seed in range(20)]
-    answers = []
-    for order in itertools.permutations(layers):
-        driver: Driver = make()
-        for layer in order:
-            driver = layer(driver)
-        driver.reset(SETUP)
-        answers.append([driver.act(each) for each in seen])
-    assert all(answer == answers[0] for answer in answers)
-    assert len(set(answers[0])) > 10
-
-
 # --- What may be compiled ------------------------------------------------------------------------
 
 
@@ -375,14 +326,9 @@ def test_one_layer_of_each_kind_is_compiled_in() -> None:
     "driver",
     [
         Recorder(),
-        MyPlanner(),
         Noisy(MyPlanner()),
-        Noisy(Recorder()),
-        MyLayer(Planner()),
         Noisy(MyLayer(Planner())),
-        Noisy(Noisy(Planner())),
         Delayed(Noisy(Delayed(Planner()))),
-        LimitedView(LimitedView(Planner())),
     ],
     ids=lambda driver: type(driver).__name__,
 )
@@ -406,12 +352,8 @@ def test_pedals_are_cut_and_steering_is_not() -> None:
         (None, "the driver returned NoneType instead of frenetic.Controls"),
         ((0.0, 0.0, 0.0), "the driver returned tuple instead of frenetic.Controls"),
         (Controls(math.nan), "the driver returned steering = nan, not a finite number"),
-        (Controls(0.0, math.nan), "the driver returned throttle = nan, not a finite number"),
         (Controls(0.0, 0.0, math.inf), "the driver returned brake = inf, not a finite number"),
-        (Controls(None), "the driver returned steering = None, not a finite number"),  # type: ignore[arg-type]
         (Controls("left"), "the driver returned steering = 'left', not a finite number"),  # type: ignore[arg-type]
-        (Controls(0.0, 1j), "the driver returned throttle = 1j, not a finite number"),  # type: ignore[arg-type]
-        (Controls(0.0, 0.0, []), "the driver returned brake = [], not a finite number"),  # type: ignore[arg-type]
     ],
 )
 def test_what_is_no_controls_is_refused_with_what_came(controls: Any, message: str) -> None:

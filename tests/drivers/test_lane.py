@@ -12,7 +12,6 @@ import pytest
 
 from frenetic import Controls, Driver, DriveSetup, EmbeddedSimulator, Observation, Road
 from frenetic.drivers import Lane, LimitedView, Noisy, Stanley
-from frenetic.errors import FreneticError
 
 FloatArray = npt.NDArray[np.float64]
 WINDING = Road([0.0, 0.01, 0.03, 0.0, -0.04, -0.02, 0.0, 0.03, 0.0], pose=(40.0, 60.0, 0.7))
@@ -129,9 +128,3 @@ def test_bad_lengths_are_refused(lengths: tuple[float, float, float], message: s
     seen = seen_on(WINDING)[0]
     with pytest.raises(ValueError, match=message):
         seen.lane(*lengths)
-
-
-def test_without_a_road_it_says_so() -> None:
-    seen = Observation(0.0, 10.0, 0.0, 0.0, 0.0, 0.0, np.zeros((1, 2)), np.zeros(1))
-    with pytest.raises(FreneticError, match="no lane is known"):
-        seen.lane()

@@ -1,8 +1,6 @@
 """What other programs read in our OpenDRIVE files, and how far that is from our roads.
 
-    python tests/road/opendrive_readers.py
-
-prints the table of docs/exports.md. CARLA's map parser and SUMO's netconvert come with the extra
+CARLA's map parser and SUMO's netconvert come with the extra
 ``test``; CARLA's needs no server.
 """
 
@@ -11,9 +9,8 @@ from __future__ import annotations
 import itertools
 import math
 import subprocess
-import sys
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -23,7 +20,6 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.road import Road, profile
-from frenetic.road.opendrive import RoadMap, to_opendrive
 from frenetic.search.operators import (
     FAIL_OPERATORS,
     LISTING_1,
@@ -104,8 +100,6 @@ class ReadLane:
     """(n, 2) m, from the road's start to its end."""
     width: float
     """m."""
-    speed: float | None = None
-    """m/s, the speed limit, if the program says."""
     height: FloatArray | None = None
     """(n,) m, of the centre, if the program says."""
 
@@ -149,8 +143,7 @@ def read_with_sumo(texts: Mapping[str, str], *options: str) -> dict[str, ReadLan
         lane = tree.find(f".//edge[@id='-{i}']/lane")
         assert lane is not None, name
         shape = [[float(v) for v in p.split(",")[:2]] for p in (lane.get("shape") or "").split()]
-        width, speed = (float(lane.get(key, "nan")) for key in ("width", "speed"))
-        lanes[name] = ReadLane(np.array(shape), width, speed)
+        lanes[name] = ReadLane(np.array(shape), float(lane.get("width", "nan")))
     return lanes
 
 
@@ -187,37 +180,3 @@ def away_from_line(road: Road, lane: ReadLane) -> float:
     ends = (abs(float(track[0, 0])), abs(float(track[-1, 0]) - road.length))
     half = 0.5 * (road.lane_width + profile.value_at(road.widening, track[:, 0]))
     return max(*ends, float(np.abs(track[:, 1] + half).max()))
-
-
-def away_when_read_back(road: Road) -> float:
-    """1/m, largest difference of a curvature that we read back."""
-    read = RoadMap(to_opendrive(road).encode()).road()
-    return float(np.abs(read.curvatures - road.curvatures).max())
-
-
-def main() -> None:
-    """Prints how far each reader is from our roads."""
-    roads = varied_roads()
-    texts = {name: to_opendrive(road) for name, road in roads.items()}
-
-    def worst(measure: Callable[[str], float]) -> tuple[float, str]:
-        return max((measure(name), name) for name in roads)
-
-    fine = ("--opendrive.curve-resolution", "0.5", "--precision", "4")
-    lanes, fine_lanes = read_with_sumo(texts), read_with_sumo(texts, *fine)
-    rows = {
-        "CARLA, lane centre by distance": lambda name: away_at_places(
-            roads[name], read_with_carla(texts[name], roads[name])
-        ),
-        "netconvert": lambda name: away_from_line(roads[name], lanes[name]),
-        f"netconvert {' '.join(fine)}": lambda name: away_from_line(roads[name], fine_lanes[name]),
-        "frenetic, curvature (1/m)": lambda name: away_when_read_back(roads[name]),
-    }
-    sys.stdout.write(f"{len(roads)} roads\n")
-    for title, measure in rows.items():
-        value, name = worst(measure)
-        sys.stdout.write(f"{title:60}{value:.2g}  ({name})\n")
-
-
-if __name__ == "__main__":
-    main()

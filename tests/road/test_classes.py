@@ -68,19 +68,6 @@ def test_no_class(name: str, options: dict[str, object], message: str) -> None:
         RoadClass.of(name, options)
 
 
-def test_no_file(tmp_path: Path) -> None:
-    path = tmp_path / "lane.toml"
-    with pytest.raises(FreneticError, match=r"lane\.toml"):
-        RoadClass.of(str(path))
-    for text, message in (
-        ("speed =", "is no TOML file"),
-        ("length = 3", "design_speed is missing"),
-    ):
-        path.write_text(text)
-        with pytest.raises(FreneticError, match=message):
-            RoadClass.of(str(path))
-
-
 @pytest.mark.parametrize("name", list(RULES))
 @given(values=st.lists(st.floats(-0.05, 0.05), min_size=2, max_size=60), repeat=st.integers(1, 6))
 def test_wishes_become_roads_that_keep_the_rules(
@@ -129,22 +116,6 @@ def test_strategies_stay_in_their_class(name: str, strategy: Callable[..., Strat
         )
     if strategy is not RandomSearch:
         assert len(origins) > 8
-
-
-def test_roads_of_a_class_vary() -> None:
-    road_class = RoadClass.of("rural-80")
-    search = RandomSearch(seed=1, road_class=road_class)
-    roads = [search.ask() for _ in range(100)]
-    sharpest = [np.abs(road.curvatures).max() * road_class.min_radius for road in roads]
-    assert max(sharpest) > 0.99
-    assert min(sharpest) < 0.9
-    lengths = [(len(road.curvatures) - 1) * road.step for road in roads]
-    assert 1900.0 < np.median(lengths) < 2100.0
-    grades = [road.grade[:, 1] for road in roads if road.grade is not None]
-    assert max(map(np.max, grades)) > 0.06
-    assert min(map(np.min, grades)) < -0.06
-    flat = RandomSearch(seed=1, road_class=RoadClass.of("rural-80", {"max_grade": 0}))
-    assert flat.ask().grade is None
 
 
 CLASS = RoadClass.of("rural-80")

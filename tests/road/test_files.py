@@ -81,9 +81,7 @@ HUGE = int("1" * 400)
     ("content", "complaint"),
     [
         ("no json at all", "is not JSON"),
-        ("[" * 100_000, "is not JSON"),
         ("<html></html>", "no OpenDRIVE: its root is <html>"),
-        (" \n<OpenDRIVE/>", "revMajor None"),
         ({"a": 1}, "neither 'curvatures' nor 'road_points'"),
         ("3", "an object with curvatures or road_points"),
         ({"curvatures": "0 1 2"}, r"Expected `array.*, got `str` - at `\$.curvatures`"),
@@ -92,18 +90,11 @@ HUGE = int("1" * 400)
         ('{"curvatures": [0.0, NaN]}', "curvature 1 is nan"),
         ({"curvatures": [0.1]}, "1 curvature samples: 2 to 10000"),
         ({"curvatures": [0.0, 0.0], "step": 1e-300}, "step is 1e-300"),
-        ({"curvatures": [0.0, 0.0], "step": "ten"}, r"Expected `float`, got `str` - at `\$.step`"),
         ({"curvatures": [0.0, 0.0], "pose": [1, 2]}, r"length 3, got 2 - at `\$.pose`"),
-        ({"curvatures": [0.0, 0.0], "pose": [1e300, 0, 0]}, "pose "),
-        ({"curvatures": [0.0, 0.0], "lane_width": 1e308}, "lane_width is 1e"),
-        ({"road_points": POINTS, "lane_width": -1}, "lane_width is -1"),
         ({"road_points": [[0, 0], [1]]}, r"length 2, got 1 - at `\$.road_points\[1\]`"),
         ({"road_points": [[0, 0], {"x": 1}]}, r"missing required field `y` - at `\$.road_points"),
-        ({"road_points": {"x": 1}}, r"got `object` - at `\$.road_points`"),
-        ({"road_points": [[0, 0]]}, "1 points"),
         ({"road_points": [[0, 0], [0, 0]]}, "are the same"),
         ({"road_points": [[0, 0], [1e308, 0], [-1e308, 0]]}, "from the origin"),
-        ({"road_points": [{"x": [], "y": {}}] * 20_000}, "Expected `float`"),
     ],
 )
 def test_every_bad_file_gets_one_line_that_names_it(

@@ -119,24 +119,6 @@ def test_a_moved_mirrored_or_reversed_road_is_the_same(seed: int) -> None:
 # Places along a road
 
 
-@pytest.mark.parametrize(("step", "seed"), [(10.0, 0), (25.0, 2), (0.7, 3)])
-def test_pose_and_curvature_anywhere_agree_with_a_road_sampled_there(
-    step: float, seed: int
-) -> None:
-    rng = np.random.default_rng(seed)
-    road = Road(random_curvatures(rng, 25), step, random_pose(rng))
-    for distance in [road.length, *rng.uniform(0.0, road.length, 20)]:
-        # The same road cut off at `distance`: whole pieces, then the start of one.
-        i = min(int(distance / step), len(road.curvatures) - 2)
-        rest = distance - i * step
-        start = Pose(float(road.points[i, 0]), float(road.points[i, 1]), float(road.headings[i]))
-        kappa = float(np.interp(distance / step, range(25), road.curvatures))
-        assert road.curvature_at(distance) == pytest.approx(kappa, abs=1e-12)
-        cut = Road([road.curvatures[i], kappa], rest, start)
-        expected = (*cut.points[1].tolist(), float(cut.headings[1]))
-        assert road.pose_at(distance) == pytest.approx(expected, abs=1e-9)
-
-
 def test_beyond_its_ends_a_road_goes_straight_on() -> None:
     road = Road([0.01, 0.02, -0.01, 0.01, 0.005], pose=Pose(5.0, 6.0, 1.0))
     for s, beyond in ((0.0, -7.5), (road.length, 7.5)):
@@ -148,15 +130,6 @@ def test_beyond_its_ends_a_road_goes_straight_on() -> None:
             assert found == pytest.approx([s + beyond, d], abs=1e-9)
     curvatures = road.curvature_at([[-0.1, 0.0], [road.length, road.length + 0.1]])
     assert curvatures.tolist() == [[0.0, road.curvatures[0]], [road.curvatures[-1], 0.0]]
-
-
-def test_sampled_points_face_the_centre_line_at_the_offset() -> None:
-    rng = np.random.default_rng(7)
-    for offset, spacing in ((-8.0, 0.5), (0.0, 2.0), (3.3, 3.7)):
-        road = Road(random_curvatures(rng, 20))
-        expected = [beside(road, s, offset) for s in road.distances(spacing)]
-        np.testing.assert_allclose(road.sample(spacing, offset), expected, rtol=0, atol=1e-9)
-        np.testing.assert_array_equal(road.road_points, road.sample(2.0))
 
 
 # Projection

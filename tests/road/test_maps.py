@@ -213,7 +213,7 @@ def shipped(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
 
 @pytest.mark.parametrize(
     ("net", "count", "longest"),
-    [("A10KW/osm.net.xml", 1739, 1995.0), ("racing/spreewaldring.net.xml", 45, 1636.0)],
+    [("racing/spreewaldring.net.xml", 45, 1636.0)],
 )
 def test_maps_of_real_places_are_read(
     shipped: Callable[[str], Path], frenetic: Frenetic, net: str, count: int, longest: float

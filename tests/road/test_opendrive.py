@@ -45,10 +45,6 @@ def plan_view(text: str) -> list[tuple[str, Clothoid]]:
     return found
 
 
-def kinds(*curvatures: float, step: float = 10.0) -> list[str]:
-    return [kind for kind, _ in plan_view(to_opendrive(Road(curvatures, step)))]
-
-
 curvature = st.floats(-0.07, 0.07).map(lambda value: round(value, 6))
 
 
@@ -77,13 +73,6 @@ def roads(draw: st.DrawFn) -> Road:
 # Writing
 
 
-def test_each_step_is_a_spiral_and_what_stays_the_same_an_arc_or_a_line() -> None:
-    assert kinds(0.0, 0.01, 0.03, -0.02) == ["spiral"] * 3
-    assert kinds(0.0, 0.0, 0.02, 0.02, 0.02, 0.0) == ["line", "spiral", "arc", "spiral"]
-    assert kinds(0.02, 0.02, 0.02 + 5e-10, 0.02 + 5e-10) == ["arc"] * 3  # not taken for one
-    assert kinds(0.05, 0.05 + 1e-7, 0.0, step=40.0) == ["arc"] * 12 + ["spiral"]
-
-
 @given(roads())
 def test_the_geometries_join_end_where_the_road_ends_and_suit_all_readers(road: Road) -> None:
     expected: tuple[float, ...] = road.pose
@@ -98,32 +87,6 @@ def test_the_geometries_join_end_where_the_road_ends_and_suit_all_readers(road: 
         expected = end_of(geometry)  # from where the file says, so that no errors add up unseen
     x, y, _ = road.pose_at(road.length)
     assert math.hypot(expected[0] - x, expected[1] - y) < 1e-6
-
-
-def test_header_lanes_marks_and_speed() -> None:
-    road = Road([0.01, 0.05, -0.03, 0.0], pose=(5.0, -7.0, 1.0), lane_width=3.5)
-    root = ElementTree.fromstring(to_opendrive(road, speed_limit=50.0, origin=(-33.5, 151.25)))
-    header, speed = root.find("header"), root.find("road/type/speed")
-    assert header is not None
-    assert speed is not None
-    assert (header.get("revMajor"), header.get("revMinor")) == ("1", "7")
-    bounds = [float(header.attrib[key]) for key in ("west", "south", "east", "north")]
-    edges = np.concatenate([road.sample(0.1, 3.5), road.sample(0.1, -3.5)])
-    assert bounds == pytest.approx([*edges.min(axis=0), *edges.max(axis=0)], abs=0.01)
-    assert "+proj=tmerc +lat_0=-33.5 +lon_0=151.25 " in (header.findtext("geoReference") or "")
-    assert speed.attrib == {"max": "50.0", "unit": "km/h"}
-    found = [
-        (
-            lane.attrib["id"],
-            lane.attrib["type"],
-            [float(width.attrib["a"]) for width in lane.findall("width")],
-            [mark.attrib["type"] for mark in lane.findall("roadMark")],
-            [(s.attrib["max"], s.attrib["unit"]) for s in lane.findall("speed")],
-        )
-        for lane in root.iter("lane")
-    ]
-    driven = ("driving", [3.5], ["solid"], [("50.0", "km/h")])
-    assert found == [("1", *driven), ("0", "none", [], ["broken"], []), ("-1", *driven)]
 
 
 @pytest.mark.parametrize("name", ['a "b" <c> & d', "zero\x00, bell\x07, surrogate\udcff", "é 路"])

@@ -50,18 +50,6 @@ def test_carla_finds_the_lane_within_a_centimetre(name: str) -> None:
 
 
 @carla_has_a_wheel
-def test_carla_knows_the_lanes_and_their_marks() -> None:
-    import carla
-
-    carla_map = carla.Map("road", to_opendrive(ROADS["random 25"]))
-    kinds = {i: carla_map.get_waypoint_xodr(1, i, 50.0).lane_type for i in (-1, 1)}
-    assert kinds == {-1: carla.LaneType.Driving, 1: carla.LaneType.Driving}
-    ego = carla_map.get_waypoint_xodr(1, -1, 50.0)
-    assert ego.left_lane_marking.type == carla.LaneMarkingType.Broken
-    assert ego.right_lane_marking.type == carla.LaneMarkingType.Solid
-
-
-@carla_has_a_wheel
 def test_carla_places_the_road_on_the_globe() -> None:
     import carla
 
@@ -89,12 +77,6 @@ def test_netconvert_makes_the_lane_within_15_centimetres(
     widening = float(road.widening[:, 1].max(initial=0.0))
     assert lane.width == pytest.approx(road.lane_width + widening)
     assert readers.away_from_line(road, lane) < 0.15 + 0.5 * widening
-
-
-def test_netconvert_reads_the_speed_limit() -> None:
-    text = to_opendrive(ROADS["straight"], speed_limit=90.0)
-    lane = readers.read_with_sumo({"straight": text})["straight"]
-    assert lane.speed == pytest.approx(90.0 / 3.6, abs=0.01)
 
 
 @pytest.mark.endurance

@@ -64,16 +64,6 @@ def test_it_is_asked_that_often_and_recorded_at_20_hz(period: float) -> None:
         assert seen.ahead[0] == pytest.approx(seen.lane().points[0], abs=2e-3)
 
 
-def test_the_period_of_the_simulator_changes_nothing() -> None:
-    plain, own = (
-        EmbeddedSimulator().drive(WINDING, driver).trajectory.to_rows()
-        for driver in (Stanley(), Own(0.05))
-    )
-    np.testing.assert_array_equal(plain, own)
-    assert EmbeddedSimulator().drives_compiled(Stanley())
-    assert not EmbeddedSimulator().drives_compiled(Own(0.05))
-
-
 @pytest.mark.parametrize(
     ("simulator", "period", "message"),
     [

@@ -11,7 +11,6 @@ from frenetic import EmbeddedSimulator, Road, Trajectory
 from frenetic._support.arrays import FloatArray
 from frenetic.drivers import Controls, Driver, DriveSetup, Observation, Planner, Stanley
 from frenetic.drivers.layers import Hasty
-from frenetic.errors import FreneticError
 from frenetic.simulators.embedded.vehicle import AIR_DENSITY, PULL_LEFT, Vehicle
 from frenetic.simulators.embedded.weather import (
     GUST_LENGTH,
@@ -115,34 +114,9 @@ def test_brakes_are_weaker_on_the_wet_stretch_alone() -> None:
     assert along[-1] > way(dry)[-1] + 5.0
 
 
-def test_a_load_makes_engine_and_brakes_weaker_in_proportion() -> None:
-    car = Vehicle()
-    empty = EmbeddedSimulator().drive(STRAIGHT, Held(2.0)).trajectory
-    full = EmbeddedSimulator(load=1000.0).drive(STRAIGHT, Held(2.0)).trajectory
-    share = car.mass / (car.mass + 1000.0)
-    k = int(np.argmin(np.abs(empty.time - 1.9)))
-    rolling = car.rolling_resistance * 9.81
-    assert full.speed[k] + rolling * 1.9 == pytest.approx(
-        share * (empty.speed[k] + rolling * 1.9), rel=0.02
-    )
-
-
 def test_a_hasty_driver_drives_over_the_limit() -> None:
     simulator = EmbeddedSimulator()
     usual = simulator.drive(Road([0.0] * 60), Planner()).trajectory.speed.max()
     hasty = simulator.drive(Road([0.0] * 60), Hasty(Planner(), excess=18.0)).trajectory.speed.max()
     assert usual <= 70.0 / 3.6 + 0.1
     assert hasty == pytest.approx(usual + 5.0, abs=0.2)
-
-
-@pytest.mark.parametrize(
-    ("name", "value"), [("wet", 0.0), ("gust", 99.0), ("load", -1.0), ("gust_at", -5.0)]
-)
-def test_amounts_out_of_range_are_refused(name: str, value: float) -> None:
-    with pytest.raises(ValueError, match=f"{name} is {value}: .* is needed"):
-        EmbeddedSimulator(**{name: value})  # type: ignore[arg-type]
-    with (
-        pytest.raises(FreneticError, match=name),
-        in_conditions({name: value}, EmbeddedSimulator(), Planner()),
-    ):
-        pass

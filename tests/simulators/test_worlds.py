@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from frenetic.drivers import Delayed, Driver, LimitedView, Noisy, Planner
-from frenetic.drivers.layers import compiled_form
+from frenetic.drivers import Delayed, Driver, Noisy, Planner
 from frenetic.errors import FreneticError
 from frenetic.road import Road
 from frenetic.simulators import EmbeddedSimulator, Rules, Simulator
@@ -70,16 +69,6 @@ def test_the_simulator_is_as_before_afterwards_even_if_the_drive_broke() -> None
     assert simulator.steering_lag is None
     assert simulator.rules == Rules(stuck_time=7.0)
     assert rows(simulator, Planner()) == before
-
-
-def test_a_layer_takes_the_place_of_one_of_its_kind_and_leaves_the_others() -> None:
-    driver = Noisy(LimitedView(Delayed(Planner(), seconds=0.3), distance=20.0), offset=0.1, seed=1)
-    with in_conditions({"delay": 0.1}, EmbeddedSimulator(), driver) as there:
-        form = compiled_form(there, 0.05)
-    assert form is not None, "two layers of a kind are driven in Python, slowly"
-    assert (form.delay, form.rows) == (2, 11)
-    assert form.errors is not None
-    assert driver.driver.driver.seconds == 0.3, "the driver itself was changed"  # type: ignore[attr-defined]
 
 
 def test_what_a_simulator_cannot_vary_is_refused_in_one_line() -> None:
