@@ -1,42 +1,42 @@
 """Workers of a Dask cluster, also on other computers.
 
 The user starts ``dask scheduler``, and on each computer ``dask worker ADDRESS --nthreads 1
---resources simulator=1``. The resource is the number of a worker's seats, each with a driver and a
-simulator of its own, which is up as long as the campaign needs it. A seat is the result of a task
-that stays on its worker, and a test is a task there, too. So Dask itself ends the seats of a
-campaign that is gone.
+--resources simulator=1``. A test is a task that takes one of the resource. It drives in a process
+of its own (`frenetic.worker`), which its worker keeps as long as the campaign holds its `_Seats`.
+So Dask itself repeats the tests of a worker that dies, and ends the seats of a campaign that is
+gone.
 """
 
 from __future__ import annotations
 
 import io
 import logging
+import multiprocessing
 import pickle
-import platform
 import sys
 import threading
 import time
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, replace
-from importlib.metadata import PackageNotFoundError, version
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final, Literal, NoReturn, Self
-from weakref import WeakSet, finalize
+from typing import Any, Final, Self
+from weakref import finalize
 
 from frenetic._support.words import pip_install
 from frenetic.campaign.log import CampaignLog, LogEvent
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import RoadTester
-from frenetic.campaign.workers.local import Seat
+from frenetic.campaign.workers.local import Seat, lost_attempt
 from frenetic.campaign.workers.workers import Workers
-from frenetic.errors import CampaignError, FreneticError, describe_error, reason_of, traceback_of
+from frenetic.errors import CampaignError, FreneticError, describe_error, reason_of
 from frenetic.recipe import Guest, Named
 from frenetic.registry import USER_MODULE, user_files
 from frenetic.search.records import Candidate
-from frenetic.worker import CLOSING_LIMIT, START_LIMIT, LostWorkerError
+from frenetic.worker import LostWorkerError, Worker
 
 try:
     import cloudpickle
@@ -47,56 +47,24 @@ except ModuleNotFoundError as error:
     ) from error
 
 RESOURCE: Final = "simulator"
-"""Resource of a worker, as many as it has seats."""
+"""Resource of a worker, as many as it drives roads at once."""
 CONNECT_LIMIT: Final = 10.0
 """Limit for reaching the scheduler, in s."""
 NO_SEATS_LIMIT: Final = 60.0
-"""Time that a campaign waits for a usable worker of the cluster, in s."""
+"""Time that a campaign waits for a worker of the cluster, in s."""
 LOOK_INTERVAL: Final = 1.0
 """Time between two listings of the cluster's workers, in s."""
-TAKEN_INTERVAL: Final = 5.0
-"""Time between two tries to get a seat that another campaign has, in s."""
-RESTART_LIMIT: Final = 30.0
-"""Time that a nanny has to end a hanging worker, in s."""
-STAYING: Final = ("init", "running", "paused")
-"""States of a worker that does not leave."""
 _POLL: Final = 0.002  # s
-
-logger = logging.getLogger(__name__)
-
-
-class TakenError(Exception):
-    """All seats of a worker serve other campaigns."""
-
-
-@dataclass(eq=False)
-class _Held:
-    """A seat, as the campaign knows it."""
-
-    address: str
-    """Of its worker."""
-    name: str
-    opening: Future
-    """Its `_Opened`, which stays on the worker."""
-    since: float
-    """Beginning of what it does, on the monotonic clock."""
-    state: Literal["starting", "idle", "driving"] = "starting"
-    candidate: int = 0
-    """Id of the one that it drives."""
-    call: Future | None = None
-    """Its test."""
 
 
 class ClusterWorkers(Workers):
-    """The seats of a Dask cluster's workers that offer the resource ``simulator``.
-
-    Workers may come and go. One that dies costs each candidate that it drives an attempt. One that
-    exceeds the limit in a drive is restarted if it has a nanny, as it has by default.
+    """The workers of a Dask cluster that offer the resource ``simulator``; they may come and go.
 
     Args:
         tester: copied to each worker, with the code of the user's own modules.
         address: of the cluster's scheduler, such as ``tcp://10.0.0.1:8786``.
-        drive_limit: s of wall time after which a worker that tests one candidate counts as hanging.
+        drive_limit: s of wall time after which a process that tests one candidate counts as
+            hanging and is killed.
         log: gets the events of the workers.
 
     Raises:
@@ -111,72 +79,46 @@ class ClusterWorkers(Workers):
         self._drive_limit = drive_limit
         self._log = log
         self._client: Client
-        self._silence = ExitStack()
-        self._hosts: dict[str, Any] = {}  # as the scheduler describes them, by address
-        self._seats: list[_Held] = []
-        self._refused: dict[str, tuple[str, float]] = {}  # why, until when, by address
+        self._seats: Future
+        self._running: dict[Future, tuple[int, str, float]] = {}  # candidate's id, where, since
+        self._seats_at: dict[str, int] = {}  # address of a worker -> its number of seats
         self._next_look = 0.0
-        self._since: float  # without any seats
-        self._has_started = False
+        self._last_seen = 0.0  # seats
 
     @property
     def free(self) -> int:
         """Number of candidates that can be submitted now."""
-        return sum(self._is_free(seat) for seat in self._seats)
+        return sum(max(0, number) for number in self._free_at.values())
 
-    def _is_free(self, seat: _Held) -> bool:
-        return seat.state == "idle" and _is_running(self._hosts.get(seat.address))
+    @property
+    def _free_at(self) -> dict[str, int]:
+        taken = Counter(address for _, address, _ in self._running.values())
+        return {address: number - taken[address] for address, number in self._seats_at.items()}
 
     def submit(self, candidate: Candidate) -> None:
-        """Hands a candidate to a free seat."""
-        seat = next(seat for seat in self._seats if self._is_free(seat))
-        seat.call = self._task(seat.address, _test, seat.opening, candidate)
-        seat.state, seat.candidate, seat.since = "driving", candidate.id, time.monotonic()
-
-    def _task(self, address: str, function: Any, *arguments: Any) -> Future:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # a network makes a large task
-            return self._client.submit(function, *arguments, workers=[address], pure=False)
+        """Hands a candidate to the cluster."""
+        free = self._free_at
+        address = max(free, key=free.__getitem__)  # Dask itself lets tasks wait at some of them
+        where: Any = {"workers": [address], "allow_other_workers": True}
+        test = self._client.submit(
+            _test, self._seats, candidate, resources={RESOURCE: 1}, pure=False, **where
+        )
+        self._running[test] = candidate.id, address, time.monotonic()
 
     def wait(self, timeout: float) -> Sequence[Attempt]:
         """Waits until something happens, for at most so many s; returns finished attempts.
 
         Raises:
-            CampaignError: the scheduler is lost, or no worker can be used for some time.
+            CampaignError: the scheduler is lost, no worker is there for some time, or a simulator
+                does not start.
         """
-        end = time.monotonic() + timeout
-        had = self.free
+        end, had = time.monotonic() + timeout, self.free
         while True:
-            if time.monotonic() >= self._next_look:
-                self._look()
-            attempts = [one for seat in self._seats.copy() if (one := self._heard(seat))]
-            if attempts or self.free > had or time.monotonic() >= end:
-                return attempts
+            self._look()
+            done = [test for test in self._running if test.done()]
+            if done or self.free > had or time.monotonic() >= end:
+                return [self._attempt(test) for test in done]
             time.sleep(_POLL)
-
-    # Which seats there are
-
-    def _look(self) -> None:
-        """Asks for the workers that are there, and opens their seats."""
-        now = time.monotonic()
-        self._next_look = now + LOOK_INTERVAL
-        with suppress(OSError):  # it takes too long
-            self._hosts = self._identity()["workers"]
-        self._require_connection()
-        if any(seat.state != "starting" for seat in self._seats):
-            self._since = now
-        elif not self._seats:
-            self._require_seats(now)
-        names = [seat.name for seat in self._seats]
-        for address, host in self._hosts.items():
-            if _is_running(host) and now >= self._refused.get(address, ("", 0.0))[1]:
-                for name in set(_names(address, host)).difference(names):
-                    opening = self._task(address, _open, self._parcel, _software())
-                    self._seats.append(_Held(address, name, opening, now))
-
-    def _identity(self) -> Any:
-        """What the scheduler tells of itself."""
-        return self._client.sync(self._client.scheduler.identity, callback_timeout=CONNECT_LIMIT)
 
     def _require_connection(self) -> None:
         if self._client.status != "running":
@@ -185,110 +127,48 @@ class ClusterWorkers(Workers):
                 " again, then 'frenetic resume'; nothing that was stored is lost"
             )
 
-    def _require_seats(self, now: float) -> None:
-        """Ends the wait for a seat: after a while, or at once where none has ever started."""
-        troubles, waits = [], False
-        for address, host in self._hosts.items():
-            if names := _names(address, host):
-                reason, until = self._refused.get(address, (f"it is {host['status']}", now))
-                troubles.append(f"{names[0]}: {reason}")
-                waits = waits or until < float("inf")
-        limit = max(NO_SEATS_LIMIT, self._drive_limit if waits else 0.0)
-        if troubles and not waits and not self._has_started:
-            limit = 0.0
-        if now < self._since + limit:
-            return
-        if troubles:
-            raise CampaignError(
-                f"no worker of the Dask scheduler {self._address} can be used:"
-                f" {'; '.join(troubles)}"
-            )
-        raise CampaignError(
-            f"no worker of the Dask scheduler {self._address} offers a {RESOURCE}: start some"
-            f" with 'dask worker {self._address} --nthreads 1 --resources {RESOURCE}=1'"
-        )
-
-    # What becomes of a seat
-
-    def _heard(self, seat: _Held) -> Attempt | None:
-        """Attends to a seat; returns its finished attempt."""
-        seconds = time.monotonic() - seat.since
-        if seat.address not in self._hosts:
-            return self._lose(seat, "it died or left the cluster")
-        if seat.state == "starting":
-            if seat.opening.done():
-                self._opened(seat)
-            elif seconds > START_LIMIT:
-                self._lose(seat, f"its start took more than {START_LIMIT:g} s", float("inf"))
-        elif seat.call is not None:
-            if seat.call.done():
-                return self._answered(seat, seat.call, seconds)
-            if seconds > self._drive_limit:
-                return self._restart(seat)
-        elif self._hosts[seat.address]["status"] not in STAYING:
-            self._seats.remove(seat)
-            seat.opening.release()
-        return None
-
-    def _opened(self, seat: _Held) -> None:
-        try:
-            error = seat.opening.exception()
-        except Exception as cancelled:  # with its worker, say
-            error = cancelled
-        if error is None:
-            seat.state, seat.since = "idle", time.monotonic()
-            self._has_started = True
-            self._log.write(
-                LogEvent.WORKER_STARTED, f"worker {seat.name} started", worker=seat.name
-            )
-        elif isinstance(error, TakenError):
-            self._seats.remove(seat)
-            again = time.monotonic() + TAKEN_INTERVAL
-            self._refused[seat.address] = "it drives for another campaign", again
-        else:
-            self._lose(seat, _told(error), float("inf"))
-
-    def _answered(self, seat: _Held, call: Future, seconds: float) -> Attempt | None:
-        attempt: Attempt
-        try:
-            attempt, lines = call.result()
-        except Exception as error:  # Dask's, since `_test` raises nothing
-            return self._lose(seat, _told(error))
-        for level, name, text in lines:
-            logging.getLogger(name).log(level, "%s: %s", seat.name, text)
-        if attempt.worker_lost:
-            return self._lose(seat, attempt.result.reason, traceback=attempt.traceback)
-        seat.call, seat.state, seat.since = None, "idle", time.monotonic()
-        return replace(attempt, worker=seat.name, seconds=seconds)
-
-    def _restart(self, seat: _Held) -> Attempt | None:
-        """Lets its nanny end a hanging worker; one without a nanny is left alone."""
-        until = float("inf")
-        if self._hosts[seat.address].get("nanny"):
-            with suppress(Exception):  # it takes too long
-                self._client.restart_workers([seat.address], timeout=RESTART_LIMIT)
-            until = time.monotonic() + RESTART_LIMIT  # it is usually another one then
-        return self._lose(seat, f"its drive took more than {self._drive_limit:.3g} s", until)
-
-    def _lose(
-        self, seat: _Held, reason: str, until: float = 0.0, traceback: str = ""
-    ) -> Attempt | None:
-        """Gives a seat up, and its worker until then; returns the attempt that it drives."""
+    def _look(self) -> None:
+        """Counts the seats that are there."""
         self._require_connection()
-        self._seats.remove(seat)
-        self._refused[seat.address] = reason, until
-        self._next_look = 0.0
-        seat.opening.release()
-        loss = f"worker {seat.name} was lost: {reason}"
-        fields: dict[str, Any] = {"worker": seat.name, "reason": reason}
-        if seat.call is not None:
-            seat.call.release()
-            fields["test"] = seat.candidate
-        self._log.write(LogEvent.WORKER_LOST, loss, level="warning", **fields)
-        if seat.call is None:
-            return None
-        seconds = time.monotonic() - seat.since
-        return Attempt.lost(seat.candidate, seat.name, seconds, loss, traceback)
+        now = time.monotonic()
+        if now < self._next_look:
+            return
+        self._next_look = now + LOOK_INTERVAL
+        with suppress(OSError):  # it takes too long
+            identity = self._client.scheduler.identity
+            hosts = self._client.sync(identity, callback_timeout=CONNECT_LIMIT)["workers"]
+            self._seats_at = {
+                address: min(int(host["resources"].get(RESOURCE, 0)), host["nthreads"])
+                for address, host in hosts.items()
+                if host["status"] == "running"
+            }
+        if any(self._seats_at.values()):
+            self._last_seen = now
+        elif now > self._last_seen + NO_SEATS_LIMIT:
+            raise CampaignError(
+                f"no worker of the Dask scheduler {self._address} offers a {RESOURCE}: start some"
+                f" with 'dask worker {self._address} --nthreads 1 --resources {RESOURCE}=1'"
+            )
+
+    def _attempt(self, test: Future) -> Attempt:
+        number, _, since = self._running.pop(test)
+        try:
+            attempt: Attempt = test.result()
+        except _NoStartError as error:
+            raise CampaignError(f"no worker could be started: {error}") from None
+        except Exception as error:  # Dask's, whose workers have died too often
+            self._require_connection()
+            seconds = time.monotonic() - since
+            loss = f"its worker was lost: {reason_of(error)}"
+            attempt = Attempt.lost(number, "the cluster", seconds, loss)
+        if attempt.worker_lost:
+            fields: dict[str, Any] = {
+                "worker": attempt.worker,
+                "reason": attempt.result.reason,
+                "test": number,
+            }
+            self._log.write(LogEvent.WORKER_LOST, attempt.result.reason, level="warning", **fields)
+        return attempt
 
     def __enter__(self) -> Self:
         """Connects to the scheduler.
@@ -296,52 +176,19 @@ class ClusterWorkers(Workers):
         Raises:
             CampaignError: there is none.
         """
+        # It complains of a lost scheduler, which the campaign says itself.
+        logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
         self._client = _connect(self._address)
-        self._silence.enter_context(_silenced())
-        self._since = time.monotonic()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # a network makes a large task
+            self._seats = self._client.submit(_Seats, self._parcel, self._drive_limit, pure=False)
+        self._last_seen = time.monotonic()
         return self
 
-    def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
-        """Ends the simulators: at once during an error, else when what runs is done."""
-        with self._silence:
-            if error is None:
-                with suppress(Exception):  # the scheduler is lost, or it takes too long
-                    closings = [
-                        self._task(seat.address, _close, seat.opening) for seat in self._seats
-                    ]
-                    for closing in closings:
-                        closing.result(timeout=CLOSING_LIMIT)
-            self._client.close(timeout=CONNECT_LIMIT)
-
-
-def _told(error: BaseException) -> str:
-    return error.reason if isinstance(error, LostWorkerError) else reason_of(error)
-
-
-def _is_running(host: Any) -> bool:
-    """Whether a worker takes tasks; it may be gone, leaving or short of memory."""
-    return host is not None and host["status"] == "running"
-
-
-def _names(address: str, host: Any) -> list[str]:
-    """Names of a worker's seats."""
-    number = min(int(host["resources"].get(RESOURCE, 0)), host["nthreads"])
-    name = str(host["name"])
-    if name == address:
-        name = address.partition("://")[2]
-    return [name] if number == 1 else [f"{name} seat {k}" for k in range(1, number + 1)]
-
-
-@contextmanager
-def _silenced() -> Iterator[None]:
-    """Hides Dask's complaints about a lost scheduler: the campaign says it itself."""
-    dask = logging.getLogger("distributed.client")
-    level = dask.level
-    dask.setLevel(logging.CRITICAL)
-    try:
-        yield
-    finally:
-        dask.setLevel(level)
+    def __exit__(self, *_: object) -> None:
+        """Lets the cluster forget the seats, which ends them."""
+        self._running.clear()
+        self._client.close(timeout=CONNECT_LIMIT)
 
 
 def require_scheduler(address: str) -> None:
@@ -363,100 +210,65 @@ def _connect(address: str) -> Client:
         ) from None
 
 
-def _software() -> str:
-    try:
-        ours = version("frenetic-roads")
-    except PackageNotFoundError:  # it is somewhere on the path
-        ours = "of no version"
-    return f"Frenetic {ours} and Python {'.'.join(platform.python_version_tuple()[:2])}"
-
-
 # In a worker
 
-_opening = threading.Lock()
+
+class _NoStartError(Exception):
+    """A seat does not start."""
 
 
-class _Opened:
-    """A seat that is up until nobody refers to this, or its worker ends."""
+class _Seats:
+    """The seats of a Dask worker for one campaign: processes that end when this is forgotten."""
 
-    seat: Seat
-    end: finalize[..., _Opened]
+    def __init__(self, parcel: bytes, drive_limit: float) -> None:
+        self.parcel = parcel
+        self.drive_limit = drive_limit
+        self.idle: list[Worker] = []
+        finalize(self, lambda idle: threading.Thread(target=_end, args=(idle,)).start(), self.idle)
 
-    def __reduce__(self) -> NoReturn:
-        """Keeps a worker that is to leave from doing so before the campaign gives this up."""
-        raise TypeError("a seat cannot leave its worker")
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[bytes, float]]:
+        """Gives each Dask worker seats of its own."""
+        return _Seats, (self.parcel, self.drive_limit)
 
 
-def _open(parcel: bytes, software: str) -> _Opened:
-    """A seat of this worker whose simulator has started.
+def _end(seats: list[Worker]) -> None:
+    for seat in seats:
+        with suppress(LostWorkerError):  # what was driven stands
+            seat.close()
+
+
+def _test(seats: _Seats, candidate: Candidate) -> Attempt:
+    """Tests a candidate in an idle seat, or in a new one.
 
     Raises:
-        TakenError: it has no other.
-        LostWorkerError: it does not start, or the campaign has other software.
+        _NoStartError: that does not start.
     """
-    if software != _software():
-        raise LostWorkerError(
-            f"it has {_software()}, this campaign {software}: install the same versions on both"
-        )
-    worker = get_worker()
-    opened = _Opened()
-    with _opening:
-        if not hasattr(worker, "frenetic_seats"):
-            worker.frenetic_seats = WeakSet()
-        if len(worker.frenetic_seats) >= worker.state.total_resources.get(RESOURCE, 0):
-            raise TakenError
-        worker.frenetic_seats.add(opened)
+    # A nanny's worker may have no processes, since it could be killed without their knowing; ours
+    # end with it.
+    multiprocessing.current_process()._config["daemon"] = False  # type: ignore[attr-defined]
+    name = str(get_worker().name).rpartition("://")[2]
+    seat = seats.idle.pop() if seats.idle else _started(Worker(name, seats.parcel))
+    start = time.monotonic()
     try:
-        # A task may run anything on the worker, so unpickling is as safe as the task.
-        opened.seat = pickle.loads(parcel)  # noqa: S301
-        opened.end = finalize(opened, _end, opened.seat)
-        opened.seat.start()
-    except BaseException as error:  # also SystemExit: the worker goes on
-        raise LostWorkerError(reason_of(error)) from None
-    return opened
+        attempt: Attempt = seat.call("test", candidate, limit=seats.drive_limit)
+    except LostWorkerError as error:
+        seat.kill()
+        return lost_attempt(candidate.id, name, error, time.monotonic() - start)
+    if attempt.simulator_broke:
+        seat.kill()
+    else:
+        seats.idle.append(seat)
+    return replace(attempt, worker=name)
 
 
-def _test(opened: _Opened, candidate: Candidate) -> tuple[Attempt, list[tuple[int, str, str]]]:
-    """Tests a candidate in a seat; also what was logged."""
-    with _logged() as lines:
-        try:
-            attempt = opened.seat.test(candidate)
-        except BaseException as error:  # also SystemExit: the worker goes on
-            reason, trace = reason_of(error), traceback_of(error)
-            attempt = Attempt.lost(candidate.id, "", 0.0, reason, trace)
-    return attempt, lines
-
-
-def _close(opened: _Opened) -> None:
-    """Ends the simulator of a seat."""
-    opened.end()
-
-
-def _end(seat: Seat) -> None:
+def _started(seat: Worker) -> Worker:
     try:
-        seat.close()
-    except Exception as error:  # what was driven stands
-        logger.warning("a simulator did not end well: %s", reason_of(error))
-
-
-@contextmanager
-def _logged() -> Iterator[list[tuple[int, str, str]]]:
-    """Level, logger and text of what this thread logs, from INFO on."""
-    lines: list[tuple[int, str, str]] = []
-    thread = threading.get_ident()
-
-    class Keeper(logging.Handler):
-        def emit(self, record: logging.LogRecord) -> None:
-            if record.thread == thread:
-                lines.append((record.levelno, record.name, record.getMessage()))
-
-    library, keeper = logging.getLogger("frenetic"), Keeper(logging.INFO)
-    library.setLevel(min(library.level or logging.INFO, logging.INFO))
-    library.addHandler(keeper)
-    try:
-        yield lines
-    finally:
-        library.removeHandler(keeper)
+        seat.start()
+        seat.answer()
+    except (LostWorkerError, OSError, EOFError) as error:
+        seat.kill()
+        raise _NoStartError(f"{seat.name}: {error}") from None
+    return seat
 
 
 # Driver and simulator in one parcel, for computers without the user's files
@@ -472,7 +284,7 @@ def pack(tester: RoadTester) -> bytes:
         CampaignError: driver or simulator cannot be packed.
     """
     try:
-        parcel = _parcel(Seat(tester))
+        return _parcel(Seat(tester))
     except FreneticError:
         raise
     except Exception as error:
@@ -480,7 +292,6 @@ def pack(tester: RoadTester) -> bytes:
             "the driver or simulator cannot be sent to the workers of a cluster"
             f" ({describe_error(error)}): use local workers, or make it picklable"
         ) from error
-    return parcel
 
 
 def _parcel(part: object) -> bytes:

@@ -63,6 +63,12 @@ class Seat:
             self._tester.simulator.__exit__(None, None, None)
 
 
+def lost_attempt(number: int, worker: str, error: LostWorkerError, seconds: float) -> Attempt:
+    """The attempt at a candidate whose process was lost after so many s."""
+    loss = f"{worker} was lost: {error.reason}" if error.fault is None else lost_process(error)
+    return Attempt.lost(number, worker, seconds, loss, error.traceback, error.fault)
+
+
 class LocalWorkers:
     """Processes on this machine, each with a simulator and a driver of its own.
 
@@ -213,12 +219,9 @@ class LocalWorkers:
         attempts = []
         if seat.is_ready and seat.candidates:
             lost = seat.candidates.popleft().id
-            loss = self._note_loss(seat, error.reason, test=lost)
-            if error.fault is not None:
-                loss = lost_process(error)
+            self._note_loss(seat, error.reason, test=lost)
             seconds = time.monotonic() - seat.worker.since
-            name = seat.worker.name
-            attempts.append(Attempt.lost(lost, name, seconds, loss, error.traceback, error.fault))
+            attempts.append(lost_attempt(lost, seat.worker.name, error, seconds))
         else:
             self._note_loss(seat, error.reason)
             seat.failed_starts += 1
@@ -232,13 +235,12 @@ class LocalWorkers:
         seat.candidates.clear()
         self._start(seat)
 
-    def _note_loss(self, seat: _Seat, reason: str, **fields: JSONValue) -> str:
-        """Remembers and logs the reason of a worker's loss; returns it in a sentence."""
+    def _note_loss(self, seat: _Seat, reason: str, **fields: JSONValue) -> None:
+        """Remembers and logs the reason of a worker's loss."""
         seat.loss, name = reason, seat.worker.name
         loss = f"{name} was lost: {reason}"
         fields |= {"worker": name, "reason": reason}
         self._log.write(LogEvent.WORKER_LOST, loss, level="warning", **fields)
-        return loss
 
 
 class _Seat:
