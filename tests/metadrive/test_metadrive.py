@@ -9,7 +9,6 @@ import math
 
 import numpy as np
 import pytest
-from metadrive.component.vehicle.vehicle_type import StaticDefaultVehicle
 from metadrive.engine.engine_utils import get_engine
 from metadrive_drives import STRAIGHT, WINDING, Fixed, run
 from panda3d.core import Vec3
@@ -47,15 +46,6 @@ def test_options_out_of_range_are_refused() -> None:
     ):
         with pytest.raises(ValueError, match=rf"{name} is {value}: (a number|-2 to 2 m)"):
             make(**{name: value})  # type: ignore[arg-type]
-
-
-def test_another_car_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    with monkeypatch.context() as patch:
-        patch.setattr(StaticDefaultVehicle, "DEFAULT_LENGTH", 5.0)
-        with pytest.raises(FreneticError, match=r"another length, 5 instead of 4\.515: install"):
-            MetaDriveSimulator().__enter__()
-    with MetaDriveSimulator() as simulator:
-        assert judge(WINDING, simulator.drive(WINDING, Stanley())).outcome is Outcome.PASS
 
 
 def test_one_engine_per_process() -> None:

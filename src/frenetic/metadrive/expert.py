@@ -10,21 +10,20 @@ from collections.abc import Mapping
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Final
+from typing import ClassVar, Final
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.words import pip_install
-from frenetic.drivers import DriveSetup, Observation
+from frenetic.drivers import Controls, DriveSetup, Observation
 from frenetic.errors import FreneticError
+from frenetic.metadrive.car import VEHICLE, Decision
 
 WEIGHTS: Final = Path("examples", "ppo_expert", "expert_weights.npz")
 """Place of the network in MetaDrive's package."""
 SIZE: Final = 275
 """Numbers that it sees, each in 0..1: 9 of the car, 10 of the road ahead, then of other cars."""
-ACTION_SIZES: Final = (2, 4)
-"""Numbers that a policy gives: steering, throttle or brake; their spreads may follow."""
 PIECE_LENGTH: Final = 40.0
 """Approximate length of a piece of road, in m; MetaDrive's own maps have lanes of 40 m and more."""
 STRAIGHT_RADIUS: Final = 200.0
@@ -136,3 +135,43 @@ def _road_ahead(observation: Observation, width: float) -> list[float]:
             0.5 * (math.degrees(abs(turn)) / _LARGEST_ANGLE + 1.0),
         ]
     return numbers
+
+
+class MetaDriveExpert:
+    """The neural network that comes with MetaDrive, trained there by PPO; its mean action.
+
+    Alone in MetaDrive it sees MetaDrive's own observation. Elsewhere, and under layers, it steers
+    the wheels by the same angle as MetaDrive's car and accelerates like it, as far as that car can.
+    """
+
+    BEHAVIOUR: ClassVar[int] = 1
+    """Raised when its controls change; campaigns record it."""
+    BEHAVIOUR_PACKAGES: ClassVar[tuple[str, ...]] = ("metadrive-simulator",)
+    """Distributions whose versions belong to it."""
+    period: ClassVar[float] = 0.1
+    """s: the time between two decisions in MetaDrive."""
+
+    def reset(self, setup: DriveSetup) -> None:
+        """Forgets the last drive.
+
+        Raises:
+            FreneticError: MetaDrive is not installed.
+        """
+        weights()
+        self._setup, self._action, self._heading = setup, (0.0, 0.0), math.nan
+
+    def act(self, observation: Observation) -> Controls:
+        """The network's action, as the controls of this car."""
+        turned = observation.heading - self._heading
+        turned = 0.0 if math.isnan(turned) else turned
+        seen = state_of(observation, self._setup, self._action, turned)
+        steering, pedal = (min(max(value, -1.0), 1.0) for value in expert_action(seen))
+        self._action, self._heading = (steering, pedal), observation.heading
+        decision = Decision.of_action(steering, pedal)
+        acceleration = (
+            decision.throttle * VEHICLE.engine_acceleration
+            - decision.brake * VEHICLE.brake_deceleration
+        )
+        return Controls.from_acceleration(
+            acceleration, decision.steering, speed=observation.speed, setup=self._setup
+        )

@@ -13,7 +13,7 @@ from frenetic.drive import Drive, Rules
 from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
 from frenetic.errors import FreneticError, describe_error
 from frenetic.metadrive.car import PHYSICS_STEP, VEHICLE, Decision
-from frenetic.metadrive.drivers import ObservingDriver
+from frenetic.metadrive.expert import MetaDriveExpert, expert_action
 from frenetic.road import Road
 from frenetic.simulators.capabilities import check_road
 from frenetic.simulators.following import RECORD_PERIOD, follow
@@ -154,8 +154,8 @@ class MetaDriveSimulator(StartingPlace):
             turned=self.start_heading,
         )
         car, asked = _Car(self._world, road.pose.heading), driver
-        if isinstance(driver, ObservingDriver):
-            car = asked = _Observed(self._world, road.pose.heading, driver)
+        if isinstance(driver, MetaDriveExpert):
+            car = asked = _Expert(self._world, road.pose.heading)
         return follow(car, road, self.rules, self.car, self.setup(road), asked, self.wall_limit)
 
 
@@ -192,20 +192,17 @@ class _Car:
         self._world.steer(*decision.action)
 
 
-class _Observed(_Car):
-    """MetaDrive's car with a driver that acts by MetaDrive's own observation, as a driver."""
+class _Expert(_Car):
+    """MetaDrive's car with its expert as a driver, by MetaDrive's own observation."""
 
-    def __init__(self, world: World, heading: float, driver: ObservingDriver) -> None:
-        super().__init__(world, heading)
-        self.period = driver.period
-        self._mean_action = driver.mean_action
+    period = MetaDriveExpert.period
 
     def reset(self, setup: DriveSetup) -> None:
         """It was made for this drive."""
 
     def act(self, observation: Observation) -> Controls:  # noqa: ARG002
         """Its controls; its brake may go beyond a driver's."""
-        action = self._mean_action(self._world.observe())
+        action = expert_action(self._world.observe())
         decision = Decision.of_action(*(min(max(float(v), -1.0), 1.0) for v in action))
         self._steer(decision)
         return Controls(*decision)

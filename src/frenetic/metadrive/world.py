@@ -26,12 +26,7 @@ from panda3d.core import Vec3
 
 from frenetic._support.arrays import FloatArray
 from frenetic.errors import FreneticError
-from frenetic.metadrive.car import (
-    BRAKE_IMPULSE,
-    ENGINE_FORCE,
-    PHYSICS_STEP,
-    VEHICLE,
-)
+from frenetic.metadrive.car import PHYSICS_STEP
 from frenetic.metadrive.expert import PIECE_LENGTH, STRAIGHT_RADIUS
 from frenetic.road import Road
 from frenetic.simulators.stepped import Motion
@@ -130,8 +125,7 @@ class World:
     """MetaDrive's engine with a car, and a road once one is loaded.
 
     Raises:
-        FreneticError: this process already has a MetaDrive engine, or MetaDrive's car is not the
-            known one.
+        FreneticError: this process already has a MetaDrive engine.
     """
 
     def __init__(self) -> None:
@@ -165,7 +159,6 @@ class World:
         self.vehicle: Any = None  # MetaDrive's car
         try:
             self._reset()
-            self._check_car()
         except BaseException:
             self.close()
             raise
@@ -185,26 +178,6 @@ class World:
     def _reset(self) -> None:
         self._env.reset(seed=SEED)
         self.vehicle = self._env.agent
-
-    def _check_car(self) -> None:
-        """Checks that MetaDrive's car is the one of the drivers' setup."""
-        car = self.vehicle
-        for name, there, here in (
-            ("length", car.LENGTH, VEHICLE.length),
-            ("width", car.WIDTH, VEHICLE.width),
-            ("mass", car.MASS, VEHICLE.mass),
-            ("front axle", car.FRONT_WHEELBASE, VEHICLE.front_axle),
-            ("rear axle", car.REAR_WHEELBASE, VEHICLE.rear_axle),
-            ("steering limit", math.radians(car.max_steering), VEHICLE.steering_limit),
-            ("engine force", car.config["max_engine_force"], ENGINE_FORCE),
-            ("brake impulse", car.config["max_brake_force"], BRAKE_IMPULSE),
-            ("tyre friction", car.config["wheel_friction"], VEHICLE.tyre_peak),
-        ):
-            if not math.isclose(there, here, rel_tol=1e-6):
-                raise FreneticError(
-                    f"the car of this MetaDrive has another {name}, {there:g} instead of {here:g}:"
-                    " install the version that is known, metadrive-simulator 0.4.3"
-                )
 
     def load(self, road: Road, *, friction: float, left: float, turned: float) -> None:
         """Replaces the road and puts the car at its start, at rest.
