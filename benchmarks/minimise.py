@@ -5,15 +5,13 @@
 
 Every seed 1 .. N is a search with the strategy `frenetic-2021` in the embedded simulator, with its
 default rules on the default map. Of each search, so many failures are minimised, evenly spaced in
-the order of finding, once with the guard that is the default and once without. The same call prints
-the same figures on the same machine, but for the time.
+the order of finding. The same call prints the same figures on the same machine, but for the time.
 
 Every result is driven again by a simulator and driver of its own. The benchmark ends with an error
 if one of them does not have the failure of the original.
 
 length share    length of the minimised road by that of the original
 difference      m, of the failure from the original's, as of distinct failures
-after N drives  median length share if no more drives had been allowed
 still fails     share of the roads that fail for the same reason when something changes: all
                 curvatures, the friction, the speed limit, the driver's noise (five seeds), or every
                 curvature on its own by up to 0.001 1/m (five draws)
@@ -28,12 +26,10 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
 from frenetic.again.minimise import (
-    GUARD,
     MAX_DRIVES,
     Ending,
     FailureReason,
@@ -52,9 +48,6 @@ from frenetic.road import Road
 from frenetic.search import Candidate, Frenetic2021
 from frenetic.simulators import EmbeddedSimulator, Rules
 from frenetic.testing import converse
-
-MARKS: Final = (10, 20, 30, 50, 75, 100, 150, 200, 300, 500)
-"""Numbers of drives after which the length share is told."""
 
 Change = Callable[[Road], "FailureReason | None"]
 """Drives a road when something is different."""
@@ -80,9 +73,8 @@ class Spread:
 
 @dataclass(frozen=True)
 class Figures:
-    """Results of minimising with one guard."""
+    """Results of minimising."""
 
-    guard: float
     failures: int
     length_before: Spread
     length: Spread
@@ -97,8 +89,6 @@ class Figures:
     """m."""
     different: int
     """Minimised roads that are not equal."""
-    after_drives: dict[int, float]
-    """Median length share after so many drives."""
 
 
 def find_failures(seed: int, simulations: int, driver: Driver, number: int) -> list[Road]:
@@ -118,32 +108,27 @@ def find_failures(seed: int, simulations: int, driver: Driver, number: int) -> l
 
 
 def measure(
-    roads: Sequence[Road], driver: Driver, guard: float, max_drives: int
+    roads: Sequence[Road], driver: Driver, max_drives: int
 ) -> tuple[Figures, list[Minimised]]:
     """Minimises all roads and checks each result with a fresh simulator."""
     tester = RoadTester(EmbeddedSimulator(), driver)
     results, seconds = [], []
     for road in roads:
         start = time.perf_counter()
-        minimised = minimise(road, tester, max_drives=max_drives, guard=guard)
+        minimised = minimise(road, tester, max_drives=max_drives)
         seconds.append(time.perf_counter() - start)
         results.append(minimised)
         if not has_same_failure(minimised, EmbeddedSimulator().drive(minimised.road, driver)):
             sys.exit(f"{minimised.road.curvatures} does not have the same failure any more")
     before = [result.shapes[0] for result in results]
     after = [result.shapes[1] for result in results]
-
-    def share_after(result: Minimised, drives: int) -> float:
-        length = result.shapes[0].length
-        lengths = [i.shape.length for i in result.improvements if i.trials <= drives]
-        return min([length, *lengths]) / length
-
     return Figures(
-        guard=guard,
         failures=len(results),
         length_before=Spread.of([shape.length for shape in before]),
         length=Spread.of([shape.length for shape in after]),
-        length_share=Spread.of([share_after(result, max_drives) for result in results]),
+        length_share=Spread.of(
+            [new.length / old.length for old, new in zip(before, after, strict=True)]
+        ),
         curves_before=Spread.of([shape.curves for shape in before]),
         curves=Spread.of([shape.curves for shape in after]),
         drives=Spread.of([result.drives for result in results]),
@@ -151,11 +136,6 @@ def measure(
         minimal=float(np.mean([result.ending is Ending.MINIMAL for result in results])),
         difference=Spread.of([result.difference for result in results]),
         different=len(set(after)),
-        after_drives={
-            mark: float(np.median([share_after(result, mark) for result in results]))
-            for mark in MARKS
-            if mark <= max_drives
-        },
     ), results
 
 
@@ -246,37 +226,30 @@ def main() -> None:
             for seed in range(1, options.seeds + 1)
             for road in find_failures(seed, options.simulations, make_driver(), options.failures)
         ]
-    guarded, with_guard = measure(roads, make_driver(), GUARD, options.max_drives)
-    bare, without = measure(roads, make_driver(), 0.0, options.max_drives)
+    figures, results = measure(roads, make_driver(), options.max_drives)
 
     print(f"{len(roads)} failures of {options.seeds} searches, {options.driver}\n")
-    for figures in (guarded, bare):
-        print(f"guard {figures.guard:g}")
-        print(f"{'':16}{'least':>8}{'lower':>8}{'median':>8}{'upper':>8}{'most':>8}")
-        for name in (
-            "length_before", "length", "length_share", "curves_before", "curves", "drives",
-            "difference", "seconds",
-        ):  # fmt: skip
-            spread = getattr(figures, name)
-            digits = 2 if name in ("length_share", "difference", "seconds") else 0
-            row = "".join(f"{value:8.{digits}f}" for value in asdict(spread).values())
-            print(f"{name.replace('_', ' '):16}{row}")
-        print(f"minimal {figures.minimal:.0%}, different roads {figures.different}")
-        print("length share after drives:", end="")
-        print("".join(f"  {mark}: {share:.2f}" for mark, share in figures.after_drives.items()))
-        print()
-    print(f"{'still fails with':36}{'original':>10}{'guarded':>10}{'bare':>10}")
+    print(f"{'':16}{'least':>8}{'lower':>8}{'median':>8}{'upper':>8}{'most':>8}")
+    for name in (
+        "length_before", "length", "length_share", "curves_before", "curves", "drives",
+        "difference", "seconds",
+    ):  # fmt: skip
+        spread = getattr(figures, name)
+        digits = 2 if name in ("length_share", "difference", "seconds") else 0
+        row = "".join(f"{value:8.{digits}f}" for value in asdict(spread).values())
+        print(f"{name.replace('_', ' '):16}{row}")
+    print(f"minimal {figures.minimal:.0%}, different roads {figures.different}\n")
+    print(f"{'still fails with':36}{'original':>10}{'minimised':>10}")
     still_fails = {}
     for name, ways in changes(make_driver).items():
         shares = [
-            still_failing([(r.original.road, r.reason) for r in with_guard], ways),
-            still_failing([(r.road, r.reason) for r in with_guard], ways),
-            still_failing([(r.road, r.reason) for r in without], ways),
+            still_failing([(r.original.road, r.reason) for r in results], ways),
+            still_failing([(r.road, r.reason) for r in results], ways),
         ]
         still_fails[name] = shares
         print(f"{name:36}" + "".join(f"{share:10.0%}" for share in shares))
     if options.json is not None:
-        document = {"figures": [asdict(guarded), asdict(bare)], "still_fails": still_fails}
+        document = {"figures": asdict(figures), "still_fails": still_fails}
         options.json.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
 
 

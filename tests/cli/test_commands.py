@@ -46,8 +46,7 @@ CALLS: Final = {
         " matches correlation tests"
     ),
     "minimise c --max-drives 5": (
-        "test road picture comparison reason match drives ending guard note trouble repeat"
-        " length length_before curves curves_before curvatures step improvements difference"
+        "name test road reason match drives ending trouble conditions length length_before"
     ),
     "estimate --odd odd.toml --drives 100": "domain method rate low high drives failures",
     "compare one=c two=d": "groups measures notes order",

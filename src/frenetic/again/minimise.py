@@ -20,7 +20,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.again.campaigns import How, campaign_again, complete
-from frenetic.again.shrinking import Answer, Improvement, Shape, Shrinker, Trials
+from frenetic.again.shrinking import Answer, Shape, Shrinker, Trials
 from frenetic.analysis.causes import kind_number
 from frenetic.analysis.failures import THRESHOLD, Clusters, Failure
 from frenetic.campaign.asking import replay
@@ -54,10 +54,6 @@ MOST_EACH: Final = 120
 """Drives after which hardly any gets shorter."""
 CAUSE: Final = f"{kind_number.__module__}:{kind_number.__name__}"
 """Objective of the campaigns that drive."""
-_UNGUARDED: Final = (
-    "No road was found that also fails with all curvatures {0:g} % smaller and {0:g} % larger,"
-    " the original included"
-)
 _BISECTIONS: Final = 6
 _FAR: Final = 200.0
 """Amount in m that stands for the usual one of a view without end."""
@@ -121,7 +117,6 @@ class Minimising(Strategy):
     Args:
         start: the failing road.
         rules: by which drives fail.
-        guard: share by which the curvatures of a road's neighbours differ, see `minimise`.
         conditions: in which it fails.
         usual: what is usual of these, as far as it is known.
     """
@@ -133,11 +128,10 @@ class Minimising(Strategy):
         self,
         start: Shape,
         rules: Rules,
-        guard: float,
         conditions: Conditions,
         usual: Conditions,
     ) -> None:
-        self.options = {"curvatures": list(start.values), "step": start.step, "guard": guard}
+        self.options = {"curvatures": list(start.values), "step": start.step}
         if start.slopes:
             self.options["slopes"] = [list(pair) for pair in start.slopes]
         if conditions:
@@ -155,10 +149,10 @@ class Minimising(Strategy):
         self.is_minimal = False
         """Whether no pass finds anything smaller."""
         self._rules = rules
-        self._guard = guard
         self._next: Shape | None = start
         self._run: Trials[None] | None = None
-        self._failure: _Found | None = None
+        self.failure: _Found | None = None
+        """That of the first road."""
         self._ledger = Ledger()
 
     def ask(self) -> Candidate | None:
@@ -202,7 +196,7 @@ class Minimising(Strategy):
         best = self.shrinker.best
         count = min(len(best), len(shape), 3)
         begins_alike = shape.step == best.step and np.allclose(
-            shape.values[:count], best.values[:count], rtol=2.0 * self._guard, atol=1e-12
+            shape.values[:count], best.values[:count], rtol=2.0 * GUARD, atol=1e-12
         )
         return moved_along(self.conditions, 0.0 if begins_alike else shape.length - best.length)
 
@@ -253,10 +247,10 @@ class Minimising(Strategy):
         found = self._failure_of(evaluation, candidate)
         if self._run is None:
             if found is not None:
-                self._failure = found
+                self.failure = found
                 self.shrinker = Shrinker(
                     _shape_of(candidate),
-                    self._neighbours,
+                    lambda shape: (shape.scaled(1.0 - GUARD), shape.scaled(1.0 + GUARD)),
                     place=evaluation.place if evaluation.criterion else None,
                 )
                 self.smallest = candidate
@@ -280,11 +274,6 @@ class Minimising(Strategy):
         if self.shrinker.best != best:
             self.smallest = self._tried[self.shrinker.best]
 
-    def _neighbours(self, shape: Shape) -> tuple[Shape, ...]:
-        if self._guard == 0.0:
-            return ()
-        return shape.scaled(1.0 - self._guard), shape.scaled(1.0 + self._guard)
-
     def _failure_of(self, evaluation: Evaluation, candidate: Candidate) -> _Found | None:
         if evaluation.outcome is not Outcome.FAIL:
             return None
@@ -296,13 +285,14 @@ class Minimising(Strategy):
         return _Found(reason, approach, evaluation.objective, fault)
 
     def _is_like(self, found: _Found | None) -> bool:
-        if found is None or self._failure is None or found.reason is not self._failure.reason:
+        first = self.failure
+        if found is None or first is None or found.reason is not first.reason:
             return False
         if found.fault is not None:
-            return found.fault.is_like(self._failure.fault)
-        if found.cause != self._failure.cause:
+            return found.fault.is_like(first.fault)
+        if found.cause != first.cause:
             return False
-        return float(np.linalg.norm(found.approach - self._failure.approach)) <= THRESHOLD
+        return float(np.linalg.norm(found.approach - first.approach)) <= THRESHOLD
 
 
 class _Found(NamedTuple):
@@ -326,8 +316,8 @@ class Minimised:
     """Quantity of its conditions -> amount nearer to the usual one with which it does not fail."""
     smallest: Test
     """The drive on the smallest road with the same failure; possibly the original."""
-    improvements: tuple[Improvement, ...]
-    """Its improvements, in order; the trials are drives, the first of them the original's."""
+    reason: FailureReason
+    """Why the drives on both roads failed."""
     drives: int
     """Number of all drives."""
     folder: str
@@ -335,10 +325,8 @@ class Minimised:
     ending: Ending
     trouble: str | None
     """Reason for giving up, if any: the simulator or driver broke repeatedly."""
-    guard: float
-    """Share by which the curvatures of its neighbours differ, which fail as well; 0 without any."""
-    note: str
-    """Sentence that no neighbours fail as well although they should; mostly empty."""
+    is_guarded: bool
+    """Whether it fails, too, with all curvatures smaller or larger by `GUARD`."""
     match: Match | None = None
     """How the original fails now, beside the failure that its campaign recorded; None without a
     campaign."""
@@ -377,17 +365,6 @@ class Minimised:
         """The original road and the smallest without their places."""
         return _shape_of(self.original.candidate), _shape_of(self.smallest.candidate)
 
-    @property
-    def reason(self) -> FailureReason:
-        """Reason why the drives on both roads failed."""
-        result, setting = self.smallest.result, self.smallest.setting
-        assert setting is not None
-        side, criterion = None, None
-        if (finding := result.finding) is not None:
-            side, criterion = finding.side, finding.criterion
-        timeout = setting.rules.timeout(self.road.length)
-        return FailureReason.of(side, result.duration, timeout, result.fault, criterion)
-
 
 def _shape_of(road: Candidate) -> Shape:
     """A candidate's road without its place."""
@@ -406,7 +383,6 @@ def minimise(
     *,
     max_drives: int = MAX_DRIVES,
     seconds: float | None = None,
-    guard: float = GUARD,
     folder: Path | str | None = None,
     conditions: Conditions = MappingProxyType({}),
     **how: Unpack[How],
@@ -415,8 +391,8 @@ def minimise(
 
     Smaller is shorter, or as long and plainer, in the order of `frenetic.again.shrinking.Shape`.
     Every kept road is valid, was driven and has the failure, and so did
-    two neighbours of it, with all curvatures a little smaller and a little larger: the failure
-    survives a slight change. Where those of the original do not fail, roads are kept without such
+    two neighbours of it, with all curvatures smaller and larger by `GUARD`: the failure survives a
+    slight change. Where those of the original do not fail, roads are kept without such
     neighbours until one with them is found. No road is driven twice, and the result is
     deterministic.
 
@@ -425,8 +401,6 @@ def minimise(
         tester: drives roads on the terms of the failure.
         max_drives: most drives to spend; refused roads cost none.
         seconds: most wall time to spend; None for any.
-        guard: share by which the curvatures of the neighbours differ, at least 0 and below 1; 0
-            requires no neighbours.
         conditions: in which the road fails. Those that the failure does not need are left out; the
             others are moved towards the usual ones as far as the failure lasts.
         folder: of the campaign whose road it is, which keeps the drives; by default none are kept.
@@ -438,8 +412,6 @@ def minimise(
         ValueError: a number is out of range, or the road has other lanes than the tester.
     """
     max_drives = require_count("max_drives", max_drives)
-    if not 0.0 <= guard < 1.0:
-        raise ValueError(f"guard is {guard}: at least 0 and less than 1 is needed")
     if road.lane_width != tester.lane_width:
         raise ValueError(
             f"the road's lanes are {road.lane_width:g} m wide, those of the tester"
@@ -462,7 +434,7 @@ def minimise(
         )
     )
     usual = usual_conditions(conditions, tester.simulator)
-    strategy = Minimising(start, tester.simulator.rules, guard, conditions, usual)
+    strategy = Minimising(start, tester.simulator.rules, conditions, usual)
     budget, trouble = Budget(simulations=max_drives, time=seconds), None
     with TemporaryDirectory() as temporary:
         campaign = campaign_again(
@@ -483,41 +455,34 @@ def minimise(
             trouble = str(error)
         with CampaignStore.open(campaign.folder) as store:
             if strategy.shrinker is None:  # nothing was left to be driven
-                strategy = Minimising(start, tester.simulator.rules, guard, conditions, usual)
+                strategy = Minimising(start, tester.simulator.rules, conditions, usual)
                 replay(store, strategy, budget, Objective.load(CAUSE))
-            return _minimised(store, strategy, max_drives, guard, trouble)
+            return _minimised(store, strategy, max_drives, trouble)
 
 
 def _minimised(
-    store: CampaignStore,
-    strategy: Minimising,
-    max_drives: int,
-    guard: float,
-    trouble: str | None,
+    store: CampaignStore, strategy: Minimising, max_drives: int, trouble: str | None
 ) -> Minimised:
     tested = next(store.tests(), None)
     if tested is None:
         raise KeyboardInterrupt  # before anything was driven
-    if strategy.shrinker is None or strategy.smallest is None:
+    if strategy.shrinker is None or strategy.smallest is None or strategy.failure is None:
         raise FreneticError(
             f"only a road that fails can be minimised; this one is {tested.outcome}:"
             f" {tested.reason}"
         )
-    shrinker, drives = strategy.shrinker, store.counts().simulations
+    drives = store.counts().simulations
     ending = Ending.SPENT if drives >= max_drives else Ending.STOPPED
     return Minimised(
         original=store.test(1),
         passes=dict(strategy.passes),
         smallest=store.test(strategy.smallest.id),
-        improvements=tuple(
-            replace(found, trials=found.trials + 1) for found in shrinker.improvements
-        ),
+        reason=strategy.failure.reason,
         drives=drives,
         folder=store.folder.name,
         ending=Ending.MINIMAL if strategy.is_minimal else ending,
         trouble=trouble,
-        guard=guard if shrinker.is_guarded else 0.0,
-        note="" if shrinker.is_guarded else _UNGUARDED.format(100.0 * guard),
+        is_guarded=strategy.shrinker.is_guarded,
     )
 
 
@@ -573,7 +538,6 @@ def minimise_test(
     *,
     max_drives: int = MAX_DRIVES,
     seconds: float | None = None,
-    guard: float = GUARD,
     kept: Path | str | None = None,
     **how: Unpack[How],
 ) -> Minimised:
@@ -585,7 +549,6 @@ def minimise_test(
         tester: as for `minimise`, like the other arguments.
         max_drives: see there.
         seconds: see there.
-        guard: see there.
         kept: folder for the drives; by default the campaign's.
         how: see there.
 
@@ -600,7 +563,6 @@ def minimise_test(
         conditions=test.candidate.conditions,
         max_drives=max_drives,
         seconds=seconds,
-        guard=guard,
         folder=place,
         **how,
     )

@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from frenetic._support.words import counted
 from frenetic.cli import complain
-from frenetic.cli.again import chosen_tests, file_spec, interrupted, recorded_spec
-from frenetic.cli.console import (
-    Log,
-    announced_compilation,
-    live_line,
-    print_facts,
-    print_table,
-    shell,
+from frenetic.cli.again import (
+    chosen_tests,
+    file_spec,
+    interrupted,
+    recorded_spec,
+    shown_driving,
 )
+from frenetic.cli.console import Log, print_facts, shell
 from frenetic.cli.options import (
     as_usage_error,
     count_option,
@@ -36,7 +34,7 @@ from frenetic.spec import Spec
 
 if TYPE_CHECKING:
     from frenetic.again.minimise import Minimised
-    from frenetic.campaign import Event, RoadTester, Test
+    from frenetic.campaign import Event, Test
     from frenetic.report.minimised import MinimisedFiles
     from frenetic.road import Road
 
@@ -57,33 +55,11 @@ class Work:
     test: Test | None = None
     """The campaign's test, if it is one's."""
 
-    @property
-    def test_id(self) -> int | None:
-        """Id of the test; None for a road file."""
-        return None if self.test is None else self.test.id
-
-    @property
-    def repeat(self) -> str:
-        """The command line that drives the minimised road again."""
-        return f"frenetic drive {shell(self.files.road)}"
-
-
-Done: TypeAlias = tuple[Work, "Minimised"]
-
 
 @click.command()
 @source_arguments
 @count_option("--top", "Minimise a campaign's N most telling failures. [default: the first]")
 @count_option("--max-drives", "Drives to spend on each road at most.", default=500)
-@click.option(
-    "--guard",
-    type=click.FloatRange(0.0, 1.0, max_open=True),
-    default=0.02,
-    show_default=True,
-    metavar="SHARE",
-    help="Keep a road only if it fails with all curvatures this much smaller and larger, too, once"
-    " one does; 0 is no such guard.",
-)
 @file_option(
     "--out",
     "Where the road goes. [default: CAMPAIGN/minimised/test-ID.json, or test-ID-other.json if other"
@@ -99,7 +75,6 @@ def minimise(
     test_ids: tuple[int, ...],
     top: int | None,
     max_drives: int,
-    guard: float,
     out: Path | None,
     as_json: bool,
     **_: Any,
@@ -113,60 +88,62 @@ def minimise(
     smallest road found so far; the same command goes on with a campaign's test, and shows a
     complete one.
     """
+    from frenetic.again.minimise import minimise as minimised_road
+    from frenetic.again.minimise import minimise_test
     from frenetic.again.rerun import campaign_tester
     from frenetic.campaign import CampaignStore, RoadTester
     from frenetic.report.minimised import minimised_document, write_minimised
 
     if source.is_dir():
         spec, works = _of_campaign(context, source, test_ids, top, out)
+        driver, simulator = spec.make_parts(isolate=True)
+        with CampaignStore.open(source) as store:
+            tester = campaign_tester(store, simulator, driver)
     elif test_ids or top is not None:
         raise click.UsageError(f"{source} is no folder: an ID or --top needs that of a campaign")
     else:
         spec, works = _of_file(context, source, out)
-    driver, simulator = spec.make_parts(isolate=True)
-    if source.is_dir():
-        with CampaignStore.open(source) as store:
-            tester = campaign_tester(store, simulator, driver)
-    else:
+        driver, simulator = spec.make_parts(isolate=True)
         with as_usage_error():
             tester = RoadTester.on(spec, simulator, driver)
     for work in works:  # before hours are spent on what cannot be written
         work.files.prepare()
 
-    done: list[Done] = []
-    left = works
-    failed = is_interrupted = False
-    log = Log()
-    with announced_compilation(log) as compiled:
-        for number, work in enumerate(works, start=1):
-            try:
-                how = {"max_drives": max_drives, "guard": guard}
-                kept = None if out is None else out.parent
-                minimised = _minimise(work, tester, source, kept, how, log, compiled)
-                document = minimised_document(minimised, tester, spec, work.test_id)
-                with log.status(f"Drawing {work.name}"):
-                    write_minimised(minimised, work.files, document, name=work.name)
-            except FreneticError as error:
-                if len(works) == 1:
-                    raise
-                complain(f"{work.name}: {error}")
-                failed = True
-            else:
-                done.append((work, minimised))
-                is_interrupted = minimised.ending == "stopped" and minimised.trouble is None
-            left = works[number:]
-            if is_interrupted:
-                break
+    def minimised_of(work: Work, on_event: Callable[[Event], None]) -> Minimised:
+        if work.test is None:
+            return minimised_road(work.road, tester, max_drives=max_drives, on_event=on_event)
+        kept = None if out is None else out.parent
+        how: dict[str, Any] = {"max_drives": max_drives, "kept": kept, "on_event": on_event}
+        return minimise_test(source, work.test, tester, **how)
+
+    log, documents, left, failed = Log(), [], list(works), False
+    is_interrupted = False
+    while left and not is_interrupted:
+        work = left.pop(0)
+        test_id = None if work.test is None else work.test.id
+        try:
+            with shown_driving(log, f"Minimising {work.name}", max_drives) as on_event:
+                found = minimised_of(work, on_event)
+            document = minimised_document(found, tester, spec, test_id)
+            with log.status(f"Drawing {work.name}"):
+                write_minimised(found, work.files, document, name=work.name)
+        except FreneticError as error:
+            if len(works) == 1:
+                raise
+            complain(f"{work.name}: {error}")
+            failed = True
+            continue
+        is_interrupted = found.ending == "stopped" and found.trouble is None
+        if as_json:
+            documents.append(_as_json(work, found))
+        else:
+            _print(work, found)
     if as_json:
-        click.echo(json.dumps([_as_json(*item) for item in done]))
-    elif len(works) == 1:
-        _print_one(*done[0])
-    elif done:
-        _print_many(done)
+        click.echo(json.dumps(documents))
+    if is_interrupted and left:
+        which = ", ".join(work.name.removeprefix("Test ") for work in left)
+        raise interrupted(log, f"{counted(len(left), 'failure')} not begun: {which}")
     if is_interrupted:
-        if left:
-            which = ", ".join(str(work.test_id) for work in left)
-            raise interrupted(log, f"{counted(len(left), 'failure')} not begun: {which}")
         raise click.exceptions.Exit(130)
     if failed:
         raise click.exceptions.Exit(2)
@@ -190,21 +167,19 @@ def _of_campaign(
     with CampaignStore.open(folder) as store:
         spec = recorded_spec(store, given)
         chosen = chosen_tests(store, test_ids, top if test_ids else top or 1)
-        records = [store.test(test_id) for test_id in chosen or ()]
         works = []
-        for record in records:
-            number = record.candidate.id
+        for record in [store.test(test_id) for test_id in chosen or ()]:
             if record.outcome is not Outcome.FAIL:
                 raise click.UsageError(
-                    f"test {number} is {record.outcome}: only a failing road can be minimised"
+                    f"test {record.id} is {record.outcome}: only a failing road can be minimised"
                 )
-            road = minimised_road(folder, number)
+            road = minimised_road(folder, record.id)
             if given:
                 road = road.with_stem(f"{road.stem}-other")
-            files = MinimisedFiles.beside(out or road)
             left = without(record.candidate.conditions, *given_quantities(spec, given))
             test = replace(record, candidate=replace(record.candidate, conditions=left))
-            works.append(Work(f"Test {number}", record.road, files, test))
+            files = MinimisedFiles.beside(out or road)
+            works.append(Work(f"Test {record.id}", record.road, files, test))
     if not works:
         raise click.UsageError(f"{folder} holds no failing road: there is nothing to minimise")
     return spec, works
@@ -224,169 +199,50 @@ def _of_file(context: click.Context, path: Path, out: Path | None) -> tuple[Spec
     return replace(spec, lane_width=road.lane_width), works
 
 
-def _minimise(
-    work: Work,
-    tester: RoadTester,
-    source: Path,
-    kept: Path | None,
-    how: dict[str, Any],
-    log: Log,
-    compiled: Callable[[], None],
-) -> Minimised:
-    """Minimises one road and shows the progress."""
-    from frenetic.again.minimise import minimise, minimise_test
-
-    with _live(log, work, how["max_drives"]) as show, as_usage_error():
-
-        def on_event(event: Event) -> None:
-            if event.kind == "started":
-                compiled()
-            elif event.kind == "interrupted":
-                log.print("Stopping after this drive; press Ctrl-C again to leave at once.")
-            else:
-                show(event)
-
-        if work.test is None:
-            return minimise(work.road, tester, **how, on_event=on_event)
-        minimised = minimise_test(source, work.test, tester, kept=kept, **how, on_event=on_event)
-    if is_another(minimised):
-        log.print(
-            f"{work.name} is a different failure than recorded ({minimised.match}):"
-            f" {minimised.original.reason}, not: {work.test.reason}",
-            markup=False,
-        )
-    return minimised
-
-
-@contextmanager
-def _live(log: Log, work: Work, max_drives: int) -> Iterator[Callable[[Event], None]]:
-    """Shows the progress of a road."""
-
-    def text(event: Event) -> str:
-        notes = {} if event.test is None else event.test.candidate.notes
-        smaller = (
-            f", {work.road.length:.0f} m -> {notes['length']:.0f} m, curves {notes['curves']},"
-            f" {notes['pass']}"
-            if notes
-            else ""
-        )
-        drives = event.summary.simulations
-        return f"{work.name}: drive {drives} of at most {max_drives}{smaller}"
-
-    with live_line(log) as show:
-        yield lambda event: show(event.summary.budget_spent, lambda: text(event))
-
-
-def is_another(minimised: Minimised) -> bool:
-    """Whether the original now has another failure than its campaign recorded."""
+def _print(work: Work, minimised: Minimised) -> None:
     from frenetic.campaign.repeat import Match
 
-    return minimised.match not in (None, Match.SAME, Match.SAME_PLACE)
-
-
-def _ending(minimised: Minimised) -> str:
-    """Reason for the end of minimising, for people."""
-    trouble = minimised.trouble
-    return ENDINGS[minimised.ending] if trouble is None else f"gave up: {trouble}"
-
-
-def _print_one(work: Work, minimised: Minimised) -> None:
     before, after = minimised.shapes
+    trouble = minimised.trouble
     click.echo(
         f"{work.name}: {before.length:.0f} m -> {after.length:.0f} m,"
         f" {counted(before.curves, 'curve')} -> {after.curves},"
-        f" {counted(minimised.drives, 'drive')}, {_ending(minimised)}"
+        f" {counted(minimised.drives, 'drive')},"
+        f" {ENDINGS[minimised.ending] if trouble is None else f'gave up: {trouble}'}"
     )
-    if minimised.note:
-        click.echo(minimised.note)
+    match = minimised.match
+    notes = {
+        f"it is not the failure that the campaign recorded: {match}": match
+        not in (None, Match.SAME, Match.SAME_PLACE),
+        "a slight change makes it pass: all curvatures 2 % smaller or larger": (
+            not minimised.is_guarded
+        ),
+    }
+    conditions = minimised.conditions_in_words()
     print_facts(
         [
             ("fails", minimised.smallest.reason),
-            *([("conditions", text)] if (text := minimised.conditions_in_words()) else []),
-            ("failure", _failure(minimised)),
+            *([("conditions", conditions)] if conditions else []),
+            *(("note", text) for text, is_so in notes.items() if is_so),
             ("curvatures", " ".join(f"{v:g}" for v in after.values)),
-            ("road", str(work.files.road)),
-            ("picture", str(work.files.picture)),
             ("compared", str(work.files.comparison)),
-            ("repeat", work.repeat),
+            ("repeat", f"frenetic drive {shell(work.files.road)}"),
         ]
     )
 
 
-def _failure(minimised: Minimised) -> str:
-    """How the failure of the smallest road is like that of the original, in words."""
-    from frenetic.analysis.failures import THRESHOLD
-
-    if (fault := minimised.smallest.result.fault) is not None:
-        return f"the original's: the driver {fault}"
-    text = f"the original's, {minimised.difference:.1f} m different; {THRESHOLD:g} m are allowed"
-    if is_another(minimised):
-        text += f"; not the one recorded: {minimised.match}"
-    return text
-
-
-def _print_many(done: list[Done]) -> None:
-    rows = []
-    for work, minimised in done:
-        before, after = minimised.shapes
-        rows.append(
-            (
-                work.test_id,
-                f"{before.length:.0f} -> {after.length:.0f}",
-                f"{before.curves} -> {after.curves}",
-                minimised.drives,
-                minimised.reason,
-                f"{minimised.difference:.1f}",
-                minimised.match,
-                "yes" if minimised.ending == "minimal" else f"no, {_ending(minimised)}",
-            )
-        )
-    numbers = (">test", ">length (m)", ">curves", ">drives", "reason", ">difference (m)")
-    print_table((*numbers, "recorded", "minimal"), rows)
-    different = len({(minimised.reason, minimised.shapes[1]) for _, minimised in done})
-    come = f"{counted(len(done), 'failure')} {'comes' if len(done) == 1 else 'come'}"
-    click.echo(f"{come} down to {counted(different, 'different road')}")
-    if unguarded := [work.name for work, minimised in done if minimised.note]:
-        click.echo(f"Not found to hold the guard: {', '.join(unguarded)}")
-    first, _ = done[0]
-    click.echo(f"Roads:       {first.files.road.parent}")
-    click.echo(f"Repeat one:  {first.repeat}")
-
-
 def _as_json(work: Work, minimised: Minimised) -> dict[str, Any]:
-    files = work.files
     before, after = minimised.shapes
     return {
         "name": work.name,
-        "test": work.test_id,
+        "test": None if work.test is None else work.test.id,
         "reason": str(minimised.reason),
-        "description": minimised.smallest.reason,
         "length_before": before.length,
         "length": after.length,
-        "curves_before": before.curves,
-        "curves": after.curves,
         "drives": minimised.drives,
         "ending": str(minimised.ending),
         "trouble": minimised.trouble,
-        "guard": minimised.guard,
-        "note": minimised.note,
-        "difference": minimised.difference,
         "match": minimised.match,
-        "step": after.step,
-        "curvatures": list(after.values),
         "conditions": dict(minimised.conditions),
-        "passes": dict(minimised.passes),
-        "road": str(files.road),
-        "picture": str(files.picture),
-        "comparison": str(files.comparison),
-        "repeat": work.repeat,
-        "improvements": [
-            {
-                "pass": found.by,
-                "drives": found.trials,
-                "length": found.shape.length,
-                "curves": found.shape.curves,
-            }
-            for found in minimised.improvements
-        ],
+        "road": str(work.files.road),
     }

@@ -11,7 +11,12 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from frenetic._support.words import counted
-from frenetic.cli.again import chosen_tests, interrupted, recorded_spec, shown_driving
+from frenetic.cli.again import (
+    chosen_tests,
+    interrupted,
+    recorded_spec,
+    shown_driving,
+)
 from frenetic.cli.console import Log, print_table, shell, two_digits
 from frenetic.cli.options import (
     AskedRange,

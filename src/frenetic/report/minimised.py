@@ -110,7 +110,7 @@ def minimised_document(
             "drives": minimised.drives,
             "campaign": minimised.folder,
             "test": smallest.id,
-            "guard": minimised.guard,
+            "is_guarded": minimised.is_guarded,
             "ending": str(minimised.ending),
             **({"passes": dict(minimised.passes)} if minimised.passes else {}),
         },
