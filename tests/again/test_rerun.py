@@ -65,7 +65,7 @@ def again(
 
 
 def results_of(run: Rerun) -> list[Any]:
-    return [(drive.test_id, drive.conditions, drive.test.result) for drive in run.drives]
+    return [(drive.recorded.id, drive.conditions, drive.test.result) for drive in run.drives]
 
 
 def folders(campaign: Path) -> set[Path]:
@@ -102,7 +102,7 @@ def in_other_car(folder: Path) -> Rerun:
 def test_a_campaign_driven_again_ends_bit_for_bit_alike(campaign: Path, workers: int) -> None:
     tests = driven_in(campaign)
     run = again(campaign, tests, workers=workers)
-    assert [drive.test_id for drive in run.drives] == [test.id for test in tests]
+    assert [drive.recorded.id for drive in run.drives] == [test.id for test in tests]
     assert len(tests) == run.planned == 60
     for drive, test in zip(run.drives, tests, strict=True):
         assert drive.test.result == test.result, "outcome, MOOBD and departure among them"

@@ -51,7 +51,7 @@ CALLS: Final = {
     "estimate --odd odd.toml --drives 100": "domain method rate low high drives failures",
     "compare one=c two=d": "groups measures notes order",
     "compare c --driver aggression=0.9 --fresh 2": (
-        "answer verdict old new sets causes distinct_failures notes seed repeats simulator domain"
+        "answer verdict difference time_difference old new fresh known causes notes seed domain"
     ),
     "drive bend.json": (
         "road outcome reason moobd moobd_distance max_oob_share duration length findings fault"
@@ -178,7 +178,6 @@ MISTAKES: Final = [
     ("compare a=c b=d --out a.gif", "must end with one of .html, .png"),
     ("compare a=c b=d --out nowhere/a.html", "cannot be written"),
     ("compare c --driver planner", "both versions are the same"),
-    ("compare c --driver stanley --seed 3", "seed 3 is that of the campaign"),
     ("compare c d --driver stanley", "that of one campaign: name only that"),
     ("compare c --driver stanley --out p.html", "leave out --out"),
     ("compare c d --fresh 3", "--fresh is for a new version of a driver: add --driver"),

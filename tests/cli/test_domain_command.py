@@ -99,8 +99,6 @@ def test_failures_in_a_domain_are_driven_again_and_compared(frenetic: Frenetic, 
     assert frenetic(*dry, "--json").json["tests"][0]["conditions"] == {}
     compared = frenetic("compare", "c", "--driver", "aggression=0.9", "--fresh", "5")
     assert "domain: town: friction 0.1 to 1, gust -18 to 18 m/s\n" in compared.out
-    assert "such as" in compared.out
-    assert "conditions" in compared.out
 
 
 def test_an_export_says_what_a_file_cannot_hold(frenetic: Frenetic, path: Path) -> None:

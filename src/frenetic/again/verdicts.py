@@ -20,14 +20,12 @@ from frenetic.again.conditions import Variation
 from frenetic.analysis.statistics import SIGNIFICANT, holm, proportion_interval, spearman
 from frenetic.campaign.record import Test
 from frenetic.campaign.repeat import Match
-from frenetic.oracle import Finding
 from frenetic.outcome import Outcome
 from frenetic.quantities import quantity, without
 from frenetic.simulators.worlds import Conditions
 
 LEVEL: Final = 0.5
-"""Share of drives from which on a version fails on a road, and a failure is robust: of drives that
-fail, or have the same failure."""
+"""Share of drives with the same failure from which on it is robust."""
 LEAST_DRIVES: Final = 8
 """Fewest drives for a verdict on which quantities matter."""
 
@@ -90,11 +88,6 @@ class Repeat:
     both failed."""
 
     @property
-    def test_id(self) -> int:
-        """The campaign's test."""
-        return self.recorded.id
-
-    @property
     def conditions(self) -> Conditions:
         """The conditions of the drive."""
         return self.test.candidate.conditions
@@ -120,11 +113,6 @@ class Repeat:
         return self.test.result.duration
 
     @property
-    def departure(self) -> Finding | None:
-        """Place where the car left its lane; None if it did not."""
-        return self.test.departure
-
-    @property
     def margin(self) -> float:
         """Distance to failing, in m: the MOOBD of a drive that passed; all failures are equal.
 
@@ -147,18 +135,6 @@ class Repeat:
         """Whether outcome and MOOBD are exactly as before."""
         before = self.recorded
         return self.outcome is before.outcome and self.moobd == before.moobd
-
-
-def failing_share(drives: Iterable[Repeat], *, broken_fail: bool = False) -> float:
-    """Failing share 0..1 of the judged drives, of which there is at least one.
-
-    Args:
-        drives: of one road.
-        broken_fail: whether a drive that broke counts as a failure.
-    """
-    counts = Counter(one.outcome for one in drives)
-    failed = counts[Outcome.FAIL] + broken_fail * counts[Outcome.ERROR]
-    return failed / (failed + counts[Outcome.PASS])
 
 
 @dataclass(frozen=True)

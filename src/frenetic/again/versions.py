@@ -1,102 +1,386 @@
-"""Back-to-back testing: whether a new version of a driver is better than the old one.
+"""Two versions of a driver on the same roads: which is better, and what each does wrong.
 
-ISTQB's glossary calls so what executes the same tests on two variants and compares the results.
-Both versions drive on fresh random roads, which no search has chosen, in conditions of the
-campaign's domain if it has one, and on those on which the old one failed in its campaign;
-`frenetic.again.paired` says what the pairs show.
-
-The fresh roads are a campaign of their own, which the old version drives, in the folder ``again``
-of its campaign. Every other drive is a rerun of the campaign whose road it is.
+Both drive on fresh random roads, on which the verdict rests: a campaign of random search with the
+old version, in the folder ``again`` of its campaign, and a rerun of it with the new one. The roads
+on which the old version failed, which the new one drives, too, are shown beside: they were found by
+searching against the old version, so it looks worse on them than it is (regression to the mean).
 """
 
 from __future__ import annotations
 
+import math
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Final, NamedTuple, Unpack
 
 from frenetic._support.json_value import JSONValue
+from frenetic._support.words import counted
 from frenetic.again.campaigns import How, campaign_again, complete
-from frenetic.again.paired import BackToBack, Pair, PairedRoads, RoadSet
 from frenetic.again.rerun import drive_tests
-from frenetic.again.strategy import ByTest
-from frenetic.again.verdicts import Repeat
-from frenetic.campaign.campaign import SOURCES, Campaign
-from frenetic.campaign.counts import key_of
+from frenetic.again.verdicts import Change
+from frenetic.analysis.causes import in_words
+from frenetic.analysis.failures import Failure
+from frenetic.analysis.statistics import Estimate, median_estimate, paired_share_difference
+from frenetic.campaign.campaign import SOURCES
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import DATABASE, CampaignStore
-from frenetic.campaign.summary import Event
 from frenetic.campaign.tester import RoadTester
 from frenetic.domain import Domain
-from frenetic.drivers import Driver, Noisy
-from frenetic.drivers.driver import stack_of
+from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
-from frenetic.quantities import SEED
 from frenetic.search import RandomSearch
-from frenetic.search.random_search import RANDOM
 from frenetic.simulators.simulator import Simulator
-from frenetic.simulators.worlds import Conditions
 from frenetic.spec import Budget, Part, Spec, describe, part_text, require_count
 from frenetic.trust import NOT_DRIVING
 from frenetic.versions import comparison_key, sources_named
 
 FRESH: Final = 200
 """Default number of fresh roads."""
+SLOWER: Final = 0.01
+"""Least share of the time by which a version counts as slower."""
+BETTER: Final = "new is better"
+WORSE: Final = "new is worse"
+
+
+class Pair(NamedTuple):
+    """The drives of both versions on a road."""
+
+    old: Test
+    new: Test
+
+    @property
+    def change(self) -> Change:
+        """From the old version to the new."""
+        if not (self.old.outcome.is_driven and self.new.outcome.is_driven):
+            return Change.NOT_JUDGED
+        return Change.of(*(test.outcome is Outcome.FAIL for test in self))
 
 
 @dataclass(frozen=True)
-class Plan:
-    """The roads on which both versions are to drive; made by `plan`."""
+class PairedRoads:
+    """The drives of both versions on several roads."""
 
-    old: Path
-    """Folder of the campaign of the old version."""
-    fresh: int
-    """Number of fresh roads."""
-    seed: int
-    """Seed of the fresh roads."""
-    repeats: int
-    """Number of drives of each version on each road."""
-    failures: tuple[int, ...]
-    """The campaign's failing tests."""
+    folder: Path
+    """Folder of the campaign that holds the roads, and the old version's drives."""
+    pairs: tuple[Pair, ...]
 
     @property
-    def drives(self) -> int:
-        """Number of drives of each version."""
-        return self.repeats * (self.fresh + len(self.failures))
+    def judged(self) -> list[Pair]:
+        """Pairs of which both drives were judged."""
+        return [pair for pair in self.pairs if pair.change is not Change.NOT_JUDGED]
+
+    @property
+    def changes(self) -> Counter[Change]:
+        """Roads with each change."""
+        return Counter(pair.change for pair in self.pairs)
+
+    @property
+    def failing(self) -> tuple[int, int]:
+        """Judged roads on which the old version fails, and the new."""
+        old, new = (sum(pair[i].outcome is Outcome.FAIL for pair in self.judged) for i in range(2))
+        return old, new
+
+    def as_json(self) -> dict[str, JSONValue]:
+        """Its counts."""
+        old, new = self.failing
+        return {
+            "campaign": str(self.folder),
+            "judged": len(self.judged),
+            "failing": {"old": old, "new": new},
+            "changes": {str(change): self.changes[change] for change in Change},
+        }
 
 
-def plan(old: Path | str, *, fresh: int = FRESH, seed: int | None = None, repeats: int = 1) -> Plan:
-    """Chooses the roads on which two versions drive.
+@dataclass(frozen=True)
+class BackToBack:
+    """Two versions of a driver, driven on the same roads."""
+
+    old: Mapping[str, JSONValue]
+    """Driver as a campaign describes it."""
+    new: Mapping[str, JSONValue]
+    simulator: Mapping[str, JSONValue]
+    seed: int
+    """Seed of the fresh roads."""
+    fresh: PairedRoads
+    """The fresh roads, on which the verdict rests."""
+    known: PairedRoads
+    """Those on which the old version failed in its campaign."""
+    domain: Domain | None = None
+    """Domain of the roads and their conditions; None for the usual conditions."""
+    missing: int = 0
+    """Number of drives that Ctrl-C prevented."""
+
+    @cached_property
+    def difference(self) -> Estimate | None:
+        """Failure rate of the new version minus that of the old, -1..1; None without pairs."""
+        return _difference(self.fresh.judged)
+
+    @cached_property
+    def time_difference(self) -> Estimate | None:
+        """Median of the new version's time over the old one's, minus 1, where both passed."""
+        ratios = [
+            new.result.duration / old.result.duration - 1.0
+            for old, new in self.fresh.judged
+            if old.outcome is new.outcome is Outcome.PASS
+            and old.result.duration
+            and new.result.duration is not None
+        ]
+        return median_estimate(ratios) if ratios else None
+
+    @property
+    def verdict(self) -> str:
+        """The verdict: the whole interval of the difference lies on one side of 0.
+
+        It has to do so whether drives that broke are left out or count as failures.
+        """
+        broken_too = [
+            pair
+            for pair in self.fresh.pairs
+            if all(test.outcome.is_driven or test.outcome is Outcome.ERROR for test in pair)
+        ]
+        signs = {
+            0 if one is None else one.sign for one in (self.difference, _difference(broken_too))
+        }
+        if len(signs) > 1 or self.difference is None:
+            return "cannot tell"
+        return {-1: BETTER, 0: "no difference shown", 1: WORSE}[signs.pop()]
+
+    @property
+    def answer(self) -> str:
+        """The answer in one line."""
+        difference, verdict = self.difference, self.verdict
+        if difference is None:
+            return "cannot tell which is better: no fresh road was judged with both"
+        old, new = self.fresh.failing
+        value, low, high = (_points(one) for one in asdict(difference).values())
+        rates = f"(difference {value} points, 95 % interval {low} to {high})"
+        roads = f"of {counted(len(self.fresh.judged), 'fresh road')}"
+        if verdict not in (BETTER, WORSE):
+            if verdict == "cannot tell":
+                verdict += " which is better, drives that broke decide"
+            return f"{verdict}: {roads}, new fails on {new}, old on {old} {rates}"
+        time = self.time_difference
+        if time is not None and time.sign > 0 and time.value >= SLOWER:
+            word = "but" if verdict == BETTER else "and"
+            verdict += f" {word} {100.0 * time.value:.0f} % slower"
+        return f"{verdict}: {roads}, it fails on {new}, old on {old} {rates}"
+
+    @cached_property
+    def causes(self) -> dict[str, tuple[int, int]]:
+        """What the drivers do wrong -> on how many of all roads the old and the new version do."""
+        found: tuple[Counter[str], ...] = Counter(), Counter()
+        for pair in (*self.fresh.judged, *self.known.judged):
+            for causes, test in zip(found, pair, strict=True):
+                if (failure := Failure.of_test(test)) is not None:
+                    kind = None if failure.cause is None else failure.cause.kind
+                    causes[str(failure.fault) if kind is None else in_words(kind)] += 1
+        old, new = found
+        names = sorted({*old, *new}, key=lambda name: (-max(old[name], new[name]), name))
+        return {name: (old[name], new[name]) for name in names}
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Limits of the answer, each in a sentence."""
+        return tuple(self._notes())
+
+    def _notes(self) -> Iterator[str]:
+        if self.known.pairs:
+            yield (
+                "the answer rests on the fresh roads; failing roads were found by searching against"
+                " old, which looks worse on them than it is"
+            )
+        for i, version in enumerate(("old", "new")):
+            pairs = (*self.fresh.pairs, *self.known.pairs)
+            reasons = Counter(one[i].reason for one in pairs if one[i].outcome is Outcome.ERROR)
+            for reason, _ in reasons.most_common(1):
+                yield (
+                    f"{version} broke in {counted(reasons.total(), 'drive')}, which count as"
+                    f" neither passed nor failed, most often: {reason}"
+                )
+        if self.verdict not in (BETTER, WORSE) and self.fresh.judged:
+            more = 4 * len(self.fresh.pairs)
+            yield f"four times as many fresh roads, {more}, halve the interval"
+
+    def as_json(self) -> dict[str, JSONValue]:
+        """The result for JSON."""
+        return {
+            "answer": self.answer,
+            "verdict": self.verdict,
+            "notes": list(self.notes),
+            "old": dict(self.old),
+            "new": dict(self.new),
+            "simulator": dict(self.simulator),
+            "seed": self.seed,
+            "domain": None if self.domain is None else self.domain.entries(),
+            "difference": _interval(self.difference),
+            "time_difference": _interval(self.time_difference),
+            "fresh": self.fresh.as_json(),
+            "known": self.known.as_json(),
+            "causes": {cause: list(roads) for cause, roads in self.causes.items()},
+        }
+
+
+def _difference(pairs: Sequence[Pair]) -> Estimate | None:
+    """The difference of the failure rates; drives that broke count as failures."""
+    if not pairs:
+        return None
+    old, new = ([pair[i].outcome is not Outcome.PASS for pair in pairs] for i in range(2))
+    return paired_share_difference(old, new)
+
+
+def _points(share: float) -> str:
+    """A difference of shares in percentage points, with its sign but for 0."""
+    text = f"{100.0 * share:+.1f}"
+    return text[1:] if float(text) == 0.0 else text
+
+
+def _interval(value: Estimate | None) -> dict[str, JSONValue] | None:
+    if value is None:
+        return None
+    return {name: v if math.isfinite(v) else None for name, v in asdict(value).items()}
+
+
+# Driving
+
+
+@dataclass(frozen=True)
+class FreshRoads:
+    """Fresh random roads, driven by the old version."""
+
+    campaign: Path
+    """Folder of the campaign of the old version."""
+    folder: Path
+    """Folder of the campaign of random search with these roads."""
+    count: int
+    seed: int
+    driver: Mapping[str, JSONValue]
+    """The old version as a campaign describes it."""
+    tests: tuple[int, ...]
+    """Ids of the roads' tests there; Ctrl-C leaves fewer."""
+
+
+def fresh_roads(
+    campaign: Path | str,
+    simulator: Simulator,
+    driver: Driver,
+    *,
+    fresh: int = FRESH,
+    spec: Spec | None = None,
+    **how: Unpack[How],
+) -> FreshRoads:
+    """Lets the old version drive on fresh random roads, as far as these drives are not stored.
+
+    The seed is the least that is not the campaign's.
 
     Args:
-        old: folder of a campaign of the old version.
-        fresh: number of fresh roads.
-        seed: of the fresh roads, another than that of the campaign; the least of these by default.
-        repeats: number of drives of each version on each road.
+        campaign: folder of a campaign of the old version.
+        simulator: that of the campaign, not yet entered.
+        driver: the old version.
+        fresh: number of roads.
+        spec: names of the campaign's parts, for the record.
+        how: see `How`.
 
     Raises:
-        CampaignError: there is no such campaign, or it is damaged.
+        CampaignError: there is no such campaign, or as for `frenetic.again.campaigns`.
         ValueError: an option is out of range.
     """
-    for name, number in (("fresh", fresh), ("repeats", repeats)):
-        require_count(name, number)
-    with CampaignStore.open(old) as store:
-        taken = store.config.get("seed")
-        failures = tuple(sorted(test.id for test in store.tests(Outcome.FAIL)))
-    if seed is None:
-        seed = next(number for number in count() if number != taken)
-    elif seed == taken:
-        raise ValueError(
-            f"seed {seed} is that of the campaign, whose random roads are not fresh: choose another"
+    require_count("fresh", fresh)
+    with CampaignStore.open(campaign) as store:
+        setting, taken = store.setting, store.config.get("seed")
+    seed = next(number for number in count() if number != taken)
+    # Not `campaign_tester`, which warns of another version than the campaign's.
+    tester = RoadTester.on(setting, simulator, driver)
+    budget = Budget(simulations=fresh)
+    strategy = RandomSearch(
+        seed=seed, map_size=tester.map_size, road_class=tester.road_class, domain=setting.domain
+    )
+    what, terms = ["fresh", seed], {"fresh": True}
+    driving = campaign_again(campaign, strategy, tester, budget, what=what, terms=terms, how=how)
+    if spec is not None:
+        more: Any = {"seed": seed, "budget": budget, "cluster": None}
+        driving.named = replace(spec, strategy=Part("random"), **more)
+    tests = _driven(driving.folder)
+    if len(tests) < fresh:
+        complete(driving, how)
+        tests = _driven(driving.folder)
+    described = describe(driver)
+    return FreshRoads(Path(campaign), driving.folder, fresh, seed, described, tests[:fresh])
+
+
+def _driven(folder: Path) -> tuple[int, ...]:
+    """Ids of the roads that were driven there."""
+    if not (folder / DATABASE).exists():
+        return ()
+    with CampaignStore.open(folder) as store:
+        return tuple(sorted(test.id for test in store.tests() if test.outcome.is_simulated))
+
+
+def compare_versions(
+    roads: FreshRoads, simulator: Simulator, driver: Driver, **how: Unpack[How]
+) -> BackToBack:
+    """Lets a new version drive on the same roads, and compares it with the old one.
+
+    Args:
+        roads: as the old version drove them.
+        simulator: that of the campaign, not yet entered.
+        driver: the new version.
+        how: see `How`.
+
+    Raises:
+        CampaignError: both versions are the same, or as for `frenetic.again.campaigns`.
+    """
+    check_differ(roads.driver, describe(driver))
+    with CampaignStore.open(roads.campaign) as store:
+        setting = store.setting
+        failing = tuple(sorted(test.id for test in store.tests(Outcome.FAIL)))
+    tester = RoadTester.on(setting, simulator, driver)
+    missing = roads.count - len(roads.tests)
+    sets: list[PairedRoads] = []
+    for folder, ids in ((roads.folder, roads.tests), (roads.campaign, failing)):
+        again = () if missing else drive_tests(folder, tester, ids, how=how).tests
+        sets.append(PairedRoads(folder, tuple(Pair(t.recorded, t.drives[0].test) for t in again)))
+        missing += len(ids) - len(again)
+    fresh, known = sets
+    described = describe(simulator)
+    return BackToBack(
+        roads.driver, describe(driver), described, roads.seed, fresh, known, setting.domain, missing
+    )
+
+
+def check_differ(old: Mapping[str, JSONValue], new: Mapping[str, JSONValue]) -> None:
+    """Refuses two versions, as `frenetic.spec.describe` gives them, that are the same.
+
+    Raises:
+        CampaignError: they are.
+    """
+    if comparison_key(old) == comparison_key(new):
+        raise CampaignError(
+            f"both versions are the same, {part_text(old)}: edit its file, which the campaign keeps"
+            " as it was, or give it other options"
         )
-    return Plan(Path(old), fresh, seed, repeats, failures)
+
+
+def back_to_back(
+    campaign: Path | str,
+    simulator: Simulator,
+    old: Driver,
+    new: Driver,
+    *,
+    fresh: int = FRESH,
+    workers: int = 1,
+) -> BackToBack:
+    """Compares two versions of a driver; see `fresh_roads` for arguments and errors."""
+    check_differ(describe(old), describe(new))
+    roads = fresh_roads(campaign, simulator, old, fresh=fresh, workers=workers)
+    return compare_versions(roads, simulator, new, workers=workers)
 
 
 @contextmanager
@@ -147,239 +431,3 @@ def as_recorded(folder: Path | str, spec: Spec) -> Iterator[Spec]:
             yield restored
         finally:
             sys.path[:] = path
-
-
-@dataclass(frozen=True)
-class VersionDrives:
-    """The drives of one version on the planned roads."""
-
-    driver: Mapping[str, JSONValue]
-    """The driver as a campaign describes it."""
-    simulator: Mapping[str, JSONValue]
-    fresh: Path
-    """Folder of the campaign with the fresh roads."""
-    drives: Mapping[RoadSet, Mapping[int, tuple[Repeat, ...]]]
-    """Test -> its drives, as many as are planned; the fresh roads first."""
-    missing: int
-    """Number of drives that Ctrl-C prevented."""
-
-
-def drive(
-    plan: Plan,
-    simulator: Simulator,
-    driver: Driver,
-    old: VersionDrives | None = None,
-    *,
-    spec: Spec | None = None,
-    workers: int = 1,
-    on_event: Callable[[Event], object] | None = None,
-) -> VersionDrives:
-    """Lets a version drive on the planned roads, unless its drives are stored.
-
-    Args:
-        plan: the roads.
-        simulator: that of the campaign, not yet entered.
-        driver: the version.
-        old: what the old version drove; None for the old version itself, which makes the fresh
-            roads.
-        spec: names of the old campaign's parts, for the record of the fresh roads.
-        workers: number of roads driven at once, as for `Campaign`.
-        on_event: called with each event of the campaigns that drive, see `Campaign.run`.
-
-    Raises:
-        CampaignError: both versions are the same, a campaign is damaged, a folder cannot be
-            written, no worker can be started, or only broken drives come.
-        ValueError: an option is out of range.
-    """
-    described = describe(driver), describe(simulator)
-    how: How = {"workers": workers, "on_event": on_event}
-    with CampaignStore.open(plan.old) as store:
-        setting = store.setting
-    # Not `campaign_tester`, which warns of another version than the campaign's.
-    tester = RoadTester.on(setting, simulator, driver)
-    missing, is_interrupted = plan.drives, False
-    if old is None:
-        campaign = _fresh_campaign(plan, tester, setting.domain, spec, how)
-        fresh = campaign.folder
-        if _simulations(campaign) < plan.fresh:
-            complete(campaign, how)
-        done = _simulations(campaign)
-        missing, is_interrupted = missing - min(done, plan.fresh), done < plan.fresh
-    else:
-        check_differ(old.driver, described[0])
-        fresh = old.fresh
-    tests = _fresh_tests(fresh, plan.fresh)
-    first = {test.id: (Repeat(test, test),) for test in tests} if old is None else {}
-    drives = {}
-    for roads, folder, ids, own in (
-        (RoadSet.FRESH, fresh, [test.id for test in tests], first),
-        (RoadSet.OLD, plan.old, plan.failures, {}),
-    ):
-        rest = plan.repeats - bool(own)
-        found: dict[int, tuple[Repeat, ...]] = {} if rest else dict.fromkeys(ids, ())
-        if rest and ids and not is_interrupted:
-            by_test = {
-                number: _conditions(driver, plan.repeats, one)[-rest:]
-                for number, one in _own_conditions(folder, ids).items()
-            }
-            first_of, *others = by_test.values()
-            is_alike = all(one == first_of for one in others)
-            conditions: ByTest = first_of if is_alike else by_test
-            rerun = drive_tests(folder, tester, ids, conditions, how=how)
-            missing -= len(rerun.drives)
-            is_interrupted = rerun.missing > 0
-            found = {one.id: one.drives for one in rerun.tests if len(one.drives) == rest}
-        drives[roads] = {number: own.get(number, ()) + again for number, again in found.items()}
-    return VersionDrives(*described, fresh, drives, missing)
-
-
-def _fresh_campaign(
-    plan: Plan, tester: RoadTester, domain: Domain | None, spec: Spec | None, how: How
-) -> Campaign:
-    """The campaign with the fresh roads, possibly driven."""
-    budget = Budget(simulations=plan.fresh)
-    strategy = RandomSearch(
-        seed=plan.seed, map_size=tester.map_size, road_class=tester.road_class, domain=domain
-    )
-    what, terms = ["fresh", plan.seed], {"fresh": True}
-    campaign = campaign_again(plan.old, strategy, tester, budget, what=what, terms=terms, how=how)
-    if spec is not None:
-        more: Any = {"seed": plan.seed, "budget": budget, "cluster": None}
-        campaign.named = replace(spec, strategy=Part("random"), **more)
-    return campaign
-
-
-def _simulations(campaign: Campaign) -> int:
-    """Number of stored drives."""
-    if not (campaign.folder / DATABASE).exists():
-        return 0
-    with CampaignStore.open(campaign.folder) as store:
-        return store.counts().simulations
-
-
-def _fresh_tests(folder: Path, number: int) -> list[Test]:
-    """The first fresh roads, those of failures with their drives."""
-    with CampaignStore.open(folder) as store:
-        driven = [test for test in store.tests() if test.outcome.is_simulated]
-        driven.sort(key=lambda test: test.id)
-        return [
-            store.test(test.id) if test.outcome is Outcome.FAIL else test
-            for test in driven[:number]
-        ]
-
-
-def check_differ(old: Mapping[str, JSONValue], new: Mapping[str, JSONValue]) -> None:
-    """Refuses two versions, as `frenetic.spec.describe` gives them, that are the same.
-
-    Raises:
-        CampaignError: they are.
-    """
-    if comparison_key(old) == comparison_key(new):
-        raise CampaignError(
-            f"both versions are the same, {part_text(old)}: edit its file, which the campaign keeps"
-            " as it was, or give it other options"
-        )
-
-
-def pair_up(plan: Plan, old: VersionDrives, new: VersionDrives) -> BackToBack:
-    """Compares what two versions drove, without the roads that one of them lacks after Ctrl-C."""
-    sets = []
-    for roads, ours in old.drives.items():
-        theirs = new.drives[roads]
-        pairs = (
-            Pair(own[0].recorded, own, theirs[number])
-            for number, own in ours.items()
-            if number in theirs
-        )
-        folder = old.fresh if roads is RoadSet.FRESH else plan.old
-        sets.append(PairedRoads(roads, folder, tuple(pairs), plan.repeats))
-    with CampaignStore.open(plan.old) as store:
-        domain = store.setting.domain
-    return BackToBack(old.driver, new.driver, old.simulator, plan.seed, tuple(sets), domain)
-
-
-def on_shared_roads(old: Path, new: Path) -> BackToBack | None:
-    """Compares the drivers of two campaigns on the random roads that both drove; drives nothing.
-
-    None if drivers are the same or all else is not: simulator, rules and lanes.
-
-    Args:
-        old: folder of a campaign of the old version.
-        new: folder of one of the new version, best with the same seed.
-
-    Raises:
-        CampaignError: one of them is damaged.
-    """
-    configs, drives = [], []
-    for folder in (old, new):
-        with CampaignStore.open(folder) as store:
-            configs.append((store.config, store.setting))
-            drives.append(
-                {
-                    key_of(test.candidate): test
-                    for test in store.tests()
-                    if test.outcome.is_simulated and test.candidate.origin.operator == RANDOM
-                }
-            )
-    (ours, setting), (theirs, other) = configs
-    is_same = setting == other and ours.get("simulator") == theirs.get("simulator")
-    driver: Any = ours.get("driver")
-    new_driver: Any = theirs.get("driver")
-    if driver == new_driver or not is_same:
-        return None
-    pairs = tuple(
-        Pair(test, (Repeat(test, test),), (Repeat(test, drives[1][key]),))
-        for key, test in drives[0].items()
-        if key in drives[1] and drives[1][key].candidate.conditions == test.candidate.conditions
-    )
-    simulator: Any = ours.get("simulator")
-    seed: Any = ours.get("seed")
-    sets = (PairedRoads(RoadSet.SHARED, old, pairs, 1),)
-    return BackToBack(driver, new_driver, simulator, seed, sets, setting.domain)
-
-
-def back_to_back(
-    campaign: Path | str,
-    simulator: Simulator,
-    old: Driver,
-    new: Driver,
-    *,
-    fresh: int = FRESH,
-    seed: int | None = None,
-    repeats: int = 1,
-    workers: int = 1,
-) -> BackToBack:
-    """Compares two versions of a driver, see `plan` and `drive` for arguments and errors."""
-    chosen = plan(campaign, fresh=fresh, seed=seed, repeats=repeats)
-    first = drive(chosen, simulator, old, workers=workers)
-    return pair_up(chosen, first, drive(chosen, simulator, new, first, workers=workers))
-
-
-def _conditions(
-    driver: Driver, repeats: int, own: Conditions = MappingProxyType({})
-) -> tuple[Conditions, ...]:
-    """Conditions of the repeats of a test: with what is random each has its own errors.
-
-    They are the same for both versions.
-
-    Args:
-        driver: with its layers.
-        repeats: number of drives.
-        own: conditions of the test.
-    """
-    noise: dict[str, float] = {}
-    for layer in stack_of(driver):
-        if isinstance(layer, Noisy) and "noise" not in own:
-            noise = {"noise": layer.offset}
-    if not noise and SEED not in own:
-        return ({},) * repeats
-    first = int(own.get(SEED, 0))
-    return ({}, *({**noise, SEED: first + number} for number in range(1, repeats)))
-
-
-def _own_conditions(folder: Path, tests: Iterable[int]) -> dict[int, Conditions]:
-    with CampaignStore.open(folder) as store:
-        return {
-            number: store.test(number, with_trajectory=False).candidate.conditions
-            for number in tests
-        }

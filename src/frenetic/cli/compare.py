@@ -26,7 +26,6 @@ from frenetic.cli.versions import compare_versions
 from frenetic.errors import FreneticError
 
 if TYPE_CHECKING:
-    from frenetic.again.paired import BackToBack
     from frenetic.analysis.comparison import Comparison, MeasureComparison, PairComparison
 
 _WILD: Final = "*?["
@@ -47,13 +46,6 @@ _MOST_MEASURES: Final = 4
 @part_choice("driver", "A new version of the driver of the one campaign named.")
 @as_option
 @count_option("--fresh", "Fresh random roads on which both versions drive.", default=200)
-@click.option(
-    "--seed",
-    type=click.IntRange(0),
-    metavar="S",
-    help="Of the fresh roads. [default: the first from 0 that the campaign has not]",
-)
-@count_option("--repeats", "Drives of each road by each version.", default=1)
 @workers_option
 @json_option
 @click.pass_context
@@ -64,8 +56,6 @@ def compare(
     out: tuple[Path, ...],
     as_json: bool,
     fresh: int,
-    seed: int | None,
-    repeats: int,
     workers: int,
     **_: Any,
 ) -> None:
@@ -83,9 +73,6 @@ def compare(
     named. Both drive on fresh random roads, of its domain if it has one, on which the answer rests,
     and on those on which the campaign failed. The same command goes on after Ctrl-C. The exit code
     is 0 if the new version is better, 1 if it is worse, 3 if neither is shown.
-
-    Two campaigns of two drivers are compared on the random roads that both drove, which the same
-    seed gives them; nothing is driven for it.
     """
     from frenetic.analysis.comparison import compare as compare_groups
 
@@ -99,12 +86,10 @@ def compare(
             Path(places[0]),
             new_driver,
             fresh=fresh,
-            seed=seed,
-            repeats=repeats,
             workers=workers,
             as_json=as_json,
         )
-    for name in ("fresh", "seed", "repeats", "workers"):
+    for name in ("fresh", "workers"):
         if was_given(context, name):
             raise click.UsageError(f"--{name} is for a new version of a driver: add --driver")
     for path in out:
@@ -112,56 +97,17 @@ def compare(
             raise click.UsageError(f"{path} must end with one of {', '.join(_FORMS)}")
     log = Log()
     with log.status("Reading the campaigns"):
-        groups = grouped(places)
-        comparison = compare_groups(groups)
-        drivers = _compared_drivers(groups)
-    # The first one of different drivers says that nothing is said of these.
-    for note in comparison.notes[drivers is not None :]:
+        comparison = compare_groups(grouped(places))
+    for note in comparison.notes:
         log.print(f"Note: {note}", markup=False)
     for path in out:
         _FORMS[path.suffix.lower()](comparison, path, places)
     if as_json:
-        document = comparison_document(comparison)
-        answer = {} if drivers is None else {"drivers": drivers.answer}
-        click.echo(json.dumps({**document, **answer}))
+        click.echo(json.dumps(comparison_document(comparison)))
         return
-    if drivers is None:
-        print_comparison(comparison)
-    else:
-        _print_drivers(drivers, comparison)
+    print_comparison(comparison)
     for path in out:
         click.echo(path)
-
-
-def _compared_drivers(groups: Mapping[str, Sequence[Path]]) -> BackToBack | None:
-    """What two campaigns of two drivers say of these; None of any others."""
-    from frenetic.again.versions import on_shared_roads
-
-    folders = list(groups.values())
-    if [len(own) for own in folders] != [1, 1]:
-        return None
-    return on_shared_roads(folders[0][0], folders[1][0])
-
-
-def _print_drivers(drivers: BackToBack, comparison: Comparison) -> None:
-    """Prints which of two drivers is better, and what their searches found."""
-    from frenetic.campaign import CampaignStore
-    from frenetic.spec import Spec
-
-    (old,), (new,) = comparison.groups.values()
-    click.echo(drivers.answer)
-    for version, campaign in (("old", old), ("new", new)):
-        click.echo(f"{version}: {campaign.folder}, {campaign.counts.in_words()}")
-    if drivers.domain is not None:
-        click.echo(f"domain: {drivers.domain.in_words()}")
-    with CampaignStore.open(new.folder) as store:
-        driver = Spec.from_json(store.config, source=new.folder).driver
-    words = [] if driver.name is None else driver.words("driver")
-    if words and drivers.verdict not in ("new is better", "new is worse"):
-        command = shlex.join(["frenetic", "compare", str(old.folder), *words])
-        click.echo(f"On more roads: {command}")
-    click.echo("What their searches found:")
-    _print_by_measure(comparison)
 
 
 def _write_page(comparison: Comparison, path: Path, places: Sequence[str]) -> None:

@@ -289,7 +289,7 @@ class _Check:
             smallest: Test = test
             try:
                 short = minimise_test(store.folder, test, tester, max_drives=_MINIMISING)
-                smallest, note = short.smallest, short.note
+                smallest = short.smallest
             except FreneticError as error:
                 note = f"it was not shortened: {error}"
             words = f"{cause.words} ({cause.failures} of {clusters.failures})"
