@@ -70,7 +70,7 @@ def test_show_names_the_class_and_says_how_a_road_lies(frenetic: Frenetic, slipp
         road = store.test(1).road
     radius, lean = (1.0 / abs(road.curvatures).max(), abs(road.superelevation[:, 1]).max())
     line = f"{road.length:.0f} m, sharpest radius {radius:.0f} m, grade up to "
-    shown = frenetic("show", str(slippery), "1", "--plot", "one.svg").out
+    shown = frenetic("show", str(slippery), "1").out
     assert f"road       {line}" in shown
     assert f" %, superelevation up to {100.0 * lean:.1f} %\n" in shown
     words = Road([0.0, -0.01, 0.0], grade=0.02, widening=0.5).in_words()

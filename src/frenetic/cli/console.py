@@ -353,7 +353,8 @@ def print_measures(rows: Sequence[Mapping[str, Any]], criteria: Profile) -> None
 
 
 def print_facts(facts: Sequence[tuple[str, str]]) -> None:
-    """Prints names and values, one pair a line."""
+    """Prints names and values, one pair a line, but for empty values."""
+    facts = [(name, value) for name, value in facts if value]
     width = max([10, *(len(name) for name, _ in facts)]) + 1
     for name, value in facts:
         click.echo(f"{name:<{width}}{value}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -61,8 +61,6 @@ class Asked:
     """The campaign's."""
     recorded: object = None
     """Its driver, in a road's file."""
-    is_replaced: bool = False
-    """Whether the command line gives other parts or conditions than the file's."""
     conditions: Mapping[str, float] = field(default_factory=dict)
     """The test's, but for those that the command line says."""
     behind: Callable[[float], Asked | None] | None = None
@@ -80,7 +78,6 @@ class Asked:
 )
 @lane_option
 @road_option
-@click.option("--anyway", is_flag=True, help="Drive the road even if it is invalid.")
 @json_option
 @click.pass_context
 def drive(
@@ -90,7 +87,6 @@ def drive(
     test_ids: tuple[int, ...],
     dry: bool,
     plot: Path | None,
-    anyway: bool,
     lane: int | None,
     map_roads: str | None,
     as_json: bool,
@@ -106,10 +102,6 @@ def drive(
     that place as another one. The exit code is 1 if a road is INVALID or the simulator broke
     (ERROR).
     """
-    if plot is not None and dry:
-        raise click.UsageError("--plot draws a drive: leave it out with --dry")
-    if plot is not None and len(test_ids) > 1:
-        raise click.UsageError("--plot is for one road: leave it out where there are several")
     if source.is_dir():
         if lane is not None or map_roads is not None:
             raise click.UsageError("--lane and --road are for OpenDRIVE, not for a campaign's test")
@@ -118,49 +110,19 @@ def drive(
         raise click.UsageError(f"{source} is no folder: an ID needs that of a campaign")
     elif map_roads is not None:
         spec, roads = _of_map(context, source, map_roads, lane)
-        if plot is not None and len(roads) > 1:
-            raise click.UsageError("--plot is for one road: leave it out where there are several")
-    elif dry:
-        _judge({str(source): _verdict_on(context, source, lane)}, as_json=as_json)
-        return
     else:
-        spec, roads = _of_file(context, source, lane)
-    if dry:
-        verdicts = {one.name: _with_parts(spec, one.road, one.verdict) for one in roads}
-        _judge(verdicts, as_json=as_json)
-        return
-    is_whole, documents = True, []
-    for asked, result, parts in _driven(spec, roads, plot, anyway=anyway):
-        is_whole &= result.outcome.is_driven
-        if as_json:
-            document = {"road": asked.name, "length": asked.road.length, **result.as_json()}
-            documents.append(document | parts | ({} if plot is None else {"plot": str(plot)}))
-        else:
-            facts = [("driver", _who(asked, parts))]
-            if text := in_words({**spec.conditions, **asked.conditions}):
-                facts.append(("conditions", text))
-            _print_drive(result, asked, plot, facts, parts.get("differs"))
-            if spec.rules.criteria or (len(roads) == 1 and map_roads is None):
-                print_measures(parts.get("measures", []), spec.rules.criteria)
+        spec, roads = _of_file(context, source, lane, dry=dry)
+    if plot is not None and (dry or len(roads) > 1):
+        raise click.UsageError("--plot draws one drive: leave it out with --dry or several roads")
+    documents = _judged(spec, roads) if dry else _driven(spec, roads, plot, is_quiet=as_json)
     if as_json:
-        several = len(test_ids) > 1 or map_roads is not None
+        several = len(roads) > 1 or map_roads is not None
         click.echo(json.dumps(documents if several else documents[0]))
-    if not is_whole:
-        raise click.exceptions.Exit(1)
-
-
-def _judge(verdicts: Mapping[str, Verdict], *, as_json: bool) -> None:
-    """Says which roads are valid; the exit code is 1 if one is not."""
-    documents = [
-        {"road": name, "valid": verdict.valid, "message": verdict.message}
-        for name, verdict in verdicts.items()
-    ]
-    if as_json:
-        click.echo(json.dumps(documents if len(documents) > 1 else documents[0]))
-    else:
-        for name, verdict in verdicts.items():
-            click.echo(f"{name}: {'valid' if verdict.valid else f'INVALID  {verdict.message}'}")
-    if not all(verdict.valid for verdict in verdicts.values()):
+    elif dry:
+        for one in documents:
+            said = "valid" if one["valid"] else f"INVALID  {one['message']}"
+            click.echo(f"{one['road']}: {said}")
+    if not all(one["valid"] if dry else one["outcome"] in ("PASS", "FAIL") for one in documents):
         raise click.exceptions.Exit(1)
 
 
@@ -174,10 +136,10 @@ def _of_campaign(
         raise click.UsageError(
             f"{folder} is a folder: say which tests of the campaign, or name a road file"
         )
+    given = given_options(context)
     with CampaignStore.open(folder) as store:
         tests = [store.test(number) for number in dict.fromkeys(test_ids)]
         is_made = not dry or any(not test.road.is_plain for test in tests)
-        given = given_options(context)
         spec = recorded_spec(store, given, checked=is_made)
     instead = given_quantities(spec, given)
     roads = []
@@ -188,18 +150,19 @@ def _of_campaign(
     return spec, roads
 
 
-def _of_file(context: click.Context, path: Path, lane: int | None) -> tuple[Spec, list[Asked]]:
-    """The same for a road file."""
+def _of_file(
+    context: click.Context, path: Path, lane: int | None, *, dry: bool
+) -> tuple[Spec, list[Asked]]:
+    """The same for a road file; without a drive, points are judged where they lie."""
     from frenetic.road.files import read_road
-    from frenetic.spec import DRIVEN
 
     file = read_road(path, lane=lane)
-    spec, loaded = file_spec(context, file), file.road()
-    fitted, verdict = loaded.placed(spec.map_size, road_class=spec.road_class)
-    recorded = file.entries.get("driver")
-    is_replaced = DRIVEN not in file.entries or bool(given_options(context))
-    asked = Asked(str(path), fitted or loaded, verdict, None, recorded, is_replaced)
-    return spec, [asked]
+    road = file.road()
+    spec = file_spec(context, file, checked=not dry or not road.is_plain)
+    fitted, verdict = road.placed(spec.map_size, road_class=spec.road_class)
+    if dry:
+        verdict = file.check_validity(spec.map_size, spec.road_class)
+    return spec, [Asked(str(path), fitted or road, verdict, recorded=file.entries.get("driver"))]
 
 
 def _of_map(
@@ -232,37 +195,22 @@ def _of_map(
     return spec, [asked(stretch) for stretch in stretches]
 
 
-def _verdict_on(context: click.Context, path: Path, lane: int | None) -> Verdict:
-    """The verdict on a file's road: points are judged where they lie, curvatures where they fit.
-
-    Where the road leans, rises or widens, the simulator and driver have a say, too.
-    """
-    from frenetic.road.files import read_road
-
-    file = read_road(path, lane=lane)
-    spec = file_spec(context, file, checked=False)
-    verdict = file.check_validity(spec.map_size, spec.road_class)
-    if not verdict or file.road().is_plain:
-        return verdict
-    return _with_parts(file_spec(context, file), file.road(), verdict)
-
-
-def _with_parts(spec: Spec, road: Road, verdict: Verdict) -> Verdict:
-    """The verdict on a road after that of the simulator and driver, if it leans, rises or widens.
-
-    Only then they are made.
-    """
-    if not verdict or road.is_plain:
-        return verdict
-    driver, simulator = spec.make_parts(isolate=False)
-    reason = _cannot_be_driven(simulator, driver, road)
-    return replace(verdict, valid=not reason, message=reason)
+def _judged(spec: Spec, roads: list[Asked]) -> list[dict[str, Any]]:
+    """Which roads are valid; simulator and driver are made only for one that leans or rises."""
+    documents = []
+    for one in roads:
+        reason = one.verdict.message
+        if one.verdict and not one.road.is_plain:
+            driver, simulator = spec.make_parts(isolate=False)
+            reason = _cannot_be_driven(driver, simulator, one.road)
+        documents.append({"road": one.name, "valid": not reason, "message": reason})
+    return documents
 
 
 def _driven(
-    spec: Spec, roads: list[Asked], plot: Path | None, *, anyway: bool
-) -> Iterator[tuple[Asked, Result, dict[str, Any]]]:
-    """Drives the valid roads; gives each with its result and with what drove it."""
+    spec: Spec, roads: list[Asked], plot: Path | None, *, is_quiet: bool
+) -> list[dict[str, Any]]:
+    """Drives the valid roads and prints what happened, unless quiet; gives it for JSON."""
     from frenetic.campaign import RoadTester
     from frenetic.oracle import Result, judge, measures_json
     from frenetic.outcome import Outcome
@@ -270,41 +218,52 @@ def _driven(
     from frenetic.spec import describe
 
     driver, simulator = spec.make_parts(isolate=True)
+    documents: list[dict[str, Any]] = []
     with ExitStack() as entered:
         compiled = entered.enter_context(announced_compilation(Log()))
-        is_entered = False
-        waiting = deque(roads)
+        is_entered, waiting = False, deque(roads)
         while waiting:
             asked = waiting.popleft()
-            parts: dict[str, Any] = {"driver": describe(driver), "simulator": describe(simulator)}
-            reason = "" if asked.verdict.valid or anyway else asked.verdict.message
-            reason = reason or _cannot_be_driven(simulator, driver, asked.road)
-            if reason:
-                if plot is not None:
-                    _draw_undriven(asked, reason, plot)
-                result = Result(Outcome.INVALID, reason)
-                yield asked, result, parts | _compared(asked, result, None, simulator)
-                continue
-            if not is_entered:
-                entered.enter_context(simulator)
-                compiled()
-                is_entered = True
-            if asked.conditions:
-                parts["conditions"] = dict(asked.conditions)
-            with in_conditions(asked.conditions, simulator, driver) as layered:
-                the_drive = RoadTester(simulator, layered).drive(asked.road)
-            result = judge(asked.road, the_drive)
+            road, the_drive = asked.road, None
+            reason = asked.verdict.message or _cannot_be_driven(driver, simulator, road)
+            result = Result(Outcome.INVALID, reason)
+            if not reason:
+                if not is_entered:
+                    entered.enter_context(simulator)
+                    compiled()
+                    is_entered = True
+                with in_conditions(asked.conditions, simulator, driver) as layered:
+                    the_drive = RoadTester(simulator, layered).drive(road)
+                result = judge(road, the_drive)
+            title = f"{Path(asked.name).name}: {result.outcome}"
             if plot is not None:
-                from frenetic.report.picture import draw_drive
+                from frenetic.report.picture import draw_drive, draw_road  # too slow for others
 
-                title = f"{Path(asked.name).name}: {result.outcome}"
-                draw_drive(asked.road, the_drive, plot, title=title)
-            if result.outcome.is_driven and len(the_drive.trajectory):
-                parts["measures"] = measures_json(asked.road, the_drive)
-            yield asked, result, parts | _compared(asked, result, the_drive, simulator)
+                if the_drive is None:
+                    draw_road(road, plot, title=title, reason=reason)
+                else:
+                    draw_drive(road, the_drive, plot, title=title)
+            document = {
+                "road": asked.name,
+                "length": road.length,
+                **result.as_json(),
+                "driver": describe(driver),
+                "simulator": describe(simulator),
+                **({"conditions": dict(asked.conditions)} if asked.conditions else {}),
+                **_compared(asked, result, the_drive, simulator),
+                **({} if plot is None else {"plot": str(plot)}),
+            }
+            if the_drive is not None and result.outcome.is_driven and len(the_drive.trajectory):
+                document["measures"] = measures_json(road, the_drive)
+            documents.append(document)
+            if not is_quiet:
+                _print(spec, asked, result, document)
+                if spec.rules.criteria or (len(roads) == 1 and asked.behind is None):
+                    print_measures(document.get("measures", []), spec.rules.criteria)
             if asked.behind is not None and result.departure is not None and plot is None:
                 rest = asked.behind(result.departure.distance)
                 waiting.extendleft([] if rest is None else [rest])
+    return documents
 
 
 def _compared(
@@ -323,7 +282,7 @@ def _compared(
     return {"differs": differs}
 
 
-def _cannot_be_driven(simulator: Simulator, driver: Driver, road: Road) -> str:
+def _cannot_be_driven(driver: Driver, simulator: Simulator, road: Road) -> str:
     """Why a simulator cannot lay a valid road; empty if it can."""
     from frenetic.errors import RoadError
     from frenetic.simulators.capabilities import check_road
@@ -335,43 +294,31 @@ def _cannot_be_driven(simulator: Simulator, driver: Driver, road: Road) -> str:
     return ""
 
 
-def _draw_undriven(asked: Asked, reason: str, plot: Path) -> None:
-    from frenetic.report.picture import draw_road
-
-    title = f"{Path(asked.name).name}: INVALID"
-    draw_road(asked.road, plot, title=title, reason=reason)
-
-
-def _who(asked: Asked, parts: dict[str, Any]) -> str:
-    """Who drove, and with what it is recorded if that is another."""
+def _who(recorded: object, document: Mapping[str, Any]) -> Iterator[str]:
+    """Who drove, and with what the road's file is recorded if that is another."""
     from frenetic.spec import part_text
     from frenetic.versions import other_version
 
-    driver, recorded = parts["driver"], asked.recorded
+    driver = document["driver"]
     now = part_text(driver, recorded)
-    who = [f"{now} in {part_text(parts['simulator'])}"]
+    yield f"{now} in {part_text(document['simulator'])}"
     if isinstance(recorded, dict):
-        before = part_text(recorded, driver)
-        if asked.is_replaced and before != now:
-            who.append(f"recorded with {before}")
-        if note := other_version("driver", recorded, driver):
-            who.append(note)
-    return "; ".join(who)
+        if (before := part_text(recorded, driver)) != now:
+            yield f"recorded with {before}"
+        yield from filter(None, [other_version("driver", recorded, driver)])
 
 
-def _print_drive(
-    result: Result,
-    asked: Asked,
-    plot: Path | None,
-    facts: Sequence[tuple[str, str]],
-    differs: str | None,
-) -> None:
+def _print(spec: Spec, asked: Asked, result: Result, document: Mapping[str, Any]) -> None:
+    differs = document.get("differs")
+    words = f"differs from the campaign: {differs}" if differs else "as in the campaign"
     click.echo(f"{result.outcome}  {result.reason}")
-    facts = [("road", f"{asked.road.length:.1f} m, {asked.name}"), *facts]
-    facts += facts_of_drive(result, result.duration if result.outcome.is_driven else None)
-    if differs is not None:
-        words = f"differs from the campaign: {differs}" if differs else "as in the campaign"
-        facts.append(("result", words))
-    if plot is not None:
-        facts.append(("picture", str(plot)))
-    print_facts(facts)
+    print_facts(
+        [
+            ("road", f"{asked.road.length:.1f} m, {asked.name}"),
+            ("driver", "; ".join(_who(asked.recorded, document))),
+            ("conditions", in_words({**spec.conditions, **asked.conditions})),
+            *facts_of_drive(result, result.duration if result.outcome.is_driven else None),
+            ("result", "" if differs is None else words),
+            ("picture", document.get("plot", "")),
+        ]
+    )

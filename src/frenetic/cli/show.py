@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -12,7 +12,6 @@ import click
 
 from frenetic._support.words import counted, simulated_time
 from frenetic.cli.console import (
-    Results,
     causes_json,
     clusters_json,
     facts_of_drive,
@@ -26,17 +25,16 @@ from frenetic.cli.console import (
 )
 from frenetic.cli.options import (
     AskedRange,
-    NewFile,
     Range,
     as_usage_error,
     campaign_argument,
     count_option,
-    file_option,
     json_option,
 )
 from frenetic.errors import FreneticError
 from frenetic.outcome import Outcome
-from frenetic.quantities import in_words, quantity
+from frenetic.quantities import in_words as conditions_in_words
+from frenetic.quantities import quantity
 from frenetic.registry import part_name
 from frenetic.spec import earlier_of
 from frenetic.versions import short_version
@@ -76,11 +74,6 @@ LISTED_TESTS: Final = 20
     " duration, or a feature or condition (largest first). [default: severity]",
 )
 @count_option("--limit", "List N tests at most. [default: 20; with --json all]")
-@file_option(
-    "--plot",
-    "Where to draw the test. [default: in the campaign's folder]",
-    type=NewFile(is_picture=True),
-)
 @click.option(
     "--follow",
     is_flag=True,
@@ -94,7 +87,6 @@ def show(
     features: tuple[AskedRange, ...],
     sort: str | None,
     limit: int | None,
-    plot: Path | None,
     follow: bool,
     as_json: bool,
 ) -> None:
@@ -117,8 +109,6 @@ def show(
             "the ID of a test shows this one: leave it out to list tests with --outcome,"
             " --feature, --sort or --limit"
         )
-    if test_id is None and plot is not None:
-        raise click.UsageError("--plot needs the ID of a test, too")
     if follow:
         if is_list or test_id is not None:
             raise click.UsageError("--follow shows the whole campaign: leave out what shows tests")
@@ -133,7 +123,7 @@ def show(
         elif test_id is None:
             _show_campaign(store, as_json)
         else:
-            _show_test(store, test_id, plot, as_json)
+            _show_test(store, test_id, as_json)
 
 
 def _list_tests(
@@ -210,12 +200,12 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     from frenetic.estimate import Estimate
     from frenetic.report.minimised import minimised_drives
 
-    counts = store.counts()
+    counts, setting = store.counts(), store.setting
     config, facts = store.config, store.facts
     clusters = distinct_failures(store)
     found = clusters if counts.failed else nearest_misses(store)
     shortened = minimised_drives(store, [cause.example for cause in clusters.causes])
-    coverage = domain_coverage(store.setting, store.tests())
+    coverage = domain_coverage(setting, store.tests())
     if as_json:
         document = {
             "folder": str(store.folder),
@@ -229,42 +219,35 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
         }
         click.echo(json.dumps(document))
         return
-    rules, road_class = config.get("rules"), store.setting.road_class
-    domain, found_rate = store.setting.domain, Estimate.read(store.folder)
-    limits = rules if isinstance(rules, Mapping) else {}
-    budget = facts.get("budget", config.get("budget"))
-    limited = budget if isinstance(budget, Mapping) else {}
-    spent = ", ".join(f"{value} {name}" for name, value in limited.items() if value is not None)
-    if facts.get("interrupted"):
-        spent += ", interrupted"
-    elif "finished_at" not in facts:
-        spent += ", not finished"
+    limits, rate = facts.get("budget", config.get("budget")), Estimate.read(store.folder)
+    named = limits.items() if isinstance(limits, Mapping) else ()
+    budget = ", ".join(f"{value} {name}" for name, value in named if value is not None)
+    if facts.get("interrupted") or "finished_at" not in facts:
+        budget += ", interrupted" if facts.get("interrupted") else ", not finished"
+    rules, error = setting.rules, first_error(store)
     print_facts(
         [
             ("campaign", str(store.folder)),
-            ("made", str(facts.get("created_at", "unknown")).replace("T", " ")),
-            ("strategy", _part(config.get("strategy"))),
-            ("driver", _part(config.get("driver"))),
-            ("simulator", _part(config.get("simulator"))),
+            *((kind, _part(config.get(kind))) for kind in ("strategy", "driver", "simulator")),
             (
                 "rules",
-                f"{limits.get('speed_limit')} km/h, {limits.get('oob_tolerance')} of the car may"
-                f" be out, map of {config.get('map_size')} m",
+                f"{rules.speed_limit} km/h, {rules.oob_tolerance} of the car may be out, map of"
+                f" {setting.map_size} m",
             ),
-            *([("criteria", text)] if (text := criteria_in_words(store)) else []),
-            *([] if road_class is None else [("roads", road_class.in_words())]),
-            *([] if domain is None else [("domain", domain.in_words())]),
-            *([] if found_rate is None else [("how often", found_rate.in_words())]),
+            ("criteria", criteria_in_words(store)),
+            ("roads", "" if setting.road_class is None else setting.road_class.in_words()),
+            ("domain", "" if setting.domain is None else setting.domain.in_words()),
+            ("how often", "" if rate is None else rate.in_words()),
             ("objective", in_words(config, objectives(store))),
             *(("starts from", str(earlier)) for earlier in earlier_of(config)),
-            ("budget", spent),
+            ("budget", budget),
             ("results", counts.in_words()),
-            *([("known before", text)] if (text := still_failing(store)) else []),
-            *([("search", told)] if (told := facts_in_words(facts.get(FACTS))) else []),
-            *([("note", text)] if (text := not_repeatable(facts)) else []),
-            *([("note", str(facts["notice"]))] if facts.get("notice") else []),
-            *([("note", text)] if (text := caution(store)) else []),
-            *([("error", f"the first: {error}")] if (error := first_error(store)) else []),
+            ("known before", still_failing(store)),
+            ("search", facts_in_words(facts.get(FACTS))),
+            ("note", not_repeatable(facts)),
+            ("note", str(facts.get("notice") or "")),
+            ("note", caution(store)),
+            ("error", f"the first: {error}" if error else ""),
         ]
     )
     if counts.failed:
@@ -272,35 +255,27 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
         click.echo()
     print_failures(found, counts, min(LISTED, len(found)))
     if coverage is not None:
-        _print_coverage(coverage)
+        click.echo(f"\nCells of {coverage.name}: failures/drives, and what was never reached")
+        print_facts(list(_coverage(coverage)))
     if found:
         one = clusters.causes[0].example if counts.failed else found[0].most_severe
         click.echo(f"One in full: frenetic show {shell(store.folder)} {one}")
 
 
-def _print_coverage(coverage: DomainCoverage) -> None:
-    """Prints what of a domain was driven: a line an axis."""
-    click.echo()
-    Results().print(
-        f"Cells of {coverage.name}: failures/drives, and what was never reached",
-        style="bold",
-        markup=False,
-    )
-    facts = []
+def _coverage(coverage: DomainCoverage) -> Iterator[tuple[str, str]]:
+    """What of a domain was driven: a line an axis."""
     for one in coverage.singles:
         (axis,) = one.axes
         cells = (
             f"{axis.text(i)}: {f'{failures}/{drives}' if drives else 'never'}"
             for i, (drives, failures) in enumerate(zip(one.drives, one.failures, strict=True))
         )
-        facts.append((f"{axis.title}{f' ({axis.unit})' if axis.unit else ''}", ", ".join(cells)))
-    facts.append(("together", coverage.in_words()))
-    for i, gap in enumerate(coverage.gaps[:LISTED_GAPS]):
-        name = "" if i else "never reached"
-        facts.append((name, f"{gap.in_words()}, {gap.likelihood}"))
+        yield f"{axis.title}{f' ({axis.unit})' if axis.unit else ''}", ", ".join(cells)
+    yield "together", coverage.in_words()
+    for gap in coverage.gaps[:LISTED_GAPS]:
+        yield "never reached", f"{gap.in_words()}, {gap.likelihood}"
     if coverage.outside:
-        facts.append(("outside", f"{counted(coverage.outside, 'drive')}, which count nowhere"))
-    print_facts(facts)
+        yield "outside", f"{counted(coverage.outside, 'drive')}, which count nowhere"
 
 
 def _cause(test: Test) -> str:
@@ -329,65 +304,55 @@ def _part(described: object) -> str:
     return text if inner is None else f"{text} over {_part(inner)}"
 
 
-def _show_test(store: CampaignStore, test_id: int, plot: Path | None, as_json: bool) -> None:
+def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
     from frenetic.campaign.earlier import driven_again, stored_earlier
-    from frenetic.report.failures import (
-        FAILURES,
-        PICTURES,
-        file_stem,
-        road_document,
-    )
+    from frenetic.report.failures import FAILURES, PICTURES, file_stem, road_document
     from frenetic.report.minimised import minimised_drives, minimised_road
     from frenetic.report.picture import draw_test
     from frenetic.search.random_search import EARLIER, GIVEN
 
-    record = store.test(test_id)
-    test = record
-    kind = FAILURES if record.outcome is Outcome.FAIL else PICTURES
-    picture = plot if plot is not None else store.folder / kind / f"{file_stem(test_id)}.png"
-    title = f"Test {test_id}: {record.outcome}"
+    test = store.test(test_id)
+    kind = FAILURES if test.outcome is Outcome.FAIL else PICTURES
+    picture = store.folder / kind / f"{file_stem(test_id)}.png"
     try:
-        if plot is None:
-            picture.parent.mkdir(exist_ok=True)
-        draw_test(test, picture, title)
+        picture.parent.mkdir(exist_ok=True)
+        draw_test(test, picture, f"Test {test_id}: {test.outcome}")
         drawn = str(picture)
     except (OSError, FreneticError) as error:
-        if plot is not None:
-            raise
-        drawn = f"not drawn, {error}; choose a place with --plot"
+        drawn = f"not drawn, {error}"
     if as_json:
         document = road_document(test, store.config)
-        document |= {"picture": drawn, "told": record.told}
-        click.echo(json.dumps(document))
+        click.echo(json.dumps(document | {"picture": drawn, "told": test.told}))
         return
-    origin = record.candidate.origin
-    source = ""
+    origin, notes = test.candidate.origin, test.candidate.notes
+    source = origin.operator
+    if origin.parents:
+        source += f" of {', '.join(map(str, origin.parents))}"
     if origin.operator == EARLIER and (earlier := driven_again(store).get(test_id)):
-        campaigns, _ = stored_earlier(store)
-        folder = campaigns[earlier.campaign - 1].folder
-        source = f", the road of test {earlier.test} of {folder}"
-    if GIVEN in record.candidate.notes:
-        source = f", {record.candidate.notes[GIVEN]}"
-    parents = f" of {', '.join(map(str, origin.parents))}" if origin.parents else ""
-    facts = [
-        ("test", f"{test_id}" if record.told == test_id else f"{test_id}, result {record.told}"),
-        ("outcome", f"{record.outcome}  {record.reason}"),
-        ("origin", f"{origin.operator}{parents}{source}, generation {origin.generation}"),
-        *([("cause", cause)] if (cause := _cause(record)) else []),
-        *([("conditions", text)] if (text := in_words(record.candidate.conditions)) else []),
-        ("road", test.road.in_words()),
-        *(
-            ("minimised", f"{short.road.length:.1f} m, {minimised_road(store.folder, test_id)}")
-            for short in minimised_drives(store, [test_id]).values()
-        ),
-        ("driver", _part(store.config.get("driver"))),
-    ]
-    facts += facts_of_drive(record.result, record.result.duration)
-    value = record.objective
-    if value is not None:
-        facts.append(("objective", f"{value:.4g} ({store.config.get('objective')})"))
-    facts += [
-        ("curvatures", " ".join(f"{value:.4f}" for value in test.road.curvatures)),
-        ("picture", drawn),
-    ]
-    print_facts(facts)
+        folder = stored_earlier(store)[0][earlier.campaign - 1].folder
+        source += f", the road of test {earlier.test} of {folder}"
+    if GIVEN in notes:
+        source += f", {notes[GIVEN]}"
+    short = minimised_drives(store, [test_id]).get(test_id)
+    value, objective = test.objective, store.config.get("objective")
+    print_facts(
+        [
+            ("test", f"{test_id}" if test.told == test_id else f"{test_id}, result {test.told}"),
+            ("outcome", f"{test.outcome}  {test.reason}"),
+            ("origin", f"{source}, generation {origin.generation}"),
+            ("cause", _cause(test)),
+            ("conditions", conditions_in_words(test.candidate.conditions)),
+            ("road", test.road.in_words()),
+            (
+                "minimised",
+                ""
+                if short is None
+                else f"{short.road.length:.1f} m, {minimised_road(store.folder, test_id)}",
+            ),
+            ("driver", _part(store.config.get("driver"))),
+            *facts_of_drive(test.result, test.result.duration),
+            ("objective", "" if value is None else f"{value:.4g} ({objective})"),
+            ("curvatures", " ".join(f"{value:.4f}" for value in test.road.curvatures)),
+            ("picture", drawn),
+        ]
+    )

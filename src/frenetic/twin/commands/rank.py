@@ -15,7 +15,6 @@ from frenetic.cli.console import Log, announced_compilation, counted_progress, p
 from frenetic.cli.options import (
     count_option,
     json_option,
-    lane_option,
 )
 from frenetic.cli.parts import criteria_option, given_options, part_options, with_given
 from frenetic.spec import Spec
@@ -56,8 +55,6 @@ _PORT: Final = 4545
     f" until Ctrl-C. [default port: {_PORT}; 0: a free one]",
 )
 @count_option("--top", "Only N roads, each of which promises another problem.")
-@click.option("--anyway", is_flag=True, help="Rank invalid roads, too, each where it lies.")
-@lane_option
 @json_option
 @click.pass_context
 def rank(
@@ -65,8 +62,6 @@ def rank(
     /,
     roads: tuple[Path, ...],
     top: int | None,
-    anyway: bool,
-    lane: int | None,
     serve: str | None,
     as_json: bool,
     **_: Any,
@@ -95,7 +90,7 @@ def rank(
     if not roads:
         raise click.UsageError("Missing argument 'ROADS...': files of roads, or folders of them")
     spec = with_given(Spec(), given_options(context), has_roads=False)
-    found = find_roads(roads, lane=lane)
+    found = find_roads(roads)
     log, prospects = Log(), []
     with (
         announced_compilation(log) as compiled,
@@ -103,7 +98,7 @@ def rank(
         counted_progress(log, "Driving") as show,
     ):
         for done, (name, road) in enumerate(found.roads.items(), 1):
-            prospects.append(twin.prospect(name, road, anyway=anyway))
+            prospects.append(twin.prospect(name, road))
             compiled()
             show(done, len(found.roads))
     ranked = in_order(prospects, top)
