@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from frenetic.campaign import CampaignStore
     from frenetic.simulators import Simulator
 
-VARY: Final = "--vary"
 VARIED_TIMES: Final = 20
 """Default number of drives of each test if something is varied."""
 
@@ -60,16 +59,15 @@ def variation(asked: AskedRange, simulator: Simulator, layers: Mapping[str, floa
 @click.option(
     "--all", "everything", is_flag=True, help="All roads that were driven, not only the failures."
 )
-@count_option("--times", f"Drives of each road. [default: 1, with {VARY} {VARIED_TIMES}]")
+@count_option("--times", f"Drives of each road. [default: 1, with --vary {VARIED_TIMES}]")
 @click.option(
-    VARY,
+    "--vary",
     "asked",
     type=Range("friction=0.8:1.0"),
     multiple=True,
     help="What differs between the drives, as in --vary friction=0.8:1.0; a name alone means"
     " its usual range ('frenetic list quantities'), around a test's own amount. May be repeated.",
 )
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the draws.")
 @part_options
 @workers_option
 @click.option(
@@ -91,7 +89,6 @@ def rerun(
     everything: bool,
     times: int | None,
     asked: tuple[AskedRange, ...],
-    seed: int,
     workers: int,
     out: Path | None,
     junit: Path | None,
@@ -112,7 +109,6 @@ def rerun(
     complete one.
     """
     from frenetic.again.junit import write_junit
-    from frenetic.again.rerun import elsewhere
     from frenetic.again.rerun import rerun as rerun_campaign
     from frenetic.campaign import CampaignStore
     from frenetic.simulators.capabilities import check_pair
@@ -136,7 +132,6 @@ def rerun(
             tests=chosen,
             times=times,
             vary=variations,
-            seed=seed,
             instead=given_quantities(spec, given),
             workers=workers,
             out=out,
@@ -144,17 +139,14 @@ def rerun(
         )
     if junit is not None and not found.missing:
         write_junit(found, junit)
-    with CampaignStore.open(campaign) as store:
-        is_elsewhere = bool(elsewhere([found], store.config))
     if as_json:
         click.echo(json.dumps(found.as_json()))
     elif not found.planned:
         click.echo(f"{campaign} holds no {'driven road' if everything else 'failure'}")
     else:
         is_as_before = not asked and not given
-        _print(found, times, is_as_before, is_elsewhere, with_rows=bool(test_ids))
-        what = "both paths" if is_elsewhere else "it"
-        see = f"to see {what}: frenetic report {shell(campaign)}"
+        _print(found, times, is_as_before=is_as_before, with_rows=bool(test_ids))
+        see = f"to see it: frenetic report {shell(campaign)}"
         click.echo(f"Kept in {found.folder}; {see if out is None else 'the same command shows it'}")
     if found.missing:
         left = counted(found.missing, "drive")
@@ -164,106 +156,73 @@ def rerun(
         raise click.exceptions.Exit(1)
 
 
-def _varied(found: Rerun) -> Iterator[str]:
-    """What varied in all tests, for people."""
-    for i, one in enumerate(found.variations):
-        ranges = {test.variations[i] for test in found.tests}
-        yield str(one) if ranges <= {one} else f"{one.quantity} around each test's own"
-
-
 def _driven_tests(store: CampaignStore) -> list[int]:
     return [test.id for test in store.tests() if test.outcome.is_driven]
 
 
-def _print(
-    found: Rerun, times: int, is_as_before: bool, is_elsewhere: bool, *, with_rows: bool
-) -> None:
+def _print(found: Rerun, times: int, *, is_as_before: bool, with_rows: bool) -> None:
     from frenetic.again.verdicts import Stability, matches_text
     from frenetic.analysis.failures import LISTED
 
     tests, drives = found.tests, found.drives
-    up_to = "up to " if found.missing else ""
-    what = ", ".join(_varied(found)) or ("in the same conditions" if times > 1 else "")
+    varied = [
+        str(one)
+        if all(test.variations[i] == one for test in tests)
+        else f"{one.quantity} around each test's own"
+        for i, one in enumerate(found.variations)
+    ]
+    what = ", ".join(varied) or ("in the same conditions" if times > 1 else "")
+    said = f"{counted(times, 'drive')} of each{', ' if what else ''}{what}"
     failed, judged = (sum(getattr(test, n) for test in tests) for n in ("failed", "judged"))
     matches = matches_text(drives)
     shares = f"{failed} of {judged} drives fail{f' ({matches})' if matches else ''}"
     click.echo(
-        f"{counted(len(tests), 'test')}, {up_to}{counted(times, 'drive')} of each"
-        f"{', ' if what else ''}{what}: {shares if times > 1 else found or 'none was finished'}"
+        f"{counted(len(tests), 'test')}, {'up to ' if found.missing else ''}{said}:"
+        f" {shares if times > 1 else found or 'none was finished'}"
     )
-    counts = [(kind, sum(test.stability is kind for test in tests)) for kind in Stability]
-    if any(number for _, number in counts):
-        click.echo(", ".join(f"{number} {kind}" for kind, number in counts if number))
-    influences = [one for test in tests for one in test.influences if one.matters]
-    for name, number in Counter(one.quantity for one in influences).most_common():
+    kinds = Counter(test.stability for test in tests)
+    if any(kinds[kind] for kind in Stability):
+        click.echo(", ".join(f"{kinds[kind]} {kind}" for kind in Stability if kinds[kind]))
+    influences = [one.quantity for test in tests for one in test.influences if one.matters]
+    for name, number in Counter(influences).most_common():
         click.echo(f"{name} matters in {number} of {len(tests)}")
     if is_as_before:
         click.echo(f"{found.same} of {counted(len(drives), 'drive')} ended exactly as before")
-    if is_elsewhere and (correlation := found.correlation) is None:
-        click.echo("rank correlation of MOOBD with the campaign's: too few roads to say")
-    elif is_elsewhere and correlation is not None:
-        click.echo(
-            f"rank correlation of MOOBD with the campaign's: {correlation.spearman:.2f} (Spearman,"
-            f" p = {correlation.p:.2g}, {correlation.pairs} drives)"
-        )
-    troubles = [drive.reason for drive in drives if not drive.outcome.is_driven]
-    if troubles:
+    if troubles := [drive.reason for drive in drives if not drive.outcome.is_driven]:
         click.echo(
             f"{counted(len(troubles), 'drive')} could not be judged, the first one: {troubles[0]}"
         )
     if not with_rows and len(tests) > LISTED:
         click.echo(f"Test by test: name the IDs, or --top {LISTED}")
-    elif times > 1:
-        _print_shares(tests)
-    else:
-        _print_changes(tests)
-
-
-def _print_changes(tests: Sequence[Repeats]) -> None:
-    rows = []
-    for test in tests:
-        (now,) = test.drives
-        rows.append(
-            (
-                test.id,
-                two_digits(test.recorded.moobd),
-                two_digits(now.moobd),
-                test.change,
-                now.match,
-                now.reason,
-            )
+        return
+    how = (">fails", ">same failure", ">95 % interval", "it is", "what matters")
+    if times == 1:
+        how = (">now (m)", "it", "how", "what happened now")
+    conditions = [in_words(test.conditions) or None for test in tests]
+    rows = [
+        (
+            test.id,
+            two_digits(test.recorded.moobd),
+            *(_changed(test) if times == 1 else _shares(test)),
+            *([text] if any(conditions) else []),
         )
-    columns = (">test", ">MOOBD (m)", ">now (m)", "it", "how", "what happened now")
-    _print_rows(columns, tests, rows)
+        for test, text in zip(tests, conditions, strict=True)
+    ]
+    told = ["conditions"] if any(conditions) else []
+    print_table((">test", ">MOOBD (m)", *how, *told), rows)
 
 
-def _print_shares(tests: Sequence[Repeats]) -> None:
-    rows = []
-    for test in tests:
-        low, high = test.interval
-        matters = [str(influence) for influence in test.influences if influence.matters]
-        rows.append(
-            (
-                test.id,
-                two_digits(test.recorded.moobd),
-                f"{test.failed} of {test.judged}",
-                f"{test.alike} of {test.judged}",
-                None if test.share is None else f"{100.0 * test.share:.0f} %",
-                f"{100.0 * low:.0f} to {100.0 * high:.0f} %",
-                test.stability or test.change,
-                ", ".join(matters) or None,
-            )
-        )
-    numbers = (">test", ">MOOBD (m)", ">fails", ">same failure", ">share", ">95 % interval")
-    _print_rows((*numbers, "it is", "what matters"), tests, rows)
+def _changed(test: Repeats) -> tuple[object, ...]:
+    (now,) = test.drives
+    return two_digits(now.moobd), test.change, now.match, now.reason
 
 
-def _print_rows(
-    columns: Sequence[str], tests: Sequence[Repeats], rows: Sequence[Sequence[object]]
-) -> None:
-    """Prints a row for each test, with its conditions where one has any."""
-    told = [in_words(test.conditions) or None for test in tests]
-    if any(told):
-        columns = (*columns, "conditions")
-        rows = [(*row, text) for row, text in zip(rows, told, strict=True)]
-    print_table(columns, rows)
+def _shares(test: Repeats) -> tuple[object, ...]:
+    low, high = test.interval
+    return (
+        f"{test.failed} of {test.judged}",
+        f"{test.alike} of {test.judged}",
+        f"{100.0 * low:.0f} to {100.0 * high:.0f} %",
+        test.stability or test.change,
+        ", ".join(str(influence) for influence in test.influences if influence.matters) or None,
+    )
