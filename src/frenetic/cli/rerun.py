@@ -195,9 +195,9 @@ def _print(found: Rerun, times: int, *, is_as_before: bool, with_rows: bool) -> 
     if not with_rows and len(tests) > LISTED:
         click.echo(f"Test by test: name the IDs, or --top {LISTED}")
         return
-    how = (">fails", ">same failure", ">95 % interval", "it is", "what matters")
+    how = [">fails", ">same failure", ">95 % interval", "it is", "what matters"]
     if times == 1:
-        how = (">now (m)", "it", "how", "what happened now")
+        how = [">now (m)", "it", "how", "what happened now"]
     conditions = [in_words(test.conditions) or None for test in tests]
     rows = [
         (
