@@ -16,7 +16,7 @@ from repeats import redriven
 from frenetic.again.junit import junit, write_junit
 from frenetic.again.rerun import Rerun
 from frenetic.again.verdicts import Repeats
-from frenetic.drive import CarBody, Rules
+from frenetic.drive import Rules
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 
@@ -36,9 +36,7 @@ TESTS = (
     became(10, FAIL, Outcome.ERROR, "broke\x00\ud800"),
     became(11, FAIL, Outcome.INVALID),
 )
-RERUN = Rerun(
-    "night", {"class": "m:Driver"}, {"class": "m:Sim"}, Rules(), CarBody(), len(TESTS), TESTS
-)
+RERUN = Rerun("night", {"class": "m:Driver"}, {"class": "m:Sim"}, Rules(), len(TESTS), TESTS)
 
 
 def test_a_junit_parser_finds_every_road(tmp_path: Path) -> None:

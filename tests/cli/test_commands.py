@@ -40,10 +40,9 @@ CALLS: Final = {
     "show c 1": "id test_outcome moobd description driven driver rules curvatures step picture",
     "report c": "report",
     "check c": f"{COUNTS} folder findings outstanding trajectories bytes",
-    "export c --format csv": "campaign folder format outcomes",
+    "export c --format csv": "folder format outcomes",
     "rerun c --top 1 --times 2": (
-        "campaign folder driver simulator rules car seed variations passed same missing changes"
-        " matches correlation tests"
+        "campaign folder driver simulator variations passed same missing changes matches tests"
     ),
     "minimise c --max-drives 5": (
         "name test road reason match drives ending trouble conditions length length_before"

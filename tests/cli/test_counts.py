@@ -10,9 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from frenetic.campaign import CampaignStore
-from frenetic.campaign.counts import Counts
-
 if TYPE_CHECKING:
     from command_line import Frenetic
 
@@ -104,10 +101,7 @@ def test_every_command_gives_the_same_words_and_numbers(frenetic: Frenetic, mixe
     assert [line for line in said if WORDS in line] == [f"one: {WORDS}", f"two: {WORDS}"]
     compared = frenetic(*compare, "--json").json["groups"]
     assert [numbers(one) for group in compared.values() for one in group] == [NUMBERS, NUMBERS]
-    export = ("export", mixed, "--format", "csv")
-    assert WORDS in frenetic(*export).err
-    exported = frenetic(*export, "--out", "tables", "--json").json
-    assert numbers(exported["campaign"]) == NUMBERS
+    exported = frenetic("export", mixed, "--format", "csv", "--out", "tables", "--json").json
     with Path(exported["folder"], "tests.csv").open(newline="") as file:
         outcomes = Counter(row["outcome"] for row in csv.DictReader(file))
     assert outcomes == {"PASS": 2, "FAIL": 2, "INVALID": 2, "ERROR": 1, "DROPPED": 1}
@@ -127,17 +121,3 @@ def test_a_bench_gives_the_same(frenetic: Frenetic) -> None:
     (group,) = frenetic(*bench, "--out", "b", "--json").json["groups"].values()
     assert [numbers(run) for run in group] == [NUMBERS]
     assert WORDS in frenetic("bench", "--resume", "--out", "b").out
-
-
-def test_a_resumed_campaign_goes_on_counting(frenetic: Frenetic, copied: str) -> None:
-    with CampaignStore.open(copied) as store:
-        before = store.counts()
-    answer = frenetic("resume", copied, "--simulations", "5", "--workers", "1", "--json")
-    assert "Going on after " in answer.err
-    more = answer.json
-    with CampaignStore.open(copied) as store:
-        after = store.counts()
-    assert after.simulations == before.simulations + 5
-    assert numbers(more) == {name: after.counts_json()[name] for name in NUMBERS}
-    assert Counts.total([after, after]).simulations == 2 * after.simulations
-    assert Counts.total([]) == Counts()

@@ -18,7 +18,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final, Unpack
+from typing import Any, Unpack
 
 from msgspec import ValidationError, convert, to_builtins
 
@@ -28,11 +28,10 @@ from frenetic.again.conditions import Variation, draw_conditions
 from frenetic.again.strategy import Again, ByTest
 from frenetic.again.verdicts import Change, Repeat, Repeats, matches_json, matches_text
 from frenetic.analysis.failures import Failure
-from frenetic.analysis.statistics import spearman
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester
-from frenetic.drive import CarBody, Rules
+from frenetic.drive import Rules
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
@@ -42,22 +41,7 @@ from frenetic.simulators.worlds import check_pair_in
 from frenetic.spec import Budget, describe, part_text, version_notes
 from frenetic.versions import SHORT, comparison_key, differences
 
-LEAST_PAIRS: Final = 3
-"""Fewest drives for comparing the ranks of MOOBD."""
-
 logger = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class Correlation:
-    """Correlation of the MOOBDs of drives with those of the campaign."""
-
-    spearman: float
-    """Rank correlation -1..1: 1 if both put the roads in the same order."""
-    p: float
-    """The p that it is chance."""
-    pairs: int
-    """Number of compared roads."""
 
 
 @dataclass(frozen=True)
@@ -70,15 +54,12 @@ class Rerun:
     """In the form of a campaign's description, like the simulator."""
     simulator: Mapping[str, JSONValue]
     rules: Rules
-    car: CarBody
     planned: int
     """Number of planned drives; Ctrl-C leaves fewer."""
     tests: tuple[Repeats, ...]
     """The tests in the order of choice."""
-    seed: int = 0
-    """From which the conditions were drawn."""
     variations: tuple[Variation, ...] = ()
-    """Ranges from which they were drawn."""
+    """Ranges from which the conditions were drawn."""
     folder: Path | None = None
     """Folder of the campaign that drove them; None if there was nothing to drive."""
 
@@ -113,19 +94,6 @@ class Rerun:
         parts = comparison_key(self.simulator, self.driver, self.rules.as_json())
         return hashlib.sha256(parts.encode()).hexdigest()[:SHORT]
 
-    @cached_property
-    def correlation(self) -> Correlation | None:
-        """Correlation of the MOOBDs; None if fewer than three pairs vary."""
-        pairs = [(one.recorded.moobd, one.moobd) for one in self.drives]
-        known = [(a, b) for a, b in pairs if a is not None and b is not None]
-        if len(known) < LEAST_PAIRS:
-            return None
-        try:
-            rho, p = spearman([a for a, _ in known], [b for _, b in known])
-        except ValueError:  # one of them is the same everywhere
-            return None
-        return Correlation(rho, p, len(known))
-
     def __str__(self) -> str:
         texts = []
         for change in Change:
@@ -137,22 +105,17 @@ class Rerun:
 
     def as_json(self) -> dict[str, JSONValue]:
         """The rerun as a JSON object, without trajectories."""
-        correlation = self.correlation
         return {
             "campaign": self.campaign,
             "folder": None if self.folder is None else str(self.folder),
             "driver": dict(self.driver),
             "simulator": dict(self.simulator),
-            "rules": self.rules.as_json(),
-            "car": asdict(self.car),
-            "seed": self.seed,
             "variations": [asdict(variation) for variation in self.variations],
             "passed": self.passed,
             "same": self.same,
             "missing": self.missing,
             "changes": {str(change): self.count(change) for change in Change},
             "matches": matches_json(self.drives),
-            "correlation": None if correlation is None else asdict(correlation),
             "tests": [test.as_json() for test in self.tests],
         }
 
@@ -163,7 +126,6 @@ class _Terms:
 
     digest: str
     planned: int
-    seed: int = 0
     variations: tuple[Variation, ...] = ()
 
 
@@ -234,9 +196,7 @@ def rerun(
             number: draw_conditions([one.of(found) for one in vary], times, seed)
             for number, found in own.items()
         }
-    return drive_tests(
-        folder, tester, tests, conditions, seed=seed, variations=vary, instead=instead, how=how
-    )
+    return drive_tests(folder, tester, tests, conditions, variations=vary, instead=instead, how=how)
 
 
 def drive_tests(
@@ -245,7 +205,6 @@ def drive_tests(
     tests: Iterable[int],
     conditions: ByTest = ({},),
     *,
-    seed: int = 0,
     variations: Sequence[Variation] = (),
     instead: Iterable[str] = (),
     how: How,
@@ -260,7 +219,6 @@ def drive_tests(
             describe(tester.driver),
             describe(simulator),
             simulator.rules,
-            simulator.car,
             planned=0,
             tests=(),
         )
@@ -272,7 +230,6 @@ def drive_tests(
         what=strategy.options,
         terms={
             "planned": len(strategy),
-            "seed": seed,
             "variations": to_builtins(tuple(variations)),
         },
         how=how,
@@ -319,13 +276,11 @@ def read_rerun(folder: Path | str, source: Path | str) -> Rerun:
             parts["driver"],
             parts["simulator"],
             store.setting.rules,
-            store.setting.car,
             terms.planned,
             tuple(
                 _repeats(recorded[number][0], own, terms.variations, is_own)
                 for number, own in drives.items()
             ),
-            terms.seed,
             terms.variations,
             Path(folder),
         )

@@ -180,14 +180,10 @@ class Repeats:
         """The conditions of its drives, without those that vary."""
         return without(self.drives[0].conditions, *(one.quantity for one in self.variations))
 
-    def count(self, outcome: Outcome) -> int:
-        """Drives with this outcome."""
-        return sum(drive.outcome is outcome for drive in self.drives)
-
     @property
     def failed(self) -> int:
         """Drives that failed."""
-        return self.count(Outcome.FAIL)
+        return sum(drive.outcome is Outcome.FAIL for drive in self.drives)
 
     @property
     def judged(self) -> int:

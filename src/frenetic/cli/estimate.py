@@ -28,7 +28,6 @@ from frenetic.spec import Spec
 @part_options
 @criteria_option
 @count_option("--drives", "Drive about N times.", least=100, default=10_000)
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the draws.")
 @json_option
 @click.pass_context
 def estimate(
@@ -36,7 +35,6 @@ def estimate(
     /,
     campaign: Path | None,
     drives: int,
-    seed: int,
     as_json: bool,
     **_: Any,
 ) -> None:
@@ -80,7 +78,7 @@ def estimate(
             show(share, lambda: f"{driven} of about {drives} drives, {failures} failures")
 
         with as_usage_error():
-            found = estimated(domain, tester, drives=drives, seed=seed, on_drive=on_drive)
+            found = estimated(domain, tester, drives=drives, on_drive=on_drive)
     document = json.dumps(found.as_json())
     if campaign is not None:
         write_file(campaign / FILE, document + "\n", remedy="make room, or let it be written")

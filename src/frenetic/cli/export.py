@@ -143,33 +143,23 @@ def _export_campaign(
 ) -> None:
     from frenetic.analysis.groups import find_campaigns
     from frenetic.campaign import CampaignStore
-    from frenetic.campaign.counts import Counts
     from frenetic.export import export_campaign
 
     log = Log()
     with as_usage_error(), counted_progress(log, "Exporting") as show:
-        campaigns: list[Counts] = []
-        domains: dict[str, None] = {}
-        for place in find_campaigns(source):
-            with CampaignStore.open(place) as store:
-                campaigns.append(store.counts())
-                if (domain := store.setting.domain) is not None and domain.conditions:
-                    domains[domain.name] = None
-        counts = Counts.total(campaigns)
         folder = export_campaign(source, name, out, outcomes=outcomes, on_progress=show, **options)
-    if name == "competition" and domains:
-        log.print(
-            f"Note: the competition's files do not say in which conditions of {', '.join(domains)}"
-            " each test was driven; the other formats do",
-            markup=False,
-        )
-    if as_json:
-        document = {"folder": str(folder), "format": name, "outcomes": list(outcomes)}
-        click.echo(json.dumps({**document, "campaign": counts.counts_json()}))
-        return
-    whose = "The campaign holds" if len(campaigns) == 1 else f"{len(campaigns)} campaigns hold"
-    log.print(f"{whose} {counts.in_words()}", markup=False)
-    click.echo(folder)
+    for place in find_campaigns(source) if name == "competition" else ():
+        with CampaignStore.open(place) as store:
+            domain = store.setting.domain
+        if domain is not None and domain.conditions:
+            log.print(
+                f"Note: the competition's files do not say in which conditions of {domain.name}"
+                " each test was driven; the other formats do",
+                markup=False,
+            )
+            break
+    document = {"folder": str(folder), "format": name, "outcomes": list(outcomes)}
+    click.echo(json.dumps(document) if as_json else folder)
 
 
 def _export_roads(
@@ -217,10 +207,10 @@ def _export_roads(
             raise click.UsageError(f"{path} is the road itself: choose another place with --out")
         write_road(exported, name, path)
         documents.append({"file": str(path), "format": name})
-        if not as_json:
-            click.echo(path)
     if as_json:
         click.echo(json.dumps(documents if len(test_ids) > 1 else documents[0]))
+    for one in () if as_json else documents:
+        click.echo(one["file"])
 
 
 def _exported(
