@@ -314,20 +314,11 @@ def read_reruns(folder: Path | str) -> list[Rerun]:
     return found
 
 
-def names_of(rerun: Rerun, config: Mapping[str, Any]) -> tuple[str, str]:
-    """Names of the campaign's simulator and of a rerun's, with their drivers if these differ.
-
-    Args:
-        rerun: of the campaign.
-        config: of the campaign.
-    """
-    recorded = config.get("simulator"), config.get("driver")
-    here, driver_here = map(part_text, recorded)
-    there = part_text(rerun.simulator, recorded[0])
-    driver_there = part_text(rerun.driver, recorded[1])
-    if driver_here != driver_there:
-        here, there = f"{driver_here} in {here}", f"{driver_there} in {there}"
-    return f"{here} (campaign)" if here == there else here, there
+def name_of(rerun: Rerun, config: Mapping[str, Any]) -> str:
+    """Name of a rerun's simulator, with its driver if that is not the campaign's."""
+    there = part_text(rerun.simulator, config.get("simulator"))
+    driver = part_text(rerun.driver, config.get("driver"))
+    return there if driver == part_text(config.get("driver")) else f"{driver} in {there}"
 
 
 def own_repeats(reruns: Iterable[Rerun]) -> list[Repeats]:

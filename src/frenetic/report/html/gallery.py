@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from frenetic._support.words import capitalised, counted
-from frenetic.again.rerun import Rerun, names_of
+from frenetic.again.rerun import Rerun, name_of
 from frenetic.again.verdicts import Repeats
 from frenetic.analysis.causes import in_words
 from frenetic.analysis.failures import Clusters
@@ -73,7 +73,7 @@ def gallery_section(
     elsewhere = [
         {
             "test": test.id,
-            "where": names_of(rerun, config)[1],
+            "where": name_of(rerun, config),
             "text": f"{test.verdict}: {test.drives[0].reason}",
         }
         for rerun in there
