@@ -102,13 +102,6 @@ def test_a_given_range_is_the_same_for_all_and_a_usual_one_lies_around_a_tests_o
         assert one.is_own
 
 
-def test_a_quantity_without_an_own_amount_varies_around_the_simulators(campaign: Path) -> None:
-    number = driven(campaign)[0].id
-    usual = Variation.usual("load", EmbeddedSimulator(load=50.0))
-    found = again(campaign, EmbeddedSimulator(load=50.0), tests=[number], times=3, vary=[usual])
-    assert found.tests[0].variations == (usual,)
-
-
 def test_what_the_parts_say_instead_wins_and_is_another_drive(campaign: Path) -> None:
     test = next(one for one in driven(campaign) if "gust" in one.candidate.conditions)
     own = dict(test.candidate.conditions)

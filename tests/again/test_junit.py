@@ -6,7 +6,6 @@ import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from junitparser import Error, Failure, JUnitXml
@@ -17,7 +16,6 @@ from frenetic.again.junit import junit, write_junit
 from frenetic.again.rerun import Rerun
 from frenetic.again.verdicts import Repeats
 from frenetic.drive import Rules
-from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 
 
@@ -90,9 +88,3 @@ def test_no_text_breaks_the_file(reason: str, name: str) -> None:
     assert printable in "".join(c for c in said if c.isalnum() and c.isascii()) or "\\" in said
     (suite,) = JUnitXml.fromstring(content)
     assert suite.errors == 1
-
-
-def test_a_file_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
-    with pytest.raises(CampaignError, match="choose another file"):
-        write_junit(RERUN, tmp_path / "nowhere" / "a.xml")
-    assert list(tmp_path.iterdir()) == []

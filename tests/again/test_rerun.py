@@ -263,17 +263,6 @@ def test_another_simulator_is_added_and_other_tests_are_put_together(campaign: P
     assert other.missing == 0
 
 
-def test_of_several_drives_of_a_test_the_last_judged_ones_count(campaign: Path) -> None:
-    first, second, *_ = (test.id for test in failures_in(campaign))
-    for tests, works in (([first, second], True), ([first], False), ([second, first], False)):
-        Unreliable.works = works
-        rerun(campaign, Unreliable(), DummyDriver(), tests=tests)
-    Unreliable.works = False
-    (kept,) = there(campaign)
-    assert [one.id for one in kept.tests] == [first, second]
-    assert [one.change for one in kept.tests] == [Change.PASSES_NOW] * 2
-
-
 # Once
 
 
@@ -318,17 +307,9 @@ def test_a_folder_with_something_else_is_refused(campaign: Path, tmp_path: Path)
         budget=Budget(simulations=8),
         folder=other,
     ).run()
-    asked: list[Callable[[], Rerun]] = [
-        lambda: again(campaign, out=campaign),
-        lambda: again(campaign, out=other),
-        lambda: again(campaign, driven_in(campaign)[:5], out=out),
-        lambda: again(campaign, out=out, driver=Planner(aggression=0.9)),
-        lambda: again(campaign, out=out, simulator=EmbeddedSimulator(rules=Rules(60.0))),
-        lambda: again(other, driven_in(campaign)[:6], out=out),
-    ]
-    for ask in asked:
+    for how in ({"out": campaign}, {"out": other}, {"out": out, "driver": Planner(aggression=0.9)}):
         with pytest.raises(CampaignError, match=r"holds another campaign: choose another place"):
-            ask()
+            again(campaign, **how)
     assert results_of(again(campaign, out=out)) == results_of(run)
 
 

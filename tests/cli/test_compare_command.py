@@ -70,14 +70,6 @@ def test_groups_are_what_was_named_or_what_belongs_together(
 
 
 @pytest.mark.usefixtures("runs")
-def test_folders_whose_names_hold_signs_are_folders(frenetic: Frenetic) -> None:
-    Path("runs/f-1").rename("x=1,2")
-    Path("runs/r-1").rename("y[1]")
-    answer = frenetic("compare", "x=1,2", "b=y[1]", "--json")
-    assert groups_of(answer.json) == {"b": ["y[1]"], "all": ["x=1,2"]}
-
-
-@pytest.mark.usefixtures("runs")
 def test_the_table_says_medians_and_files_hold_them(frenetic: Frenetic) -> None:
     files = ("--out", "a.png", "--out", "a.html")
     answer = frenetic("compare", "runs", *files)

@@ -136,41 +136,6 @@ def test_a_failing_road_is_driven_as_the_campaign_drove_it(frenetic: Frenetic, r
     assert frenetic("drive", "least.json", "--json").json["moobd"] == least["moobd"]
 
 
-def test_a_file_without_its_record_says_who_drove(frenetic: Frenetic, road: Path) -> None:
-    said = "driver     planner in embedded; recorded with Bold, delayed"
-    other = ("--driver", "planner", "--with", "delay=0")
-    assert said in frenetic("drive", str(road), *other).out, "nor with another driver"
-    document = json.loads(road.read_text(encoding="utf-8"))
-    del document["driven"]
-    road.write_text(json.dumps(document), encoding="utf-8")
-    assert said in frenetic("drive", str(road)).out
-
-
-def test_code_that_a_file_names_is_not_run_unasked(frenetic: Frenetic, road: Path) -> None:
-    Path("evil.py").write_text("open('here', 'w').close()\nEvil = type('Evil', (), {})\n")
-    for entries in (
-        {"driver": "os:system", "driver_options": {"command": "touch here"}},
-        {"driver": "evil.py:Evil", "driver_options": {}},
-        {"driver": "elsewhere/../evil.py:Evil", "driver_options": {}},
-        {"driver": "nowhere.py:Evil", "driver_options": {}},
-        {"simulator": "evil:Evil", "simulator_options": {"extra": [1]}},
-    ):
-        (kind, name), _ = entries.items()
-        answer = frenetic("drive", changed(road, **entries))
-        assert answer.refuses("have not run", f"--{kind} {name}")
-        assert not Path("here").exists()
-
-
-def test_a_damaged_record_is_one_line(frenetic: Frenetic, road: Path) -> None:
-    for entries, words in (
-        ({"driver": 3}, "$.driver"),
-        ({"layers": {"delay": "long"}}, "$.layers"),
-        ({"map_size": None}, "$.map_size"),
-    ):
-        answer = frenetic("drive", changed(road, **entries))
-        assert answer.refuses("its entry 'driven'", words)
-
-
 def test_a_campaigns_test_is_driven_as_its_file_is(frenetic: Frenetic, road: Path) -> None:
     number = str(int(road.stem.removeprefix("test-")))
     one, by_file = (

@@ -102,16 +102,6 @@ def test_it_follows_until_the_campaign_finishes(tmp_path: Path) -> None:
     assert (process.returncode, err) == (0, "")
 
 
-def test_it_says_that_the_campaign_was_killed(tmp_path: Path) -> None:
-    with paced(tmp_path) as running, following(tmp_path) as process:
-        read_until(process.stdout, "status     running")
-        running.kill()
-        line = read_until(process.stdout, "status     killed")
-        assert line.endswith(f"frenetic resume {tmp_path} goes on\n")
-        _, err = process.communicate()
-    assert (process.returncode, err) == (1, "")
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is sent by a POSIX signal here")
 def test_ctrl_c_leaves_and_the_campaign_goes_on(tmp_path: Path) -> None:
     with paced(tmp_path) as running:

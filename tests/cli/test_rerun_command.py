@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -14,11 +13,8 @@ from permissions import bound_by_permissions
 
 from frenetic._support.words import counted
 from frenetic.again.rerun import read_reruns
-from frenetic.campaign import Budget, Campaign, CampaignStore
-from frenetic.drivers import Planner
+from frenetic.campaign import CampaignStore
 from frenetic.outcome import Outcome
-from frenetic.search import RandomSearch
-from frenetic.simulators import EmbeddedSimulator
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -47,19 +43,6 @@ def test_a_deterministic_failure_is_reported_20_of_20(frenetic: Frenetic, copied
     assert frenetic("rerun", copied, "--times", "20", "--top", "3") == answer
 
 
-def test_several_quantities_are_varied_at_once(frenetic: Frenetic, copied: str) -> None:
-    ranges = ("--vary", "noise=0.2", "--vary", "speed", "--vary", "friction=0.8:1.3")
-    place = shutil.copytree(copied, "speed")  # a folder, although a quantity is called so
-    again = ("rerun", *ranges, place, str(failures_of(copied)[0]))
-    document = frenetic(*again, "--json").json
-    drawn = {one["quantity"]: (one["low"], one["high"]) for one in document["variations"]}
-    assert drawn == {"friction": (0.8, 1.3), "noise": (0.2, 0.2), "speed": (63.0, 77.0)}
-    said = frenetic(*again).out
-    assert "friction matters in 1 of 1" in said
-    assert "20 drives of each, noise 0.2 m, speed 63 to 77 km/h, friction 0.8 to 1.3: " in said
-    assert "less friction is worse (Spearman 0." in said
-
-
 def test_a_summary_comes_first_and_the_tests_that_were_named(
     frenetic: Frenetic, copied: str
 ) -> None:
@@ -74,30 +57,6 @@ def test_a_summary_comes_first_and_the_tests_that_were_named(
     assert any("interval" in line for line in with_rows)
     turned = frenetic("rerun", copied, ids[1], ids[0], "--json").json
     assert [str(one["test"]) for one in turned["tests"]] == [ids[1], ids[0]]
-
-
-def test_other_campaigns(frenetic: Frenetic) -> None:
-    """One without failures, and one of Python, with its parts named."""
-    frenetic("run", "--simulations", "2", "--driver", "aggression=0.3", "--out", "calm")
-    answer = frenetic("rerun", "calm")
-    assert (answer.code, answer.out) == (0, "calm holds no failure\n")
-    assert read_reruns("calm") == []
-    Campaign(
-        strategy=RandomSearch(seed=2),
-        simulator=EmbeddedSimulator(),
-        driver=Planner(),
-        budget=Budget(failures=1),
-        folder="python",
-    ).run()
-    parts = ("--driver", "planner", "--simulator", "embedded")
-    (one,) = frenetic("rerun", "python", *parts, "--times", "5", "--json").json["tests"]
-    assert (one["failed"], one["judged"]) == (5, 5)
-    with (
-        CampaignStore.open("calm") as store,
-        CampaignStore.create("damaged", {**store.config, "map_size": "large"}),
-    ):
-        pass
-    assert frenetic("rerun", "damaged").refuses("damaged", "map_size")
 
 
 @pytest.mark.parametrize("stop", [3, 4, 6])

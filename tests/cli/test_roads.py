@@ -87,13 +87,6 @@ def test_a_file_repeats_it_and_resume_goes_on(frenetic: Frenetic, slippery: Path
     assert "roads" not in Path("again", NAME).read_text().replace("[roads", "")
 
 
-def test_a_named_class_is_written_by_its_name(frenetic: Frenetic) -> None:
-    frenetic("run", "--roads", "urban-50", "--simulations", "2", "--seed", "1", "--out", "town")
-    text = Path("town", NAME).read_text()
-    assert 'roads = "urban-50"' in text
-    assert "speed_limit = 50.0" in text
-
-
 def test_given_options_win(frenetic: Frenetic) -> None:
     options = ("--roads", "urban-50", "--criteria", "speed_limit=80", "--map-size", "1500")
     frenetic("run", *options, "--simulations", "2", "--seed", "1", "--out", "town")
@@ -111,14 +104,6 @@ def test_a_dry_drive_says_which_rule_a_road_breaks(frenetic: Frenetic) -> None:
     Path("lane.toml").write_text("design_speed = 20\nmin_radius = 50\nmin_clothoid = 20\nmin_arc=0")
     answer = frenetic("drive", "road.json", "--dry", "--roads", "lane.toml", "--json")
     assert "A side friction of" in answer.json["message"] or answer.json["valid"]
-
-
-def test_classes_are_listed(frenetic: Frenetic) -> None:
-    rows = frenetic("list", "roads").out
-    assert "min radius" in rows
-    assert "motorway-130" in rows
-    sources = {one["name"]: one["sources"] for one in frenetic("list", "roads", "--json").json}
-    assert sources["motorway-130"]["min_radius"] == "RAA 2008, EKA 1 A: 900 m"
 
 
 @pytest.mark.parametrize(

@@ -65,18 +65,6 @@ def test_fail_on_failure_ends_with_1_only_where_a_test_failed(frenetic: Frenetic
     assert (answer.code, answer.json["failed"]) == (0, 0)
 
 
-def test_run_makes_a_folder_of_its_own_and_tells_its_seed(frenetic: Frenetic) -> None:
-    write("run.toml", "simulations = 2\nlookahead = 4\n")
-    run = ["run", "run.toml", "--json"]
-    first = frenetic(*run).json
-    second = frenetic(*run).json
-    assert first["folder"] != second["folder"]
-    assert Path(first["folder"]).parent == Path("campaigns")
-    assert Path(second["folder"], "campaign.sqlite").is_file()
-    repeated = frenetic(*run, "--seed", str(first["seed"])).json
-    assert repeated["min_moobd"] == first["min_moobd"]
-
-
 def test_run_refuses_a_simulator_whose_package_is_missing_and_leaves_nothing(
     frenetic: Frenetic, monkeypatch: pytest.MonkeyPatch
 ) -> None:
