@@ -284,7 +284,7 @@ def test_each_thing_to_drive_has_a_folder_and_is_driven_once(campaign: Path) -> 
         assert len(folders(campaign)) == number
         assert len(runs[-1].drives) == runs[-1].planned
     driven = [one.driven for one in (usual, icy, slow)]
-    assert driven == [30, 6, 6]
+    assert driven == [24, 6, 6]
     calls: list[object] = []
     for ask, run in zip(asked, runs, strict=True):
         found = ask()

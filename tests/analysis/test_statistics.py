@@ -187,18 +187,3 @@ def test_spearman_agrees_with_scipy(n: int, seed: int) -> None:
 def test_holm_by_hand() -> None:
     # 3 * 0.01; then 2 * 0.03; 0.04 itself is less than that, so it is raised to it.
     assert holm([0.04, 0.01, 0.03]) == pytest.approx([0.06, 0.03, 0.06])
-
-
-def test_repeats_narrow_the_interval_but_not_below_that_of_so_many_trials() -> None:
-    rng = np.random.default_rng(1)
-    chances = rng.random(100)
-    widths = []
-    for repeats in (1, 4, 16):
-        x, y = (rng.binomial(repeats, chances) / repeats for _ in range(2))
-        found = paired_share_difference(x, y, repeats=repeats)
-        widths.append(found.high - found.low)
-    assert widths == sorted(widths, reverse=True)
-    steady = [0.5] * 99 + [0.25]  # hardly varies, by chance
-    found = paired_share_difference(steady, steady[::-1], repeats=4)
-    least = np.diff(proportion_interval(199, 400))[0]
-    assert found.high - found.low >= least

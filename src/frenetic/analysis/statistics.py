@@ -105,7 +105,7 @@ def _wilson(share: float, trials: float, confidence: float) -> tuple[float, floa
 
 
 def paired_share_difference(
-    first: npt.ArrayLike, second: npt.ArrayLike, *, repeats: int = 1, confidence: float = 0.95
+    first: npt.ArrayLike, second: npt.ArrayLike, *, confidence: float = 0.95
 ) -> Estimate:
     """The mean of the second shares minus that of the first, with Newcombe's interval for pairs.
 
@@ -114,13 +114,9 @@ def paired_share_difference(
     data", Statistics in Medicine 17 (1998), one of those that Fagerland, Lydersen and Laake
     recommend there (33, 2014). It joins Wilson's intervals of both means, with their correlation.
 
-    Where a share comes from several repeats, Wilson's interval is taken at the effective number of
-    trials, p (1 - p) over the variance of the mean.
-
     Args:
         first: (n,) shares 0..1, such as 0 and 1 for what passed and failed once.
         second: (n,) shares of the same things.
-        repeats: number of trials behind each share.
         confidence: 0..1.
 
     Raises:
@@ -137,10 +133,7 @@ def paired_share_difference(
         covariance = max(0.0, covariance - 0.5 / n)
     spread = float(x.std() * y.std())
     correlation = max(-1.0, min(1.0, covariance / spread)) if spread > 0.0 else 0.0
-    (p_low, p_high), (q_low, q_high) = (
-        _wilson(share, _effective_trials(values, repeats), confidence)
-        for share, values in ((p, x), (q, y))
-    )
+    (p_low, p_high), (q_low, q_high) = (_wilson(share, n, confidence) for share in (p, q))
 
     def together(one: float, other: float) -> float:
         return math.sqrt(max(0.0, one * one - 2.0 * correlation * one * other + other * other))
@@ -151,14 +144,6 @@ def paired_share_difference(
         difference - together(q - q_low, p_high - p),
         difference + together(q_high - q, p - p_low),
     )
-
-
-def _effective_trials(shares: FloatArray, repeats: int) -> float:
-    """Number of independent trials after which a mean of shares would vary as this one does."""
-    n, share, variance = len(shares), float(shares.mean()), float(shares.var())
-    if variance == 0.0:
-        return n
-    return min(n * share * (1.0 - share) / variance, n * repeats)
 
 
 def median_estimate(values: npt.ArrayLike, confidence: float = 0.95) -> Estimate:

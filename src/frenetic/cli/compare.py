@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -26,9 +26,10 @@ from frenetic.cli.versions import compare_versions
 from frenetic.errors import FreneticError
 
 if TYPE_CHECKING:
-    from frenetic.analysis.comparison import Comparison, MeasureComparison, PairComparison
+    from frenetic.analysis.comparison import Comparison, MeasureComparison
 
 _WILD: Final = "*?["
+_SUFFIXES: Final = (".html", ".png", ".svg", ".pdf")
 _MOST_COLUMNS: Final = 3
 """Most groups side by side; more are listed one below the other."""
 _MOST_MEASURES: Final = 4
@@ -82,26 +83,21 @@ def compare(
             raise click.UsageError(
                 f"--driver and --as compare another driver with that of one campaign: {what}"
             )
-        compare_versions(
-            Path(places[0]),
-            new_driver,
-            fresh=fresh,
-            workers=workers,
-            as_json=as_json,
-        )
+        how: Any = {"fresh": fresh, "workers": workers, "as_json": as_json}
+        compare_versions(Path(places[0]), new_driver, **how)
     for name in ("fresh", "workers"):
         if was_given(context, name):
             raise click.UsageError(f"--{name} is for a new version of a driver: add --driver")
     for path in out:
-        if path.suffix.lower() not in _FORMS:
-            raise click.UsageError(f"{path} must end with one of {', '.join(_FORMS)}")
+        if path.suffix.lower() not in _SUFFIXES:
+            raise click.UsageError(f"{path} must end with one of {', '.join(_SUFFIXES)}")
     log = Log()
     with log.status("Reading the campaigns"):
         comparison = compare_groups(grouped(places))
     for note in comparison.notes:
         log.print(f"Note: {note}", markup=False)
     for path in out:
-        _FORMS[path.suffix.lower()](comparison, path, places)
+        _write(comparison, path, places)
     if as_json:
         click.echo(json.dumps(comparison_document(comparison)))
         return
@@ -110,24 +106,17 @@ def compare(
         click.echo(path)
 
 
-def _write_page(comparison: Comparison, path: Path, places: Sequence[str]) -> None:
-    from frenetic.report.html.comparison import write_comparison_page
+def _write(comparison: Comparison, path: Path, places: Sequence[str]) -> None:
+    """Writes a page or a picture, as the file's suffix says."""
+    if path.suffix.lower() == ".html":
+        from frenetic.report.html.comparison import write_comparison_page
 
-    words = ["frenetic", "compare", *places, "--out", str(path)]
-    write_comparison_page(comparison, path, command=shlex.join(words))
+        words = ["frenetic", "compare", *places, "--out", str(path)]
+        write_comparison_page(comparison, path, command=shlex.join(words))
+    else:
+        from frenetic.report.plots import draw_comparison
 
-
-def _draw(comparison: Comparison, path: Path, _: Sequence[str]) -> None:
-    from frenetic.report.plots import draw_comparison
-
-    draw_comparison(comparison, path)
-
-
-_FORMS: Final[Mapping[str, Callable[[Comparison, Path, Sequence[str]], None]]] = {
-    ".html": _write_page,
-    **dict.fromkeys((".png", ".svg", ".pdf"), _draw),
-}
-"""Suffix of a file -> what writes it."""
+        draw_comparison(comparison, path)
 
 
 def grouped(places: tuple[str, ...]) -> dict[str, list[Path]]:
@@ -175,13 +164,6 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
     def number(value: float) -> float | None:
         return value if math.isfinite(value) else None
 
-    def pair_document(pair: PairComparison) -> dict[str, Any]:
-        return {
-            **asdict(pair),
-            "magnitude": pair.magnitude,
-            "verdict": pair.verdict,
-        }
-
     def measure_document(measured: MeasureComparison) -> dict[str, Any]:
         return {
             **asdict(measured.measure),
@@ -192,7 +174,10 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
                 }
                 for name, values in measured.values.items()
             },
-            "pairs": [pair_document(pair) for pair in measured.pairs],
+            "pairs": [
+                {**asdict(pair), "magnitude": pair.magnitude, "verdict": pair.verdict}
+                for pair in measured.pairs
+            ],
         }
 
     return {

@@ -180,7 +180,7 @@ def two_digits(value: float | None) -> str | None:
 def print_failures(clusters: Clusters, counts: Counts, listed: int) -> None:
     """Prints a table of distinct failures or, where nothing failed, of the nearest misses.
 
-    Broken drives are told here only in the second case: `print_causes` has told them in the first.
+    `print_causes` has told in the first case what broke, was known and was compared.
 
     Args:
         clusters: the distinct failures or near misses.
@@ -200,10 +200,6 @@ def print_failures(clusters: Clusters, counts: Counts, listed: int) -> None:
         heading = "where the car came nearest to leaving its lane"
     else:
         title = counted(len(clusters), "distinct failure")
-        if clusters.failures < failures:
-            title += f" among the {clusters.failures} most severe of {failures}"
-        if clusters.known:
-            title += f", {clusters.known} known before"
         if listed < len(clusters):
             title += f", the {listed} most severe"
     Results().print(title, style="bold", markup=False)
@@ -233,15 +229,11 @@ def print_causes(clusters: Clusters, counts: Counts, shortened: Mapping[int, Tes
         Results().print(counts.broken, style="bold", markup=False)
     if not clusters:
         return
-    failures = f"{counted(counts.failed, 'failure')}, {len(clusters)} of them distinct"
-    if clusters.failures < counts.failed:
-        failures = (
-            f"the {clusters.failures} most severe of {counts.failed} failures, {len(clusters)} of"
-            " them distinct"
-        )
+    severe = f"the {clusters.failures} most severe of " if clusters.failures < counts.failed else ""
+    title = f"{counted(len(clusters.causes), 'cause')} of {severe}"
+    title += f"{counted(counts.failed, 'failure')}, {len(clusters)} of them distinct"
     if clusters.known:
-        failures += f", {clusters.known} known before"
-    title = f"{counted(len(clusters.causes), 'cause')} of {failures}"
+        title += f", {clusters.known} known before"
     Results().print(title, style="bold", markup=False)
     print_table(
         (">failures", ">distinct", "what the driver does", ">example", "its road"),
