@@ -236,15 +236,6 @@ def test_nothing_is_left_of_an_export_that_broke(
     assert list((tmp_path / "out").iterdir()) == []
 
 
-def test_nothing_is_left_of_an_export_that_was_interrupted(campaign: Path, tmp_path: Path) -> None:
-    def interrupt(done: int, total: int) -> None:
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        export_campaign(campaign, "json", tmp_path / "out" / "json", on_progress=interrupt)
-    assert list((tmp_path / "out").iterdir()) == []
-
-
 def test_nothing_is_left_of_an_export_that_was_killed(campaign: Path, tmp_path: Path) -> None:
     script = (
         "import os, sys; from frenetic.export import export_campaign;"
@@ -329,20 +320,6 @@ def run(*arguments: str) -> int:
         main(["export", *arguments])
     assert isinstance(stop.value.code, int)
     return stop.value.code
-
-
-def test_command(campaign: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = str(tmp_path / "out")
-    options = ("--outcome", "fail", "--outcome", "DROPPED")
-    assert run(str(campaign), "--format", "csv,trajectories=none", "--out", out, *options) == 0
-    assert capsys.readouterr().out == f"{out}\n"
-    read = pd.read_csv(Path(out) / "tests.csv")
-    assert set(read["outcome"]) == {"FAIL", "DROPPED"}
-    assert run(str(campaign), "--format", "csv", "--out", out) == 2
-    answer = capsys.readouterr()
-    assert answer.out == ""
-    assert len(answer.err.splitlines()) == 1
-    assert "exists already" in answer.err
 
 
 def test_command_writes_into_the_folder_by_default(

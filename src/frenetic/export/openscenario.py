@@ -7,8 +7,10 @@ simulator. The same road always gives the same bytes; the date, which the format
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 from xml.etree import ElementTree
+from xml.sax.saxutils import quoteattr
 
 from frenetic.road import Road
 from frenetic.simulators import Rules
@@ -44,40 +46,47 @@ def to_openscenario(
     """
     rules = rules or Rules()
     speed = rules.speed_limit / 3.6
-    root = ElementTree.Element("OpenSCENARIO")
-    _add(
-        root,
-        "FileHeader",
-        revMajor="1",
-        revMinor="0",
-        date=DATE,
-        description=_printable(name) or "road",
-        author="Frenetic",
-    )
-    _add(root, "CatalogLocations")
-    _add(_add(root, "RoadNetwork"), "LogicFile", filepath=_printable(road_file))
-    _add_car(_add(root, "Entities"))
     start, goal = min(START, 0.25 * road.length), max(road.length - END, 0.75 * road.length)
-    storyboard = _add(root, "Storyboard")
-    init = _add(_add(_add(storyboard, "Init"), "Actions"), "Private", entityRef=EGO)
-    _add_position(_add(_add(init, "PrivateAction"), "TeleportAction"), start)
-    _add_speed(_add(init, "PrivateAction"), 0.0, shape="step", seconds=0.0)
-    act = _add(_add(storyboard, "Story", name="drive"), "Act", name="drive")
-    group = _add(act, "ManeuverGroup", name="ego", maximumExecutionCount="1")
-    actors = _add(group, "Actors", selectTriggeringEntities="false")
-    _add(actors, "EntityRef", entityRef=EGO)
-    maneuver = _add(group, "Maneuver", name="drive")
-    # Not in Init, where CARLA's runner takes the last position of all for the car's start.
-    _add_route(_add_event(maneuver, "take the route"), start, goal)
-    _add_speed(
-        _add_event(maneuver, "speed up"), speed, shape="linear", seconds=speed / ACCELERATION
+    at_once = _later_than(0.0)
+    arrived = (
+        '<ByEntityCondition><TriggeringEntities triggeringEntitiesRule="any">'
+        f'<EntityRef entityRef="{EGO}"/></TriggeringEntities><EntityCondition>'
+        f'<ReachPositionCondition tolerance="{_number(rules.goal_distance)}">{_position(goal)}'
+        "</ReachPositionCondition></EntityCondition></ByEntityCondition>"
     )
-    _add_time(_add_condition(_add(act, "StartTrigger"), "at once"), 0.0)
     # esmini ends with the storyboard, CARLA's runner with the act.
-    for parent in (act, storyboard):
-        stop = _add(parent, "StopTrigger")
-        _add_arrival(_add_condition(stop, "at the goal"), goal, rules.goal_distance)
-        _add_time(_add_condition(stop, "out of time"), rules.timeout(road.length))
+    stop = _trigger(
+        "Stop", {"at the goal": arrived, "out of time": _later_than(rules.timeout(road.length))}
+    )
+    waypoints = (
+        f'<Waypoint routeStrategy="shortest">{_position(place)}</Waypoint>'
+        for place in (start, goal)
+    )
+    # Not in Init, where CARLA's runner takes the last position of all for the car's start.
+    route = (
+        '<RoutingAction><AssignRouteAction><Route name="to the goal" closed="false">'
+        f"{''.join(waypoints)}</Route></AssignRouteAction></RoutingAction>"
+    )
+    events = {"take the route": route, "speed up": _speed(speed, "linear", speed / ACCELERATION)}
+    maneuver = "".join(
+        f'<Event name="{name}" priority="parallel"><Action name="{name}"><PrivateAction>{action}'
+        f"</PrivateAction></Action>{_trigger('Start', {name: at_once})}</Event>"
+        for name, action in events.items()
+    )
+    root = ElementTree.fromstring(  # noqa: S314  # our own
+        f'''<OpenSCENARIO><FileHeader revMajor="1" revMinor="0" date="{DATE}"
+        description={quoteattr(_printable(name) or "road")} author="Frenetic"/>
+        <CatalogLocations/><RoadNetwork><LogicFile filepath={quoteattr(_printable(road_file))}/>
+        </RoadNetwork><Entities>{_car()}</Entities><Storyboard><Init><Actions>
+        <Private entityRef="{EGO}"><PrivateAction><TeleportAction>{_position(start)}
+        </TeleportAction></PrivateAction><PrivateAction>{_speed(0.0, "step", 0.0)}</PrivateAction>
+        </Private></Actions></Init><Story name="drive"><Act name="drive">
+        <ManeuverGroup name="ego" maximumExecutionCount="1">
+        <Actors selectTriggeringEntities="false"><EntityRef entityRef="{EGO}"/></Actors>
+        <Maneuver name="drive">{maneuver}</Maneuver></ManeuverGroup>
+        {_trigger("Start", {"at once": at_once})}{stop}</Act></Story>{stop}</Storyboard>
+        </OpenSCENARIO>'''
+    )
     ElementTree.indent(root)
     text = ElementTree.tostring(root, encoding="unicode")
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
@@ -87,97 +96,58 @@ def _printable(text: str) -> str:
     return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
-def _add(
-    parent: ElementTree.Element, tag: str, /, **attributes: float | str
-) -> ElementTree.Element:
-    texts = {
-        key: value if isinstance(value, str) else repr(round(value, 6) + 0.0)
-        for key, value in attributes.items()
-    }
-    return ElementTree.SubElement(parent, tag, texts)
+def _number(value: float) -> str:
+    return repr(round(value, 6) + 0.0)
 
 
-def _add_car(entities: ElementTree.Element) -> None:
+def _car() -> str:
     """The embedded simulator's car, measured from its rear axle as the format wants it."""
     car = Vehicle()
-    body = car.body()
-    ego = _add(entities, "ScenarioObject", name=EGO)
-    vehicle = _add(ego, "Vehicle", name=MODEL, vehicleCategory="car")
-    box = _add(vehicle, "BoundingBox")
-    _add(box, "Center", x=car.rear_axle + body.centre_ahead, y=0.0, z=0.5 * _HEIGHT)
-    _add(box, "Dimensions", width=car.width, length=car.length, height=_HEIGHT)
-    _add(
-        vehicle,
-        "Performance",
-        maxSpeed=_MAX_SPEED,
-        maxAcceleration=car.engine_acceleration,
-        maxDeceleration=car.brake_deceleration,
-    )
-    axles = _add(vehicle, "Axles")
-    for tag, steering, ahead in (
-        ("FrontAxle", car.steering_limit, car.wheelbase),
-        ("RearAxle", 0.0, 0.0),
-    ):
-        _add(
-            axles,
-            tag,
-            maxSteering=steering,
-            wheelDiameter=_WHEEL,
-            trackWidth=car.width - 0.2,
-            positionX=ahead,
-            positionZ=0.5 * _WHEEL,
+    ahead = car.rear_axle + car.body().centre_ahead
+    axles = "".join(
+        f'<{tag} maxSteering="{_number(steering)}" wheelDiameter="{_WHEEL}"'
+        f' trackWidth="{_number(car.width - 0.2)}" positionX="{_number(place)}"'
+        f' positionZ="{_number(0.5 * _WHEEL)}"/>'
+        for tag, steering, place in (
+            ("FrontAxle", car.steering_limit, car.wheelbase),
+            ("RearAxle", 0.0, 0.0),
         )
-    properties = _add(vehicle, "Properties")
-    _add(properties, "Property", name="type", value="ego_vehicle")  # for CARLA's runner
-
-
-def _add_position(parent: ElementTree.Element, distance: float) -> None:
-    """A place on the centre of the ego lane."""
-    position = _add(parent, "Position")
-    _add(position, "LanePosition", roadId="1", laneId="-1", s=distance, offset=0.0)
-
-
-def _add_speed(action: ElementTree.Element, speed: float, *, shape: str, seconds: float) -> None:
-    change = _add(_add(action, "LongitudinalAction"), "SpeedAction")
-    _add(
-        change,
-        "SpeedActionDynamics",
-        dynamicsShape=shape,
-        dynamicsDimension="time",
-        value=seconds,
     )
-    _add(_add(change, "SpeedActionTarget"), "AbsoluteTargetSpeed", value=speed)
+    return f'''<ScenarioObject name="{EGO}"><Vehicle name="{MODEL}" vehicleCategory="car">
+        <BoundingBox><Center x="{_number(ahead)}" y="0.0" z="{_number(0.5 * _HEIGHT)}"/>
+        <Dimensions width="{_number(car.width)}" length="{_number(car.length)}"
+        height="{_HEIGHT}"/></BoundingBox><Performance maxSpeed="{_MAX_SPEED}"
+        maxAcceleration="{_number(car.engine_acceleration)}"
+        maxDeceleration="{_number(car.brake_deceleration)}"/><Axles>{axles}</Axles>
+        <Properties><Property name="type" value="ego_vehicle"/></Properties></Vehicle>
+        </ScenarioObject>'''  # the property is for CARLA's runner
 
 
-def _add_route(action: ElementTree.Element, start: float, goal: float) -> None:
-    assign = _add(_add(action, "RoutingAction"), "AssignRouteAction")
-    route = _add(assign, "Route", name="to the goal", closed="false")
-    for place in (start, goal):
-        _add_position(_add(route, "Waypoint", routeStrategy="shortest"), place)
+def _position(distance: float) -> str:
+    """A place on the centre of the ego lane."""
+    place = f'<LanePosition roadId="1" laneId="-1" s="{_number(distance)}" offset="0.0"/>'
+    return f"<Position>{place}</Position>"
 
 
-def _add_event(maneuver: ElementTree.Element, name: str) -> ElementTree.Element:
-    """The action of a new event that happens at once."""
-    event = _add(maneuver, "Event", name=name, priority="parallel")
-    action = _add(_add(event, "Action", name=name), "PrivateAction")
-    _add_time(_add_condition(_add(event, "StartTrigger"), name), 0.0)
-    return action
+def _speed(speed: float, shape: str, seconds: float) -> str:
+    return (
+        f'<LongitudinalAction><SpeedAction><SpeedActionDynamics dynamicsShape="{shape}"'
+        f' dynamicsDimension="time" value="{_number(seconds)}"/><SpeedActionTarget>'
+        f'<AbsoluteTargetSpeed value="{_number(speed)}"/></SpeedActionTarget></SpeedAction>'
+        "</LongitudinalAction>"
+    )
 
 
-def _add_condition(trigger: ElementTree.Element, name: str) -> ElementTree.Element:
-    """A condition that suffices on its own."""
-    group = _add(trigger, "ConditionGroup")
-    return _add(group, "Condition", name=name, delay=0.0, conditionEdge="none")
+def _trigger(kind: str, conditions: Mapping[str, str]) -> str:
+    """A trigger of conditions each of which suffices on its own, by their names."""
+    groups = (
+        f'<ConditionGroup><Condition name="{name}" delay="0.0" conditionEdge="none">{condition}'
+        "</Condition></ConditionGroup>"
+        for name, condition in conditions.items()
+    )
+    return f"<{kind}Trigger>{''.join(groups)}</{kind}Trigger>"
 
 
-def _add_time(condition: ElementTree.Element, seconds: float) -> None:
-    value = _add(condition, "ByValueCondition")
-    _add(value, "SimulationTimeCondition", value=seconds, rule="greaterThan")
-
-
-def _add_arrival(condition: ElementTree.Element, goal: float, within: float) -> None:
-    by_entity = _add(condition, "ByEntityCondition")
-    entities = _add(by_entity, "TriggeringEntities", triggeringEntitiesRule="any")
-    _add(entities, "EntityRef", entityRef=EGO)
-    reach = _add(_add(by_entity, "EntityCondition"), "ReachPositionCondition", tolerance=within)
-    _add_position(reach, goal)
+def _later_than(seconds: float) -> str:
+    condition = f'<SimulationTimeCondition value="{_number(seconds)}" rule="greaterThan"/>'
+    return f"<ByValueCondition>{condition}</ByValueCondition>"

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from msgspec import ValidationError, convert
@@ -47,6 +47,10 @@ lane lies between the centre line and the right edge.
 """
 
 
+SCENARIO: Final = ".xosc"
+"""Suffix of the scenario beside an OpenDRIVE file."""
+
+
 @dataclass(frozen=True)
 class ExportedRoad:
     """A road with the other contents of a file."""
@@ -70,19 +74,14 @@ class ExportedRoad:
             ) from None
 
 
-@dataclass(frozen=True)
-class RoadFormat:
+class RoadFormat(NamedTuple):
     """A way to write down a road."""
 
     name: str
     suffix: str
     """Suffix of the file's name, different for each format."""
-    summary: str
-    """Description in one line."""
     render: Callable[[ExportedRoad], str]
     """The file's text."""
-    beside: Mapping[str, Callable[[ExportedRoad, str], str]] = field(default_factory=dict)
-    """Suffix -> text of a file that is written beside it, given its name."""
 
 
 def _opendrive(exported: ExportedRoad) -> str:
@@ -92,11 +91,6 @@ def _opendrive(exported: ExportedRoad) -> str:
         speed_limit=exported.speed_limit,
         origin=exported.origin,
     )
-
-
-def _openscenario(exported: ExportedRoad, road_file: str) -> str:
-    rules = Rules(speed_limit=exported.speed_limit)
-    return to_openscenario(exported.road, road_file, name=exported.name, rules=rules)
 
 
 def _competition(exported: ExportedRoad) -> str:
@@ -149,22 +143,11 @@ FORMATS: Final[Mapping[str, RoadFormat]] = MappingProxyType(
     {
         item.name: item
         for item in (
-            RoadFormat(
-                "opendrive",
-                ".xodr",
-                "OpenDRIVE 1.7, for simulators, and beside it a scenario, OpenSCENARIO 1.0",
-                _opendrive,
-                MappingProxyType({".xosc": _openscenario}),
-            ),
-            RoadFormat(
-                "competition",
-                ".competition.json",
-                "a test file of the competition, with the drive if it is a campaign's",
-                _competition,
-            ),
-            RoadFormat("csv", ".csv", "centre line, lane and edges, every metre or denser", _csv),
-            RoadFormat("json", ".json", "curvatures, as 'frenetic drive' reads them", _json),
-            RoadFormat("beamng", ".beamng.json", "nodes [x, y, z, width] for beamngpy", _beamng),
+            RoadFormat("opendrive", ".xodr", _opendrive),
+            RoadFormat("competition", ".competition.json", _competition),
+            RoadFormat("csv", ".csv", _csv),
+            RoadFormat("json", ".json", _json),
+            RoadFormat("beamng", ".beamng.json", _beamng),
         )
     }
 )
@@ -208,15 +191,17 @@ def write_road(exported: ExportedRoad, name: str, path: Path | str) -> None:
         UnknownNameError: there is no such format.
         FreneticError: a file cannot be written, or has a name that is that of the one beside it.
     """
-    path, the_format = Path(path), road_format(name)
-    beside = {path.with_suffix(suffix): text for suffix, text in the_format.beside.items()}
-    if path in beside:
-        raise FreneticError(
-            f"{path} would be the name of the scenario beside the road: choose one that ends in"
-            f" {the_format.suffix}"
-        )
-    # Bytes, since text files have other line ends on Windows.
-    texts = {path: the_format.render(exported)}
-    texts |= {other: text(exported, path.name) for other, text in beside.items()}
+    path = Path(path)
+    texts = {path: road_format(name).render(exported)}
+    if name == "opendrive":
+        beside, rules = path.with_suffix(SCENARIO), Rules(speed_limit=exported.speed_limit)
+        if path == beside:
+            raise FreneticError(
+                f"{path} would be the name of the scenario beside the road: choose one that ends in"
+                " .xodr"
+            )
+        text = to_openscenario(exported.road, path.name, name=exported.name, rules=rules)
+        texts[beside] = text
     for file, text in texts.items():
+        # Bytes, since text files have other line ends on Windows.
         write_file(file, text.encode("utf-8"), remedy="choose another place", parents=True)
