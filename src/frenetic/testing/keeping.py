@@ -18,7 +18,7 @@ import json
 import os
 import re
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -172,18 +172,6 @@ NOTICES: Final[list[str]] = []
 
 
 @dataclass(frozen=True)
-class _Told:
-    """A failure, for the message."""
-
-    cause: str
-    result: Result
-    road: Road
-    path: Path
-    """Of the road's file."""
-    note: str = ""
-
-
-@dataclass(frozen=True)
 class _Check:
     """The check of one driver."""
 
@@ -216,7 +204,7 @@ class _Check:
         stem = re.sub(r"[^\w.]+", "-", text).strip("-")
         return stem if len(stem) <= 80 else f"{stem[:70]}-{_digest(stem)}"
 
-    def _again(self, tester: RoadTester) -> Iterable[_Told]:
+    def _again(self, tester: RoadTester) -> Iterator[list[str]]:
         """The remembered roads that fail."""
         paths = sorted(self.folder.glob(f"{self._stem}-????????.json"))
         for path in paths:
@@ -233,7 +221,7 @@ class _Check:
                 raise FreneticError(f"the simulator broke on {path}: {result.reason}")
             if result.outcome is Outcome.FAIL:
                 self._draw(road, drive, path)
-                yield _Told(_cause(road, drive, result), result, road, path)
+                yield _lines(_cause(road, drive, result), result, road, path)
 
     def _search(self, tester: RoadTester) -> str:
         """Looks for a failure."""
@@ -281,7 +269,7 @@ class _Check:
             title = f"{failures} in {counted(counts.simulations, 'simulation')}"
             return self._text(title, found, note)
 
-    def _remembered(self, store: CampaignStore, tester: RoadTester) -> Iterable[_Told]:
+    def _remembered(self, store: CampaignStore, tester: RoadTester) -> Iterator[list[str]]:
         """A failure of each of the most frequent causes, shortened and written."""
         clusters = distinct_failures(store)
         for cause in clusters.causes[:_CAUSES]:
@@ -295,7 +283,7 @@ class _Check:
             words = f"{cause.words} ({cause.failures} of {clusters.failures})"
             yield self._kept(smallest, words, note, test.road.length)
 
-    def _kept(self, test: Test, words: str, note: str, length: float) -> _Told:
+    def _kept(self, test: Test, words: str, note: str, length: float) -> list[str]:
         """Remembers the road of a test."""
         road, result = test.road, test.result
         told = {
@@ -317,7 +305,7 @@ class _Check:
             self._draw(road, test.drive, path)
         if road.length < length - 0.5:
             note = f"shortened from {length:.0f} m{f'; {note}' if note else ''}"
-        return _Told(words, result, road, path, note)
+        return _lines(words, result, road, path, note)
 
     def _draw(self, road: Road, drive: Drive, path: Path) -> None:
         from frenetic.report.picture import draw_drive  # matplotlib imports slowly
@@ -325,17 +313,12 @@ class _Check:
         if len(drive.trajectory):
             draw_drive(road, drive, path.with_suffix(".png"), title=path.stem)
 
-    def _text(self, title: str, found: Iterable[_Told], note: str = "") -> str:
+    def _text(self, title: str, found: list[list[str]], note: str = "") -> str:
         spec = self.spec
         roads = COMPETITION if spec.road_class is None else spec.road_class.in_words()
         lines = [f"{title}; roads: {roads}; criteria: {spec.rules.criteria.name}"]
-        for one in found:
-            picture = one.path.with_suffix(".png")
-            lines += ["", f"The driver {one.cause}", f"  {one.result.reason}"]
-            how = f", {one.note}" if one.note else ""
-            lines.append(f"  road      {_shown(one.path)}, {one.road.length:.0f} m{how}")
-            if picture.exists():
-                lines.append(f"  picture   {_shown(picture)}")
+        for failure in found:
+            lines += ["", *failure]
         if note:
             lines += ["", f"Note: {note}"]
         lines += ["", f'Drive them again: pytest "{self.name}"']
@@ -343,6 +326,16 @@ class _Check:
 
     def _notice(self, text: str) -> None:
         NOTICES.append(f"{self.name}: {text}")
+
+
+def _lines(cause: str, result: Result, road: Road, path: Path, note: str = "") -> list[str]:
+    """A failure, for the message."""
+    how = f", {note}" if note else ""
+    lines = [f"The driver {cause}", f"  {result.reason}"]
+    lines.append(f"  road      {_shown(path)}, {road.length:.0f} m{how}")
+    if (picture := path.with_suffix(".png")).exists():
+        lines.append(f"  picture   {_shown(picture)}")
+    return lines
 
 
 def _cause(road: Road, drive: Drive, result: Result) -> str:
