@@ -17,7 +17,7 @@ from frenetic.campaign import RoadTester
 from frenetic.campaign.record import Attempt
 from frenetic.domain import Domain
 from frenetic.errors import FreneticError
-from frenetic.estimate import Draws, Estimate, estimate, rate_interval
+from frenetic.estimate import Estimate, estimate, rate_interval
 from frenetic.oracle import Result
 from frenetic.outcome import Outcome
 from frenetic.search.random_search import RandomRoads
@@ -156,30 +156,6 @@ def test_the_same_seed_gives_the_same_estimate() -> None:
     one, same, other = (estimate(DOMAIN, known(0.01), drives=500, seed=s) for s in (1, 1, 2))
     assert one == same
     assert one != other
-
-
-def test_real_drives_are_counted_as_brute_force_does() -> None:
-    """Levels by real drives, against ten times as many plain ones."""
-    entries = {
-        "roads": "urban-50,length=200",
-        "conditions": {"friction": {"low": 0.1, "high": 1.0, "mean": 0.8, "deviation": 0.2}},
-    }
-    domain = Domain.made("icy", entries)
-    assert domain.road_class is not None
-    tester = RoadTester(
-        EmbeddedSimulator(),
-        Planner(lateral_acceleration=2.5, braking=2.5),
-        map_size=domain.road_class.map_size,
-        lane_width=domain.road_class.lane_width,
-        road_class=domain.road_class,
-    )
-    found = estimate(domain, tester, drives=600, seed=2)
-    draws = Draws(domain, tester, np.random.default_rng(9))
-    points = [draws.drive() for _ in range(3000)]
-    failures = sum(point.failed for point in points)
-    low, high = rate_interval(failures, math.fsum(p.length for p in points) / 1000.0)
-    assert found.low <= high
-    assert low <= found.high
 
 
 def test_on_the_command_line(frenetic: Frenetic, tmp_path: Path) -> None:
