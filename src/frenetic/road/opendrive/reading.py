@@ -610,7 +610,12 @@ def _flat(line: FloatArray, lane_width: float) -> Road:
 
 
 def _noted_road(element: Element) -> Road | None:
-    """The road that `to_opendrive` noted, if it still draws it so."""
+    """The road that `to_opendrive` noted, if it still draws it so.
+
+    Raises:
+        RoadError: its lane -1 is not for cars.
+    """
+    _lane_of(_sections(element)[0], -1)
     notes = {note.get("code"): note.get("value", "") for note in element.findall("userData")}
     try:
         step, *values = map(float, notes[ROAD_CODE].split())
