@@ -41,26 +41,30 @@ from frenetic.registry import DRIVERS
 from frenetic.road import Road
 from frenetic.road.classes import RoadClass, classes
 from frenetic.search.random_search import RandomSearch
+from frenetic.shelf.vehicles import FissCar, HighwayEnvCar, OpendbcCar, RoxCar
 
 STEADY: dict[str, Any] = {"lateral": 100.0}
 """Options with which a driver of the shelf does not slow down for bends."""
-DRIVERS_OF: dict[str, tuple[str, dict[str, Any], str]] = {
-    "planner": ("planner", {"lateral_acceleration": 100.0}, "frenetic"),
-    "stanley": ("stanley", {"lateral_acceleration": 100.0}, "frenetic"),
-    "highway-env": ("highway-env", STEADY, "highway_env"),
-    "opendbc": ("opendbc", STEADY, "opendbc"),
-    "rox-control": ("rox-control", STEADY, "rox_control"),
-    "rox-control, 20 m": ("rox-control", {**STEADY, "look_ahead": 20.0}, "rox_control"),
-    "fiss-planner, MPC": ("fiss-planner", STEADY, "fiss_planner"),
+DRIVERS_OF: dict[str, tuple[str, dict[str, Any], type | None, str]] = {
+    "planner": ("planner", {"lateral_acceleration": 100.0}, None, "frenetic"),
+    "stanley": ("stanley", {"lateral_acceleration": 100.0}, None, "frenetic"),
+    "highway-env": ("highway-env", STEADY, HighwayEnvCar, "highway_env"),
+    "opendbc": ("opendbc", STEADY, OpendbcCar, "opendbc"),
+    "rox-control": ("rox-control", STEADY, RoxCar, "rox_control"),
+    "rox-control, 20 m": ("rox-control", {**STEADY, "look_ahead": 20.0}, RoxCar, "rox_control"),
+    "fiss-planner, MPC": ("fiss-planner", STEADY, FissCar, "fiss_planner"),
     "fiss-planner, Stanley": (
         "fiss-planner",
         {**STEADY, "controller": "stanley"},
+        FissCar,
         "fiss_planner",
     ),
-    "metadrive-expert": ("metadrive-expert", {}, "metadrive"),
+    "metadrive-expert": ("metadrive-expert", {}, None, "metadrive"),
+    "scenic": ("scenic", STEADY, None, "scenic"),
+    "donkeycar": ("donkeycar", STEADY, None, "donkeycar"),
 }
-"""Name -> driver, options, module that it needs."""
-CARS = ("embedded", "commonroad")
+"""Name -> driver, options, its package's own car, module that it needs."""
+CARS = ("embedded", "commonroad", "own")
 OWN_SPEED = ("metadrive-expert",)
 """Drivers that drive as fast as they like."""
 LADDER = (0.4, 0.55, 0.7, 0.85, 1.0, 1.15, 1.3, 1.5, 1.7, 1.95, 2.2)
@@ -169,11 +173,19 @@ def simulator_of(task: Task, rules: Rules) -> Any:
         return EmbeddedSimulator(
             rules=rules, vehicle=ENGINE, steering_lag=task.lag, wall_limit=PATIENCE
         )
-    return CommonRoadSimulator(rules=rules, wall_limit=PATIENCE, steering_lag=task.lag)
+    if task.car == "commonroad":
+        simulator = CommonRoadSimulator(rules=rules, wall_limit=PATIENCE)
+        simulator.steering_lag = task.lag
+        return simulator
+    own = DRIVERS_OF[task.driver][2]
+    assert own is not None
+    made = own(rules=rules, steering_lag=task.lag)
+    made.wall_limit = PATIENCE
+    return made
 
 
 def drive(task: Task, road: Road, rules: Rules) -> Seen:
-    name, options, _ = DRIVERS_OF[task.driver]
+    name, options, _, _ = DRIVERS_OF[task.driver]
     with simulator_of(task, rules) as simulator:
         made = simulator.drive(road, DRIVERS.make(name, **options))
     result = judge(road, made)
@@ -329,7 +341,7 @@ def read(file: Path) -> dict[Task, Found]:
 
 
 def main() -> None:
-    here = [name for name, (_, _, module) in DRIVERS_OF.items() if find_spec(module)]
+    here = [name for name, (_, _, _, module) in DRIVERS_OF.items() if find_spec(module)]
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--drivers", nargs="*", choices=here, default=here, help="none: only --add")
     parser.add_argument("--classes", nargs="+", choices=list(classes()), default=list(classes()))
@@ -351,6 +363,8 @@ def main() -> None:
     tasks = []
     for driver, name, car, lag in product(asked.drivers, asked.classes, asked.cars, asked.lags):
         if car != "embedded" and name != main_class:
+            continue
+        if car == "own" and DRIVERS_OF[driver][2] is None:
             continue
         # The multi-body car takes a second for twelve: one seed, and one lag.
         is_slow = car == "commonroad"

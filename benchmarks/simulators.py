@@ -19,7 +19,7 @@ kappa     Cohen's kappa of the outcomes: 0 is what chance gives, 1 is perfect; n
 rank      Spearman's rank correlation of MOOBD
 tests/s   roads driven and judged per s of CPU time, in one process
 
-Then comes MetaDrive's own expert on half as many random roads, with its median MOOBD in m. The
+Then come MetaDrive's own drivers on half as many random roads, with their median MOOBD in m. The
 last line says by how much the memory of the process grew while MetaDrive drove 100 roads.
 """
 
@@ -43,7 +43,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.drivers import Driver, Stanley
 from frenetic.drivers.loading import load_driver
-from frenetic.metadrive import MetaDriveExpert, MetaDriveSimulator
+from frenetic.metadrive import MetaDriveExpert, MetaDriveIdm, MetaDriveSimulator
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.road import Road
@@ -54,6 +54,8 @@ from frenetic.simulators import EmbeddedSimulator, Simulator, Vehicle
 AT_ONCE: Final = replace(Vehicle(), steering_rate=20.0, steering_lag=0.01)
 """The embedded simulator's default car without its largest difference from MetaDrive's."""
 REFERENCE: Final = "metadrive"
+SPEEDS: Final = (30.0, 50.0, 70.0)
+"""Speed of MetaDrive's IDM driver, in km/h."""
 MEMORY_ROADS: Final = 100
 
 
@@ -107,13 +109,15 @@ def kappa(a: FloatArray, b: FloatArray) -> float:
     return float((agreed - by_chance) / (1.0 - by_chance))
 
 
-def print_expert(roads: Sequence[Road]) -> None:
+def print_own_drivers(roads: Sequence[Road]) -> None:
+    own = {f"metadrive-idm, {speed:g} km/h": MetaDriveIdm(target_speed=speed) for speed in SPEEDS}
     with MetaDriveSimulator() as simulator:
-        driven = drive_all(simulator, MetaDriveExpert(), roads)
-    print(
-        f"{'metadrive-expert':<30}{f'{len(roads)} random':<12}fails{driven.failed.mean():>7.1%}"
-        f"  median MOOBD{np.median(driven.moobd):>7.2f}"
-    )
+        for label, driver in {**own, "metadrive-expert": MetaDriveExpert()}.items():
+            driven = drive_all(simulator, driver, roads)
+            print(
+                f"{label:<30}{f'{len(roads)} random':<12}fails{driven.failed.mean():>7.1%}"
+                f"  median MOOBD{np.median(driven.moobd):>7.2f}"
+            )
 
 
 def memory_growth(roads: Sequence[Road]) -> float:
@@ -164,7 +168,7 @@ def main() -> None:
                     flush=True,
                 )
     print()
-    print_expert(random_roads(options.roads // 2, options.seed))
+    print_own_drivers(random_roads(options.roads // 2, options.seed))
     growth = memory_growth(random_roads(50, options.seed))
     print(f"\nMetaDrive: {growth:.1f} MB more memory after {MEMORY_ROADS} roads")
 

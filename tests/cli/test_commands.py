@@ -90,7 +90,6 @@ MISTAKES: Final = [
     ("run --driver mine.py:Slwo", "did you mean 'Slow'?"),
     ("run --driver agression=1", "did you mean 'aggression'?"),
     ("run --driver planner,aggression", "'aggression' is not OPTION=VALUE"),
-    ("run --simulator metadrive --driver marking-follower", "MetaDriveSimulator draws nothing"),
     ("run --with load=100 --simulator metadrive", "'metadrive' has no option 'load'"),
     ("run --odd windy.toml --simulator metadrive", "MetaDriveSimulator cannot vary gust"),
     ("run --odd foggy.toml", "fog changes what a camera sees, and the driver has none"),

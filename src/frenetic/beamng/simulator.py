@@ -16,8 +16,8 @@ from frenetic._support.bounds import Count, Finite, Positive, Text, check
 from frenetic.beamng.link import STEPS_PER_SECOND, BeamngError, CarState, Link, place_of
 from frenetic.drive import Breakdown, CarBody, Drive, Rules, Trajectory
 from frenetic.drivers import BeamngAi, Driver, DriveSetup
-from frenetic.drivers.camera import Image, Scene
-from frenetic.drivers.driver import camera_of, scene_of, under_layers
+from frenetic.drivers.camera import Image
+from frenetic.drivers.driver import camera_of, check_other_world, under_layers
 from frenetic.errors import DriverError
 from frenetic.road import Pose, Road
 from frenetic.simulators.capabilities import check_road
@@ -300,24 +300,12 @@ class BeamngSimulator:
             DriverError: there is such an option.
         """
         self._drives_itself(driver)
-        camera = camera_of(driver)
-        if camera is None:
-            return
-        if self.place.get("nogpu"):
+        if camera_of(driver) is not None and self.place.get("nogpu"):
             raise DriverError(
                 "without a graphics card BeamNG.tech draws nothing, and the driver has a camera:"
                 " leave out no_gpu"
             )
-        if camera.distortion != 0.0:
-            raise DriverError(
-                "BeamNG.tech's camera has no distortion: the driver's has"
-                f" {camera.distortion:g}, where 0 is needed"
-            )
-        if scene_of(driver) != Scene():
-            raise DriverError(
-                "BeamNG.tech draws its own world: leave out scene and wear, or give them 0 where a"
-                " campaign has them"
-            )
+        check_other_world(driver, "BeamNG.tech")
 
     def _open_camera(self, driver: Driver) -> None:
         """Puts the driver's camera on the car, which stands on its road."""

@@ -349,6 +349,31 @@ def scene_of(driver: Driver) -> Scene:
     return scene
 
 
+def check_other_world(driver: Driver, world: str) -> None:
+    """Refuses what a simulator lacks that draws a world of its own, with a lens of its own.
+
+    Args:
+        driver: the driver; one without a camera is accepted.
+        world: the simulator's name.
+
+    Raises:
+        DriverError: the camera's lens is distorted, or a layer changes the scene.
+    """
+    camera = camera_of(driver)
+    if camera is None:
+        return
+    if camera.distortion != 0.0:
+        raise DriverError(
+            f"{world}'s camera has no distortion: the driver's has {camera.distortion:g}, where 0"
+            " is needed"
+        )
+    if scene_of(driver) != Scene():
+        raise DriverError(
+            f"{world} draws its own world: leave out scene and wear, or give them 0 where a"
+            " campaign has them"
+        )
+
+
 @contextmanager
 def blaming_driver() -> Iterator[None]:
     """Turns an error of a driver into a `DriverError` that says where in its code it was raised.

@@ -4,7 +4,7 @@ Nothing here imports the package ``metadrive`` before a simulator starts, so tha
 installed.
 """
 
-from frenetic.metadrive.expert import MetaDriveExpert
+from frenetic.metadrive.drivers import MetaDriveExpert, MetaDriveIdm, MetaDrivePolicy
 from frenetic.metadrive.simulator import MetaDriveSimulator
 
-__all__ = ["MetaDriveExpert", "MetaDriveSimulator"]
+__all__ = ["MetaDriveExpert", "MetaDriveIdm", "MetaDrivePolicy", "MetaDriveSimulator"]

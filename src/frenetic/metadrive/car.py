@@ -12,6 +12,8 @@ PHYSICS_STEP: Final = RECORD_PERIOD / 3
 
 VEHICLE: Final = Vehicle.named("metadrive")
 """Sizes and limits: MetaDrive's ``static_default``, whose parameters are not drawn."""
+ENGINE_FORCE: Final = 800.0
+"""Force at each wheel at full throttle, in N."""
 BRAKE_IMPULSE: Final = 150.0
 """Impulse by which MetaDrive's full brake slows each wheel in a step of the physics, in N s."""
 FULL_BRAKE: Final = VEHICLE.brake_deceleration * VEHICLE.mass * PHYSICS_STEP / (4.0 * BRAKE_IMPULSE)

@@ -9,21 +9,23 @@ import math
 from collections.abc import Mapping
 from functools import cache
 from importlib.util import find_spec
+from io import BytesIO
 from pathlib import Path
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.words import pip_install
-from frenetic.drivers import Controls, DriveSetup, Observation
+from frenetic.drivers import DriveSetup, Observation
 from frenetic.errors import FreneticError
-from frenetic.metadrive.car import VEHICLE, Decision
 
 WEIGHTS: Final = Path("examples", "ppo_expert", "expert_weights.npz")
 """Place of the network in MetaDrive's package."""
 SIZE: Final = 275
 """Numbers that it sees, each in 0..1: 9 of the car, 10 of the road ahead, then of other cars."""
+ACTION_SIZES: Final = (2, 4)
+"""Numbers that a policy gives: steering, throttle or brake; their spreads may follow."""
 PIECE_LENGTH: Final = 40.0
 """Approximate length of a piece of road, in m; MetaDrive's own maps have lanes of 40 m and more."""
 STRAIGHT_RADIUS: Final = 200.0
@@ -49,27 +51,70 @@ def weights() -> Mapping[str, FloatArray]:
         raise FreneticError(
             f"the driver metadrive-expert needs the package metadrive: {pip_install('metadrive')}"
         )
-    with np.load(Path(found.submodule_search_locations[0]) / WEIGHTS) as file:
-        return dict(file)
+    return read_weights((Path(found.submodule_search_locations[0]) / WEIGHTS).read_bytes())
+
+
+def read_weights(data: bytes) -> Mapping[str, FloatArray]:
+    """A network in the layout of the expert's file, whose hidden layers may have other sizes.
+
+    Args:
+        data: content of a ``.npz`` file; nothing in it is executed.
+
+    Raises:
+        ValueError: it is none, or lacks an array, or has one of another shape.
+    """
+    try:
+        with np.load(BytesIO(data), allow_pickle=False) as file:
+            network = dict(file)
+    except Exception:  # of several classes: of a zip archive, of its arrays
+        raise ValueError("it is no .npz file of numbers, as numpy.savez writes it") from None
+    size = SIZE
+    for layer, sizes in (("fc_1", None), ("fc_2", None), ("fc_out", ACTION_SIZES)):
+        kernel, bias = (f"default_policy/{layer}/{part}" for part in ("kernel", "bias"))
+        for name in (kernel, bias):
+            if name not in network:
+                raise ValueError(f"it has no array {name}")
+            if network[name].dtype.kind != "f" or not np.isfinite(network[name]).all():
+                raise ValueError(f"its {name} must be finite floats")
+        given, last = network[kernel].shape, network[kernel].shape[-1:]
+        if len(given) != 2 or given[0] != size or given[1] not in (sizes or last):
+            wanted = " or ".join(map(str, sizes)) if sizes else "any"
+            raise ValueError(f"its {kernel} has the shape {given}: ({size}, {wanted}) is needed")
+        if network[bias].shape != last:
+            raise ValueError(f"its {bias} has the shape {network[bias].shape}: {last} is needed")
+        size = given[1]
+    return network
 
 
 def expert_action(seen: FloatArray) -> tuple[float, float]:
-    """The expert's mean action, not cut to -1..1: steering to the left, throttle or brake.
+    """The expert's mean action, see `mean_action`.
 
     Args:
         seen: (275,), as MetaDrive's `LidarStateObservation` has it.
     """
-    network = weights()
-
-    def layer(name: str, inputs: FloatArray) -> FloatArray:
-        kernel, bias = (network[f"default_policy/{name}/{part}"] for part in ("kernel", "bias"))
-        outputs: FloatArray = inputs @ kernel + bias
-        return outputs
-
     seen = seen.copy()
     seen[[10, 15]] = 1.0 - seen[[10, 15]]  # it was trained when MetaDrive's y pointed elsewhere
-    hidden = np.tanh(layer("fc_2", np.tanh(layer("fc_1", seen))))
-    steering, throttle_brake, *_spreads = layer("fc_out", hidden).tolist()
+    return mean_action(seen, weights())
+
+
+def mean_action(seen: FloatArray, network: Mapping[str, FloatArray]) -> tuple[float, float]:
+    """A network's mean action, not cut to -1..1: steering to the left, throttle or brake.
+
+    Args:
+        seen: (275,), what it was trained with.
+        network: see `read_weights`.
+    """
+
+    def layer(name: str, inputs: FloatArray) -> FloatArray:
+        outputs: FloatArray = (
+            inputs @ network[f"default_policy/{name}/kernel"]
+            + network[f"default_policy/{name}/bias"]
+        )
+        return outputs
+
+    for name in ("fc_1", "fc_2"):
+        seen = np.tanh(layer(name, seen))
+    steering, throttle_brake, *_spreads = layer("fc_out", seen).tolist()
     return steering, throttle_brake
 
 
@@ -135,43 +180,3 @@ def _road_ahead(observation: Observation, width: float) -> list[float]:
             0.5 * (math.degrees(abs(turn)) / _LARGEST_ANGLE + 1.0),
         ]
     return numbers
-
-
-class MetaDriveExpert:
-    """The neural network that comes with MetaDrive, trained there by PPO; its mean action.
-
-    Alone in MetaDrive it sees MetaDrive's own observation. Elsewhere, and under layers, it steers
-    the wheels by the same angle as MetaDrive's car and accelerates like it, as far as that car can.
-    """
-
-    BEHAVIOUR: ClassVar[int] = 1
-    """Raised when its controls change; campaigns record it."""
-    BEHAVIOUR_PACKAGES: ClassVar[tuple[str, ...]] = ("metadrive-simulator",)
-    """Distributions whose versions belong to it."""
-    period: ClassVar[float] = 0.1
-    """s: the time between two decisions in MetaDrive."""
-
-    def reset(self, setup: DriveSetup) -> None:
-        """Forgets the last drive.
-
-        Raises:
-            FreneticError: MetaDrive is not installed.
-        """
-        weights()
-        self._setup, self._action, self._heading = setup, (0.0, 0.0), math.nan
-
-    def act(self, observation: Observation) -> Controls:
-        """The network's action, as the controls of this car."""
-        turned = observation.heading - self._heading
-        turned = 0.0 if math.isnan(turned) else turned
-        seen = state_of(observation, self._setup, self._action, turned)
-        steering, pedal = (min(max(value, -1.0), 1.0) for value in expert_action(seen))
-        self._action, self._heading = (steering, pedal), observation.heading
-        decision = Decision.of_action(steering, pedal)
-        acceleration = (
-            decision.throttle * VEHICLE.engine_acceleration
-            - decision.brake * VEHICLE.brake_deceleration
-        )
-        return Controls.from_acceleration(
-            acceleration, decision.steering, speed=observation.speed, setup=self._setup
-        )

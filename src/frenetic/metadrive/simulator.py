@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 import math
+from contextlib import closing
 from dataclasses import replace
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
 
 from frenetic._support.bounds import Positive, check
 from frenetic._support.words import pip_install
-from frenetic.drive import Drive, Rules
-from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
-from frenetic.errors import FreneticError, describe_error
+from frenetic.drive import Breakdown, Drive, Rules, Trajectory
+from frenetic.drivers.camera import Camera, Image
+from frenetic.drivers.driver import (
+    Controls,
+    Driver,
+    DriveSetup,
+    Observation,
+    camera_of,
+    check_other_world,
+)
+from frenetic.errors import DriverError, FreneticError, describe_error
 from frenetic.metadrive.car import PHYSICS_STEP, VEHICLE, Decision
-from frenetic.metadrive.expert import MetaDriveExpert, expert_action
+from frenetic.metadrive.drawing import check_drawing, drawn_region
+from frenetic.metadrive.drivers import PolicySimulator, metadrive_driver
 from frenetic.road import Road
 from frenetic.simulators.capabilities import check_road
 from frenetic.simulators.following import RECORD_PERIOD, follow
@@ -21,15 +31,19 @@ from frenetic.simulators.observing import wrap
 from frenetic.simulators.simulator import StartingPlace, unusual_amounts
 
 if TYPE_CHECKING:
+    from frenetic.metadrive.policies import Policy
     from frenetic.metadrive.world import World
 
 EXTRA: Final = pip_install("metadrive")
+DECISION_PERIODS: Final = 2
+"""Periods between two decisions of MetaDrive's drivers: 0.1 s, for which they were made."""
 
 
-class MetaDriveSimulator(StartingPlace):
+class MetaDriveSimulator(StartingPlace, PolicySimulator):
     """MetaDrive: Bullet physics of a four-wheeled car, headless; needs the extra ``metadrive``.
 
-    Its engine exists once in a process, from entering to leaving the simulator. It draws nothing.
+    Its engine exists once in a process, from entering to leaving the simulator. It draws for
+    drivers with a camera only: it starts anew where one comes or goes.
 
     Args:
         rules: speed limit, oob tolerance and when a drive ends.
@@ -50,6 +64,7 @@ class MetaDriveSimulator(StartingPlace):
     """Modules that the extra brings."""
     preloads: Final = ("frenetic.metadrive.preloading",)
 
+    draws: Final = True
     period_step: Final = RECORD_PERIOD
     BEHAVIOUR: ClassVar[int] = 1
     """Raised when its drives change; campaigns record it."""
@@ -125,6 +140,18 @@ class MetaDriveSimulator(StartingPlace):
         if world is not None:
             world.close()
 
+    def check_driver(self, driver: Driver) -> None:
+        """Refuses MetaDrive's own drivers under layers, and cameras where it cannot draw.
+
+        Raises:
+            DriverError: it is such a one; or it has a camera, and MetaDrive cannot draw here or
+                not what its lens and layers ask for.
+        """
+        metadrive_driver(driver)
+        check_other_world(driver, "MetaDrive")
+        if camera_of(driver) is not None:
+            check_drawing()
+
     def setup(self, road: Road) -> DriveSetup:
         """The setup of a drive along the road for its driver."""
         # Its wheels turn at once, and do not slide before the friction limit.
@@ -140,23 +167,45 @@ class MetaDriveSimulator(StartingPlace):
         """One drive of the driver along the road.
 
         Raises:
-            FreneticError: the simulator has not been entered.
+            FreneticError: the simulator has not been entered, or the road is too long to be drawn.
             RoadError: the road leans or rises.
             ArithmeticError: MetaDrive's physics broke.
         """
         check_road(self, driver, road)
-        if self._world is None:
-            raise FreneticError("MetaDrive is not running: drive roads in a with statement")
-        self._world.load(
+        world = self._world_for(road, camera_of(driver))
+        try:
+            own = metadrive_driver(driver)
+        except DriverError as trouble:
+            path, breakdown = Trajectory.empty(), Breakdown.of(trouble, part="simulator")
+            return Drive.of(path, self.car, self.rules, road, breakdown)
+        world.load(
             road,
             friction=self.friction,
             left=self.start_offset,
             turned=self.start_heading,
         )
-        car, asked = _Car(self._world, road.pose.heading), driver
-        if isinstance(driver, MetaDriveExpert):
-            car = asked = _Expert(self._world, road.pose.heading)
-        return follow(car, road, self.rules, self.car, self.setup(road), asked, self.wall_limit)
+        car = _Car(world, road.pose.heading)
+        setup = self.setup(road)
+        if own is None:
+            return follow(car, road, self.rules, self.car, setup, driver, self.wall_limit)
+        from frenetic.metadrive.policies import make_policy  # imports the extra
+
+        with closing(make_policy(own, world, self.rules.speed_limit)) as policy:
+            held = _Holding(car, policy)
+            return follow(held, road, self.rules, self.car, setup, held, self.wall_limit)
+
+    def _world_for(self, road: Road, camera: Camera | None) -> World:
+        """The world with this camera, None for none; started anew if it is another one's."""
+        world = self._world
+        if world is None:
+            raise FreneticError("MetaDrive is not running: drive roads in a with statement")
+        region = 0 if camera is None else drawn_region(road)
+        if camera != world.camera or region > world.region:
+            # While there is none, leaving the simulator has nothing to end.
+            kind, self._world = type(world), None
+            world.close()
+            world = self._world = kind(camera, region)
+        return world
 
 
 class _Car:
@@ -179,33 +228,47 @@ class _Car:
         self._heading += wrap(motion.heading - self._heading)
         return list(motion._replace(heading=self._heading, steering=self._wheels))
 
-    def picture(self) -> None:
-        """None: it draws nothing."""
+    def picture(self) -> Image | None:
+        """What the camera sees."""
+        return None if self._world.camera is None else self._world.picture()
 
-    def advance(self, steering: float, throttle: float, brake: float, seconds: float) -> None:
-        """Moves it on."""
-        self._steer(Decision(steering, throttle, brake))
-        self._world.advance(round(seconds / PHYSICS_STEP))
-
-    def _steer(self, decision: Decision) -> None:
+    def steer(self, decision: Decision) -> None:
+        """Sets the controls."""
         self._wheels = decision.wheel_angle
         self._world.steer(*decision.action)
 
+    def advance(self, steering: float, throttle: float, brake: float, seconds: float) -> None:
+        """Moves it on."""
+        self.steer(Decision(steering, throttle, brake))
+        self.move(seconds)
 
-class _Expert(_Car):
-    """MetaDrive's car with its expert as a driver, by MetaDrive's own observation."""
+    def move(self, seconds: float) -> None:
+        """Moves it on with the controls that were set."""
+        self._world.advance(round(seconds / PHYSICS_STEP))
 
-    period = MetaDriveExpert.period
 
-    def reset(self, setup: DriveSetup) -> None:
+class _Holding:
+    """MetaDrive's car with one of its own drivers, which decides every `DECISION_PERIODS`."""
+
+    def __init__(self, car: _Car, policy: Policy) -> None:
+        self._car = car
+        self._policy = policy
+        self.motion = car.motion
+
+    def picture(self) -> None:
+        """None: it looks at MetaDrive's world."""
+
+    def reset(self, setup: DriveSetup) -> None:  # noqa: ARG002
         """It was made for this drive."""
+        self._periods = 0
 
     def act(self, observation: Observation) -> Controls:  # noqa: ARG002
         """Its controls; its brake may go beyond a driver's."""
-        action = expert_action(self._world.observe())
-        decision = Decision.of_action(*(min(max(float(v), -1.0), 1.0) for v in action))
-        self._steer(decision)
-        return Controls(*decision)
+        if self._periods % DECISION_PERIODS == 0:
+            self._decision = self._policy.act()
+            self._car.steer(self._decision)
+        self._periods += 1
+        return Controls(*self._decision)
 
     def advance(
         self,
@@ -214,5 +277,5 @@ class _Expert(_Car):
         brake: float,  # noqa: ARG002
         seconds: float,
     ) -> None:
-        """Moves it on with the controls that were set."""
-        self._world.advance(round(seconds / PHYSICS_STEP))
+        """Moves the car on."""
+        self._car.move(seconds)

@@ -14,19 +14,24 @@ import numpy as np
 from metadrive.component.map.scenario_map import ScenarioMap
 from metadrive.component.navigation_module.base_navigation import BaseNavigation
 from metadrive.component.pg_space import BlockParameterSpace, Parameter
+from metadrive.component.sensors.rgb_camera import RGBCamera
 from metadrive.constants import DEFAULT_AGENT
 from metadrive.engine.base_engine import BaseEngine
 from metadrive.engine.engine_utils import close_engine, engine_initialized, get_engine
 from metadrive.envs.base_env import BaseEnv
 from metadrive.manager.base_manager import BaseManager
 from metadrive.obs.observation_base import DummyObservation
-from metadrive.obs.state_obs import LidarStateObservation
 from metadrive.type import MetaDriveType
 from panda3d.core import Vec3
 
-from frenetic._support.arrays import FloatArray
+from frenetic.drivers.camera import Camera, Image
 from frenetic.errors import FreneticError
-from frenetic.metadrive.car import PHYSICS_STEP
+from frenetic.metadrive.car import (
+    BRAKE_IMPULSE,
+    ENGINE_FORCE,
+    PHYSICS_STEP,
+    VEHICLE,
+)
 from frenetic.metadrive.expert import PIECE_LENGTH, STRAIGHT_RADIUS
 from frenetic.road import Road
 from frenetic.simulators.stepped import Motion
@@ -40,6 +45,8 @@ SETTLING_STEPS: Final = 60
 """Steps of the physics that the car stands before a drive: MetaDrive drops it onto its wheels."""
 EGO_LANE: Final = "ego"
 """The name of the ego lane in MetaDrive's map."""
+CAMERA: Final = "frenetic_camera"
+_NEAREST: Final = 0.1  # m, of what a camera sees
 
 
 class _PhysicsEngine(BaseEngine):  # type: ignore[misc]
@@ -124,11 +131,19 @@ class _RoadEnv(BaseEnv):  # type: ignore[misc]
 class World:
     """MetaDrive's engine with a car, and a road once one is loaded.
 
+    Args:
+        camera: the camera on the car; None draws nothing.
+        region: size of the square around the road's start that is drawn, in m; see
+            `drawn_region`. Without a camera it is of no use.
+
     Raises:
-        FreneticError: this process already has a MetaDrive engine.
+        FreneticError: this process already has a MetaDrive engine, or MetaDrive's car is not the
+            known one.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, camera: Camera | None = None, region: int = 0) -> None:
+        self.camera = camera
+        self.region = region
         if engine_initialized():
             raise FreneticError(
                 "a MetaDrive engine is running in this process, which can have only one: close"
@@ -153,12 +168,19 @@ class World:
                 # A used car remembers its last drive in the last bits of its motion.
                 "force_destroy": True,
                 "log_level": logging.ERROR,
+                **({} if camera is None else _drawing(camera, region)),
             }
         )
         self._origin = (0.0, 0.0)
+        self._height = 0.0  # of the car's origin above the ground, at rest
         self.vehicle: Any = None  # MetaDrive's car
         try:
             self._reset()
+            self._check_car()
+            if camera is not None:
+                lens = self.engine.get_sensor(CAMERA).lens
+                lens.setFov(camera.field_of_view, camera.vertical_field_of_view)
+                lens.setNear(_NEAREST)
         except BaseException:
             self.close()
             raise
@@ -178,6 +200,26 @@ class World:
     def _reset(self) -> None:
         self._env.reset(seed=SEED)
         self.vehicle = self._env.agent
+
+    def _check_car(self) -> None:
+        """Checks that MetaDrive's car is the one of the drivers' setup."""
+        car = self.vehicle
+        for name, there, here in (
+            ("length", car.LENGTH, VEHICLE.length),
+            ("width", car.WIDTH, VEHICLE.width),
+            ("mass", car.MASS, VEHICLE.mass),
+            ("front axle", car.FRONT_WHEELBASE, VEHICLE.front_axle),
+            ("rear axle", car.REAR_WHEELBASE, VEHICLE.rear_axle),
+            ("steering limit", math.radians(car.max_steering), VEHICLE.steering_limit),
+            ("engine force", car.config["max_engine_force"], ENGINE_FORCE),
+            ("brake impulse", car.config["max_brake_force"], BRAKE_IMPULSE),
+            ("tyre friction", car.config["wheel_friction"], VEHICLE.tyre_peak),
+        ):
+            if not math.isclose(there, here, rel_tol=1e-6):
+                raise FreneticError(
+                    f"the car of this MetaDrive has another {name}, {there:g} instead of {here:g}:"
+                    " install the version that is known, metadrive-simulator 0.4.3"
+                )
 
     def load(self, road: Road, *, friction: float, left: float, turned: float) -> None:
         """Replaces the road and puts the car at its start, at rest.
@@ -200,11 +242,24 @@ class World:
         # Not `vehicle.wheels`, which point to where the wheels were before there were four.
         for wheel in vehicle.system.getWheels():
             wheel.setFrictionSlip(vehicle.config["wheel_friction"] * friction)
-        self._observation = LidarStateObservation(self.engine.global_config)
         self.steer(0.0, 0.0)
         self.advance(SETTLING_STEPS)
         vehicle.body.setLinearVelocity(Vec3(0.0))
         vehicle.body.setAngularVelocity(Vec3(0.0))
+        self._height = float(vehicle.origin.getZ())
+
+    def picture(self) -> Image:
+        """What the camera sees now, (height, width, 3)."""
+        assert self.camera is not None
+        sensor, camera = self.engine.get_sensor(CAMERA), self.camera
+        # On the car x points to the right and y ahead; its position is above the ground.
+        found = sensor.perceive(
+            to_float=False,
+            new_parent_node=self.vehicle.origin,
+            position=(-camera.left, camera.forward, camera.up - self._height),
+            hpr=(0.0, -camera.pitch, 0.0),
+        )
+        return np.array(found[..., 2::-1], dtype=np.uint8)
 
     def steer(self, steering: float, throttle_brake: float) -> None:
         """Sets what MetaDrive calls an action, each in -1..1: steering left, throttle or brake."""
@@ -222,12 +277,6 @@ class World:
         except AssertionError as error:
             raise ArithmeticError(f"MetaDrive's physics broke: {error}") from error
 
-    def observe(self) -> FloatArray:
-        """What MetaDrive's `LidarStateObservation` sees now, (275,)."""
-        self.vehicle.after_step()  # looks where the car is
-        seen: FloatArray = self._observation.observe(self.vehicle)
-        return seen
-
     def motion(self) -> Motion:
         """Present place and motion of the car."""
         vehicle = self.vehicle
@@ -244,6 +293,19 @@ class World:
             c * velocity[1] - s * velocity[0],
             vehicle.body.getAngularVelocity()[2],
         )
+
+
+def _drawing(camera: Camera, region: int) -> dict[str, Any]:
+    """Configuration of an engine that draws, for a camera alone and with no window."""
+    return {
+        "image_observation": True,
+        "sensors": {CAMERA: (RGBCamera, camera.width, camera.height)},
+        "multi_thread_render": False,  # it shows the world as it was a picture ago
+        "map_region_size": region,
+        "show_fps": False,
+        "show_interface": False,
+        "preload_models": False,
+    }
 
 
 def map_data(road: Road) -> dict[str, dict[str, Any]]:
@@ -285,7 +347,7 @@ def map_data(road: Road) -> dict[str, dict[str, Any]]:
     }
 
 
-# Navigation for MetaDrive's networks. Its own follows maps of straight and circular lanes; this one
+# Navigation for MetaDrive's drivers. Its own follows maps of straight and circular lanes; this one
 # cuts the ego lane of any road into pieces and describes each by the arc that turns as far.
 
 
@@ -318,22 +380,28 @@ def pieces_of(road: Road) -> list[Piece]:
         length = road.length / count - offset * turn
         end += length
         radius = length / abs(turn) if turn else math.inf
-        if radius > STRAIGHT_RADIUS:
-            radius = turn = 0.0
-        x = after.x - offset * math.sin(after.heading) - road.pose.x
-        y = after.y + offset * math.cos(after.heading) - road.pose.y
-        pieces.append(Piece(end, x, y, radius, turn))
+        is_straight = radius > STRAIGHT_RADIUS
+        pieces.append(
+            Piece(
+                end,
+                after.x - offset * math.sin(after.heading) - road.pose.x,
+                after.y + offset * math.cos(after.heading) - road.pose.y,
+                0.0 if is_straight else radius,
+                0.0 if is_straight else turn,
+            )
+        )
     return pieces
 
 
 class RoadNavigation:
-    """A car's navigation module for its road; MetaDrive makes, asks and updates it."""
-
-    current_lane: Any = None
-    current_ref_lanes: list[Any] | None = None
-    next_ref_lanes: Any = None
+    """A car's navigation module for its road; MetaDrive makes and updates it."""
 
     def __init__(self, **_options: Any) -> None:
+        self.current_lane: Any = None
+        self.current_ref_lanes: list[Any] | None = None
+        self.next_ref_lanes = None
+        self._pieces: list[Piece] = []
+        self._width = 0.0
         self._info = np.zeros(self.get_navigation_info_dim(), dtype=np.float32)
 
     @property
@@ -362,7 +430,7 @@ class RoadNavigation:
     def reset(self, vehicle: Any) -> None:  # noqa: ARG002
         """Follows the loaded road."""
         road = get_engine().map_manager.road
-        self._width: float = road.lane_width
+        self._width = road.lane_width
         self._pieces = pieces_of(road)
         self.current_lane = self.map.road_network.get_lane(EGO_LANE)
         self.current_ref_lanes = [self.current_lane]
@@ -372,29 +440,37 @@ class RoadNavigation:
         s, _ = self.current_lane.local_coordinates(vehicle.position)
         last = len(self._pieces) - 1
         i = next((i for i, piece in enumerate(self._pieces) if piece.end > s), last)
+        self._info[:5] = self._describe(self._pieces[i], vehicle)
+        self._info[5:] = self._describe(self._pieces[min(i + 1, last)], vehicle)
+
+    def _describe(self, piece: Piece, vehicle: Any) -> list[float]:
+        """Five numbers 0..1, as MetaDrive's own navigation scales them."""
+        reach = BaseNavigation.NAVI_POINT_DIST
+        away = np.array([piece.x, piece.y]) - np.asarray(vehicle.position)
+        distance = math.hypot(*away)
+        if distance > reach:
+            away *= reach / distance
+        ahead, right = vehicle.convert_to_local_coordinates(away, 0.0)
         curve = BlockParameterSpace.CURVE
-        for k, piece in enumerate((self._pieces[i], self._pieces[min(i + 1, last)])):
-            away = np.array([piece.x, piece.y]) - np.asarray(vehicle.position)
-            reach, distance = BaseNavigation.NAVI_POINT_DIST, math.hypot(*away)
-            if distance > reach:
-                away *= reach / distance
-            ahead, right = vehicle.convert_to_local_coordinates(away, 0.0)
-            direction = -math.copysign(1.0, piece.turn) if piece.turn else 0.0
-            angle = math.degrees(abs(piece.turn)) / curve[Parameter.angle].max
-            scaled = [
-                (ahead / reach + 1.0) / 2.0,
-                (right / reach + 1.0) / 2.0,
-                piece.radius / (curve[Parameter.radius].max + self._width),
-                (direction + 1.0) / 2.0,
-                (angle + 1.0) / 2.0,
-            ]
-            self._info[5 * k : 5 * k + 5] = [min(max(value, 0.0), 1.0) for value in scaled]
+        largest = curve[Parameter.radius].max + self._width
+        direction = -math.copysign(1.0, piece.turn) if piece.turn else 0.0
+        angle = math.degrees(abs(piece.turn)) / curve[Parameter.angle].max
+        scaled = [
+            (ahead / reach + 1.0) / 2.0,
+            (right / reach + 1.0) / 2.0,
+            piece.radius / largest,
+            (direction + 1.0) / 2.0,
+            (angle + 1.0) / 2.0,
+        ]
+        return [min(max(value, 0.0), 1.0) for value in scaled]
 
     def before_reset(self) -> None:
         """Forgets the lane, which is about to be destroyed with its map."""
         self.current_lane = self.current_ref_lanes = None
 
-    destroy = before_reset
-
     def detach_from_world(self) -> None:
         """Removes nothing: it has no part in the world."""
+
+    def destroy(self) -> None:
+        """Forgets the lane."""
+        self.before_reset()

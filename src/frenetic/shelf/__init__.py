@@ -1,7 +1,7 @@
 """Real drivers off the shelf: controllers of other projects, unmodified, from their packages.
 
-Each file holds the glue between an `Observation` and one package's own controller. What the glue
-decides is said in each class, and for all of them:
+Each file holds the glue between an `Observation` and one package's own controller; ``vehicles`` has
+the packages' own cars. What the glue decides is said in each class, and for all of them:
 
 - The speed. Who has a speed law follows the built-in drivers' plan with it; the others take their
   pedals. The option ``lateral`` is what the plan accepts in bends; 100 keeps the speed limit.

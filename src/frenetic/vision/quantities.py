@@ -21,6 +21,7 @@ SCENE: Final = Quantity(
     nothing=0.0,
     layer=f"{_LAYERS}:Elsewhere",
     needs_camera=True,
+    taxon="scenery",
     words=("a scene of a lower seed", "a scene of a higher seed"),
 )
 WEAR: Final = Quantity(
@@ -32,6 +33,7 @@ WEAR: Final = Quantity(
     nothing=0.0,
     layer=f"{_LAYERS}:Worn",
     needs_camera=True,
+    taxon="scenery.drivable_area.lane_specification",
 )
 FOG: Final = Quantity(
     name="fog",
@@ -43,6 +45,7 @@ FOG: Final = Quantity(
     nothing=math.inf,
     layer=f"{_LAYERS}:Foggy",
     needs_camera=True,
+    taxon="environmental_conditions.particulates",
     words=("thicker fog", "thinner fog"),
 )
 RAIN: Final = Quantity(
@@ -56,6 +59,7 @@ RAIN: Final = Quantity(
     layer=f"{_LAYERS}:Rainy",
     needs_camera=True,
     is_seeded=True,
+    taxon="environmental_conditions.weather.rainfall",
 )
 BLUR: Final = Quantity(
     name="blur",
@@ -77,6 +81,7 @@ LIGHT: Final = Quantity(
     nothing=1.0,
     layer=f"{_LAYERS}:Lit",
     needs_camera=True,
+    taxon="environmental_conditions.illumination",
 )
 GRAIN: Final = Quantity(
     name="grain",
