@@ -58,7 +58,7 @@ CALLS: Final = {
     ),
     "drive c 1": "road outcome differs driver simulator",
     "drive bend.json --dry": "road valid message",
-    "calibrate c --driver planner --fit braking --evaluations 1 --workers 1": (
+    "calibrate c --driver planner --fit braking": (
         "name driven lane_width fitted recordings validation settings loss"
     ),
     "bench --strategy random --simulations 3 --repeats 1 --workers 1 --out b": (

@@ -28,8 +28,8 @@ from frenetic.search import Candidate, Evaluation, Frenetic, RandomSearch
 from frenetic.search.archive import places_of
 from frenetic.simulators.worlds import in_conditions
 from frenetic.spec import Part, Spec
-from frenetic.twin.calibration.parameters import Model
 from frenetic.twin.foresight import CAR, LAWS, SPEED, OnlineTwin, foresight
+from frenetic.twin.model import Model
 from frenetic.twin.profile import Fitted, Profile
 
 if TYPE_CHECKING:

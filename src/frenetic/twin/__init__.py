@@ -12,14 +12,14 @@ from frenetic._support.public_names import lazy_names
 if TYPE_CHECKING:
     from frenetic.twin.foresight import foresight
     from frenetic.twin.profile import Profile
-    from frenetic.twin.twin import Prospect, Twin, rank
+    from frenetic.twin.ranking import Prospect, Twin, rank
 
 __getattr__ = lazy_names(
     __name__,
     {
         "frenetic.twin.foresight": ("foresight",),
         "frenetic.twin.profile": ("Profile",),
-        "frenetic.twin.twin": ("Prospect", "Twin", "rank"),
+        "frenetic.twin.ranking": ("Prospect", "Twin", "rank"),
     },
 )
 

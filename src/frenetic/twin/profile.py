@@ -9,19 +9,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, TypeAlias
+from typing import Any, Literal, Self
 
 import msgspec
-from msgspec import Meta, Struct
+from msgspec import Struct
 
-from frenetic._support.bounds import Count, Index, NotNegative, Positive
+from frenetic._support.bounds import Index, Positive
 from frenetic._support.files import write_file
 from frenetic.errors import FreneticError
 from frenetic.spec import Spec, drive_record
 from frenetic.trust import NOT_DRIVING
-
-Term: TypeAlias = Literal["outcome", "oob_share", "oob_distance", "steering", "offset", "speed"]
-"""A term of the loss."""
 
 
 class Record(Struct, frozen=True, forbid_unknown_fields=True):
@@ -48,31 +45,13 @@ class Fitted(Record, frozen=True, kw_only=True):
     """Whether that interval ends at one of its bounds, so that the bound decides."""
 
 
-class Recording(Record, frozen=True, kw_only=True):
-    """What a twin was fitted on."""
-
-    name: str
-    """Name of the file or folder."""
-    drives: Index
-    failures: Index
-    runs: Index
-
-
 class Figures(Record, frozen=True, kw_only=True):
-    """How well a twin follows recorded drives; None where the data cannot say."""
+    """How well a ranking of roads follows recorded drives; None where the data cannot say."""
 
-    drives: Index
-    """Number of drives."""
-    failures: Index
-    """Number of them that failed."""
     auc: float | None = None
     """Chance that a drive that failed ranks above one that passed."""
-    rank_correlation: float | None = None
-    """Spearman's, of the largest oob shares."""
     top_tenth: float | None = None
     """Share of failures in the tenth of the roads that rank first, over that in all."""
-    early_half: float | None = None
-    """Share of the roads, as ranked, that hold half of all failures."""
     twin_failures: Index | None = None
     """Number of drives in which the twin fails."""
     agreement: float | None = None
@@ -84,9 +63,12 @@ class Figures(Record, frozen=True, kw_only=True):
 class Validation(Record, frozen=True, kw_only=True):
     """The cross-validated figures of a twin and of its baselines."""
 
+    drives: Index
+    """Number of recorded drives."""
+    failures: Index
+    """Number of them that failed."""
     by: Literal["run", "road"]
     """What was held out as a whole."""
-    folds: Index
     twin: Figures
     """On drives that its parameters have not seen."""
     baselines: dict[str, Figures]
@@ -95,21 +77,6 @@ class Validation(Record, frozen=True, kw_only=True):
     """Whether it is good enough to start from."""
     reason: str
     """Why, in a sentence."""
-
-
-class Settings(Record, frozen=True, kw_only=True):
-    """The settings of a calibration."""
-
-    seed: Index = 0
-    """Of the search."""
-    evaluations: Count | None = None
-    """Number of candidates of each fit; by default 50 for each parameter, 100 at least."""
-    folds: Annotated[int, Meta(ge=2)] = 5
-    """Most folds of the cross-validation."""
-    sample: Annotated[int, Meta(ge=10)] = 300
-    """Most drives of a fit, at most half of them failures if there are enough others."""
-    weights: dict[Term, NotNegative] = {}
-    """Name of a term of the loss -> its weight, in place of the usual one."""
 
 
 class Profile(Record, frozen=True, kw_only=True):
@@ -127,11 +94,9 @@ class Profile(Record, frozen=True, kw_only=True):
     lane_width: Positive = 4.0
     """m."""
     fitted: list[Fitted] = []
-    recordings: list[Recording] = []
+    recordings: list[str] = []
+    """Files and folders that it was fitted on."""
     validation: Validation | None = None
-    settings: Settings | None = None
-    loss: float | None = None
-    """Of the twin on the drives that it was fitted on."""
 
     @classmethod
     def of(cls, name: str, spec: Spec, **about: Any) -> Self:

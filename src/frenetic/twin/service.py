@@ -24,7 +24,7 @@ from frenetic._support.words import pip_install
 from frenetic.errors import FreneticError, RoadError
 from frenetic.outcome import Outcome
 from frenetic.road import Road
-from frenetic.twin.twin import Prospect, Twin, rank
+from frenetic.twin.ranking import Prospect, Twin, rank
 
 try:
     import grpc

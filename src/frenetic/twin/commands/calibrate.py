@@ -8,18 +8,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from frenetic._support.words import counted, signed
-from frenetic.cli.console import (
-    Log,
-    announced_compilation,
-    counted_progress,
-    print_table,
-    shell,
-)
-from frenetic.cli.options import WORKERS, as_usage_error, count_option, file_option, json_option
+from frenetic.cli.console import Log, counted_progress, print_table, shell
+from frenetic.cli.options import as_usage_error, file_option, json_option
 from frenetic.cli.parts import names_of, was_given
 
 if TYPE_CHECKING:
-    from frenetic.twin.calibration import Model, Recordings
     from frenetic.twin.profile import Figures, Profile
 
 
@@ -41,20 +34,15 @@ if TYPE_CHECKING:
     " --fit aggression,braking=1:4,vehicle.friction. [default bounds: a quarter of the value to"
     " four times it]",
 )
-@click.option("--vehicle", metavar="NAME", help="The car to begin with, such as metadrive.")
+@click.option(
+    "--vehicle",
+    metavar="NAME",
+    help="The car to begin with, and its parameters: metadrive,mass=1500.",
+)
 @file_option(
     "--out",
     "Where the profile goes. [default: profile.json]",
     type=click.Path(dir_okay=False),
-)
-@count_option(
-    "--evaluations", "Candidates of each fit. [default: 50 for each parameter, at least 100]"
-)
-@click.option(
-    "--workers",
-    type=WORKERS,
-    metavar="N",
-    help="Drive in N processes; the result is the same. [default: the cores]",
 )
 @json_option
 @click.pass_context
@@ -64,31 +52,25 @@ def calibrate(
     """Fit a twin to recorded drives: a driver and a car of the embedded simulator.
 
     A RECORDING is a campaign (of any simulator), a folder of campaigns, a folder of the
-    competition's test files or one of them, or a table of drives: JSON Lines, CSV or Parquet.
-    FILE.toml says what the options say, recordings, and more: terms of their drives (speed_limit),
-    folds, sample, weights, seed. Options given beside it win.
+    competition's test files, or a table of drives in JSON Lines. FILE.toml says what the options
+    say, recordings, and terms of their drives (speed_limit). Options given beside it win.
 
     The twin is cross-validated: by run where there are several, else by road. The command says how
     well it follows drives that it has not seen, whether it is good enough to start from, and which
     parameters the data do not determine. The profile is for --as.
     """
-    from msgspec import convert, structs
+    from msgspec import structs
 
-    from frenetic.campaign.workers import available_cores
     from frenetic.run_file import read_entries
-    from frenetic.twin.calibration import Settings, read_recordings
+    from frenetic.twin.calibration import CalibrationFile, answer, read_recordings
     from frenetic.twin.calibration import calibrate as calibrate_twin
-    from frenetic.twin.calibration.file import CalibrationFile
 
-    is_file = len(recordings) == 1 and recordings[0].endswith(".toml")
-    asked = CalibrationFile()
-    if is_file:
+    asked = CalibrationFile(recordings=recordings)
+    if len(recordings) == 1 and recordings[0].endswith(".toml"):
         asked = read_entries(Path(recordings[0]), CalibrationFile, "a calibration")
     given = {name: value for name, value in options.items() if was_given(context, name)}
     if "fit" in given:
         given["fit"] = [text for several in given["fit"] for text in several.split(",")]
-    if not is_file:
-        given["recordings"] = recordings
     asked = structs.replace(asked, **given)
     out = Path(asked.out)
     if out.suffix.lower() != ".json":
@@ -98,50 +80,24 @@ def calibrate(
         found = read_recordings(asked.recordings, asked.terms)
     with as_usage_error():
         model = asked.model()
-    _announce(log, found, model)
-    try:
-        with (
-            announced_compilation(log) as compiled,
-            counted_progress(log, "Driving candidates") as show,
-        ):
-
-            def progress(done: int, total: int) -> None:
-                compiled()
-                show(done, total)
-
-            result = calibrate_twin(
-                found,
-                model,
-                convert(asked, Settings, from_attributes=True),
-                name=out.stem,
-                workers=asked.workers or available_cores(),
-                on_progress=progress,
-            )
-    except KeyboardInterrupt:
-        click.echo("Nothing was kept: the same command begins again", err=True)
-        raise
-    result.profile.write(out)
+    log.print(
+        f"{counted(len(found.drives), 'recorded drive')} of {counted(len(found.runs), 'run')},"
+        f" {sum(drive.failed for drive in found.drives)} failed"
+        + (f"; {counted(found.skipped, 'other test')} left out" if found.skipped else ""),
+        markup=False,
+    )
+    with counted_progress(log, "Fitting") as show:
+        profile = calibrate_twin(
+            found, model, name=out.stem, places=asked.recordings, on_progress=show
+        )
+    profile.write(out)
     if as_json:
         click.echo(out.read_text(encoding="utf-8"), nl=False)
         return
-    _print(result.profile)
-    click.echo(result.answer)
+    _print(profile)
+    click.echo(answer(profile))
     click.echo(f"Profile:     {out}")
     click.echo(f"Use it:      frenetic run --as {shell(out)}")
-
-
-def _announce(log: Log, found: Recordings, model: Model) -> None:
-    failed = sum(drive.failed for drive in found.drives)
-    skipped = f"; {counted(found.skipped, 'other test')} left out" if found.skipped else ""
-    log.print(
-        f"{counted(len(found.drives), 'recorded drive')} of {counted(len(found.runs), 'run')},"
-        f" {failed} failed{skipped}",
-        markup=False,
-    )
-    for one in model.parameters:
-        log.print(f"  {one}: {one.start:.4g}, from {one.low:.4g} to {one.high:.4g}", markup=False)
-    if len(found.runs) == 1:
-        log.print("There is one run only: the cross-validation holds roads out, not runs.")
 
 
 def _print(profile: Profile) -> None:
@@ -161,9 +117,8 @@ def _print(profile: Profile) -> None:
     )
     assert profile.validation is not None
     ranked = {"twin": profile.validation.twin, **profile.validation.baselines}
-    titles = "AUC", "rank correlation", "top tenth", "half found in", "same outcome", "offset error"
     print_table(
-        ("ranking", *(f">{title}" for title in titles)),
+        ("ranking", ">AUC", ">top tenth", ">same outcome", ">offset error"),
         [(name, *_cells(figures)) for name, figures in ranked.items()],
     )
 
@@ -174,9 +129,7 @@ def _cells(figures: Figures) -> tuple[str | None, ...]:
 
     return (
         signed(figures.auc),
-        signed(figures.rank_correlation),
         text(figures.top_tenth, "{:.1f} ×"),
-        text(figures.early_half, "{:.0%}"),
         text(figures.agreement, "{:.0%}"),
         text(figures.offset_error, "{:.2f} m"),
     )

@@ -14,7 +14,6 @@ from frenetic.registry import arguments_of, hint, options_of
 from frenetic.simulators.embedded import EmbeddedSimulator
 from frenetic.simulators.embedded.vehicle import Vehicle
 from frenetic.spec import Part, Spec, driver_of
-from frenetic.twin.calibration.recordings import Terms
 from frenetic.twin.profile import Fitted, Profile
 
 Owner: TypeAlias = Literal["driver", "vehicle", "layer"]
@@ -81,7 +80,7 @@ class Model:
         fit: Sequence[str],
         *,
         driver_options: Mapping[str, Any] | None = None,
-        vehicle: str | Mapping[str, float | str] | None = None,
+        vehicle: Mapping[str, float | str] | None = None,
     ) -> Model:
         """The model of a driver, with the parameters that are asked for.
 
@@ -90,14 +89,12 @@ class Model:
             fit: one or more parameters, with or without owner and bounds: ``braking``,
                 ``vehicle.friction=0.5:1.2``.
             driver_options: of the driver; what is fitted begins there.
-            vehicle: name of the car, or as `Vehicle.of` takes it, likewise.
+            vehicle: the car, as `Vehicle.of` takes it, likewise.
 
         Raises:
             FreneticError: the driver or car cannot be made, there is no such parameter, or its
                 bounds do not suit.
         """
-        if isinstance(vehicle, str):
-            vehicle = {"name": vehicle}
         model = cls(driver, dict(driver_options or {}), dict(vehicle or {}))
         if not fit:
             raise FreneticError("nothing is to be fitted: name parameters, such as braking")
@@ -233,17 +230,15 @@ class Model:
         driver = driver_of(self.driver, options["driver"], options["layer"])
         return driver, EmbeddedSimulator(vehicle=Vehicle.of(options["vehicle"]), rules=rules)
 
-    def spec(self, values: Mapping[str, float], rules: Rules, terms: Terms) -> Spec:
-        """The same as a spec, with the map and the lanes of the terms."""
+    def spec(self, values: Mapping[str, float], terms: Spec) -> Spec:
+        """A spec with its driver and car, and the rules, the map and the lanes of another."""
         options = self._options(values)
         vehicle = options["vehicle"]
-        return Spec(
+        return replace(
+            terms,
             driver=Part(self.driver, options["driver"]),
             layers=options["layer"],
             simulator=Part("embedded", {"vehicle": vehicle} if vehicle else {}),
-            rules=rules,
-            map_size=terms.map_size or Spec.map_size,
-            lane_width=terms.lane_width or Spec.lane_width,
         )
 
     def values(self, places: Sequence[float]) -> dict[str, float]:
