@@ -59,7 +59,7 @@ CALLS: Final = {
     "drive c 1": "road outcome differs driver simulator",
     "drive bend.json --dry": "road valid message",
     "calibrate c --driver planner --fit braking": (
-        "name driven lane_width fitted recordings validation settings loss"
+        "name driven lane_width fitted recordings validation"
     ),
     "bench --strategy random --simulations 3 --repeats 1 --workers 1 --out b": (
         "groups measures notes order runs"

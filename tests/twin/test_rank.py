@@ -9,11 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from frenetic.errors import RoadError
 from frenetic.outcome import Outcome
-from frenetic.road import Road
 from frenetic.road.files import find_roads
-from frenetic.road.opendrive import to_opendrive
 from frenetic.spec import Part, Spec
 from frenetic.twin import Prospect, rank
 from frenetic.twin.profile import Profile
@@ -88,21 +85,6 @@ def test_folders_are_searched_and_what_holds_no_road_is_told(roads: Path, tmp_pa
     (skipped,) = found.skipped
     assert skipped.startswith(f"{roads / 'settings.json'} has neither")
     assert found.faults == (f"there is no file {missing}",)
-    british = tmp_path / "british"
-    british.mkdir()
-    text = to_opendrive(Road(GENTLE))
-    text = text.replace('<lane id="-1" type="driving"', '<lane id="-1" type="parking"')
-    (british / "one-way.xodr").write_text(text, encoding="utf-8")
-    _, missing_lane = find_roads([roads, british], lane=-1).skipped
-    assert missing_lane.startswith(f"{british / 'one-way.xodr'} cannot be read as OpenDRIVE: ")
-    assert missing_lane.endswith("(driving lanes, to be chosen as 'lane': 1)")
-    with pytest.raises(RoadError, match="to be chosen as 'lane': 1"):
-        find_roads([british], lane=-1)
-    assert len(find_roads([british]).roads) == len(find_roads([british], lane=1).roads) == 1
-    empty = tmp_path / "empty"
-    empty.mkdir()
-    with pytest.raises(RoadError, match="no road in"):
-        find_roads([empty])
 
 
 def test_roads_are_ranked_by_what_drive_says_of_them(frenetic: Frenetic, roads: Path) -> None:
