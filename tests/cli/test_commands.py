@@ -58,7 +58,7 @@ CALLS: Final = {
     ),
     "drive c 1": "road outcome differs driver simulator",
     "drive bend.json --dry": "road valid message",
-    "calibrate c --driver planner --fit braking": (
+    "calibrate drives.jsonl --driver planner --fit braking": (
         "name driven lane_width fitted recordings validation"
     ),
     "bench --strategy random --simulations 3 --repeats 1 --workers 1 --out b": (
@@ -248,6 +248,14 @@ def test_a_mistake_is_one_line_and_leaves_nothing(
     assert files(place) == before
 
 
+DRIVE = {
+    "curvatures": [0.0] * 6,
+    "pose": [0.0, 0.0, 0.0],
+    "outcome": "PASS",
+    "trajectory": {"time": [0, 1, 2], "x": [0, 8, 16], "y": [-2, -2, -2]},
+}
+
+
 def test_every_command_has_its_calls_and_mistakes_here() -> None:
     commands = {*NAMES} - {"ask-tell"}  # which talks in JSON
     assert {call.split()[0] for call in CALLS} == commands
@@ -258,6 +266,9 @@ def test_every_command_has_its_calls_and_mistakes_here() -> None:
 def test_every_command_prints_one_document(frenetic: Frenetic, copied: str, call: str) -> None:
     Path("bend.json").write_text(json.dumps({"curvatures": BEND}))
     Path("odd.toml").write_text(ODD)
+    Path("drives.jsonl").write_text(
+        "\n".join(json.dumps(DRIVE | {"step": 5 + i}) for i in range(10))
+    )
     shutil.copytree(copied, "d")
     answer = frenetic(*shlex.split(call), "--json")
     assert answer.code in (0, 1, 3)

@@ -31,7 +31,7 @@ __all__ = ["CalibrationFile", "Recordings", "Terms", "answer", "calibrate", "rea
 
 LEAST_DRIVES: Final = 10
 FOLDS: Final = 5
-STARTS: Final = 2
+STARTS: Final = 1
 """Random places from which each fold is fitted, beside the model as it was."""
 LEAST: Final = 10
 """Fewest failures, and fewest other drives, for a verdict."""
