@@ -267,7 +267,7 @@ def test_every_command_prints_one_document(frenetic: Frenetic, copied: str, call
     Path("bend.json").write_text(json.dumps({"curvatures": BEND}))
     Path("odd.toml").write_text(ODD)
     Path("drives.jsonl").write_text(
-        "\n".join(json.dumps(DRIVE | {"step": 5 + i}) for i in range(10))
+        "\n".join(json.dumps(DRIVE | {"curvatures": [0, i / 1000, 0, 0, 0, 0]}) for i in range(10))
     )
     shutil.copytree(copied, "d")
     answer = frenetic(*shlex.split(call), "--json")
