@@ -64,7 +64,7 @@ def test_failures_are_mapped_and_passes_thinned_and_that_is_said(
     passed = [i for i, test in enumerate(tests[failures:]) if test in chosen]
     gaps = np.diff([-1, *passed, passes])
     assert max(gaps) <= 3 * passes / len(passed) + 1  # evenly over the campaign
-    measured = {test.id: {"segment": FEATURES, "whole": FEATURES} for test in chosen}
+    measured = {test.id: FEATURES for test in chosen}
     section = map_section(measured, tests)
     (block,) = section.blocks
     assert isinstance(block, Part)
@@ -77,14 +77,14 @@ def test_failures_are_mapped_and_passes_thinned_and_that_is_said(
 def test_conditions_are_axes_and_drives_outside_them_in_no_cell() -> None:
     gust = Axis("gust", "gust", "m/s", (-10.0, 0.0, 10.0), has_usual=True)
     tests = made(1, 3)
-    measured = {test.id: {"segment": FEATURES, "whole": FEATURES} for test in tests}
+    measured = {test.id: FEATURES for test in tests}
     (block,) = map_section(measured, tests, {gust: [2, None, 0, 1]}).blocks
     assert isinstance(block, Part)
     axis = block.data["axes"][-1]
     assert axis["name"] == "gust"
     assert axis["texts"] == ["Gust as usual", "Gust \u221210 to 0 m/s", "Gust 0 to 10 m/s"]
     assert axis["ticks"] == [(0.5, "usual"), (1, "\u221210"), (2, "0"), (3, "10")]
-    assert axis["whole"]["bins"] == "2.01"
+    assert axis["bins"] == "2.01"
 
 
 def test_few_others_are_mapped_when_the_campaign_has_grown() -> None:

@@ -404,7 +404,6 @@ def test_map_shows_the_roads_of_a_cell(page: Page) -> None:
     assert labels.evaluate_all(centre) == pytest.approx(row.evaluate_all(centre), abs=1.5)
     title = re.compile(f"^Number of bends {numbers[-1]}, ")
     expect(row.last).to_have_attribute("title", title)
-    page.select_option("#map-scope", "whole")
     page.select_option("#map-shade", "count")
     assert cells.evaluate_all(total) == failures
     assert page.locator(".cell.count").count() > 0

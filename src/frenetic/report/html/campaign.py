@@ -28,7 +28,7 @@ from frenetic.analysis.failures import (
     distinct_among,
     nearest_misses,
 )
-from frenetic.analysis.features import Features
+from frenetic.analysis.features import Features, features_of
 from frenetic.analysis.segments import Segment, segment_of_test
 from frenetic.campaign.asking import FACTS
 from frenetic.campaign.counts import Counts
@@ -46,7 +46,7 @@ from frenetic.outcome import Outcome
 from frenetic.quantities import in_words
 from frenetic.report.failures import MOST_FILES
 from frenetic.report.html.domain import domain_section
-from frenetic.report.html.feature_map import choose_mapped, map_section, measure
+from frenetic.report.html.feature_map import choose_mapped, map_section
 from frenetic.report.html.gallery import gallery_section
 from frenetic.report.html.page import (
     Facts,
@@ -96,7 +96,7 @@ class Reading:
     """The distinct failures."""
     misses: Clusters | None
     """The nearest misses; None if a test failed."""
-    mapped: Mapping[int, tuple[Mapping[str, Features], Candidate]]
+    mapped: Mapping[int, tuple[Features, Candidate]]
     """The tests in the feature map, with their features, see `measure`."""
     failures: Mapping[int, tuple[Test, Segment | None]]
     """The most severe failures, each with its segment, if it has records."""
@@ -126,7 +126,7 @@ class Reading:
             if record.id in compared:
                 failures += filter(None, [Failure.of_segment(segment, record.result, record.id)])
             if record.id in chosen and segment is not None:
-                mapped[record.id] = measure(segment), record.candidate
+                mapped[record.id] = features_of(segment), record.candidate
             if record.id in kept:
                 severe[record.id] = record, segment
         clusters = distinct_among(store, failures)

@@ -13,8 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from frenetic._support.arrays import FloatArray, evenly, spread
 from frenetic._support.words import capitalised
 from frenetic.analysis.coverage import Axis
-from frenetic.analysis.features import FEATURES, Feature, Features, features_of
-from frenetic.analysis.segments import Segment
+from frenetic.analysis.features import FEATURES, Feature, Features
 from frenetic.outcome import Outcome
 from frenetic.report.html.page import Part, Section, proper
 from frenetic.report.html.tests import TestSummary
@@ -55,11 +54,6 @@ def cells_of(
     return edges, cells.clip(0, len(edges) - 2)
 
 
-def measure(segment: Segment) -> dict[str, Features]:
-    """The features of a segment, and of the whole drive that it is part of."""
-    return {"segment": features_of(segment), "whole": features_of(segment.whole())}
-
-
 def choose_mapped(tests: Sequence[tuple[int, str, float | None]]) -> set[int]:
     """Ids of the measured tests: all failures, and others evenly over the campaign.
 
@@ -80,14 +74,14 @@ def _severity(row: tuple[int, str, float | None]) -> tuple[float, int]:
 
 
 def map_section(
-    measured: Mapping[int, Mapping[str, Features]],
+    measured: Mapping[int, Features],
     tests: Sequence[TestSummary],
     cells: Mapping[Axis, Sequence[int | None]] = MappingProxyType({}),
 ) -> Section:
     """The feature map.
 
     Args:
-        measured: test -> its features by `measure`, of those that have any.
+        measured: test -> the features of its segment, of those that have one.
         tests: all of the campaign.
         cells: axis of a condition or of roads -> the cell of each measured test, if it has one.
     """
@@ -96,17 +90,18 @@ def map_section(
         return Section("map", title, (), "Nothing was driven yet.")
     axes: list[dict[str, Any]] = []
     for feature in FEATURES.values():
+        if feature.name == "length":  # all segments are about as long
+            continue
+        edges, places = cells_of(feature, list(measured.values()))
+        assert len(edges) <= len(_BINS)
         axis: dict[str, Any] = {
             "name": feature.name,
             "description": feature.description,
             "unit": "km/h" if feature.unit == "m/s" else feature.unit,
             "counts": feature.counts,
+            "edges": edges.round(6).tolist(),
+            "bins": "".join(_BINS[place] for place in places.tolist()),
         }
-        for scope in ("segment", "whole"):
-            edges, places = cells_of(feature, [one[scope] for one in measured.values()])
-            assert len(edges) <= len(_BINS)
-            bins = "".join(_BINS[place] for place in places.tolist())
-            axis[scope] = {"edges": edges.round(6).tolist(), "bins": bins}
         axes.append(axis)
     axes += [_axis(axis, found) for axis, found in cells.items()]
     failed, passed = (
@@ -122,7 +117,10 @@ def map_section(
         "all_driven": all_driven,
         "all_failures": all(failed),
     }
-    lead = "What the roads are like on which the driver fails; choose a cell to see its roads."
+    lead = (
+        "What road and drive are like from 30 m before to 30 m after the place that was worst;"
+        " choose a cell to see its roads."
+    )
     if not all_driven:
         mapped = f"{sum(failed)} of {len(failed)} failures, {sum(passed)} of {len(passed)} others"
         lead += f" Mapped are {mapped}, evenly over the campaign."
@@ -130,7 +128,7 @@ def map_section(
 
 
 def _axis(axis: Axis, cells: Sequence[int | None]) -> dict[str, Any]:
-    """An axis whose cells are the same for segments and whole drives."""
+    """An axis of a condition or of roads."""
     bins = "".join("." if cell is None else _BINS[cell] for cell in cells)
     return {
         "name": axis.name,
@@ -139,5 +137,5 @@ def _axis(axis: Axis, cells: Sequence[int | None]) -> dict[str, Any]:
         "counts": False,
         "texts": [proper(capitalised(axis.words(i))) for i in range(axis.size)],
         "ticks": [(place, proper(text)) for place, text in axis.ticks],
-        "whole": {"bins": bins},
+        "bins": bins,
     }

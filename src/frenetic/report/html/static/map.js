@@ -8,22 +8,18 @@ function drawFeatureMap(element, block) {
     el("select", { id }, block.axes.map((axis) => el("option", { value: axis.name, selected: axis.name === chosen }, axis.description)));
   const across = pick("map-across", block.first);
   const up = pick("map-up", block.second);
-  const scope = el("select", { id: "map-scope" }, el("option", { value: "segment" }, "30 m before and after it left"), el("option", { value: "whole" }, "whole road and drive"));
   const shade = el("select", { id: "map-shade" }, el("option", { value: "severity" }, "severity (lowest MOOBD)"), el("option", { value: "count" }, "number of failures"));
   const place = el("div", { class: "map-place" });
   const panel = el("div", { class: "map-panel", "aria-live": "polite" });
-  const axisOf = (select) => {
-    const axis = block.axes.find(({ name }) => name === select.value);
-    return { ...axis, ...(axis[scope.value] ?? axis.whole) };
-  };
+  const axisOf = (select) => block.axes.find(({ name }) => name === select.value);
 
   const show = () => {
     panel.replaceChildren(el("p", { class: "quiet" }, "Choose a cell: click it, or move with the arrow keys and press Enter."));
     place.replaceChildren(mapGrid(block, axisOf(across), axisOf(up), shade.value, panel));
   };
-  for (const select of [across, up, scope, shade]) select.addEventListener("change", show);
+  for (const select of [across, up, shade]) select.addEventListener("change", show);
   element.append(
-    el("div", { class: "choices" }, labelled("Across ", across), labelled("Up ", up), labelled("Of ", scope), labelled("Colour ", shade)),
+    el("div", { class: "choices" }, labelled("Across ", across), labelled("Up ", up), labelled("Colour ", shade)),
     el("div", { class: "map" }, place, panel),
   );
   show();
