@@ -262,6 +262,9 @@ def test_any_lane_can_be_chosen() -> None:
         RoadMap(data).road(lane=-4)
     with pytest.raises(RoadError, match="lane 0 is the centre"):
         RoadMap(data).road(lane=0)
+    reverse = LANE.replace("type", 'direction="reversed" type')
+    with pytest.raises(RoadError, match=r"lane -1, .* is driven against the road's rule"):
+        RoadMap(foreign(sections=section(reverse))).road(lane=-1)
 
 
 def test_inner_lanes_whose_width_changes_move_the_lane() -> None:
@@ -343,6 +346,13 @@ def joint(text: str, other: str) -> bytes:
         (joint('hdg="0"', 'hdg="0.1"'), "kink of 5.7 degrees 30.00 m along"),
         (profiled('<elevation s="0" b="0.6"/>', "elevationProfile"), "grade is 0.6 at 0 m"),
         (profiled('<superelevation s="0" a="1.3"/>'), "superelevation is 3.60"),
+        (
+            profiled('<elevation s="0" a="1"/><elevation s="9" a="2"/>', "elevationProfile"),
+            "jumps in height 8.9",
+        ),
+        (profiled('<crossfall side="both" s="0" a="-0.02"/>'), r"shaped across \(crossfall\)"),
+        (profiled('<shape s="0" t="0" a="0" b="0.02"/>'), r"shaped across \(shape\)"),
+        (lane("type", 'direction="reversed" type'), "has no driving lane"),
         (foreign(sections=""), "has no lanes"),
         (foreign(sections='<laneSection s="0"/>'), "has no driving lane"),
         (lane("driving", "biking"), "has no driving lane"),

@@ -1,8 +1,8 @@
 """Reading roads of an OpenDRIVE file.
 
 What is read of a road is one lane: its width, its slopes, and its edge on the side of the road's
-centre, which becomes the centre line of the road that is returned. Other lanes, crossfall, road
-marks, signals and objects are left out.
+centre, which becomes the centre line of the road that is returned. Other lanes, road marks, signals
+and objects are left out.
 
 A file's geometries have any lengths, and its curvature may jump between them; a road has one step
 and a curvature that is linear in between. So the edge is traced every few centimetres and followed
@@ -47,6 +47,10 @@ STEPS: Final = (0.5, 0.25, 0.1)
 """Steps of a road that follows a line, in m; the first within `TOLERANCE` is taken."""
 SPACING: Final = 0.1
 """Distance between the points of a traced line, in m."""
+LEVEL: Final = 1e-3
+"""Largest coefficient of a crossfall or shape that counts as none."""
+JUMP: Final = 0.1
+"""Largest step of a road's height, in m."""
 SAME_WIDTH: Final = 0.01
 """Largest change of a lane's width that counts as none, in m."""
 MIN_WIDTH: Final = 2.0
@@ -404,7 +408,13 @@ def _lane_line(road: Element, lane: int) -> FloatArray:
     line = _reference_line(road)
     places = line[:, DISTANCE].copy()
     width, shift, slope = _lane(road, lane, places)
+    for kind in ("crossfall", "shape"):
+        if any(np.abs(_cubic(one)).max() > LEVEL for one in road.findall(f"lateralProfile/{kind}")):
+            raise RoadError(f"its road is shaped across ({kind}): only superelevation is read")
     height, _ = _profile(road.findall("elevationProfile/elevation"), "s", places)
+    high = np.flatnonzero(np.abs(np.diff(height)) > JUMP)
+    if len(high):
+        raise RoadError(f"its road jumps in height {places[high[0]]:.2f} m along the road")
     lean, _ = _profile(road.findall("lateralProfile/superelevation"), "s", places)
     lean = np.tan(np.clip(lean, -1.5, 1.5))
     if np.abs(shift).max() > MIN_DISTANCE:
@@ -487,7 +497,7 @@ def _first_lane(road: Element) -> int:
     Raises:
         RoadError: there is none.
     """
-    ids = [int(_number(lane, "id")) for lane in _entered(road) if lane.get("type") in _DRIVEN]
+    ids = [int(_number(lane, "id")) for lane in _entered(road) if _is_driven(lane)]
     if not ids:
         raise RoadError("its road has no driving lane")
     return min(ids, key=lambda number: (number > 0, abs(number)))
@@ -506,6 +516,10 @@ def _continuation(road: Element, before: FloatArray) -> FloatArray | None:
     return None
 
 
+def _is_driven(lane: Element) -> bool:
+    return lane.get("type") in _DRIVEN and lane.get("direction", "standard") == "standard"
+
+
 def _lane_of(section: Element, lane: int, *, is_driven: bool = True) -> Element:
     """A section's lane with an id, which is for cars if it is driven.
 
@@ -514,11 +528,16 @@ def _lane_of(section: Element, lane: int, *, is_driven: bool = True) -> Element:
     """
     side = "right" if lane < 0 else "left"
     element = section.find(f"{side}/lane[@id='{lane}']")
-    if element is not None and (not is_driven or element.get("type") in _DRIVEN):
+    if element is not None and (not is_driven or _is_driven(element)):
         return element
-    what = "is missing" if element is None else f"is of type {element.get('type')!r:.40}"
+    if element is None:
+        what = "is missing"
+    elif element.get("type") in _DRIVEN:
+        what = "is driven against the road's rule (direction)"
+    else:
+        what = f"is of type {element.get('type')!r:.40}"
     lanes = [*section.findall("right/lane"), *section.findall("left/lane")]
-    ids = ", ".join(one.get("id", "")[:9] for one in lanes if one.get("type") in _DRIVEN)
+    ids = ", ".join(one.get("id", "")[:9] for one in lanes if _is_driven(one))
     raise RoadError(
         f"its lane {lane}, {side} of the centre, {what} (driving lanes, to be chosen as 'lane':"
         f" {ids or 'none'})"
