@@ -20,10 +20,11 @@ from frenetic.again.versions import (
     compare_versions,
     fresh_roads,
 )
-from frenetic.campaign import Event
+from frenetic.campaign import Budget, Campaign, Event
 from frenetic.drivers import Planner
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
+from frenetic.search import Frenetic
 from frenetic.simulators import EmbeddedSimulator, Simulator
 
 pytest_plugins = ["searched_campaign"]
@@ -83,7 +84,15 @@ def test_what_is_stored_is_not_driven_again(found: BackToBack, campaign: Path) -
     assert simulator.driven == 2 * FRESH + known
     more = compared(campaign, simulator, fresh=FRESH + 5)
     assert simulator.driven == 2 * FRESH + known + 5 + FRESH + 5, "old drove the others before"
+    assert compared(campaign, simulator).as_json() == one.as_json(), "of more roads"
     assert driven_by(more)[0][:FRESH] == driven_by(one)[0] == driven_by(found)[0]
+
+
+def test_fresh_roads_are_not_those_of_the_campaign(tmp_path: Path) -> None:
+    parts: Any = {"simulator": EmbeddedSimulator(), "driver": Planner()}
+    budget = Budget(simulations=1)
+    Campaign(strategy=Frenetic(seed=0), budget=budget, folder=tmp_path, **parts).run()
+    assert fresh_roads(tmp_path, *parts.values(), fresh=1).seed == 1
 
 
 def test_ctrl_c_loses_nothing(found: BackToBack, campaign: Path) -> None:
@@ -171,6 +180,7 @@ def test_better_by_crawling_is_said() -> None:
     assert result(paired(*pairs, slower=1.5)).answer.startswith("new is better but 50 % slower: ")
     for slower in (1.0, 1.001, 0.9):
         assert result(paired(*pairs, slower=slower)).answer.startswith("new is better: ")
+    assert result(paired((9, FAIL, FAIL), (9, FAIL, PASS), slower=2.0)).time_difference is None
     few = result(paired((5, PASS, PASS), slower=2.0))
     assert few.as_json()["time_difference"] == {"value": 1.0, "low": None, "high": None}
 
@@ -185,6 +195,8 @@ def test_drives_that_broke_cannot_win() -> None:
     assert any("new broke in 40 drives" in note and "boom" in note for note in found.notes)
     harmless = result(paired((60, FAIL, PASS), (2, PASS, ERROR), (138, PASS, PASS)))
     assert harmless.verdict == "new is better"
+    for one, other in ((ERROR, PASS), (PASS, ERROR)):
+        assert paired((1, one, other)).changes[Change.NOT_JUDGED] == 1
     nothing = result(paired((3, PASS, ERROR)))
     assert nothing.answer == "cannot tell which is better: no fresh road was judged with both"
 

@@ -108,6 +108,15 @@ def test_failures_of_one_problem_differ_by_up_to_two_metres(
         assert len(cluster_failures([base, other])) == number
 
 
+def test_it_is_the_mean_difference_that_puts_failures_together() -> None:
+    base = failure(STRAIGHT)
+    # The mean square difference of the third from the first two is 3.8 m2, then 9 m2; the largest
+    # and the least difference would say the opposite.
+    for second, third, number in ((0.8, 2.3, 1), (1.9, 3.8, 2)):
+        others = [replace(base, id=i, speeds=base.speeds + v) for i, v in ((2, second), (3, third))]
+        assert len(cluster_failures([base, *others])) == number
+
+
 def test_a_failure_without_departure_is_another_problem() -> None:
     stuck = replace(failure(STRAIGHT, "left"), side=None, id=2)
     found = cluster_failures([failure(STRAIGHT, "left", id=1), stuck])
@@ -140,6 +149,12 @@ def test_failures_beyond_a_batch_join_or_are_linked_in_turn(
         monkeypatch.setattr(module, "BATCH", size)
         assert members(cluster_failures(failures)) == expected
         assert cluster_failures(failures[::-1]) == cluster_failures(failures)
+
+
+@pytest.mark.parametrize("threshold", [0.0, -1.0, math.inf, math.nan])
+def test_threshold_has_to_be_a_length(threshold: float) -> None:
+    with pytest.raises(ValueError, match="a positive number of metres"):
+        cluster_failures([], threshold=threshold)
 
 
 def test_an_id_may_not_be_there_twice() -> None:
@@ -278,3 +293,12 @@ def test_a_near_miss_is_described_by_the_edge_that_it_came_nearest_to(unfailing:
             verb = "crosses" if cluster.moobd < 0.0 else "comes nearest to"
             assert cluster.side == side
             assert cluster.description.startswith(f"{verb} the {side} edge ")
+
+
+def test_more_passing_tests_are_read_until_there_are_enough_distinct_near_misses(
+    unfailing: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with CampaignStore.open(unfailing) as store:
+        expected = nearest_misses(store)
+        monkeypatch.setattr(module, "_PASSES_COMPARED", (3, 10_000))
+        assert list(nearest_misses(store)) == list(expected)

@@ -109,6 +109,7 @@ def test_the_interval_of_a_median_is_that_of_the_sign_test(n: int) -> None:
     outside = stats.binomtest(int((values < found.low - 0.5).sum()), n).pvalue
     assert outside <= 0.05
     assert min(inside) == found.low + 1.0
+    assert found.high == n + 1.0 - found.low
 
 
 # a12
@@ -161,6 +162,11 @@ def test_mann_whitney_of_many_values_joins_the_exact_one_smoothly() -> None:
     assert ours == pytest.approx(stats.mannwhitneyu(x[:39], y, method="exact").pvalue, abs=1e-9)
 
 
+@pytest.mark.parametrize("n", [4, 50])
+def test_mann_whitney_of_equal_values_is_one(n: int) -> None:
+    assert mann_whitney([3.0] * n, [3.0] * n) == 1.0
+
+
 @given(st.integers(3, 5), st.integers(0, 999))
 def test_spearman_of_few_pairs_is_exact(n: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -187,3 +193,4 @@ def test_spearman_agrees_with_scipy(n: int, seed: int) -> None:
 def test_holm_by_hand() -> None:
     # 3 * 0.01; then 2 * 0.03; 0.04 itself is less than that, so it is raised to it.
     assert holm([0.04, 0.01, 0.03]) == pytest.approx([0.06, 0.03, 0.06])
+    assert holm([0.9, 0.8]) == [1.0, 1.0]

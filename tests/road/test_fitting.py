@@ -84,6 +84,15 @@ def test_a_pose_is_found_exactly_when_one_exists(
         assert fit_to_map(line * (ROOM / (best * (1 - 1e-4)))) is None
 
 
+def test_a_road_within_the_margins_stays_and_one_that_fits_unturned_is_centred() -> None:
+    line = np.array([[10.0, 10.0], [190.0, 10.0], [190.0, 190.0], [100.0, 77.0]])
+    assert fit_to_map(line) == STAY
+    np.testing.assert_array_equal(STAY.apply(line), line)
+    assert fit_to_map(line, margin=10.001) is None
+    assert fit_to_map([[-5, 0], [15, 0], [15, 100]]) == RigidMotion(0.0, 95.0, 50.0)
+    assert fit_to_map([[0.0, 0.0]]) == RigidMotion(0.0, 100.0, 100.0)
+
+
 @pytest.mark.parametrize(
     ("points", "options", "message"),
     [

@@ -132,6 +132,16 @@ def test_beyond_its_ends_a_road_goes_straight_on() -> None:
     assert curvatures.tolist() == [[0.0, road.curvatures[0]], [road.curvatures[-1], 0.0]]
 
 
+def test_distances_are_those_of_numpy_linspace_and_no_further_apart_than_asked() -> None:
+    rng = np.random.default_rng(2)
+    for spacing in [1000.0, 2.0, *rng.uniform(0.1, 30.0, 200).tolist()]:
+        road = Road(np.zeros(rng.integers(2, 40)), float(rng.choice([10.0, rng.uniform(0.3, 20)])))
+        found = road.distances(spacing)
+        assert np.array_equal(found, np.linspace(0.0, road.length, len(found)))
+        assert found[1] <= spacing * (1.0 + 1e-9)
+        assert len(found) == 2 or road.length / (len(found) - 2) > spacing
+
+
 # Projection
 
 

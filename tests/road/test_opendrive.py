@@ -89,6 +89,32 @@ def test_the_geometries_join_end_where_the_road_ends_and_suit_all_readers(road: 
     assert math.hypot(expected[0] - x, expected[1] - y) < 1e-6
 
 
+def test_header_lanes_marks_and_speed() -> None:
+    road = Road([0.01, 0.05, -0.03, 0.0], pose=(5.0, -7.0, 1.0), lane_width=3.5)
+    root = ElementTree.fromstring(to_opendrive(road, speed_limit=50.0, origin=(-33.5, 151.25)))
+    header, speed = root.find("header"), root.find("road/type/speed")
+    assert header is not None
+    assert speed is not None
+    assert (header.get("revMajor"), header.get("revMinor")) == ("1", "7")
+    bounds = [float(header.attrib[key]) for key in ("west", "south", "east", "north")]
+    edges = np.concatenate([road.sample(0.1, 3.5), road.sample(0.1, -3.5)])
+    assert bounds == pytest.approx([*edges.min(axis=0), *edges.max(axis=0)], abs=0.01)
+    assert "+proj=tmerc +lat_0=-33.5 +lon_0=151.25 " in (header.findtext("geoReference") or "")
+    assert speed.attrib == {"max": "50.0", "unit": "km/h"}
+    found = [
+        (
+            lane.attrib["id"],
+            lane.attrib["type"],
+            [float(width.attrib["a"]) for width in lane.findall("width")],
+            [mark.attrib["type"] for mark in lane.findall("roadMark")],
+            [(s.attrib["max"], s.attrib["unit"]) for s in lane.findall("speed")],
+        )
+        for lane in root.iter("lane")
+    ]
+    driven = ("driving", [3.5], ["solid"], [("50.0", "km/h")])
+    assert found == [("1", *driven), ("0", "none", [], ["broken"], []), ("-1", *driven)]
+
+
 @pytest.mark.parametrize("name", ['a "b" <c> & d', "zero\x00, bell\x07, surrogate\udcff", "é 路"])
 def test_any_name_can_be_written(name: str) -> None:
     root = ElementTree.fromstring(to_opendrive(Road([0.0, 0.0]), name=name).encode("utf-8"))
@@ -131,6 +157,12 @@ def test_a_file_that_was_edited_counts_for_what_its_geometries_say() -> None:
     assert RoadMap(longer.encode()).road().length == 20.0
     steep = to_opendrive(Road([0.0, 0.0], grade=0.04)).replace('b="0.04"', 'b="0.02"')
     assert RoadMap(steep.encode()).road().grade[:, 1] == pytest.approx(0.02)
+    lean = re.sub("<superelevation .*?/>", "", to_opendrive(Road([0.0, 0.0], superelevation=0.03)))
+    assert not len(RoadMap(lean.encode()).road().superelevation)
+    narrow = text.replace('sOffset="0.0" a="4.0"', 'sOffset="0.0" a="3.5"')
+    assert RoadMap(narrow.encode()).road().lane_width == 3.5
+    aside = text.replace('laneOffset s="0.0" a="0.0"', 'laneOffset s="0.0" a="1.0"')
+    assert RoadMap(aside.encode()).road().pose.x == pytest.approx(-1.0)
     for note in ("", "x", "10 0.02", "10 9 9", "nan nan nan", "0 0 0"):
         damaged = re.sub(r'(frenetic:road" value=)"[^"]*"', rf'\1"{note}"', text)
         followed = RoadMap(damaged.encode()).road()
@@ -194,6 +226,13 @@ def away(road: Road, points: FloatArray) -> float:
     track = road.track(points)
     ends = abs(track[0, 0]), abs(track[-1, 0] - road.length)
     return max(*map(float, ends), float(np.abs(track[:, 1]).max()))
+
+
+def test_a_file_whose_small_gaps_add_up_is_followed_as_it_is_drawn() -> None:
+    starts = np.array([(20.0 * i, 0.006 * i) for i in range(6)])
+    geometry = '<geometry x="{}" y="{}" hdg="0" length="20"><line/></geometry>'
+    road = RoadMap(foreign("".join(geometry.format(x, y) for x, y in starts))).road()
+    assert np.abs(road.track(starts)[:, 1]).max() < 0.01
 
 
 lengths = st.floats(0.5, 60.0)
@@ -263,7 +302,7 @@ def test_any_lane_can_be_chosen() -> None:
     with pytest.raises(RoadError, match="lane 0 is the centre"):
         RoadMap(data).road(lane=0)
     reverse = LANE.replace("type", 'direction="reversed" type')
-    with pytest.raises(RoadError, match=r"lane -1, .* is driven against the road's rule"):
+    with pytest.raises(RoadError, match=r"lane -1, .* against the road's rule .*: none\)"):
         RoadMap(foreign(sections=section(reverse))).road(lane=-1)
 
 
@@ -341,6 +380,7 @@ def joint(text: str, other: str) -> bytes:
         (shape('<paramPoly3 cU="30" pRange="normalized"/>'), "has a cusp"),
         (place('"30"', '"-1"'), "has length -1"),
         (place('"30"', '"1e9"'), "longer than the 50000 m"),
+        (place('"30"', '"nan"'), "length='nan': a number"),
         (place('hdg="0"', ""), "a <geometry> has no 'hdg'"),
         (joint('"30"', '"31"'), "jumps by 1.000 m 30.00 m along"),
         (joint('hdg="0"', 'hdg="0.1"'), "kink of 5.7 degrees 30.00 m along"),
@@ -366,6 +406,7 @@ def joint(text: str, other: str) -> bytes:
             ),
             "beyond the centre of a bend",
         ),
+        (foreign(offsets='<laneOffset s="0"/><laneOffset s="10" a="3"/>'), "no road can"),
         (b'<!DOCTYPE OpenDRIVE SYSTEM "file:///etc/passwd">' + foreign(), "DOCTYPE"),
         (foreign(after="<a/>" * 1_000_000), "more than 1000000 elements"),
     ],

@@ -80,6 +80,24 @@ def test_other_points_are_joined_by_the_spline(seed: int) -> None:
 
 
 @pytest.mark.parametrize(
+    "points",
+    [
+        [(10.0, 20.0), (150.0, 90.0)],
+        [(0.0, 0.0), (0.0, 0.5)],
+        [(0.0, 0.0), (30.0, 0.0), (40.0, 1.0)],
+        [(10.0, 20.0), (30.0, 20.0), (40.0, 30.0), (60.0, 80.0)],
+    ],
+    ids=["line", "short", "parabola", "cubic"],
+)
+def test_few_points_are_joined_by_a_spline_of_lower_degree(
+    points: list[tuple[float, float]],
+) -> None:
+    road = assert_follows_the_spline(np.array(points))
+    if len(points) == 2:
+        np.testing.assert_allclose(road.curvatures, 0.0, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
     ("points", "message"),
     [
         ([[0.0, 0.0], [1e3, 0.0], [0.0, 0.0], [1e-14, 0.0], [0.0, 5.0]], "2 and 3 are the same"),

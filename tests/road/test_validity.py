@@ -13,6 +13,7 @@ import reference_validity as reference
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from frenetic.errors import RoadError
 from frenetic.road.validity import (
     Verdict,
     _overlaps_itself,
@@ -317,6 +318,25 @@ CROSSING = np.array([[60.0, 60.0], [120.0, 120.0], [120.0, 60.0], [60.0, 120.0]]
 )
 def test_the_first_broken_rule_is_named(points: npt.ArrayLike, message: str) -> None:
     assert check_validity(points) == Verdict(message == "", message)
+
+
+def test_map_size() -> None:
+    assert check_validity(line(300), map_size=400.0)
+    assert check_validity(line(50, start=(20, 20)), map_size=75.0)
+    assert check_validity(line(50, start=(20, 20)), map_size=70.0).message == reference.OUTSIDE
+    for map_size in (0.0, math.nan, math.inf):
+        with pytest.raises(RoadError, match="map_size"):
+            check_validity(line(100), map_size)
+
+
+def test_what_cannot_be_interpolated_is_told() -> None:
+    for points, told in (
+        ([[1.0, 2.0]], "at least 2 points"),
+        ([[1.0, 2.0], [1.0, 2.0]], "are the same"),
+        ([[0.0, 0.0], [2e6, 0.0]], "at most 1000000 m"),
+    ):
+        with pytest.raises(RoadError, match=told):
+            interpolate(points)
 
 
 # --- interpolation and radius ------------------------------------------------------------------
