@@ -81,6 +81,7 @@ HUGE = int("1" * 400)
     ("content", "complaint"),
     [
         ("no json at all", "is not JSON"),
+        ("[" * 100_000, "is not JSON"),
         ("<html></html>", "no OpenDRIVE: its root is <html>"),
         ({"a": 1}, "neither 'curvatures' nor 'road_points'"),
         ("3", "an object with curvatures or road_points"),

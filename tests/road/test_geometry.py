@@ -142,6 +142,11 @@ def test_distances_are_those_of_numpy_linspace_and_no_further_apart_than_asked()
         assert len(found) == 2 or road.length / (len(found) - 2) > spacing
 
 
+def test_sampled_points_lie_at_the_offset_to_the_left() -> None:
+    points = Road([0.0, 0.0], pose=(0.0, 0.0, 0.0)).sample(10.0, 3.0)
+    assert points == pytest.approx(np.array([[0.0, 3.0], [10.0, 3.0]]))
+
+
 # Projection
 
 
@@ -182,6 +187,13 @@ def test_a_path_stays_on_its_leg_of_a_hairpin() -> None:
 
 
 # The map, and roads as values
+
+
+def test_a_road_is_fitted_to_the_map_and_margin_that_are_given() -> None:
+    longer = Road([0.0, 0.0, 0.0], 128.0)
+    assert longer.fitted() is None
+    assert longer.fitted(300.0) is not None
+    assert longer.fitted(margin=5.0) is not None
 
 
 def test_a_road_cannot_be_changed_and_makes_floats_of_any_numbers() -> None:
