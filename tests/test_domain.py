@@ -9,13 +9,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from frenetic import Budget, Campaign, CampaignStore, Evaluation, Outcome
-from frenetic.domain import Domain
+from frenetic.domain import Distribution, Domain
 from frenetic.errors import FreneticError
-from frenetic.quantities import SEED
+from frenetic.quantities import SEED, in_words
 from frenetic.run_file import read_run_file
 from frenetic.search import Frenetic, RandomSearch
+from frenetic.search.conditions import moved_along
 from frenetic.spec import Spec
 
 TEXT = """
@@ -75,6 +78,18 @@ def test_a_wrong_file_is_one_line(path: Path, text: str, said: str) -> None:
     assert "\n" not in str(caught.value)
 
 
+@given(st.floats(0.0, 1.0))
+def test_a_share_and_its_amount_are_the_reverse_of_each_other(share: float) -> None:
+    for of in (
+        Distribution(low=-2.0, high=6.0),
+        Distribution(low=-18.0, high=18.0, mean=3.0, deviation=8.0),
+    ):
+        amount = of.amount(share)
+        assert amount is not None
+        assert of.low <= amount <= of.high
+        assert of.share(amount) == pytest.approx(share, abs=1e-6)
+
+
 def test_amounts_are_distributed_as_declared(path: Path) -> None:
     domain, rng = Domain.of(path), np.random.default_rng(1)
     drawn = [domain.at(rng.random(domain.dimension), 400.0) for _ in range(4000)]
@@ -94,6 +109,23 @@ def test_amounts_are_distributed_as_declared(path: Path) -> None:
     assert np.mean([one["gust_at"] for one in drawn]) == pytest.approx(200.0, abs=8.0)
     assert {one["load"] for one in drawn} == {150.0}
     assert len({one[SEED] for one in drawn}) == 4000
+
+
+def test_conditions_are_found_again_as_a_point(path: Path) -> None:
+    domain, rng = Domain.of(path), np.random.default_rng(2)
+    for _ in range(50):
+        conditions = domain.at(rng.random(domain.dimension), 400.0)
+        again = domain.at(domain.shares_of(conditions, 400.0), 400.0)
+        assert again.keys() == conditions.keys()
+        for name, amount in conditions.items():
+            assert again[name] == pytest.approx(amount, rel=2e-3, abs=0.2)
+
+
+def test_what_lies_on_the_road_moves_with_it() -> None:
+    there = {"friction": 0.5, "wet": 0.4, "wet_at": 30.0, "gust": 9.0, "gust_at": 100.0}
+    assert moved_along(there, -40.0) == {"friction": 0.5, "gust": 9.0, "gust_at": 60.0}
+    assert moved_along(there, 10.0)["wet_at"] == 40.0
+    assert in_words(there) == "friction 0.5, wet 0.4 at 30 m, gust 9 m/s at 100 m"
 
 
 @pytest.mark.parametrize("name", ["frenetic", "random"])
@@ -120,6 +152,13 @@ def test_a_campaign_in_a_domain_goes_on_and_is_driven_again(
     entries = read_run_file(tmp_path / "whole" / "campaign.toml")[0]
     assert entries.domain == domain
     assert entries.road_class == domain.road_class
+
+
+def test_without_a_domain_nothing_changes() -> None:
+    for kind in (Frenetic, RandomSearch):
+        strategy: Any = kind(seed=1)
+        for _ in range(5):
+            assert strategy.ask().conditions == {}
 
 
 def test_until_something_fails_a_search_has_rare_conditions_in_half_of_its_roads() -> None:

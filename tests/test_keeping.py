@@ -195,3 +195,10 @@ def test_what_is_no_driver_is_refused() -> None:
         nothing()
     with pytest.raises(TypeError, match=r"with parentheses: @keeps_lane\(\)"):
         keeps_lane(nothing)  # type: ignore[arg-type]
+
+
+def test_tests_of_two_classes_remember_roads_apart(tmp_path: Path) -> None:
+    test = "    @keeps_lane(simulations=60)\n    def test_it(self): return planted.WrongSign()\n"
+    run_pytest(tmp_path, f"class TestFast:\n{test}\nclass TestOther:\n{test}")
+    stems = {path.stem[:-9] for path in (tmp_path / FOLDER).glob("*.json")}
+    assert stems == {"test_lane-TestFast-test_it", "test_lane-TestOther-test_it"}

@@ -24,7 +24,7 @@ from frenetic.oracle import (
     judge,
 )
 from frenetic.outcome import Outcome
-from frenetic.road import Road
+from frenetic.road import Pose, Road
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -181,7 +181,79 @@ def test_drives_end_by_the_rules_as_they_read(
         assert departure.distance == pytest.approx(distances[last], abs=1e-6)
 
 
+def test_a_drive_that_stops_just_before_the_goal_has_not_passed() -> None:
+    # The lane's centre is 2 m beside the road's last point.
+    goal = STRAIGHT.length - math.sqrt(8.0**2 - 2.0**2)
+    assert judged(STRAIGHT, [0.0, goal + 1e-6]).outcome is Outcome.PASS
+    assert judged(STRAIGHT, [0.0, goal - 1e-6]).outcome is Outcome.ERROR
+
+
+@pytest.mark.parametrize(("lane_width", "goal"), [(16.0, 8.0), (40.0, 8.0), (4.0, 1.0)])
+def test_the_roads_end_is_reached_however_far_from_its_last_point(
+    lane_width: float, goal: float
+) -> None:
+    road = Road(np.zeros(11), lane_width=lane_width)
+    result = judged(road, steady(road), rules=Rules(goal_distance=goal))
+    assert result.outcome is Outcome.PASS
+    assert result.moobd == pytest.approx(lane_width / 2.0)
+    elsewhere = Rules(oob_tolerance=1.0, goal_distance=0.1)
+    beside = judged(road, steady(road), 0.5 * lane_width + 1.0, elsewhere)
+    assert beside.outcome is Outcome.ERROR  # in the other lane, and nothing but time ends it
+
+
+def test_passing_by_the_roads_end_early_on_is_no_pass() -> None:
+    """A circle ends where it starts."""
+    circle = Road(np.full(13, 2.0 * math.pi / 120.0))
+    path = trajectory(circle, steady(circle))
+    assert math.hypot(path.x[0], path.y[0]) < 8.0
+    result = judge(circle, Drive(path))
+    assert result.outcome is Outcome.PASS
+    assert result.duration == pytest.approx((120.0 - 8.0) / 10.0, abs=0.15)
+
+
 # --- FAIL: out of the lane -----------------------------------------------------------------------
+
+
+@given(offset=st.floats(1.3, 2.7), left=st.booleans())
+@settings(max_examples=50)
+def test_a_share_equal_to_the_tolerance_is_tolerated(offset: float, left: bool) -> None:
+    distances = steady(STRAIGHT)
+    offsets = np.where(distances > 50.0, offset if left else -offset, 0.0)
+    path = trajectory(STRAIGHT, distances, offsets)
+    shares = assess(STRAIGHT, Drive(path, rules=Rules(oob_tolerance=1.0))).oob_share
+    share = float(shares.max())
+    assert share == pytest.approx(outside(offset), abs=1e-7)
+
+    def verdict(tolerance: float) -> Result:
+        return judge(STRAIGHT, Drive(path, rules=Rules(oob_tolerance=tolerance)))
+
+    assert verdict(share).outcome is Outcome.PASS
+    assert verdict(share).max_oob_share == share
+    less = verdict(float(np.nextafter(shares[shares > 0.0].min(), 0.0)))
+    assert less.outcome is Outcome.FAIL
+    assert less.departure is not None
+    assert less.departure.distance == pytest.approx(50.5)
+
+
+def test_the_car_counts_as_it_is_long_and_wide() -> None:
+    distances = steady(STRAIGHT)
+    narrow, wide = CarBody(4.5, 1.0), CarBody(4.5, 3.0)
+    rules = Rules(oob_tolerance=0.3)
+    drift = 0.03 * distances
+    for car in (narrow, wide):
+        result = judged(STRAIGHT, distances, drift, rules, car=car)
+        assert result.departure is not None
+        shares = np.array([outside(offset, car.width) for offset in drift])
+        assert result.departure.time == pytest.approx(0.05 * int(np.argmax(shares > 0.3)))
+
+
+def test_a_car_that_stands_across_is_out_with_its_bumpers() -> None:
+    path = trajectory(STRAIGHT, [0.0, 0.5, 1.0])
+    across = replace(path, heading=path.heading + np.array([0.0, 0.0, 0.5 * math.pi]))
+    seen = assess(STRAIGHT, Drive(across))
+    assert seen.oob_share[:2] == pytest.approx([0.0, 0.0])
+    assert seen.oob_share[2] == pytest.approx(1.0 - 4.0 / 4.508, abs=1e-9)
+    assert seen.oob_distance[2] == pytest.approx(2.0)
 
 
 def test_reasons_say_where_and_how_long() -> None:
@@ -215,6 +287,26 @@ def test_records_after_the_end_do_not_count() -> None:
     i = round(failed.departure.time / 0.05)
     back = np.where(np.arange(len(distances)) > i, 0.0, 0.1 * distances)
     assert judged(STRAIGHT, distances, back) == failed
+
+
+@pytest.mark.parametrize("column", ["time", "x", "y", "heading"])
+def test_records_that_are_no_numbers_are_an_error(column: str) -> None:
+    path = trajectory(STRAIGHT, steady(STRAIGHT))
+    values = getattr(path, column).copy()
+    values[50] = math.nan
+    result = judge(STRAIGHT, Drive(replace(path, **{column: values})))
+    assert result.outcome is Outcome.ERROR
+    assert result.moobd is None
+
+
+def test_a_drive_with_an_error_is_an_error_whatever_it_recorded() -> None:
+    path = trajectory(STRAIGHT, steady(STRAIGHT))
+    result = judge(STRAIGHT, Drive(path, error="the simulator's window was closed"))
+    assert result.outcome is Outcome.ERROR
+    assert result.reason == "the simulator's window was closed"
+    assert (result.moobd, result.moobd_distance, result.max_oob_share) == (None, None, None)
+    assert result.departure is None
+    assert result.duration == path.time[-1]
 
 
 def test_a_fault_of_the_driver_fails_its_drive() -> None:
@@ -293,6 +385,35 @@ def test_a_car_keeps_to_its_piece_of_road_where_another_one_passes_close_by() ->
     assert result.departure.side == "left"
 
 
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    x=st.floats(-500.0, 500.0),
+    y=st.floats(-500.0, 500.0),
+    turn=st.floats(-7.0, 7.0),
+    drift=st.floats(0.005, 0.06) | st.floats(-0.06, -0.005),
+)
+@settings(max_examples=50)
+def test_moving_and_turning_the_world_changes_no_verdict(
+    seed: int, x: float, y: float, turn: float, drift: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    curvatures = 0.03 * rng.uniform(-1.0, 1.0, 10)
+    here = Road(curvatures)
+    there = Road(curvatures, pose=Pose(x, y, math.pi / 2 + turn))
+    distances = steady(here)
+    one = judged(here, distances, drift * distances)
+    other = judged(there, distances, drift * distances)
+    assert other.outcome is one.outcome
+    assert other.duration == one.duration
+    assert other.moobd == pytest.approx(one.moobd, abs=1e-6)
+    assert other.moobd_distance == pytest.approx(one.moobd_distance, abs=1e-5)
+    assert other.max_oob_share == pytest.approx(one.max_oob_share, abs=1e-6)
+    assert (other.departure is None) == (one.departure is None)
+    if other.departure is not None and one.departure is not None:
+        assert other.departure.side == one.departure.side
+        assert other.departure.distance == pytest.approx(one.departure.distance, abs=1e-5)
+
+
 # --- Rules and records ---------------------------------------------------------------------------
 
 
@@ -302,3 +423,28 @@ def test_rules_that_are_not_positive_are_refused_by_name(name: str, value: float
     options: dict[str, Any] = {name: value}
     with pytest.raises(ValueError, match=f"{name} is {value}: a positive number is needed"):
         Rules(**options)
+
+
+def test_a_tolerance_is_a_share() -> None:
+    assert Rules(oob_tolerance=1.0).oob_tolerance == 1.0
+    with pytest.raises(ValueError, match=r"oob_tolerance is 1\.5: a share above 0 and up to 1"):
+        Rules(oob_tolerance=1.5)
+
+
+def test_a_trajectory_survives_its_rows_and_cannot_be_changed() -> None:
+    path = trajectory(LEFT_TURN, steady(LEFT_TURN), 0.3)
+    rows = path.to_rows()
+    assert rows.shape == (len(path), 11)
+    again = Trajectory.from_rows(rows)
+    for name in Trajectory.names():
+        column = getattr(again, name)
+        np.testing.assert_array_equal(column, getattr(path, name))
+        with pytest.raises(ValueError, match="read-only"):
+            column[0] = 1.0
+
+
+def test_columns_of_unequal_length_are_refused_by_name() -> None:
+    path = trajectory(STRAIGHT, [0.0, 1.0, 2.0])
+    message = r"column speed has shape \(2,\), the time column \(3,\)"
+    with pytest.raises(ValueError, match=message):
+        replace(path, speed=np.zeros(2))

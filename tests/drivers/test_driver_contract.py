@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from frenetic.drivers import (
+    Controls,
     Delayed,
     Driver,
     DriveSetup,
@@ -60,6 +61,20 @@ class Own:
         if self.wrong.get("forgets_nothing"):
             return replace(controls, steering=controls.steering + 1e-3 * self.drives)
         return replace(controls, **self.wrong) if self.wrong else None
+
+
+class Eager(Own):
+    """A correct driver: what its pedals ask for beyond 0 to 1 is cut."""
+
+    def act(self, observation: Observation) -> Controls:
+        controls = self.stanley.act(observation)
+        pedal = 3.0 * (controls.throttle - controls.brake)
+        return Controls(controls.steering, pedal, -pedal)
+
+
+class TestEager(DriverContract):
+    def make(self) -> Driver:
+        return Eager()
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import fields, replace
@@ -11,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from frenetic import EmbeddedSimulator, Road
 from frenetic.drivers import (
     BeamngAi,
     Controls,
@@ -95,6 +97,18 @@ def controls_of(driver: Driver, *seen: Observation) -> Controls:
     return answers[-1]
 
 
+def test_laws_are_compiled_once_however_arrays_are_given() -> None:
+    """A law takes seconds to compile."""
+    fixed, seen = random_observation(1), random_observation(1)
+    fixed.ahead.setflags(write=False)
+    fixed.curvature_ahead.setflags(write=False)
+    strided = replace(seen, curvature_ahead=np.repeat(seen.curvature_ahead, 2)[::2])
+    with EmbeddedSimulator() as simulator:
+        simulator.drive(Road([0.0, 0.0]), Planner())  # the rollout
+    assert len({controls_of(Planner(), one) for one in (seen, fixed, strided)}) == 1
+    assert len(laws.decide.signatures) == 1  # type: ignore[attr-defined]
+
+
 def speed_wanted(curvature_ahead: FloatArray, driver: Planner | Stanley) -> float:
     lateral, braking, _, smoothing = driver.parameters()[:4]
     wanted: float = laws.planned_speed(
@@ -140,6 +154,18 @@ def test_a_mirrored_world_is_steered_mirrored(seed: int, make: Callable[..., Dri
     assert (other.throttle, other.brake) == (one.throttle, one.brake)
 
 
+@given(seed=st.integers(0, 2**32 - 1), make=st.sampled_from(BUILT_IN))
+@settings(max_examples=80)
+def test_controls_are_within_bounds_and_never_both_pedals(
+    seed: int, make: Callable[..., Driver]
+) -> None:
+    controls = controls_of(make(), random_observation(seed))
+    assert abs(controls.steering) <= SETUP.max_steering
+    assert 0.0 <= controls.throttle <= 1.0
+    assert 0.0 <= controls.brake <= 1.0
+    assert controls.throttle == 0.0 or controls.brake == 0.0
+
+
 @pytest.mark.parametrize("kappa", [0.05, -0.05, 0.01, 0.15])
 @pytest.mark.parametrize("row", [1, 3, 6])
 def test_pure_pursuit_takes_the_arc_through_the_lookahead_point(kappa: float, row: int) -> None:
@@ -149,6 +175,16 @@ def test_pure_pursuit_takes_the_arc_through_the_lookahead_point(kappa: float, ro
     seen = observation(ahead=arc(kappa, start=-SETUP.rear_axle))
     steering = controls_of(driver, seen).steering
     assert steering == pytest.approx(math.atan(WHEELBASE * kappa), abs=1e-12)
+
+
+def test_pure_pursuit_goes_for_a_point_between_two_of_the_view() -> None:
+    driver = Planner(lookahead_time=0.1, lookahead_min=4.0)  # at 10 m/s 5 m
+    ahead = arc(0.0)
+    ahead[2] = [4.0, 1.0]
+    ahead[3] = [6.0, 2.0]
+    x, y = 5.0 + SETUP.rear_axle, 1.5
+    expected = math.atan(2.0 * WHEELBASE * y / (x * x + y * y))
+    assert controls_of(driver, observation(ahead=ahead)).steering == pytest.approx(expected)
 
 
 def test_stanleys_law_term_by_term() -> None:
@@ -190,6 +226,20 @@ def test_the_plan_keeps_every_budget_and_gives_nothing_away(
     assert speed_wanted(curvature, driver) == pytest.approx(math.sqrt(min(bounds)), rel=1e-9)
 
 
+@pytest.mark.parametrize("make", BUILT_IN)
+def test_pedals_bring_the_speed_to_the_limit(make: Callable[..., Planner]) -> None:
+    driver = make(speed_gain=1.5)
+    limit = SETUP.speed_limit
+    slow = controls_of(driver, observation(speed=limit - 1.0))
+    assert (slow.throttle, slow.brake) == pytest.approx((1.5 / 4.5, 0.0))
+    fast = controls_of(driver, observation(speed=limit + 2.0))
+    assert (fast.throttle, fast.brake) == pytest.approx((0.0, 3.0 / 9.0))
+    even = controls_of(driver, observation(speed=limit))
+    assert (even.throttle, even.brake) == pytest.approx((0.0, 0.0), abs=1e-12)
+    assert controls_of(driver, observation(speed=0.0)).throttle == 1.0
+    assert controls_of(driver, observation(speed=3.0 * limit)).brake == 1.0
+
+
 @pytest.mark.parametrize("make", [*BUILT_IN, BeamngAi])
 def test_bad_parameters_are_refused_by_name(make: Callable[..., Planner]) -> None:
     may_be_zero = {
@@ -224,6 +274,23 @@ def test_a_driver_that_only_steers_gets_the_built_in_speed_and_pedals(
 # --- Noise ---------------------------------------------------------------------------------------
 
 
+def errors_seen(driver: Noisy, recorder: Recorder, n: int) -> FloatArray:
+    """(n, 2) errors in offset and heading that a recorder under the layer sees."""
+    driver.reset(SETUP)
+    for _ in range(n):
+        driver.act(observation(lateral_offset=0.7, heading_error=-0.2))
+    return np.array([(o.lateral_offset - 0.7, o.heading_error + 0.2) for o in recorder.seen])
+
+
+def test_noise_is_the_same_in_every_drive_and_another_for_another_seed() -> None:
+    recorder = Recorder()
+    driver = Noisy(recorder, seed=3)
+    first = errors_seen(driver, recorder, 600)
+    np.testing.assert_array_equal(errors_seen(driver, recorder, 600), first)
+    np.testing.assert_array_equal(errors_seen(Noisy(recorder, seed=3), recorder, 600), first)
+    assert np.abs(errors_seen(Noisy(recorder, seed=4), recorder, 600) - first).max() > 0.01
+
+
 @pytest.mark.parametrize(
     ("offset", "heading", "correlation_time"), [(0.3, 0.02, 1.0), (0.0, 0.05, 0.2)]
 )
@@ -243,6 +310,13 @@ def test_errors_have_their_standard_deviations_and_correlation(
             assert correlation == pytest.approx(math.exp(-1.0), abs=0.03)
     if offset and heading:
         assert abs(float(np.corrcoef(errors[:, 0], errors[:, 1])[0, 1])) < 0.05
+
+
+def test_the_first_error_of_a_drive_is_no_larger_than_the_others() -> None:
+    first = np.array(
+        [Noisy(Planner(), offset=1.0, seed=seed).errors(0.05).upto(1)[0, 0] for seed in range(1000)]
+    )
+    assert first.std() == pytest.approx(1.0, rel=0.1)
 
 
 def test_the_view_ahead_errs_as_the_place_does() -> None:
@@ -300,6 +374,53 @@ def test_a_limited_view_has_the_next_points_only(distance: float, rows: int) -> 
     assert (seen.speed, seen.lateral_offset) == (real.speed, real.lateral_offset)
 
 
+def test_layers_tell_their_options() -> None:
+    noisy = Noisy(Planner(), offset=0.2, heading=0.02, correlation_time=2.0, seed=3)
+    noisy.reset(SETUP)
+    assert noisy.options == {"offset": 0.2, "heading": 0.02, "correlation_time": 2.0, "seed": 3}
+
+
+@pytest.mark.parametrize("make", BUILT_IN)
+def test_layers_commute(make: Callable[..., Driver]) -> None:
+    layers: list[Callable[[Driver], Driver]] = [
+        lambda driver: Noisy(driver, offset=0.3, heading=0.05, seed=6),
+        lambda driver: Delayed(driver, seconds=0.15),
+        lambda driver: LimitedView(driver, distance=14.0),
+    ]
+    seen = [random_observation(seed) for seed in range(20)]
+    answers = []
+    for order in itertools.permutations(layers):
+        driver: Driver = make()
+        for layer in order:
+            driver = layer(driver)
+        driver.reset(SETUP)
+        answers.append([driver.act(each) for each in seen])
+    assert all(answer == answers[0] for answer in answers)
+    assert len(set(answers[0])) > 10
+
+
+@pytest.mark.parametrize(
+    ("layer", "options", "message"),
+    [
+        (Noisy, {"offset": -0.1}, "offset is -0.1: a number >= 0 is needed"),
+        (Noisy, {"heading": math.nan}, "heading is nan: a number >= 0 is needed"),
+        (Noisy, {"correlation_time": 0.0}, "correlation_time is 0.0: a number > 0 is needed"),
+        (Noisy, {"seed": 0.5}, "seed is 0.5: a whole number is needed"),
+        (Noisy, {"offset": 1e308}, "offset is 1e+308: a number <= 100 is needed"),
+        (Noisy, {"heading": 101.0}, "heading is 101.0: a number <= 100 is needed"),
+        (Delayed, {"seconds": -0.1}, "seconds is -0.1: a number >= 0 is needed"),
+        (Delayed, {"seconds": 11.0}, "seconds is 11.0: a number <= 10 is needed"),
+        (LimitedView, {"distance": 0.0}, "distance is 0.0: a number > 0 is needed"),
+    ],
+)
+def test_bad_amounts_are_refused_by_name(
+    layer: Callable[..., Driver], options: dict[str, float], message: str
+) -> None:
+    with pytest.raises(ValueError) as caught:
+        layer(Planner(), **options)
+    assert str(caught.value) == message
+
+
 # --- What may be compiled ------------------------------------------------------------------------
 
 
@@ -326,9 +447,14 @@ def test_one_layer_of_each_kind_is_compiled_in() -> None:
     "driver",
     [
         Recorder(),
+        MyPlanner(),
         Noisy(MyPlanner()),
+        Noisy(Recorder()),
+        MyLayer(Planner()),
         Noisy(MyLayer(Planner())),
+        Noisy(Noisy(Planner())),
         Delayed(Noisy(Delayed(Planner()))),
+        LimitedView(LimitedView(Planner())),
     ],
     ids=lambda driver: type(driver).__name__,
 )
@@ -352,8 +478,12 @@ def test_pedals_are_cut_and_steering_is_not() -> None:
         (None, "the driver returned NoneType instead of frenetic.Controls"),
         ((0.0, 0.0, 0.0), "the driver returned tuple instead of frenetic.Controls"),
         (Controls(math.nan), "the driver returned steering = nan, not a finite number"),
+        (Controls(0.0, math.nan), "the driver returned throttle = nan, not a finite number"),
         (Controls(0.0, 0.0, math.inf), "the driver returned brake = inf, not a finite number"),
+        (Controls(None), "the driver returned steering = None, not a finite number"),  # type: ignore[arg-type]
         (Controls("left"), "the driver returned steering = 'left', not a finite number"),  # type: ignore[arg-type]
+        (Controls(0.0, 1j), "the driver returned throttle = 1j, not a finite number"),  # type: ignore[arg-type]
+        (Controls(0.0, 0.0, []), "the driver returned brake = [], not a finite number"),  # type: ignore[arg-type]
     ],
 )
 def test_what_is_no_controls_is_refused_with_what_came(controls: Any, message: str) -> None:

@@ -12,6 +12,7 @@ import pytest
 
 from frenetic import Controls, Driver, DriveSetup, EmbeddedSimulator, Observation, Road
 from frenetic.drivers import Lane, LimitedView, Noisy, Stanley
+from frenetic.errors import FreneticError
 
 FloatArray = npt.NDArray[np.float64]
 WINDING = Road([0.0, 0.01, 0.03, 0.0, -0.04, -0.02, 0.0, 0.03, 0.0], pose=(40.0, 60.0, 0.7))
@@ -87,6 +88,22 @@ def test_it_lies_on_the_road_at_any_spacing_also_behind_and_beyond_both_ends(
         assert not lane.curvatures[beyond].any()
 
 
+def test_headings_and_curvatures_are_those_of_its_points() -> None:
+    for seen in seen_on(WINDING):
+        lane = seen.lane(0.01, 60.0, 20.0)
+        abreast = np.flatnonzero(lane.distances == 0.0)[0]
+        assert lane.headings[abreast] == pytest.approx(-seen.heading_error)
+        steps = np.diff(lane.points, axis=0)
+        lengths = np.hypot(*steps.T)
+        between = 0.5 * (lane.headings[1:] + lane.headings[:-1])
+        np.testing.assert_allclose(
+            np.unwrap(np.arctan2(*steps.T[::-1])), between, rtol=0.0, atol=1e-6
+        )
+        turns = np.diff(lane.headings) / lengths
+        curvatures = 0.5 * (lane.curvatures[1:] + lane.curvatures[:-1])
+        np.testing.assert_allclose(turns, curvatures, rtol=0.0, atol=1e-4)
+
+
 def test_noise_moves_it_as_the_view_ahead() -> None:
     plain = seen_on(WINDING)
     for seen in seen_on(WINDING, lambda driver: Noisy(driver, offset=0.5, heading=0.05)):
@@ -114,6 +131,16 @@ def test_a_limited_view_ends_it_also_a_long_one(distance: float, end: float) -> 
         assert len(seen.ahead) <= 40
 
 
+def test_an_observation_that_is_kept_gives_the_lane_of_its_time() -> None:
+    first, *others = seen_on(WINDING)
+    before = first.lane().points.copy()
+    for other in others:
+        other.lane()
+    np.testing.assert_array_equal(first.lane().points, before)
+    with pytest.raises(ValueError, match="read-only"):
+        first.lane().points[0] = 0.0
+
+
 @pytest.mark.parametrize(
     ("lengths", "message"),
     [
@@ -128,3 +155,9 @@ def test_bad_lengths_are_refused(lengths: tuple[float, float, float], message: s
     seen = seen_on(WINDING)[0]
     with pytest.raises(ValueError, match=message):
         seen.lane(*lengths)
+
+
+def test_without_a_road_it_says_so() -> None:
+    seen = Observation(0.0, 10.0, 0.0, 0.0, 0.0, 0.0, np.zeros((1, 2)), np.zeros(1))
+    with pytest.raises(FreneticError, match="no lane is known"):
+        seen.lane()

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import pdist
 
@@ -84,6 +85,11 @@ def test_a_pose_is_found_exactly_when_one_exists(
         assert fit_to_map(line * (ROOM / (best * (1 - 1e-4)))) is None
 
 
+def signed_area(line: FloatArray) -> float:
+    x, y = (line - line[0]).T
+    return float(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]) / 2)
+
+
 def test_a_road_within_the_margins_stays_and_one_that_fits_unturned_is_centred() -> None:
     line = np.array([[10.0, 10.0], [190.0, 10.0], [190.0, 190.0], [100.0, 77.0]])
     assert fit_to_map(line) == STAY
@@ -91,6 +97,17 @@ def test_a_road_within_the_margins_stays_and_one_that_fits_unturned_is_centred()
     assert fit_to_map(line, margin=10.001) is None
     assert fit_to_map([[-5, 0], [15, 0], [15, 100]]) == RigidMotion(0.0, 95.0, 50.0)
     assert fit_to_map([[0.0, 0.0]]) == RigidMotion(0.0, 100.0, 100.0)
+
+
+def test_a_narrow_rectangle_lies_across() -> None:
+    # (a + b) / sqrt(2) is the box of an a x b rectangle at 45 degrees.
+    a, b = 220.0, 30.0
+    rectangle = np.array([[0, 0], [a, 0], [a, b], [0, b]])
+    needed = (a + b) / math.sqrt(2)
+    assert fit_to_map(rectangle, map_size=needed + 20.001) is not None
+    assert fit_to_map(rectangle, map_size=needed + 19.999) is None
+    assert fit_to_map(rectangle, margin=100.0) is None
+    assert fit_to_map(rectangle.tolist()) == fit_to_map(np.asfortranarray(rectangle.astype(int)))
 
 
 @pytest.mark.parametrize(
@@ -114,3 +131,15 @@ def test_mistakes_are_refused(points: Any, options: dict[str, float], message: s
 
 
 coordinate = st.integers(-300, 300).map(float) | st.floats(-300, 300)
+
+
+@given(st.lists(st.tuples(coordinate, coordinate), min_size=1, max_size=12))
+@settings(max_examples=100)
+def test_any_points_are_fitted_or_too_large(points: list[tuple[float, float]]) -> None:
+    line = np.array(points)
+    motion = fit_to_map(line)
+    if motion is None:
+        assert smallest_of_many_squares(line, 200) > ROOM
+    else:
+        assert_within_margins(motion.apply(line))
+        assert fit_to_map(motion.apply(line), margin=MARGIN - 1e-9) == STAY

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.integrate import cumulative_trapezoid, solve_ivp
 
 from frenetic.errors import RoadError
@@ -119,6 +121,24 @@ def test_a_moved_mirrored_or_reversed_road_is_the_same(seed: int) -> None:
 # Places along a road
 
 
+@pytest.mark.parametrize(("step", "seed"), [(10.0, 0), (25.0, 2), (0.7, 3)])
+def test_pose_and_curvature_anywhere_agree_with_a_road_sampled_there(
+    step: float, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    road = Road(random_curvatures(rng, 25), step, random_pose(rng))
+    for distance in [road.length, *rng.uniform(0.0, road.length, 20)]:
+        # The same road cut off at `distance`: whole pieces, then the start of one.
+        i = min(int(distance / step), len(road.curvatures) - 2)
+        rest = distance - i * step
+        start = Pose(float(road.points[i, 0]), float(road.points[i, 1]), float(road.headings[i]))
+        kappa = float(np.interp(distance / step, range(25), road.curvatures))
+        assert road.curvature_at(distance) == pytest.approx(kappa, abs=1e-12)
+        cut = Road([road.curvatures[i], kappa], rest, start)
+        expected = (*cut.points[1].tolist(), float(cut.headings[1]))
+        assert road.pose_at(distance) == pytest.approx(expected, abs=1e-9)
+
+
 def test_beyond_its_ends_a_road_goes_straight_on() -> None:
     road = Road([0.01, 0.02, -0.01, 0.01, 0.005], pose=Pose(5.0, 6.0, 1.0))
     for s, beyond in ((0.0, -7.5), (road.length, 7.5)):
@@ -142,12 +162,29 @@ def test_distances_are_those_of_numpy_linspace_and_no_further_apart_than_asked()
         assert len(found) == 2 or road.length / (len(found) - 2) > spacing
 
 
-def test_sampled_points_lie_at_the_offset_to_the_left() -> None:
-    points = Road([0.0, 0.0], pose=(0.0, 0.0, 0.0)).sample(10.0, 3.0)
-    assert points == pytest.approx(np.array([[0.0, 3.0], [10.0, 3.0]]))
+def test_sampled_points_face_the_centre_line_at_the_offset() -> None:
+    rng = np.random.default_rng(7)
+    for offset, spacing in ((-8.0, 0.5), (0.0, 2.0), (3.3, 3.7)):
+        road = Road(random_curvatures(rng, 20))
+        expected = [beside(road, s, offset) for s in road.distances(spacing)]
+        np.testing.assert_allclose(road.sample(spacing, offset), expected, rtol=0, atol=1e-9)
+        np.testing.assert_array_equal(road.road_points, road.sample(2.0))
 
 
 # Projection
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(-0.2, 1.2), st.floats(-0.85, 0.85))
+@settings(max_examples=100)
+def test_projecting_a_point_gives_the_place_that_it_was_made_from(
+    seed: int, place: float, share: float
+) -> None:
+    road = gentle_road(np.random.default_rng(seed))
+    s = place * road.length
+    d = min(share / float(np.abs(road.curvatures).max()), 200.0)
+    ((found_s, found_d),) = nearest(road, [beside(road, s, d)])
+    assert found_s == pytest.approx(s, abs=1e-5)
+    assert found_d == pytest.approx(d, abs=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -186,10 +223,31 @@ def test_a_path_stays_on_its_leg_of_a_hairpin() -> None:
     np.testing.assert_allclose(places[beyond], expected[beyond], rtol=0, atol=1e-6)
 
 
+@pytest.mark.parametrize("offset", [-6.0, 0.0, 4.0])
+def test_a_path_along_a_tight_road_is_followed_at_car_speeds(offset: float) -> None:
+    road = Road([0.0, 0.05, 0.07, 0.07, 0.02, -0.03, -0.07, -0.07, 0.0])
+    # 1.7 m of centre line between positions: 34 m/s, seen at 20 Hz.
+    distances = np.linspace(-3.0, road.length + 3.0, 51)
+    followed = road.track([beside(road, s, offset) for s in distances])
+    np.testing.assert_allclose(followed[:, 0], distances, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(followed[:, 1], offset, rtol=0, atol=1e-6)
+
+
 # The map, and roads as values
 
 
-def test_a_road_is_fitted_to_the_map_and_margin_that_are_given() -> None:
+def test_a_fitted_road_lies_in_the_map_with_its_curvatures() -> None:
+    rng = np.random.default_rng(0)
+    for scale in (0.2, 1.0, 0.2, 1.0):  # small curvatures give narrow roads, which fit turned only
+        values = random_curvatures(rng, 22) * scale
+        road = Road(values, 10.0, random_pose(rng), lane_width=5.0)
+        fitted = road.fitted()
+        assert fitted is not None
+        np.testing.assert_array_equal(fitted.curvatures, road.curvatures)
+        assert (fitted.step, fitted.lane_width) == (road.step, 5.0)
+        assert fitted.road_points.min() >= 10.0 - 1e-6
+        assert fitted.road_points.max() <= 190.0 + 1e-6
+        assert fitted.fitted(margin=9.9) is fitted
     longer = Road([0.0, 0.0, 0.0], 128.0)
     assert longer.fitted() is None
     assert longer.fitted(300.0) is not None
@@ -238,3 +296,15 @@ def test_bad_values_are_refused_by_name(values: Any, options: dict[str, Any], me
     with pytest.raises(RoadError, match=message):
         Road(values, **options)
     assert Road(np.zeros(5001), 10.0).length == 50_000.0
+
+
+def test_sampled_points_lie_at_the_offset_to_the_left() -> None:
+    points = Road([0.0, 0.0], pose=(0.0, 0.0, 0.0)).sample(10.0, 3.0)
+    assert points == pytest.approx(np.array([[0.0, 3.0], [10.0, 3.0]]))
+
+
+def test_a_road_is_fitted_to_the_map_and_margin_that_are_given() -> None:
+    longer = Road([0.0, 0.0, 0.0], 128.0)
+    assert longer.fitted() is None
+    assert longer.fitted(300.0) is not None
+    assert longer.fitted(margin=5.0) is not None

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from frenetic.errors import RoadError
 from frenetic.road import Road, profile
@@ -65,6 +67,35 @@ def without_notes(text: str) -> bytes:
     return re.sub(r"<userData.*?/>", "", text).encode()
 
 
+def assert_same(one: Road, other: Road) -> None:
+    assert np.array_equal(one.curvatures, other.curvatures)
+    assert (one.step, one.pose, one.lane_width) == (other.step, other.pose, other.lane_width)
+    for name in profile.NAMES:
+        assert np.array_equal(getattr(one, name), getattr(other, name)), name
+
+
+@given(
+    st.lists(st.tuples(st.floats(1.0, 60.0), st.floats(-0.15, 0.15)), max_size=6),
+    st.lists(st.tuples(st.floats(1.0, 60.0), st.floats(0.0, 2.0)), max_size=4),
+)
+def test_whatever_the_profiles(
+    slopes: list[tuple[float, float]], widths: list[tuple[float, float]]
+) -> None:
+    def ascending(pairs: list[tuple[float, float]]) -> np.ndarray:
+        gaps, values = np.array(pairs).reshape(-1, 2).T
+        return np.column_stack([np.cumsum(gaps), values])
+
+    made = Road(
+        [0.0, 0.02, 0.0, -0.01],
+        30.0,
+        superelevation=ascending(slopes),
+        grade=ascending(slopes[::-1]),
+        widening=ascending(widths),
+    )
+    read = RoadMap(to_opendrive(made).encode()).road()
+    assert_same(read, made)
+
+
 def test_a_strangers_slopes_are_read_within_the_bound() -> None:
     read = RoadMap(without_notes(to_opendrive(SPACE))).road()
     places = np.linspace(0.0, SPACE.length, 1000)
@@ -75,6 +106,18 @@ def test_a_strangers_slopes_are_read_within_the_bound() -> None:
     assert read.lane_width == pytest.approx(3.25)
     assert len(read.grade) < 30
     assert len(read.superelevation) < 30
+
+
+def test_a_file_that_was_changed_is_read_as_it_is_drawn() -> None:
+    text = to_opendrive(Road([0.0] * 9, grade=0.04))
+    assert 'b="0.04"' in text
+    changed = RoadMap(text.replace('b="0.04"', 'b="0.02"').encode()).road()
+    assert changed.grade == pytest.approx(np.array([[0.0, 0.02], [80.0, 0.02]]))
+
+
+def test_a_lean_that_was_taken_out_is_no_more() -> None:
+    text = re.sub(r"<superelevation .*?/>", "", to_opendrive(SPACE))
+    assert not len(RoadMap(text.encode()).road().superelevation)
 
 
 def test_the_other_direction_falls_where_this_one_rises() -> None:
@@ -99,6 +142,13 @@ def test_a_lane_beside_the_centre_lies_higher_or_lower() -> None:
     outer = RoadMap(data).road(lane=-2)
     assert outer.heights(100.0) == pytest.approx(-3.0 * math.tan(0.1), abs=0.01)
     assert not len(RoadMap(data).road().grade)
+
+
+def test_a_lane_that_widens_is_as_wide_as_it_is() -> None:
+    lane = LANE.format(-1, "driving", 3, 0.01)
+    read = RoadMap(foreign(road(1, 0.0, 0.0, 100.0, right=lane))).road()
+    assert read.lane_width == pytest.approx(3.0)
+    assert profile.value_at(read.widening, [0.0, 50.0, 100.0]) == pytest.approx([0.0, 0.5, 1.0])
 
 
 TOWN = foreign(
@@ -134,6 +184,14 @@ def test_a_stretch_may_begin_anywhere_on_it() -> None:
     for wrong in ("1@100,2", "1@-1", "1@x", "1@nan"):
         with pytest.raises(RoadError, match="is no place on a stretch of"):
             town.stretches(wrong)
+
+
+def test_the_lane_is_one_for_cars_if_none_is_named() -> None:
+    lanes = LANE.format(-1, "median", 2, 0) + LANE.format(-2, "driving", 3.5, 0)
+    data = foreign(road(1, 0.0, 0.0, 60.0, right=lanes))
+    assert RoadMap(data).road().pose.y == pytest.approx(-2.0)
+    only_left = foreign(road(1, 0.0, 0.0, 60.0, right="", left=LANE.format(1, "driving", 3, 0)))
+    assert RoadMap(only_left).road().pose.x == pytest.approx(60.0)
 
 
 def test_a_folder_with_a_map_has_its_roads_but_for_junctions(tmp_path: Path) -> None:
@@ -213,7 +271,7 @@ def shipped(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
 
 @pytest.mark.parametrize(
     ("net", "count", "longest"),
-    [("racing/spreewaldring.net.xml", 45, 1636.0)],
+    [("A10KW/osm.net.xml", 1739, 1995.0), ("racing/spreewaldring.net.xml", 45, 1636.0)],
 )
 def test_maps_of_real_places_are_read(
     shipped: Callable[[str], Path], frenetic: Frenetic, net: str, count: int, longest: float

@@ -7,7 +7,7 @@ import numpy.typing as npt
 import pytest
 from shapely.geometry import Polygon
 
-from frenetic.road import Road, geometry
+from frenetic.road import Pose, Road, geometry
 from frenetic.road.overlap import share_outside
 from frenetic.search.operators import random_curvatures
 
@@ -92,6 +92,19 @@ def test_share_agrees_with_polygons(seed: int) -> None:
     assert sum(0.1 < one < 0.9 for one in shares) > 50
 
 
+@pytest.mark.parametrize("kappa", [0.07, -0.07])
+@pytest.mark.parametrize("lane", [(0.0, -4.0), (4.0, 0.0)])
+@pytest.mark.parametrize("box", [CAR, (12.0, 2.5, 3.0), (2.0, 2.0, -0.5)])
+def test_share_agrees_in_the_tightest_curves_for_any_box(
+    kappa: float, lane: tuple[float, float], box: Box
+) -> None:
+    road = Road(np.full(10, kappa))
+    for d in np.linspace(-7.0, 7.0, 15).tolist():
+        for error in (0.0, 0.3, -1.2, math.pi):
+            expected = reference(road, 45.0, d, error, box, lane)
+            assert share(road, 45.0, d, error, box, lane) == pytest.approx(expected, abs=4e-3)
+
+
 @pytest.mark.parametrize("least", [0.5, 0.8, 0.95, 1.0])
 @pytest.mark.parametrize("box", [CAR, (12.0, 2.5, 3.0), (2.0, 2.0, -0.5)])
 def test_only_lesser_shares_are_told_as_0(least: float, box: Box) -> None:
@@ -105,6 +118,16 @@ def test_only_lesser_shares_are_told_as_0(least: float, box: Box) -> None:
             assert found == whole or (found == 0.0 and whole < least)
             spared += found != whole
     assert spared > 100 or least == 0.5 or box[2] == 3.0
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+def test_on_a_straight_road_the_share_is_linear_in_the_offset(backwards: bool) -> None:
+    road = Road(np.zeros(10), pose=Pose(9e3, -1e4, -7.0))  # far away no digits are lost
+    _, width, _ = CAR
+    for offset in np.linspace(-6.0, 6.0, 49).tolist():
+        outside = (abs(offset) + 0.5 * width - 2.0) / width
+        found = share(road, 40.0, offset - 2.0, math.pi if backwards else 0.0)
+        assert found == pytest.approx(min(max(outside, 0.0), 1.0), abs=1e-7)
 
 
 def test_the_lane_of_another_leg_does_not_count() -> None:

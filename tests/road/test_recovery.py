@@ -63,6 +63,21 @@ def test_a_road_is_recovered_from_its_samples(seed: int, step: float) -> None:
     np.testing.assert_allclose(found.road_points, road.road_points, rtol=0, atol=1e-6)
 
 
+@pytest.mark.parametrize("kappa", [0.0, 0.07, -0.07, 1e-4])
+@pytest.mark.parametrize("spacing", [1.0, 10.0])
+def test_points_of_a_circle_or_a_line_give_its_constant_curvature(
+    kappa: float, spacing: float
+) -> None:
+    arc = np.arange(0.0, 80.0 + 1e-9, spacing)
+    points = np.column_stack([arc, 0.0 * arc])
+    if kappa:
+        points = np.column_stack([np.sin(kappa * arc), 1.0 - np.cos(kappa * arc)]) / kappa
+    road = Road.from_points(points)
+    assert road.length == pytest.approx(80.0, abs=1e-6)
+    np.testing.assert_allclose(road.curvatures, kappa, rtol=0, atol=1e-6)
+    assert road.pose == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_other_points_are_joined_by_the_spline(seed: int) -> None:
     """Rounded ones, unevenly spaced ones, and a handful far apart, as generators propose them."""
@@ -95,6 +110,18 @@ def test_few_points_are_joined_by_a_spline_of_lower_degree(
     road = assert_follows_the_spline(np.array(points))
     if len(points) == 2:
         np.testing.assert_allclose(road.curvatures, 0.0, rtol=0, atol=1e-12)
+
+
+def test_a_road_along_a_spline_has_the_splines_curvature() -> None:
+    points = np.array([(0.0, 0.0), (40.0, 0.0), (70.0, 30.0), (70.0, 80.0), (100.0, 110.0)])
+    u = np.linspace(0.0, 1.0, 200_001)
+    (x, y), (a, b) = (competition_spline(points).derivative(k)(u).T for k in (1, 2))
+    rate = np.hypot(x, y)
+    arc = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(u))])
+    road = Road.from_points(points)
+    distances = np.linspace(0.0, road.length, 400)
+    expected = np.interp(distances, arc, (x * b - y * a) / rate**3)
+    np.testing.assert_allclose(road.curvature_at(distances), expected, rtol=0, atol=5e-4)
 
 
 @pytest.mark.parametrize(

@@ -28,6 +28,15 @@ def profiles(draw: st.DrawFn) -> np.ndarray:
     return profile.checked(np.column_stack([np.cumsum(gaps) - 50.0, values]), "grade", MAX_GRADE)
 
 
+def test_a_crest_rises_and_falls() -> None:
+    assert profile.value_at(CREST, [-5.0, 20.0, 50.0, 65.0, 200.0]) == pytest.approx(
+        [0.06, 0.06, 0.0, -0.03, -0.06]
+    )
+    # 20 m of 6 % up, then half of 30 m of it; the other side is alike.
+    heights = profile.integral_at(CREST, [0.0, 20.0, 50.0, 80.0, 100.0])
+    assert heights == pytest.approx([0.0, 1.2, 2.1, 1.2, 0.0])
+
+
 @given(profiles(), st.floats(-100.0, 400.0))
 def test_an_integral_is_the_sum_of_the_values(one: np.ndarray, end: float) -> None:
     places = np.linspace(0.0, end, 20_001)
@@ -42,6 +51,11 @@ def test_a_piece_has_the_same_values(one: np.ndarray, start: float, length: floa
     whole = profile.value_at(one, start + places)
     for piece in (profile.cut(one, start), profile.cut(one, start, start + length)):
         assert profile.value_at(piece, places) == pytest.approx(whole, abs=1e-12)
+
+
+def test_stations_without_a_bend_are_left_out() -> None:
+    straight = np.column_stack([np.arange(5) * 10.0, [0.0, 0.01, 0.02, 0.02, 0.02]])
+    assert profile.thinned(straight).tolist() == [[0.0, 0.0], [20.0, 0.02]]
 
 
 @pytest.mark.parametrize(

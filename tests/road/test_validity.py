@@ -4,7 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,8 @@ from frenetic.road.validity import (
     _to_millimetre,
     check_validity,
     interpolate,
+    min_radius,
+    overlaps_itself,
 )
 
 if TYPE_CHECKING:
@@ -329,6 +331,25 @@ def test_map_size() -> None:
             check_validity(line(100), map_size)
 
 
+@pytest.mark.parametrize(
+    ("points", "told"),
+    [
+        ([[0.0, 0.0], [math.nan, 1.0]], "road point 1 is"),
+        ([[1.0, 2.0, 3.0]], r"\(1, 3\)"),
+        ([["1", "2"], ["3", "4"]], "numbers"),
+        ("road", r"shape \(\)"),
+        ([[True, False], [False, True]], "bool"),
+        ([[None, 2.0], [3.0, 4.0]], "object"),
+        ([[1.0, 2.0], [3.0]], "pairs"),
+    ],
+)
+def test_bad_points(points: Any, told: str) -> None:
+    for judge in (check_validity, interpolate, min_radius):
+        with pytest.raises(RoadError, match=told) as caught:
+            judge(points)
+        assert "\n" not in str(caught.value)
+
+
 def test_what_cannot_be_interpolated_is_told() -> None:
     for points, told in (
         ([[1.0, 2.0]], "at least 2 points"),
@@ -337,6 +358,14 @@ def test_what_cannot_be_interpolated_is_told() -> None:
     ):
         with pytest.raises(RoadError, match=told):
             interpolate(points)
+
+
+@pytest.mark.parametrize("alike", [lambda p: p.tolist(), np.asfortranarray, np.int64, np.float32])
+def test_any_array_of_points_is_taken_and_left_alone(alike: Callable[[FloatArray], Any]) -> None:
+    points = np.array([[30.0, 30.0], [70.0, 35.0], [110.0, 60.0], [130.0, 100.0]])
+    points.setflags(write=False)
+    assert check_validity(alike(points))
+    np.testing.assert_array_equal(interpolate(alike(points)), interpolate(points))
 
 
 # --- interpolation and radius ------------------------------------------------------------------
@@ -351,12 +380,57 @@ def test_interpolation_is_that_of_scipy(family: Family) -> None:
             np.testing.assert_array_equal(interpolate(points), reference.interpolated(points))
 
 
+def test_the_node_beyond_the_last_point_does_not_hang_on_a_tiny_last_step() -> None:
+    t = np.linspace(0, 87.5 / 30, 12)
+    points = 100 + 30 * np.column_stack([np.cos(t), np.sin(t)])
+    points = np.concatenate([points, points[-1:] + np.array([-1e-9, 1e-10])])
+    nodes = interpolate(points)
+    assert len(nodes) == 87 + 2
+    np.testing.assert_allclose(nodes, reference.interpolated(points), rtol=0, atol=0.0011)
+
+
 @given(st.floats(-1e6, 1e6) | st.integers(-(10**7), 10**7).map(lambda i: i / 2000))
 @settings(max_examples=300)
 def test_millimetres_are_those_of_round(value: float) -> None:
     assert _to_millimetre(value) == round(value, 3)
 
 
+def test_radius_of_a_circle_and_of_a_straight_road() -> None:
+    for radius in (5.0, LIMIT_RADIUS, 1000.0):
+        assert min_radius(arc(radius)) == pytest.approx(radius, rel=1e-9)
+    for straight in (line(100, 101), arc(10.0)[:5], np.empty((0, 2))):
+        assert min_radius(straight) == math.inf
+
+
 # --- properties --------------------------------------------------------------------------------
 
 inner = st.integers(10, 190)
+
+
+@given(st.lists(st.tuples(inner, inner), min_size=2, max_size=9))
+@settings(max_examples=100)
+def test_quarter_turns_and_mirrors_of_the_map_leave_the_verdict(
+    pairs: list[tuple[int, int]],
+) -> None:
+    points = np.array(pairs, dtype=np.float64)
+    verdict = check_validity(points)
+    assert check_validity(np.column_stack([200 - points[:, 1], points[:, 0]])) == verdict
+    assert check_validity(points[:, ::-1]) == verdict
+
+
+@given(st.lists(st.tuples(st.floats(-1e308, 1e308), st.floats(-1e308, 1e308)), max_size=12))
+@settings(max_examples=50)
+def test_every_list_of_finite_points_gets_a_verdict(points: list[tuple[float, float]]) -> None:
+    verdict = check_validity(points)
+    assert verdict.valid == (verdict.message == "")
+
+
+def test_edges_tell_whether_a_road_overlaps_itself() -> None:
+    left = [(-4.0, 0.0), (-4.0, 10.0), (-4.0, 20.0)]
+    right = [(4.0, 0.0), (4.0, 10.0), (4.0, 20.0)]
+    assert not overlaps_itself(left, right)
+    assert overlaps_itself(left, [right[0], left[1], right[2]])  # no width in the middle
+    assert overlaps_itself(left, right[::-1])
+    for bad, says in (([], "at least 2 each"), (right[:2], "have 3 and 2"), ([0.0], "shape")):
+        with pytest.raises(RoadError, match=says):
+            overlaps_itself(left if bad else [], bad)

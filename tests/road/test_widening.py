@@ -83,6 +83,12 @@ def test_it_is_kept_in_files_pieces_and_processes(tmp_path: Path) -> None:
     assert road.piece(5).widening.tolist() == [[0.0, 1.0], [10.0, 1.0], [30.0, 0.0]]
 
 
+def test_lanes_of_one_width_have_the_table_that_they_had() -> None:
+    road = Road(np.linspace(-0.01, 0.01, 11))
+    assert road.table.shape[1] == 6
+    assert np.array_equal(replace(road, widening=WIDENING).table[:, :6], road.table)
+
+
 def test_a_lane_that_narrows_is_refused() -> None:
     with pytest.raises(RoadError, match=r"widening is -0.5 m: at least 0 is needed"):
         Road([0.0] * 5, widening=-0.5)

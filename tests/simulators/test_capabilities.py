@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from typing import Any
 
 import pytest
@@ -14,7 +15,7 @@ from frenetic.errors import DriverError, FreneticError
 from frenetic.metadrive import MetaDriveSimulator
 from frenetic.quantities import quantities
 from frenetic.simulators import EmbeddedSimulator, Rules, Simulator
-from frenetic.simulators.capabilities import capabilities, check_pair, usual
+from frenetic.simulators.capabilities import Capabilities, capabilities, check_pair, usual
 from frenetic.simulators.worlds import check_can_vary
 from frenetic.spec import describe
 from frenetic.testing import DummyDriver, DummySimulator
@@ -40,6 +41,15 @@ class Shared(DummySimulator):
         raise DriverError(f"not {type(driver).__name__}")
 
 
+def test_a_simulator_that_declares_nothing_has_the_defaults() -> None:
+    simulator = DummySimulator()
+    found = capabilities(simulator)
+    assert found == Capabilities(prepare=found.prepare, variable=frozenset({"rules"}))
+    assert found.drive_limit == 100.0
+    found.prepare()
+    check_pair(simulator, DummyDriver())
+
+
 def test_what_a_simulator_declares_is_found() -> None:
     simulator = Shared()
     found = capabilities(simulator)
@@ -56,6 +66,13 @@ def test_a_class_says_what_holds_before_one_is_made() -> None:
     assert usual(BeamngSimulator).usual_wall_limit == 600.0
     assert "home" in usual(BeamngSimulator).place_options
     assert usual(lambda: DummySimulator()).usual_wall_limit == 60.0
+
+
+@pytest.mark.parametrize("simulator", [BeamngSimulator, MetaDriveSimulator])
+def test_what_is_preloaded_is_there(simulator: Any) -> None:
+    assert usual(simulator).preloads
+    for name in usual(simulator).preloads:  # the server of processes leaves out what is missing
+        assert find_spec(name) is not None
 
 
 @pytest.mark.parametrize(
@@ -84,6 +101,12 @@ def test_every_quantity_that_one_of_ours_lays_is_an_option_of_it() -> None:
                 made: Any = kind(**{row.attribute: amount})
                 assert getattr(made, row.attribute) == amount
                 assert describe(made) != describe(kind()), "its record says it"
+
+
+def test_what_can_be_varied_is_what_can_be_set() -> None:
+    everything = {"rules", "friction", "steering_lag", "start_offset", "start_heading"}
+    everything |= {"load", "wet", "wet_at", "gust", "gust_at"}
+    assert capabilities(EmbeddedSimulator()).variable == everything
 
 
 @pytest.mark.parametrize(

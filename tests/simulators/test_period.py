@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from frenetic import Controls, Driver, DriveSetup, EmbeddedSimulator, Observation, Road, Stanley
+from frenetic.drivers import Noisy
 from frenetic.errors import DriverError
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
@@ -62,6 +63,23 @@ def test_it_is_asked_that_often_and_recorded_at_20_hz(period: float) -> None:
         error = seen.heading - WINDING.pose_at(s).heading
         assert seen.heading_error == pytest.approx(error, abs=1e-6)
         assert seen.ahead[0] == pytest.approx(seen.lane().points[0], abs=2e-3)
+
+
+def test_the_period_of_the_simulator_changes_nothing() -> None:
+    plain, own = (
+        EmbeddedSimulator().drive(WINDING, driver).trajectory.to_rows()
+        for driver in (Stanley(), Own(0.05))
+    )
+    np.testing.assert_array_equal(plain, own)
+    assert EmbeddedSimulator().drives_compiled(Stanley())
+    assert not EmbeddedSimulator().drives_compiled(Own(0.05))
+
+
+def test_a_layer_has_the_period_of_its_driver() -> None:
+    driver = Own(0.02)
+    drive = EmbeddedSimulator().drive(WINDING, Noisy(driver, offset=0.2))
+    assert drive.error is None
+    assert (driver.told, driver.seen[1].time) == pytest.approx((0.02, 0.02))
 
 
 @pytest.mark.parametrize(

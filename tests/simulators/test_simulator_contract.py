@@ -229,6 +229,15 @@ def test_what_is_wrong_is_found_by_its_test_alone(name: str) -> None:
         assert re.search(reason, said[test]), said[test]
 
 
+def test_a_wheelbase_may_be_as_long_as_the_car() -> None:
+    """A kinematic model may know one length alone."""
+    half = "0.5 * setup.car_length"
+    said = failures(bicycle(*told(front_axle=half, rear_axle=half)))
+    assert said.keys() == {"car_turns_as_its_wheels_and_axles_say"}  # the bicycle has its own
+    longer = bicycle(*told(front_axle="2.6", rear_axle="2.0"))
+    assert "farther apart than the bumpers" in "".join(failures(longer).values())
+
+
 # Simulators that have their reasons
 
 
@@ -273,3 +282,20 @@ def test_a_drive_that_does_not_come_back_is_given_up() -> None:
     suite = contract(hangs, wall_limit=0.1)
     with pytest.raises(pytest.fail.Exception, match=r"did not end within 0\.1 s of wall time"):
         suite.test_gentle_road_is_passed(gentle_road())
+
+
+def test_a_simulator_that_claims_slopes_and_lays_none_is_found() -> None:
+    def claims(**options: Any) -> Any:
+        simulator = bicycle()(**options)
+        simulator.lays_slopes = True
+        return simulator
+
+    said = failures(claims)
+    assert said.keys() == {"rolls_down_a_slope"}
+    assert "down a slope of 10 % the car does 0.0 m/s after 3.0 s, where" in "".join(said.values())
+
+
+def test_only_a_declared_start_is_at_speed() -> None:
+    rolls = bicycle(("road.pose.heading, 0.0", "road.pose.heading, 8.0"))
+    assert failures(rolls, start_speed=8.0) == {}
+    assert failures(bicycle(), start_speed=8.0).keys() == {"starts_at_rest_in_the_ego_lane"}

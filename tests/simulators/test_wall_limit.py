@@ -4,6 +4,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable
+from types import FrameType
 from typing import NoReturn
 
 import pytest
@@ -79,6 +80,17 @@ def test_a_block_that_takes_too_long_is_left(run: Run) -> None:
     run(check)
 
 
+def test_a_block_in_time_is_left_alone(run: Run) -> None:
+    def check() -> None:
+        reached = []
+        with wall_limit(60.0):
+            reached.append(1)
+        assert reached == [1]
+        assert_over()
+
+    run(check)
+
+
 def test_nothing_is_raised_after_the_block(run: Run) -> None:
     def check() -> None:
         for _ in range(20):
@@ -134,12 +146,36 @@ def test_a_thread_limits_itself_only() -> None:
 # --- By signal -----------------------------------------------------------------------------------
 
 
+def handler(_number: int, _frame: FrameType | None) -> None:
+    raise AssertionError("the alarm of somebody else")
+
+
+@posix
+@pytest.mark.parametrize("too_long", [True, False])
+def test_the_handler_and_the_timer_are_put_back(too_long: bool) -> None:
+    before = signal.signal(signal.SIGALRM, handler)
+    try:
+        assert exceeds(spin if too_long else lambda: None, 0.05 if too_long else 60.0) is too_long
+        assert signal.getsignal(signal.SIGALRM) is handler
+        assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
+    finally:
+        signal.signal(signal.SIGALRM, before)
+
+
 @posix
 def test_a_blocking_call_is_ended() -> None:
     assert exceeds(lambda: time.sleep(3600.0), 0.05)
     lock = threading.Lock()
     with lock:
         assert exceeds(lambda: lock.acquire(), 0.05)
+
+
+@posix
+def test_an_inner_limit_ends_the_inner_block_only() -> None:
+    with wall_limit(60.0):
+        assert exceeds(spin, 0.05)
+        assert not exceeds(lambda: None, 60.0)
+        spin_for(0.2)
 
 
 @posix

@@ -11,6 +11,7 @@ from frenetic import EmbeddedSimulator, Road, Trajectory
 from frenetic._support.arrays import FloatArray
 from frenetic.drivers import Controls, Driver, DriveSetup, Observation, Planner, Stanley
 from frenetic.drivers.layers import Hasty
+from frenetic.errors import FreneticError
 from frenetic.simulators.embedded.vehicle import AIR_DENSITY, PULL_LEFT, Vehicle
 from frenetic.simulators.embedded.weather import (
     GUST_LENGTH,
@@ -95,6 +96,13 @@ def test_a_gust_pushes_as_its_formula_says_and_only_where_it_blows() -> None:
     assert place[-1, 1] > place[0, 1] + 0.1, "to the left"
 
 
+def test_a_gust_to_the_right_is_the_mirror_image() -> None:
+    left = rows(EmbeddedSimulator(gust=9.0), Held(6.0), STRAIGHT)
+    right = rows(EmbeddedSimulator(gust=-9.0), Held(6.0), STRAIGHT)
+    n = min(len(left), len(right))
+    assert np.allclose(left[:n, 6], -right[:n, 6], atol=1e-12)
+
+
 def test_brakes_are_weaker_on_the_wet_stretch_alone() -> None:
     road = Road([0.0] * 60)
     dry = EmbeddedSimulator().drive(road, Held(6.5, brake=1.0)).trajectory
@@ -114,9 +122,40 @@ def test_brakes_are_weaker_on_the_wet_stretch_alone() -> None:
     assert along[-1] > way(dry)[-1] + 5.0
 
 
+def test_a_load_makes_engine_and_brakes_weaker_in_proportion() -> None:
+    car = Vehicle()
+    empty = EmbeddedSimulator().drive(STRAIGHT, Held(2.0)).trajectory
+    full = EmbeddedSimulator(load=1000.0).drive(STRAIGHT, Held(2.0)).trajectory
+    share = car.mass / (car.mass + 1000.0)
+    k = int(np.argmin(np.abs(empty.time - 1.9)))
+    rolling = car.rolling_resistance * 9.81
+    assert full.speed[k] + rolling * 1.9 == pytest.approx(
+        share * (empty.speed[k] + rolling * 1.9), rel=0.02
+    )
+
+
 def test_a_hasty_driver_drives_over_the_limit() -> None:
     simulator = EmbeddedSimulator()
     usual = simulator.drive(Road([0.0] * 60), Planner()).trajectory.speed.max()
     hasty = simulator.drive(Road([0.0] * 60), Hasty(Planner(), excess=18.0)).trajectory.speed.max()
     assert usual <= 70.0 / 3.6 + 0.1
     assert hasty == pytest.approx(usual + 5.0, abs=0.2)
+
+
+def test_no_weather_is_the_usual_drive_bit_for_bit() -> None:
+    usual = rows(EmbeddedSimulator(), Planner())
+    nothing = EmbeddedSimulator(wet=1.0, wet_at=50.0, gust=0.0, gust_at=20.0, load=0.0)
+    assert np.array_equal(rows(nothing, Planner()), usual)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("wet", 0.0), ("gust", 99.0), ("load", -1.0), ("gust_at", -5.0)]
+)
+def test_amounts_out_of_range_are_refused(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=f"{name} is {value}: .* is needed"):
+        EmbeddedSimulator(**{name: value})  # type: ignore[arg-type]
+    with (
+        pytest.raises(FreneticError, match=name),
+        in_conditions({name: value}, EmbeddedSimulator(), Planner()),
+    ):
+        pass

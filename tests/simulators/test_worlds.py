@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
-from frenetic.drivers import Delayed, Driver, Noisy, Planner
+from frenetic.drivers import Delayed, Driver, LimitedView, Noisy, Planner
+from frenetic.drivers.layers import compiled_form
 from frenetic.errors import FreneticError
+from frenetic.quantities import quantities
 from frenetic.road import Road
 from frenetic.simulators import EmbeddedSimulator, Rules, Simulator
 from frenetic.simulators.worlds import Conditions, in_conditions
 from frenetic.testing import DummySimulator
+from frenetic.vision import appearance
+from frenetic.vision.marking_follower import MarkingFollower
 
 ROAD = Road([0.0, 0.0, 0.01, 0.03, 0.05, 0.05, 0.02, -0.02, -0.04, -0.04, 0.0, 0.0])
 
@@ -71,6 +76,16 @@ def test_the_simulator_is_as_before_afterwards_even_if_the_drive_broke() -> None
     assert rows(simulator, Planner()) == before
 
 
+def test_a_layer_takes_the_place_of_one_of_its_kind_and_leaves_the_others() -> None:
+    driver = Noisy(LimitedView(Delayed(Planner(), seconds=0.3), distance=20.0), offset=0.1, seed=1)
+    with in_conditions({"delay": 0.1}, EmbeddedSimulator(), driver) as there:
+        form = compiled_form(there, 0.05)
+    assert form is not None, "two layers of a kind are driven in Python, slowly"
+    assert (form.delay, form.rows) == (2, 11)
+    assert form.errors is not None
+    assert driver.driver.driver.seconds == 0.3, "the driver itself was changed"  # type: ignore[attr-defined]
+
+
 def test_what_a_simulator_cannot_vary_is_refused_in_one_line() -> None:
     simulator = DummySimulator()
     with in_conditions({"speed": 30.0, "delay": 0.1}, simulator, Planner()) as driver:
@@ -100,3 +115,15 @@ def test_a_value_that_a_simulator_refuses_is_one_line() -> None:
         in_conditions(world, Picky(), Planner()),
     ):
         pass
+
+
+def test_the_table_of_quantities_is_true() -> None:
+    """Both ends of every quantity's range can be driven in."""
+    for name, quantity in quantities().items():
+        for value in (quantity.low, quantity.high):
+            driver = MarkingFollower() if name in appearance.ALL else Planner()
+            simulator = EmbeddedSimulator()
+            with in_conditions({name: value}, simulator, driver) as there:
+                drive = simulator.drive(SHORT, there)
+            assert drive.error is None
+            assert np.isfinite(drive.trajectory.to_rows()).all()
