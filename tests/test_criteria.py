@@ -20,12 +20,12 @@ from frenetic._support.entry_points import Entry
 from frenetic.analysis.criteria import criteria_in_words
 from frenetic.analysis.failures import caution
 from frenetic.campaign import Budget, Campaign, CampaignStore
-from frenetic.criteria import DRIVER, Criterion, Profile, Quantity, profiles
+from frenetic.criteria import DRIVER, QUANTITIES, Criterion, Profile, Quantity, profiles, quantity
 from frenetic.drive import CarBody, Drive, Rules, Trajectory
-from frenetic.drivers import Planner
+from frenetic.drivers import Planner, Stanley
 from frenetic.errors import Fault, FreneticError
-from frenetic.measures import Seen, mean, worst
-from frenetic.oracle import judge, seen_by_criteria
+from frenetic.measures import Seen, mean, rate, spread, worst
+from frenetic.oracle import judge, measured, measures_json, seen_by_criteria
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.run_file import read_rules
@@ -34,6 +34,11 @@ from frenetic.simulators import EmbeddedSimulator
 
 RATE = 0.05  # s
 ISO = profiles()["after-iso-11270"]
+
+
+def read_criteria(text: Any) -> Profile:
+    found: Profile = read_rules(text)["criteria"]
+    return found
 
 
 def along(road: Road, speed: float, aside: float = 0.0) -> Drive:
@@ -67,12 +72,6 @@ def amount(name: str, drive: Drive) -> float:
     return found.value
 
 
-def criteria_of(text: Any) -> Profile:
-    """The criteria of a text or of entries."""
-    found: Profile = read_rules(text)["criteria"]
-    return found
-
-
 def judged(road: Road, drive: Drive, profile: Profile) -> Any:
     return judge(road, replace(drive, rules=Rules(criteria=profile)))
 
@@ -95,6 +94,38 @@ def test_on_a_circle_the_lateral_acceleration_is_that_of_the_speed_and_curvature
     found = worst("lateral_acceleration", seen_by_criteria(road, drive))
     assert found is not None
     assert found.side == ("left" if side > 0.0 else "right")
+
+
+def test_on_a_clothoid_the_jerk_is_that_of_the_speed_and_the_change_of_curvature() -> None:
+    change, speed = 1e-4, 12.0  # 1/m per m
+    road = Road(change * 10.0 * np.arange(21), lane_width=4.0)
+    drive = along(road, speed, aside=2.0)  # on the road's own line
+    assert amount("lateral_jerk", drive) == pytest.approx(speed**3 * change, rel=1e-9)
+
+
+def test_where_a_straight_meets_a_circle_the_mean_over_half_a_second_is_what_counts() -> None:
+    speed, curvature = 10.0, 0.02
+    road = Road(np.array([0.0] * 11 + [curvature] * 11))  # a clothoid of 10 m, 1 s long
+    drive = along(road, speed, aside=2.0)
+    assert amount("lateral_jerk", drive) == pytest.approx(speed**2 * curvature, rel=1e-6)
+
+
+def test_the_edge_distance_is_half_of_what_the_lane_is_wider_than_the_car() -> None:
+    road = Road(np.zeros(21))
+    gap = 0.5 * (4.0 - CarBody().width)
+    for aside in (0.0, 0.5, -0.7, 1.5):
+        found = worst("edge_distance", seen_by_criteria(road, along(road, 15.0, aside)))
+        assert found is not None
+        assert found.value == pytest.approx(gap - abs(aside), abs=1e-9)
+        if aside:
+            assert found.side == ("left" if aside > 0.0 else "right")
+
+
+def test_a_wider_lane_leaves_more_room_on_its_right() -> None:
+    wider = np.array([[0.0, 0.6], [200.0, 0.6]])
+    road = Road(np.zeros(21), widening=wider)
+    gap = 0.5 * (4.0 - CarBody().width)
+    assert amount("edge_distance", along(road, 15.0, -0.5)) == pytest.approx(gap + 0.1, abs=1e-9)
 
 
 def test_steps_and_ramps() -> None:
@@ -170,7 +201,38 @@ def test_the_moving_average_is_that_of_scipy(values: list[float]) -> None:
     np.testing.assert_array_equal(mean(time, column, 0.0), column)
 
 
+@given(steady)
+def test_the_mean_of_a_derivative_is_the_difference_of_the_windows_ends(
+    values: list[float],
+) -> None:
+    column: FloatArray = np.array(values)
+    time = np.arange(len(column), dtype=np.float64) * RATE
+    found = rate(time, column, 10 * RATE)
+    assert np.isnan(found[:10]).all()
+    assert found[10:] == pytest.approx((column[10:] - column[:-10]) / (10 * RATE), abs=1e-9)
+    np.testing.assert_array_equal(rate(time, column, 0.0), np.gradient(column, time))
+
+
+def test_a_window_between_two_records_is_interpolated() -> None:
+    time = np.array([0.0, 0.1, 0.3, 0.35, 0.6, 1.0])
+    assert mean(time, 2.0 * time, 0.5)[4:] == pytest.approx([0.7, 1.5])
+    assert rate(time, 2.0 * time, 0.5)[4:] == pytest.approx([2.0, 2.0])
+    assert spread(time, np.array([0.0, 5.0, 1.0, 1.0, 2.0, 1.5]), 0.3).tolist() == [
+        0.0, 5.0, 5.0, 4.0, 1.0, 0.0,
+    ]  # fmt: skip
+
+
 # Profiles
+
+
+def test_limits_are_those_that_others_keep() -> None:
+    limits = {one.quantity: one for one in ISO.criteria}
+    # As opendbc has them: ISO_LATERAL_ACCEL, ISO_LATERAL_JERK and JERK_MEAS_T.
+    assert (limits["lateral_acceleration"].limit, limits["lateral_jerk"].limit) == (3.0, 5.0)
+    assert limits["lateral_jerk"].window == 0.5
+    for profile in profiles().values():
+        assert all(one.clause for one in profile.criteria), "each limit cites its source"
+        assert profile.left_out or not profile, "what was left out is said"
 
 
 def test_a_file_of_ones_own(tmp_path: Path) -> None:
@@ -179,30 +241,26 @@ def test_a_file_of_ones_own(tmp_path: Path) -> None:
         'about = "ours"\nlateral_acceleration = 2.5\n'
         'lateral_jerk = {limit = 4, window = 0.4, clause = "7.2"}\n'
     )
-    found = criteria_of(str(path))
+    found = read_criteria(str(path))
     assert found == Profile(
         "ours",
         (Criterion("lateral_acceleration", 2.5, 0.0), Criterion("lateral_jerk", 4.0, 0.4, "7.2")),
         about="ours",
     )
-    assert criteria_of(f"{path},yaw_rate=20").criteria[2].limit == 20.0
-    assert criteria_of(f"{path},lateral_jerk=3").criteria[1].window == 0.4
-    assert criteria_of(json.loads(json.dumps(found.entry()))) == found, "as a run's file has it"
+    assert read_criteria(f"{path},yaw_rate=20").criteria[2].limit == 20.0
+    assert read_criteria(f"{path},lateral_jerk=3").criteria[1].window == 0.4
+    assert read_criteria(json.loads(json.dumps(found.entry()))) == found, "as a run's file has it"
 
 
 def test_limits_of_ones_own_beside_a_profile() -> None:
-    found = criteria_of("after-iso-11270,lateral_jerk=4,duration=60")
+    found = read_criteria("after-iso-11270,lateral_jerk=4,duration=60")
     limits = {one.quantity: one for one in found.criteria}
     assert (limits["lateral_jerk"].limit, limits["lateral_jerk"].window) == (4.0, 0.5)
     assert limits["duration"].clause == "as given"
     assert limits["lateral_acceleration"] == ISO.criteria[1]
     assert found.entry() == "after-iso-11270,lateral_jerk=4,duration=60"
-    assert criteria_of(found.entry()) == found
-    assert read_rules("competition,speed_limit=60") == {
-        "criteria": criteria_of("competition"),
-        "speed_limit": 60.0,
-    }
-    assert read_rules("oob_tolerance=0.9") == {"oob_tolerance": 0.9}, "and the usual profile"
+    assert read_criteria(found.entry()) == found
+    assert not read_criteria("competition")
 
 
 @pytest.mark.parametrize(
@@ -216,7 +274,7 @@ def test_limits_of_ones_own_beside_a_profile() -> None:
 )
 def test_mistakes_are_named(text: str, words: str) -> None:
     with pytest.raises(FreneticError) as error:
-        criteria_of(text)
+        read_criteria(text)
     assert words in str(error.value)
 
 
@@ -276,6 +334,14 @@ def test_leaving_the_lane_is_the_gravest() -> None:
     assert len(faulty.findings) > 1
 
 
+def test_a_drive_shorter_than_the_window_has_no_mean() -> None:
+    road = Road(np.zeros(3))
+    drive = along(road, 10.0)
+    assert measured(road, drive, [Criterion("lateral_jerk", 5.0, 60.0)]) == []
+    names = [row["quantity"] for row in measures_json(road, drive)]
+    assert names == list(QUANTITIES)
+
+
 def test_values_that_are_no_numbers_are_no_verdict() -> None:
     road = Road(np.zeros(21))
     drive = along(road, 10.0)
@@ -284,6 +350,30 @@ def test_values_that_are_no_numbers_are_no_verdict() -> None:
     broken = replace(drive, trajectory=Trajectory.from_rows(rows))
     assert judge(road, broken).outcome is Outcome.PASS, "the lane needs places alone"
     assert judged(road, broken, ISO).outcome is Outcome.ERROR
+
+
+def test_every_drive_agrees_with_what_is_measured() -> None:
+    roads, simulator = RandomSearch(seed=2), EmbeddedSimulator()
+    outcomes = set()
+    for driver in (Planner(), Planner(lateral_acceleration=2.0, smoothing=8.0), Stanley()):
+        for _ in range(6):
+            road = roads.ask().road(4.0)
+            drive = simulator.drive(road, driver)
+            for profile in profiles().values():
+                result = judged(road, drive, profile)
+                shares = [one.margin for one in measured(road, drive, profile.criteria)]
+                broke = sum(margin < 0.0 for margin in shares)
+                assert broke == sum(one.criterion != "lane" for one in result.findings)
+                if not broke and not result.departure:
+                    assert result.outcome is judge(road, drive).outcome
+                outcomes.add(result.outcome)
+    assert outcomes == {Outcome.PASS, Outcome.FAIL}
+
+
+def test_quantities_and_their_limits_in_words() -> None:
+    assert quantity("lateral_jerk").told(4.0) == "4.00 m/s³"
+    assert ISO.criteria[2].told() == "at most 5 m/s³ in the mean of 0.5 s"
+    assert ISO.criteria[0].told() == "at least 0 m"
 
 
 # Other packages
@@ -308,13 +398,13 @@ def test_a_package_adds_quantities_and_profiles(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr("frenetic.criteria.installed", lambda _: entries)
     road = Road(np.zeros(21))
     drive = along(road, 15.0)
-    profile = criteria_of("slow,top_speed=12")
+    profile = read_criteria("slow,top_speed=12")
     assert profile.name == "slow"
     result = judged(road, drive, profile)
     assert result.reason == "Top speed 15.00 m/s at 0 m (at most 12 m/s)"
     document = json.loads(json.dumps(profile.as_json()))
     assert convert(document, Profile) == profile, "as a campaign records it"
-    broken = judged(road, drive, criteria_of("slow,no_series=1"))
+    broken = judged(road, drive, read_criteria("slow,no_series=1"))
     assert broken.outcome is Outcome.ERROR
     assert "one value a record is needed" in broken.reason
 
@@ -333,3 +423,9 @@ def test_less_time_than_the_criteria_ask_for_is_said(tmp_path: Path) -> None:
         with CampaignStore.open(campaign.folder) as store:
             assert ("after-un-r157 asks for 300 s" in caution(store)) is is_said
             assert ("less than the 5 min" in criteria_in_words(store)) is is_said
+
+
+def criteria_of(text: Any) -> Profile:
+    """The criteria of a text or of entries."""
+    found: Profile = read_rules(text)["criteria"]
+    return found

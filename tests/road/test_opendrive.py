@@ -294,7 +294,9 @@ def test_any_lane_can_be_chosen() -> None:
         assert ends[0] == pytest.approx([0.0, shift], abs=0.005)
         mean = float(road.curvature_at(0.5 * road.length))
         assert mean == pytest.approx(math.copysign(1.0 / (radius - shift), -lane), rel=0.01)
-    assert RoadMap(data).road().points == pytest.approx(RoadMap(data).road(lane=-2).points)
+    for kind in (b"median", b"bus"):
+        usual = RoadMap(data.replace(b"median", kind)).road()
+        assert usual.points == pytest.approx(RoadMap(data).road(lane=-2).points)
     with pytest.raises(RoadError, match=r"lane -1.*'median'.*chosen as 'lane': -2, -3, 2, 1\)"):
         RoadMap(data).road(lane=-1)
     with pytest.raises(RoadError, match="lane -4, right of the centre, is missing"):

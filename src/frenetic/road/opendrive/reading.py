@@ -492,15 +492,21 @@ def _entered(road: Element) -> list[Element]:
 
 
 def _first_lane(road: Element) -> int:
-    """Id of the driving lane nearest to the centre, where it is entered; on the right if possible.
+    """Id of the lane nearest to the centre, where it is entered; on the right if possible.
+
+    One for buses or the like is taken where there is no other.
 
     Raises:
         RoadError: there is none.
     """
-    ids = [int(_number(lane, "id")) for lane in _entered(road) if _is_driven(lane)]
-    if not ids:
+    lanes = [
+        (lane.get("type") != "driving", int(_number(lane, "id")))
+        for lane in _entered(road)
+        if _is_driven(lane)
+    ]
+    if not lanes:
         raise RoadError("its road has no driving lane")
-    return min(ids, key=lambda number: (number > 0, abs(number)))
+    return min(lanes, key=lambda lane: (lane[0], lane[1] > 0, abs(lane[1])))[1]
 
 
 def _continuation(road: Element, before: FloatArray) -> FloatArray | None:
