@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from made_campaigns import search
 from made_drives import departing
 
@@ -94,7 +96,20 @@ def test_difference_of_roads_is_the_distance_of_their_points() -> None:
     assert difference(base, bent) == pytest.approx(expected, abs=1e-6)
 
 
+@settings(max_examples=30)
+@given(st.floats(-300.0, 300.0), st.floats(-300.0, 300.0), st.floats(-math.pi, math.pi))
+def test_moving_and_turning_a_road_makes_no_difference(x: float, y: float, heading: float) -> None:
+    here, there = failure(LEFT), failure(LEFT, pose=Pose(x, y, heading))
+    assert difference(here, there) == pytest.approx(0.0, abs=1e-6)
+
+
 # Which are put together
+
+
+def test_three_clearly_different_shapes_with_jitter_are_three_clusters() -> None:
+    found = cluster_failures(three_families())
+    assert members(found) == {tuple(range(k, k + 8)) for k in (1, 101, 201)}
+    assert found.failures == 24
 
 
 @pytest.mark.parametrize("batch", [3000, 1])
@@ -106,15 +121,6 @@ def test_failures_of_one_problem_differ_by_up_to_two_metres(
     for metres, number in ((1.9, 1), (2.1, 2)):
         other = replace(base, id=2, speeds=base.speeds + metres)
         assert len(cluster_failures([base, other])) == number
-
-
-def test_it_is_the_mean_difference_that_puts_failures_together() -> None:
-    base = failure(STRAIGHT)
-    # The mean square difference of the third from the first two is 3.8 m2, then 9 m2; the largest
-    # and the least difference would say the opposite.
-    for second, third, number in ((0.8, 2.3, 1), (1.9, 3.8, 2)):
-        others = [replace(base, id=i, speeds=base.speeds + v) for i, v in ((2, second), (3, third))]
-        assert len(cluster_failures([base, *others])) == number
 
 
 def test_a_failure_without_departure_is_another_problem() -> None:
@@ -184,6 +190,11 @@ def test_clusters_come_most_severe_first_with_their_worst_and_their_typical_fail
     )
     assert str(found[1]).endswith("km/h: 3 failures, worst -1.80 m")
     assert str(found[0]).endswith("km/h: 1 failure, worst -2.50 m")
+
+
+def test_an_unknown_id_has_no_cluster() -> None:
+    with pytest.raises(KeyError, match="no failure has the id 5"):
+        cluster_failures([failure(LEFT, id=3)]).of(5)
 
 
 @pytest.mark.parametrize(
@@ -302,3 +313,12 @@ def test_more_passing_tests_are_read_until_there_are_enough_distinct_near_misses
         expected = nearest_misses(store)
         monkeypatch.setattr(module, "_PASSES_COMPARED", (3, 10_000))
         assert list(nearest_misses(store)) == list(expected)
+
+
+def test_it_is_the_mean_difference_that_puts_failures_together() -> None:
+    base = failure(STRAIGHT)
+    # The mean square difference of the third from the first two is 3.8 m2, then 9 m2; the largest
+    # and the least difference would say the opposite.
+    for second, third, number in ((0.8, 2.3, 1), (1.9, 3.8, 2)):
+        others = [replace(base, id=i, speeds=base.speeds + v) for i, v in ((2, second), (3, third))]
+        assert len(cluster_failures([base, *others])) == number

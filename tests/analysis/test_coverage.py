@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -153,6 +154,10 @@ def test_roads_of_a_class_have_its_bounds() -> None:
     assert [axis.name for axis in axes_of(flat)] == [RADIUS]
 
 
+def test_without_a_domain_there_is_no_table() -> None:
+    assert domain_coverage(setting_of(None), []) is None
+
+
 def test_shares_of_a_normal_distribution_and_of_a_fixed_amount() -> None:
     gust = {"low": -20, "high": 20, "mean": 0, "deviation": 10}
     domain = Domain.made(
@@ -240,3 +245,12 @@ def test_cells_add_up(domain: Domain, number: int, seed: int) -> None:
             ends, amount = axis.limits(cell), test.candidate.conditions.get(axis.name)
             if ends is not None and amount is not None:
                 assert ends[0] - 1e-9 <= amount <= ends[1] + 1e-9
+
+
+def test_a_drive_in_each_pair_of_cells_covers_all() -> None:
+    domain = replace(GUSTY, conditions={"gust": GUSTY.conditions["gust"]})
+    tests = [made(Outcome.PASS, r, gust=g) for r in (15, 20, 30, 50, 99) for g in (-8, -3, 3, 8)]
+    found = covered(domain, tests)
+    assert found.driven_share == 1.0
+    assert found.gaps == ()
+    assert found.pairs[0].never_reached == 0

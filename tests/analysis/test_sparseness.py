@@ -26,6 +26,10 @@ def line(steps: Steps, heading: float = 0.0) -> FloatArray:
     return np.array(points)
 
 
+def ahead(number: int) -> list[tuple[float, float]]:
+    return [(0.0, 1.0)] * number
+
+
 def edit_distance(one: FloatArray, other: FloatArray) -> float:
     """Edits between two lines."""
     return float(largest_distances([one, other])[0])
@@ -66,13 +70,55 @@ LINES = st.lists(
 ).map(line)
 
 
+@pytest.mark.parametrize(
+    ("one", "other", "edits"),
+    [
+        (ahead(2), ahead(2), 0.0),
+        # The second step turns by 90 degrees: replacing it costs (90/91 + 0) / 2.
+        (ahead(2), [(0.0, 1.0), (90.0, 1.0)], 45.0 / 91.0),
+        # It is 3 m instead of 1 m long: (0 + 2/3) / 2.
+        (ahead(2), [(0.0, 1.0), (0.0, 3.0)], 1.0 / 3.0),
+        # Both at once: (90/91 + 2/3) / 2.
+        (ahead(2), [(0.0, 1.0), (90.0, 3.0)], (90.0 / 91.0 + 2.0 / 3.0) / 2.0),
+        # Three steps more: three insertions.
+        (ahead(2), ahead(5), 3.0),
+        # Nearly the same is the same: 0.2 degrees and 0.1 m.
+        (ahead(2), [(0.0, 1.0), (0.2, 1.1)], 0.0),
+        # But not if one of both differs more: (0.2/1.2 + 0.25/1.25) / 2.
+        (ahead(2), [(0.0, 1.0), (0.2, 1.25)], (0.2 / 1.2 + 0.25 / 1.25) / 2.0),
+        # 170 degrees to the left and to the right differ by 20: (20/21) / 2.
+        ([(0.0, 1.0), (170.0, 1.0)], [(0.0, 1.0), (-170.0, 1.0)], 10.0 / 21.0),
+        # A turn one step later: replacing both costs 45/91 each, less than to delete and insert.
+        ([*ahead(1), (90.0, 1.0), *ahead(1)], [*ahead(2), (90.0, 1.0)], 90.0 / 91.0),
+        # Three turns one step later: to delete a step and insert one costs 2, replacing 3 * 20/21.
+        (
+            [*ahead(1), *[(20.0, 1.0), (-20.0, 1.0)] * 3, *ahead(1)],
+            [*ahead(2), *[(20.0, 1.0), (-20.0, 1.0)] * 3],
+            2.0,
+        ),
+    ],
+)
+def test_edit_distance_worked_out_by_hand(one: Steps, other: Steps, edits: float) -> None:
+    assert edit_distance(line(one), line(other)) == pytest.approx(edits, abs=1e-9)
+    # The first turn is 0 whatever the direction in which a line begins.
+    assert edit_distance(line(one, 33.0), line(other, -170.0)) == pytest.approx(edits, abs=1e-9)
+
+
 @settings(max_examples=80)
 @given(LINES, LINES)
 def test_edit_distance_is_that_of_the_definition(one: FloatArray, other: FloatArray) -> None:
     assert edit_distance(one, other) == pytest.approx(reference(one, other), abs=1e-6)
 
 
-A = line([(0.0, 1.0)] * 2)
+# A straight of two steps, one that turns, a straight of four.
+A, B, C = line(ahead(2)), line([(0.0, 1.0), (90.0, 1.0)]), line(ahead(4))
+AB, AC, BC = 45.0 / 91.0, 2.0, 2.0 + 45.0 / 91.0
+
+
+def test_the_largest_distance_is_that_to_those_that_come_after() -> None:
+    assert largest_distances([A, B, C]) == pytest.approx((max(AB, AC), BC))
+    assert largest_distances([C, B, A]) == pytest.approx((max(BC, AC), AB))
+    assert len(largest_distances([A])) == len(largest_distances([])) == 0
 
 
 @given(st.lists(LINES, min_size=2, max_size=12))
@@ -83,6 +129,15 @@ def test_the_largest_distance_misses_no_pair(lines: list[FloatArray]) -> None:
         for i, one in enumerate(lines[:-1])
     ]
     assert largest_distances(lines).tolist() == expected
+
+
+def test_lines_are_unlike_if_more_than_a_fifth_of_the_steps_needs_edits() -> None:
+    straight = ahead(10)
+    turning = [*straight[:5], (90.0, 1.0), *straight[6:]]  # 45/91 of an edit
+    longer, much_longer = ahead(12), ahead(13)  # 2 of 12 steps, 3 of 13
+    assert unlike_lines([line(steps) for steps in (straight, straight, turning, longer)]) == 1
+    assert unlike_lines([line(steps) for steps in (straight, much_longer, longer)]) == 2
+    assert unlike_lines([]) == 0
 
 
 @settings(max_examples=50)

@@ -11,7 +11,8 @@ import pytest
 
 from frenetic._support.arrays import FloatArray
 from frenetic.drive import CarBody, Drive, Rules, Trajectory
-from frenetic.export import competition_document, simulation_records
+from frenetic.export import SimulationRecord, competition_document, simulation_records
+from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.road import Road, Verdict
 from frenetic.road.files import read_road
@@ -45,6 +46,14 @@ def drive_with(offsets: FloatArray, *, tolerance: float = 0.5) -> Drive:
     )
 
 
+def test_the_record_has_the_competitions_fields_in_its_order() -> None:
+    names = (
+        "timer pos dir vel steering steering_input brake brake_input throttle throttle_input"
+        " wheelspeed vel_kmh is_oob oob_counter max_oob_percentage oob_distance oob_percentage"
+    )
+    assert SimulationRecord._fields == tuple(names.split())
+
+
 def test_what_a_record_says() -> None:
     record = simulation_records(Road([0.0] * 12), drive_with(np.array([0.0, 0.5])))[1]
     assert record.timer == 0.1
@@ -69,6 +78,21 @@ def test_going_out_is_counted_and_its_worst_kept() -> None:
     assert [r.is_oob for r in records] == [False, False, False, False, True]
     assert [r.oob_counter for r in records] == [0, 0, 0, 0, 1]
     assert [r.max_oob_percentage for r in records] == pytest.approx([0.0, 0.0, 0.0, 0.0, 0.7])
+
+
+@pytest.mark.parametrize("drift", [0.5, 6.0])
+def test_the_records_agree_with_the_oracle(drift: float) -> None:
+    simulator = DummySimulator(lambda road: drift)
+    drive = simulator.drive(ROAD, DummyDriver())
+    result, records = judge(ROAD, drive), simulation_records(ROAD, drive)
+    assert min(r.oob_distance for r in records) == pytest.approx(result.moobd, abs=1e-6)
+    assert max(r.oob_percentage for r in records) == pytest.approx(result.max_oob_share, abs=1e-6)
+    assert records[-1].timer == pytest.approx(result.duration)
+    assert records[-1].is_oob == (result.outcome is Outcome.FAIL)
+
+
+def test_a_drive_without_records_has_none() -> None:
+    assert simulation_records(ROAD, Drive(Trajectory.empty())) == []
 
 
 def test_the_document_of_a_driven_test() -> None:

@@ -89,6 +89,12 @@ def test_start_speed_route_and_end() -> None:
         assert late.get("rule") == "greaterThan"
 
 
+def test_same_road_same_bytes() -> None:
+    text = to_openscenario(Road(WINDING), "road.xodr")
+    assert text == to_openscenario(Road(WINDING), "road.xodr")
+    assert text.endswith("</OpenSCENARIO>\n")
+
+
 def test_names_that_xml_cannot_hold() -> None:
     text = to_openscenario(ROADS["short"], "a\x00<b>.xodr", name="\x07")
     root = ElementTree.fromstring(text.encode())
