@@ -110,12 +110,12 @@ BENCHES: Final = (
     Published(
         "metadrive-200",
         200,
-        (RANDOM, LISTING_1, OURS, CMA_MAE),
+        (RANDOM, LISTING_1, OURS),
         _driver("metadrive-idm", target_speed=46.0)
         | {"simulator": "metadrive", "simulator_options": {}},
-        seeds=SEEDS[:5],
+        seeds=SEEDS[:10],
     ),
-    Published("planner-5000", 5000, (RANDOM, LISTING_1, OURS), seeds=SEEDS[:5]),
+    Published("planner-5000", 5000, (RANDOM, LISTING_1, OURS), seeds=SEEDS[:10]),
 )
 SHOWN: Final = {
     "distinct_failures": "distinct failures",
