@@ -274,7 +274,11 @@ def test_clock_that_does_not_keep_the_steps_is_an_error() -> None:
         simulator.drive(ROAD, Stanley())
 
 
-def test_drive_that_takes_too_long_is_the_fault_of_who_is_slow(stand_in: StandIn) -> None:
+def test_drive_that_takes_too_long_is_the_fault_of_who_is_slow(
+    stand_in: StandIn, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("frenetic.beamng.link.REPLY_LIMIT", 2.0)
+
     class Asleep(Stanley):
         def act(self, observation: Observation) -> Controls:
             time.sleep(60.0)

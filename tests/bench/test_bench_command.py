@@ -124,7 +124,7 @@ def test_options_follow_their_entrant(frenetic: Frenetic, tmp_path: Path) -> Non
     (theirs / "road_maker.py").write_text(WIGGLY, encoding="utf-8")
     ran = frenetic(
         *("bench", "--generator", f"road_maker:Wiggly,path={theirs},name=Theirs"),
-        *("--strategy", "random,name=Ours", "--strategy", "frenetic,threshold=-0.2,step=8"),
+        *("--strategy", "random,name=Ours", "--strategy", "frenetic,random_roads=20,step=8"),
         *LEAST,
     )
     assert ran.code == 0, ran.err
@@ -132,7 +132,7 @@ def test_options_follow_their_entrant(frenetic: Frenetic, tmp_path: Path) -> Non
     assert kept["generator"] == [f"road_maker:Wiggly,path={theirs},name=Theirs"]
     assert kept["strategy"] == [
         "random,name=Ours",
-        'frenetic,threshold=-0.2,step=8,name="frenetic,threshold=-0.2,step=8"',
+        'frenetic,random_roads=20,step=8,name="frenetic,random_roads=20,step=8"',
     ]
 
 
@@ -199,7 +199,7 @@ def test_a_bench_goes_on_as_it_was_begun(frenetic: Frenetic) -> None:
 
 FILE = """
 generator = ["wiggly.py:Wiggly,name=theirs"]
-strategy = ["random", "frenetic,threshold=-0.2"]
+strategy = ["random", "frenetic,random_roads=20"]
 simulations = 3
 seconds_per_test = 40
 patience = "1m"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,13 @@ from frenetic.campaign.check import check_campaign
 from frenetic.drive import Drive, Rules
 from frenetic.drivers import BeamngAi, Planner
 from frenetic.drivers.layers import Noisy, compiled_form
+from frenetic.oracle import assess
 from frenetic.road import Road
 from frenetic.search import RandomSearch
 from frenetic.simulators.embedded import EmbeddedSimulator, Vehicle
+from frenetic.spec import Part, Spec
+from frenetic.twin import Twin
+from frenetic.twin.model import Model
 
 BEND = Road(np.array([0, 0, 0, 2, 5, 5, 5, 2, 0, 0, 0]) / 100)
 
@@ -43,6 +48,12 @@ def test_it_brings_its_car_unless_one_is_chosen() -> None:
         assert simulator.vehicle == before
 
 
+def test_it_keeps_the_friction_of_the_road_in_its_car() -> None:
+    simulator = EmbeddedSimulator(friction=0.6)
+    simulator.drive(BEND, BeamngAi())
+    assert simulator.vehicle == replace(Vehicle.named("etk800"), friction=0.6)
+
+
 def test_a_campaign_records_the_car_that_it_brings(tmp_path: Path) -> None:
     Campaign(
         strategy=RandomSearch(seed=1),
@@ -57,11 +68,44 @@ def test_a_campaign_records_the_car_that_it_brings(tmp_path: Path) -> None:
         assert store.config["simulator"]["options"]["vehicle"]["mass"] == 1500.0  # type: ignore[index, call-overload]
 
 
+def test_a_twin_that_ranks_has_its_car() -> None:
+    brought, chosen = (
+        Twin.of(Spec(driver=Part("beamng-ai"), simulator=Part("embedded", options)))
+        .prospect("bend", BEND)
+        .score
+        for options in ({}, {"vehicle": "etk800"})
+    )
+    assert brought == chosen
+
+
+def test_a_twin_of_it_begins_with_its_car() -> None:
+    model = Model.of("beamng-ai", ["aiming_point"], vehicle={"mass": 1600.0})
+    _, simulator = model.make({}, Rules())
+    assert simulator.vehicle == replace(Vehicle.named("etk800"), mass=1600.0)
+    chosen = Model.of("beamng-ai", ["aiming_point"], vehicle={"name": "default"})
+    assert chosen.make({}, Rules())[1].vehicle == Vehicle()
+
+
 def test_it_drives_alike_compiled_and_from_python() -> None:
     assert compiled_form(BeamngAi(), 0.05) is not None
     np.testing.assert_array_equal(
         drive(BEND, BeamngAi()).trajectory.to_rows(), drive(BEND, InPython()).trajectory.to_rows()
     )
+
+
+def test_it_cuts_corners_and_stays_in_the_middle_of_a_straight_road() -> None:
+    straight = assess(Road(np.zeros(12)), drive(Road(np.zeros(12)), BeamngAi()))
+    assert np.abs(straight.lateral_offset).max() < 0.01
+    inside = assess(BEND, drive(BEND, BeamngAi())).lateral_offset.max()
+    near = assess(BEND, drive(BEND, BeamngAi(lookahead_time=0.3))).lateral_offset.max()
+    assert inside > near + 0.1 > 0.1, "the inside of a left bend is on the left"
+
+
+def test_its_plan_stays_clear_of_the_edges_of_its_lane() -> None:
+    middle = drive(BEND, BeamngAi(clearance=2.0)).trajectory.to_rows()
+    stiff = drive(BEND, BeamngAi(band_strength=0.0, forgiveness=0.0)).trajectory.to_rows()
+    np.testing.assert_array_equal(middle, stiff)
+    assert not np.array_equal(middle, drive(BEND, BeamngAi()).trajectory.to_rows())
 
 
 def test_its_speed_follows_aggression_grip_and_limit() -> None:
