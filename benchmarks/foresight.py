@@ -5,7 +5,7 @@
 Each seed searches twice, with the strategy ``frenetic`` and with ``foresight``, whose twin learns
 from the search's own drives. OPTIONS are those of ``frenetic run``, such as
 
-    -- --simulator metadrive --driver metadrive-expert
+    -- --simulator metadrive --driver metadrive-idm,target_speed=50 --criteria speed_limit=50
 
 Without any, `DRIVERS` are searched, one after the other. A run that is there is not run again, and
 one that was interrupted goes on.

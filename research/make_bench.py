@@ -19,13 +19,13 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from frenetic.campaign.database import DATABASE
 
 from frenetic import Budget, Campaign, CampaignStore
 from frenetic.analysis import Comparison
 from frenetic.analysis.comparison import MeasureComparison, PairComparison, compare, p_text
 from frenetic.analysis.failures import Failure, cluster_failures, failures_of
 from frenetic.bench import Entrant
+from frenetic.campaign.store import DATABASE
 from frenetic.campaign.workers import available_cores
 from frenetic.report.plots import draw_comparison
 from frenetic.spec import Spec, changed_parts
