@@ -78,72 +78,34 @@ def look_ahead(
 
 
 @njit()
-def assess_now(
-    table: FloatArray,
-    ds: float,
-    lane_width: float,
-    rules: FloatArray,
-    car: FloatArray,
-    times: FloatArray,
-    xs: FloatArray,
-    ys: FloatArray,
-    heading: float,
-    i: int,
-    s: float,
-    least: float,
-) -> tuple[int, float, float, float, float]:
-    """(end, s, lateral offset from the ego lane's centre, heading error, oob share) at ``i``.
-
-    The arguments are those of `frenetic.oracle.assess_record`.
-    """
-    end, s, d, road_heading, share = assess_record(
-        table, ds, lane_width, rules, car, times, xs, ys, heading, i, s, least
-    )
-    return end, s, d + 0.5 * lane_width, wrap(heading - road_heading), share
-
-
-@njit()
 def observe(
     table: FloatArray,
     ds: float,
     lane_width: float,
     rules: FloatArray,
     car: FloatArray,
-    places: FloatArray,
+    records: FloatArray,
     i: int,
-    time: float,
-    x: float,
-    y: float,
     heading: float,
     s: float,
+    least: float,
     ahead: FloatArray,
     curvature_ahead: FloatArray,
-) -> tuple[int, float, float, float]:
-    """(end, s, lateral offset, heading error) of a car at record ``i``, with the lane ahead.
+) -> tuple[int, float, float, float, float]:
+    """(end, s, lateral offset from the ego lane's centre, heading error, oob share) at ``i``.
 
     Args:
-        places: (3, n) times, xs and ys of the records, into which this one is written.
-        s: m, the last record's.
-        ahead, curvature_ahead: written, see `look_ahead`.
+        table, ds, lane_width, rules, car, heading, s, least: see `frenetic.oracle.assess_record`.
+        records: times, xs and ys of the records, its first three rows.
+        i: number of the record.
+        ahead, curvature_ahead: written, as many points of the lane ahead as they have room for.
     """
-    places[0, i], places[1, i], places[2, i] = time, x, y
-    end, s, offset, heading_error, _ = assess_now(
-        table,
-        ds,
-        lane_width,
-        rules,
-        car,
-        places[0],
-        places[1],
-        places[2],
-        heading,
-        i,
-        s,
-        rules[0],
+    end, s, d, road_heading, share = assess_record(
+        table, ds, lane_width, rules, car, records[0], records[1], records[2], heading, i, s, least
     )
-    rows = len(ahead)
+    x, y, rows = records[1, i], records[2, i], len(ahead)
     look_ahead(table, ds, lane_width, x, y, heading, s, rows, ahead, curvature_ahead)
-    return end, s, offset, heading_error
+    return end, s, d + 0.5 * lane_width, wrap(heading - road_heading), share
 
 
 class Observer:
@@ -164,6 +126,7 @@ class Observer:
         self._line = road.table, road.sub_step, road.lane_width
         self._rules = rules_array(rules, road.length)
         self._car = car.to_array()
+        self._tolerance = rules.oob_tolerance
         self._places = np.empty((3, records))
         self._seen = 0
         self._s = 0.0  # at the last record
@@ -173,17 +136,17 @@ class Observer:
     def see(self, time: float, x: float, y: float, heading: float) -> bool:
         """Takes in a record (s, m, m, rad); says whether the drive goes on."""
         self._ahead, self._curvature_ahead = np.empty((AHEAD_POINTS, 2)), np.empty(AHEAD_POINTS)
-        end, self._s, offset, heading_error = observe(
+        places, i = self._places, self._seen
+        places[0, i], places[1, i], places[2, i] = time, x, y
+        end, self._s, offset, heading_error, _ = observe(
             *self._line,
             self._rules,
             self._car,
-            self._places,
-            self._seen,
-            time,
-            x,
-            y,
+            places,
+            i,
             heading,
             self._s,
+            self._tolerance,
             self._ahead,
             self._curvature_ahead,
         )

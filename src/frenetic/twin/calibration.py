@@ -21,8 +21,7 @@ from frenetic.analysis.statistics import a12, ranks
 from frenetic.errors import FreneticError
 from frenetic.oracle import REACHED, assess
 from frenetic.simulators.embedded import compile_kernels
-from frenetic.simulators.isolated import isolated
-from frenetic.twin.fitting import Fit, IntArray, RecordedDrive, drive_twin, group_labels, on_grid
+from frenetic.twin.fitting import Fit, IntArray, RecordedDrive, group_labels, states_of
 from frenetic.twin.model import Model
 from frenetic.twin.profile import Figures, Profile, Validation
 from frenetic.twin.recordings import Recordings, Terms, read_recordings
@@ -205,18 +204,14 @@ def driven(fit: Fit, places: FloatArray, drives: Sequence[RecordedDrive]) -> Flo
     Raises:
         FreneticError: the driver broke.
     """
-    driver, simulator = fit.parts(places)
     rows = []
-    with isolated(simulator, driver) as own:
-        for one in drives:
-            drive = drive_twin(own, driver, one.road, one.conditions)
-            seen = assess(one.road, drive)
-            speed = drive.trajectory.speed[: len(seen.distance)]
-            offset = on_grid(seen.distance, seen.lateral_offset, speed)[0]
-            k = min(len(offset), one.states.shape[1])
-            error = np.median(np.abs(offset[:k] - one.states[0, :k]))
-            share, moobd = seen.oob_share.max(), seen.oob_distance.min()
-            rows.append((seen.end != REACHED, share, moobd, error))
+    for one, drive in fit.drives(places, drives):
+        seen = assess(one.road, drive)
+        offset = states_of(drive, seen)[0]
+        k = min(len(offset), one.states.shape[1])
+        error = np.median(np.abs(offset[:k] - one.states[0, :k]))
+        share, moobd = seen.oob_share.max(), seen.oob_distance.min()
+        rows.append((seen.end != REACHED, share, moobd, error))
     return np.array(rows, dtype=np.float64)
 
 

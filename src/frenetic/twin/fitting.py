@@ -8,7 +8,7 @@ that keep to the lane's middle, and slopes are first taken over long ways.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final, TypeAlias
@@ -20,7 +20,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic.drive import Drive, Rules
 from frenetic.drivers.driver import Driver
 from frenetic.errors import FreneticError
-from frenetic.oracle import assess
+from frenetic.oracle import Assessment, assess
 from frenetic.road import Road
 from frenetic.simulators.embedded import EmbeddedSimulator
 from frenetic.simulators.isolated import isolated
@@ -93,6 +93,11 @@ def on_grid(distance: FloatArray, offset: FloatArray, speed: FloatArray) -> Floa
     return np.array([np.interp(places, ahead[keep], one[keep]) for one in (offset, speed)])
 
 
+def states_of(drive: Drive, seen: Assessment) -> FloatArray:
+    """Offset and speed every `GRID` m of a drive that was assessed, (2, n)."""
+    return on_grid(seen.distance, seen.lateral_offset, drive.trajectory.speed[: len(seen.distance)])
+
+
 def drive_twin(
     simulator: Simulator, driver: Driver, road: Road, conditions: Mapping[str, int | float]
 ) -> Drive:
@@ -117,6 +122,15 @@ class Fit:
         """
         return self.model.make(self.model.values(places.tolist()), self.rules)
 
+    def drives(
+        self, places: FloatArray, drives: Iterable[RecordedDrive]
+    ) -> Iterator[tuple[RecordedDrive, Drive]]:
+        """Each drive with the twin's, in its conditions; raises as `parts` does."""
+        driver, simulator = self.parts(places)
+        with isolated(simulator, driver) as own:
+            for one in drives:
+                yield one, drive_twin(own, driver, one.road, one.conditions)
+
     def differences(self, places: FloatArray, drives: Sequence[RecordedDrive]) -> list[FloatArray]:
         """Weighted differences from each drive, whose squares add up to its loss.
 
@@ -124,23 +138,18 @@ class Fit:
             FreneticError: there is no such driver, or it broke.
             ValueError: there is no such car.
         """
-        driver, simulator = self.parts(places)
         found = []
-        with isolated(simulator, driver) as own_simulator:
-            for one in drives:
-                drive = drive_twin(own_simulator, driver, one.road, one.conditions)
-                if drive.error is not None:
-                    raise FreneticError(f"the driver broke: {drive.error}")
-                seen = assess(one.road, drive, has_shares=False)
-                speed = drive.trajectory.speed[: len(seen.distance)]
-                own = on_grid(seen.distance, seen.lateral_offset, speed)
-                m = one.states.shape[1]
-                k = min(m, own.shape[1])
-                away = np.full((2, m), _WORST)  # where the twin did not come
-                away[0] *= np.sign(own[0, k - 1])
-                apart = (own[:, :k] - one.states[:, :k]) / _SPREADS
-                away[:, :k] = _WORST * np.tanh(apart / _WORST)
-                found.append((away * one.weights).ravel())
+        for one, drive in self.drives(places, drives):
+            if drive.error is not None:
+                raise FreneticError(f"the driver broke: {drive.error}")
+            own = states_of(drive, assess(one.road, drive, has_shares=False))
+            m = one.states.shape[1]
+            k = min(m, own.shape[1])
+            away = np.full((2, m), _WORST)  # where the twin did not come
+            away[0] *= np.sign(own[0, k - 1])
+            apart = (own[:, :k] - one.states[:, :k]) / _SPREADS
+            away[:, :k] = _WORST * np.tanh(apart / _WORST)
+            found.append((away * one.weights).ravel())
         return found
 
     def fitted(
@@ -196,12 +205,17 @@ class Fit:
 
     def _residuals(self, places: FloatArray, drives: Sequence[RecordedDrive]) -> FloatArray | None:
         """Differences from all drives, (m,), whose square is the loss; None without a twin."""
+        found = self._tried(places, drives)
+        return None if found is None else _residuals(found)
+
+    def _tried(
+        self, places: FloatArray, drives: Sequence[RecordedDrive]
+    ) -> list[FloatArray] | None:
+        """`differences`, or None without a twin."""
         try:
-            found = self.differences(places, drives)
+            return self.differences(places, drives)
         except (FreneticError, ValueError):
             return None
-        residuals: FloatArray = np.concatenate(found) / math.sqrt(len(drives))
-        return residuals
 
     def intervals(
         self, best: FloatArray, drives: Sequence[RecordedDrive], others: Sequence[FloatArray]
@@ -223,17 +237,15 @@ class Fit:
         some = drives[:: max(len(drives) // _TRIED, 1)]
         labels = group_labels(some)
         found = self.differences(best, some)
-        least = self._losses(best, some)
-        assert least is not None
-        residuals = np.concatenate(found) / math.sqrt(len(some))
-        slopes = self._slopes(best, residuals, some, _EDGE)
+        least = _losses(found)
+        slopes = self._slopes(best, _residuals(found), some, _EDGE)
         normal = slopes.T @ slopes + _RIDGE * np.eye(len(best))
 
         def is_as_good(places: FloatArray) -> bool:
-            losses = self._losses(places, some)
-            if losses is None:
+            tried = self._tried(places, some)
+            if tried is None:
                 return False
-            mean, error = difference(losses, least, labels)
+            mean, error = difference(_losses(tried), least, labels)
             return mean <= _LIMIT * error
 
         fitted = []
@@ -267,12 +279,16 @@ class Fit:
             )
         return fitted
 
-    def _losses(self, places: FloatArray, drives: Sequence[RecordedDrive]) -> FloatArray | None:
-        """Losses of the drives, (n,); None without a twin."""
-        try:
-            return np.array([float(one @ one) for one in self.differences(places, drives)])
-        except (FreneticError, ValueError):
-            return None
+
+def _losses(found: Sequence[FloatArray]) -> FloatArray:
+    """Loss of each drive, (n,)."""
+    return np.array([float(one @ one) for one in found])
+
+
+def _residuals(found: Sequence[FloatArray]) -> FloatArray:
+    """The differences of all drives, (m,), whose square is the loss."""
+    residuals: FloatArray = np.concatenate(found) / math.sqrt(len(found))
+    return residuals
 
 
 def difference(one: FloatArray, other: FloatArray, labels: IntArray) -> tuple[float, float]:

@@ -29,7 +29,7 @@ from frenetic.road import Road
 from frenetic.road.files import RoadEntries, RoadFile
 from frenetic.search.records import Trace
 from frenetic.spec import Spec
-from frenetic.twin.fitting import LEAST, RecordedDrive, on_grid
+from frenetic.twin.fitting import LEAST, RecordedDrive, on_grid, states_of
 
 TABLE: Final = ".jsonl"
 """How the name of a table ends."""
@@ -158,9 +158,7 @@ def _campaign(folder: Path, given: Terms | None) -> _Source:
             if not test.outcome.is_driven or drive is None:
                 drives.append(None)
                 continue
-            seen = assess(test.road, drive, has_shares=False)
-            speed = drive.trajectory.speed[: len(seen.distance)]
-            states = on_grid(seen.distance, seen.lateral_offset, speed)
+            states = states_of(drive, assess(test.road, drive, has_shares=False))
             road = replace(test.road, lane_width=terms.lane_width)
             drives.append(_recorded(road, states, test.outcome, str(folder)))
     return terms, drives

@@ -9,7 +9,6 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
-from frenetic.drivers.driver import AHEAD_POINTS
 from frenetic.drivers.elastic_band import MEMORY
 from frenetic.drivers.laws import decide
 from frenetic.drivers.layers import disturb
@@ -26,7 +25,7 @@ from frenetic.simulators.embedded.vehicle import (
     advance,
 )
 from frenetic.simulators.embedded.weather import grip_at, in_gust, place_of
-from frenetic.simulators.observing import assess_now, look_ahead
+from frenetic.simulators.observing import observe
 
 STEP = 0.01
 """Step of the RK4 integration, in s: 100 Hz."""
@@ -152,8 +151,8 @@ def rollout(
         records: (11, m), room for the columns of a `Trajectory`.
         weather: see `frenetic.simulators.embedded.weather`.
     """
-    ahead = np.empty((AHEAD_POINTS, 2))
-    curvature_ahead = np.empty(AHEAD_POINTS)
+    ahead = np.empty((rows, 2))
+    curvature_ahead = np.empty(rows)
     waiting = np.zeros((delay + 1, 3))
     memory = np.zeros(MEMORY)
     most = records.shape[1]
@@ -161,34 +160,22 @@ def rollout(
     s = 0.0
     for i in range(most):
         write_record(records, i, state, steering, throttle, brake)
-        end, s, offset, heading_error, _ = assess_now(
+        end, s, offset, heading_error, _ = observe(
             table,
             ds,
             lane_width,
             rules,
             car,
-            records[TIME],
-            records[RX],
-            records[RY],
-            state[HEADING],
+            records,
             i,
+            state[HEADING],
             s,
             rules[0],
-        )
-        if end != RUNNING:
-            return i + 1
-        look_ahead(
-            table,
-            ds,
-            lane_width,
-            state[X],
-            state[Y],
-            state[HEADING],
-            s,
-            rows,
             ahead,
             curvature_ahead,
         )
+        if end != RUNNING:
+            return i + 1
         if len(errors):
             disturb(ahead, rows, errors[i, 0], errors[i, 1])
             offset += errors[i, 0]

@@ -41,7 +41,7 @@ from frenetic.simulators.embedded.vehicle import (
     STEERING,
     YAW_RATE,
 )
-from frenetic.simulators.observing import assess_now, look_ahead
+from frenetic.simulators.observing import observe
 from frenetic.vision.policy import ACTION_SIZE, VECTOR_SIZE, controls_of, write_vector
 from frenetic.vision.rendering import Renderer
 
@@ -126,29 +126,17 @@ def step_cars(
         i = steps[k]
         write_record(rows_of, i, state, steering, throttle, brake)
         before = places[k, 0]
-        end, s, offset, heading_error, share = assess_now(
+        end, s, offset, heading_error, share = observe(
             table,
             ds,
             lane_width,
             rules[k],
             car,
-            rows_of[0],
-            rows_of[1],
-            rows_of[2],
-            state[HEADING],
+            rows_of,
             i,
+            state[HEADING],
             before,
             0.0,
-        )
-        look_ahead(
-            table,
-            ds,
-            lane_width,
-            rows_of[1, i],
-            rows_of[2, i],
-            state[HEADING],
-            s,
-            AHEAD_POINTS,
             ahead,
             curvature_ahead,
         )
