@@ -376,7 +376,8 @@ def _warped(one: np.ndarray, other: np.ndarray) -> float:
         for j in range(m):
             least = min(total[i, j], total[i, j + 1], total[i + 1, j])
             total[i + 1, j + 1] = apart[i, j] + least
-    return float(total[n, m]) / max(n, m)
+    mean: float = float(total[n, m]) / max(n, m)
+    return mean
 
 
 def markdown(lines: list[list[str]]) -> str:
