@@ -27,8 +27,9 @@ from frenetic.analysis.failures import Failure, cluster_failures, failures_of
 from frenetic.bench import Entrant
 from frenetic.campaign.store import DATABASE
 from frenetic.campaign.workers import available_cores
+from frenetic.description import changed_parts
 from frenetic.report.plots import draw_comparison
-from frenetic.spec import Spec, changed_parts
+from frenetic.spec import Spec
 
 HERE: Final = Path(__file__).resolve().parent
 PAGE: Final = HERE / "bench.md"
@@ -76,11 +77,9 @@ class Published:
 
     def campaign(self, entrant: Entrant, seed: int, folder: Path) -> Campaign:
         """A run of an entrant; its folder is within `folder`."""
-        spec = Spec.from_options(
-            {"strategy": entrant.spec, "strategy_options": entrant.options, **self.drive},
-            seed=seed,
-            budget=Budget(simulations=self.simulations),
-        )
+        asked = {"strategy": entrant.spec, "strategy_options": entrant.options, **self.drive}
+        budget = Budget(simulations=self.simulations)
+        spec = replace(Spec().replaced(asked), seed=seed, budget=budget)
         return Campaign.of(spec, folder=folder / self.name / entrant.name / str(seed), workers=1)
 
 

@@ -22,13 +22,13 @@ from frenetic.analysis.failures import caution
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.criteria import DRIVER, QUANTITIES, Criterion, Profile, Quantity, profiles, quantity
 from frenetic.drive import CarBody, Drive, Rules, Trajectory
+from frenetic.drive_entries import read_rules
 from frenetic.drivers import Planner, Stanley
 from frenetic.errors import Fault, FreneticError
 from frenetic.measures import Seen, mean, rate, spread, worst
 from frenetic.oracle import judge, measured, measures_json, seen_by_criteria
 from frenetic.outcome import Outcome
 from frenetic.road import Road
-from frenetic.run_file import read_rules
 from frenetic.search import RandomSearch
 from frenetic.simulators import EmbeddedSimulator
 
@@ -259,6 +259,8 @@ def test_limits_of_ones_own_beside_a_profile() -> None:
     assert limits["duration"].clause == "as given"
     assert limits["lateral_acceleration"] == ISO.criteria[1]
     assert found.entry() == "after-iso-11270,lateral_jerk=4,duration=60"
+    exact = found.with_limits({"lateral_jerk": 4.00000001})
+    assert read_criteria(exact.entry()) == exact
     assert read_criteria(found.entry()) == found
     assert not read_criteria("competition")
 

@@ -95,7 +95,7 @@ def test_a_named_driver_tells_what_is_read_of_it() -> None:
     assert camera.width == 60
     choosy = driver_of("own.py:Choosy", {}, {"noise": 0.1})
     check_pair(EmbeddedSimulator(), choosy)
-    spec = Spec.from_options({"speed_limit": 50.0})
+    spec = Spec().replaced({"speed_limit": 50.0})
     with pytest.raises(FreneticError, match="too slow"):
         check_pair(spec.make_simulator(), choosy)
 
@@ -135,16 +135,8 @@ def test_it_drives_in_other_processes_only(name: str) -> None:
 
 
 def test_a_campaign_of_named_parts_isolates_them(tmp_path: Path) -> None:
-    spec = Spec.from_options(
-        {
-            "strategy": "random",
-            "strategy_options": {},
-            "driver": "own.py:Own",
-            "driver_options": {},
-        },
-        budget=Budget(simulations=2),
-        seed=1,
-    )
+    budget = Budget(simulations=2)
+    spec = Spec(strategy=Part("random"), driver=Part("own.py:Own"), budget=budget, seed=1)
     Campaign.of(spec, folder=tmp_path / "c", workers=1).run()
     with CampaignStore.open(tmp_path / "c") as store:
         assert [test.outcome.is_driven for test in store.tests()] == [True, True]

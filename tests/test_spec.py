@@ -13,13 +13,14 @@ from hypothesis import strategies as st
 from specs import plain, positive, specs, texts
 
 from frenetic.campaign import Campaign
+from frenetic.description import describe
 from frenetic.drivers import LimitedView, Noisy, Planner
 from frenetic.drivers.loading import load_driver
 from frenetic.errors import CampaignError, FreneticError, UnknownNameError
 from frenetic.road import MAP_SIZE, MARGIN
 from frenetic.search import RandomSearch
 from frenetic.simulators import CarBody, EmbeddedSimulator, Rules
-from frenetic.spec import Budget, Part, Spec, describe, fault_of
+from frenetic.spec import Budget, Part, Spec, fault_of
 
 SOURCE = "c/campaign.sqlite"
 
@@ -59,7 +60,7 @@ def unnamed(spec: Spec) -> Spec:
 def test_a_record_gives_the_spec_that_was_recorded(spec: Spec, is_named: bool) -> None:
     spec = spec if is_named else unnamed(spec)
     config = json.loads(json.dumps(spec.to_json()))
-    assert ("command" in config) is is_named
+    assert ("run" in config) is is_named
     assert fault_of(config) == ""
     assert Spec.from_json(config, source=SOURCE) == spec
 
@@ -180,9 +181,10 @@ MISSING = object()
         ("car", MISSING, "missing required field `car`"),
         ("car.length", -1.0, "length is -1.0: a positive number is needed - at `$.car`"),
         ("rules.oob_tolerance", 2.0, "a share above 0 and up to 1 is needed - at `$.rules`"),
-        ("command.simulator", MISSING, "missing required field `simulator` - at `$.command`"),
-        ("command.layers.delay", "long", "got `str` - at `$.command.layers[...]`"),
-        ("command.wall_limit", -1.0, "Expected `float` > 0.0 - at `$.command.wall_limit`"),
+        ("run.simulator", MISSING, "missing required field `simulator` - at `$.run`"),
+        ("run.simulator", "embedded,friction", "'friction' is not OPTION=VALUE"),
+        ("run.with.delay", "long", "got `str` - at `$.run.with[...]`"),
+        ("run.wall_limit", -1.0, "Expected `float` > 0.0 - at `$.run.wall_limit`"),
         ("driver.class", MISSING, "missing required field `class` - at `$.driver`"),
         ("strategy", [], "Expected `object`, got `array` - at `$.strategy`"),
         ("start_from", [{}], "missing required field `folder` - at `$.start_from[0]`"),
@@ -212,7 +214,7 @@ def test_a_wrong_value_in_a_record_is_one_line_with_its_place(
     assert "\n" not in message
 
 
-@given(st.dictionaries(st.sampled_from([*recorded(), "command"]), values))
+@given(st.dictionaries(st.sampled_from([*recorded(), "run"]), values))
 def test_decoding_never_raises_anything_else(damage: dict[str, Any]) -> None:
     with suppress(CampaignError):
         Spec.from_json(recorded() | damage, source=SOURCE)

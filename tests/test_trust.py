@@ -134,7 +134,7 @@ def test_a_program_that_a_strangers_simulator_starts_is_refused(
 ) -> None:
     with CampaignStore.open("own") as store:
         config: dict[str, Any] = json.loads(json.dumps(dict(store.config)))
-    config["command"] |= {"simulator": "beamng", "simulator_options": {"home": "/opt/theirs"}}
+    config["run"] |= {"simulator": "beamng,home=/opt/theirs"}
     shutil.rmtree("c")
     CampaignStore.create("c", config).close()
     refused = frenetic(*(DRIVING | OTHERS)[command]())

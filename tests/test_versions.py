@@ -14,12 +14,13 @@ import numpy as np
 import pytest
 from user_modules import own_modules
 
+from frenetic.description import describe, sources_of
 from frenetic.drivers import Planner
 from frenetic.drivers.loading import load_driver
 from frenetic.registry import DRIVERS, arguments_of
 from frenetic.search import Frenetic
 from frenetic.simulators import EmbeddedSimulator, Rules
-from frenetic.spec import describe, driver_of, sources_of
+from frenetic.spec import driver_of
 from frenetic.versions import differences, short_version, sources_named, version_of
 
 DRIVER = """

@@ -26,6 +26,7 @@ from msgspec import Struct, ValidationError, convert
 from frenetic._support.bounds import Finite, NotNegative, check
 from frenetic._support.entry_points import imported, installed
 from frenetic._support.files import read_bounded
+from frenetic._support.words import number_word
 from frenetic.errors import FreneticError
 
 GROUP: Final = "frenetic.criteria"
@@ -269,14 +270,19 @@ class Profile:
         """Its name, with limits that differ, if that says all; or else its entries."""
         known = profiles().get(self.name)
         if known is None:
-            return {"name": self.name, **self.entries()}
+            return self.whole_entry()
         theirs = {one.quantity: one for one in known.criteria}
         changed = {
             one.quantity: one.limit for one in self.criteria if theirs.get(one.quantity) != one
         }
         if known.with_limits(changed) != self:
-            return {"name": self.name, **self.entries()}
-        return ",".join([self.name, *(f"{name}={limit:g}" for name, limit in changed.items())])
+            return self.whole_entry()
+        limits = (f"{name}={number_word(limit)}" for name, limit in changed.items())
+        return ",".join([self.name, *limits])
+
+    def whole_entry(self) -> dict[str, Any]:
+        """Its entries, whatever its name stands for elsewhere."""
+        return {"name": self.name, **self.entries()}
 
 
 JUDGED_BY_LANE: Final = Profile(COMPETITION, about="leaving the lane, as the competition judges")

@@ -133,9 +133,9 @@ class Told(NamedTuple):
     """What a part tells of itself."""
 
     described: Mapping[str, Any]
-    """As `frenetic.spec.describe` gives it."""
+    """As `frenetic.description.describe` gives it."""
     sources: Mapping[str, str]
-    """As `frenetic.spec.sources_of` gives them."""
+    """As `frenetic.description.sources_of` gives them."""
     attributes: Mapping[str, Any]
     """What is read of it where it is not made."""
 

@@ -486,7 +486,7 @@ SIMULATORS: Final = Registry(
 
 
 def part_name(described: object) -> str:
-    """The name of a part, as `frenetic.spec.describe` gives it: that on the command line.
+    """The name of a part, as `frenetic.description.describe` gives it: that on the command line.
 
     A driver made of a file has the file's name, and what is not ours that of its class.
     """

@@ -19,124 +19,20 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import tomli_w
 from msgspec import Struct, convert, field
 
-from frenetic._support.bounds import Count, Finite, Index, NotNegative, Positive, Share
+from frenetic._support.bounds import Count, Index, NotNegative, Positive
 from frenetic._support.files import read_bounded, write_file
-from frenetic._support.words import parse_duration, part_word, read_part
-from frenetic.criteria import Profile
+from frenetic._support.words import parse_duration
+from frenetic.description import PARTS
+from frenetic.drive_entries import DriveEntries, read_domain
 from frenetic.errors import FreneticError
-from frenetic.spec import COMPETITION, Budget, EarlierCampaign, Part, Spec
+from frenetic.spec import Budget, EarlierCampaign, Part, Spec
 from frenetic.trust import REGISTRIES
 
 if TYPE_CHECKING:
-    from frenetic.domain import Domain
     from frenetic.road.classes import RoadClass
 
 NAME: Final = "campaign.toml"
 """Name of the file in a campaign's folder."""
-_PARTS: Final = ("strategy", "driver", "simulator")
-
-
-class DriveFile(Struct, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
-    """How a file says that roads are driven; what is left out is as for the command line."""
-
-    driver: str | None = None
-    """A part with its options, such as ``"planner,aggression=1.2"``, as on the command line."""
-    simulator: str | None = None
-    conditions: dict[str, Finite] = field(name="with", default_factory=dict)
-    speed_limit: Positive | None = None
-    oob_tolerance: Share | None = None
-    criteria: str | dict[str, Any] | None = None
-    """Criteria as on the command line, or a file's entries with a ``name``."""
-    wall_limit: Positive | None = None
-    """s of wall time that a drive may take; a worker is replaced after 1.5 times that and 10 s."""
-    roads: str | dict[str, Any] | None = None
-    """A road class as on the command line, or its values."""
-    map_size: Positive | None = None
-    objective: str | None = None
-
-    def rules(self) -> dict[str, Any]:
-        """Its rules, as `read_rules` gives them."""
-        own = {"speed_limit": self.speed_limit, "oob_tolerance": self.oob_tolerance}
-        return own if self.criteria is None else {**own, **read_rules(self.criteria)}
-
-    def spec(self, usual: str | None = None) -> Spec:
-        """The spec, with the defaults of the command line.
-
-        Args:
-            usual: strategy, if the file says none.
-
-        Raises:
-            ValueError: a part is none.
-            FreneticError: a rule is out of range.
-        """
-        given: dict[str, Any] = {
-            "layers": self.conditions,
-            **self.rules(),
-            "wall_limit": self.wall_limit,
-            "map_size": self.map_size,
-            "road_class": None if self.roads is None else read_class(self.roads),
-        }
-        for kind in _PARTS:
-            if isinstance(text := getattr(self, kind, None), str):
-                name, options = read_part(text)
-                given |= {kind: name, f"{kind}_options": options}
-        spec = Spec(strategy=Part(usual)).replaced(given)
-        return spec if self.objective is None else replace(spec, objective=self.objective)
-
-
-def read_class(roads: str | Mapping[str, Any]) -> RoadClass | str:
-    """The road class of a text such as ``rural-80,length=1500``, or of its values.
-
-    Returns:
-        `COMPETITION` for the competition's roads, which have no class.
-
-    Raises:
-        ValueError: the text or the values are wrong.
-        FreneticError: there is no such class.
-    """
-    from frenetic.road.classes import class_of  # numba takes its time
-
-    return class_of(roads) or COMPETITION
-
-
-def read_rules(text: str | Mapping[str, Any]) -> dict[str, Any]:
-    """The rules of a text such as ``after-iso-11270,lateral_jerk=4,speed_limit=60``, or of entries.
-
-    Returns:
-        Field of `frenetic.drive.Rules` -> its value. A text that says numbers alone has no
-        ``criteria``.
-
-    Raises:
-        ValueError: they are wrong.
-        FreneticError: there are no such criteria.
-    """
-    if isinstance(text, str):
-        name, options = read_part(text)
-    else:
-        name, options = str(text.get("name", "own")), {k: text[k] for k in text if k != "name"}
-    found: dict[str, Any] = {}
-    for key in ("speed_limit", "oob_tolerance"):
-        if key in options:
-            found[key] = convert(options.pop(key), float)
-    if not isinstance(text, str):
-        return {**found, "criteria": Profile.made(str(name), options)}
-    if name is None and not options:
-        return found
-    return {**found, "criteria": Profile.of(name or COMPETITION, options)}
-
-
-def read_domain(odd: str | Mapping[str, Any]) -> Domain:
-    """The domain of a file, or of entries.
-
-    Raises:
-        ValueError: they are wrong.
-        FreneticError: there is no such file, or it is wrong.
-    """
-    from frenetic.domain import Domain  # numba takes its time
-
-    if not isinstance(odd, str):
-        return Domain.made(str(odd.get("name", "own")), odd)
-    return Domain.of(odd)
 
 
 def class_entry(road_class: RoadClass | None) -> str | dict[str, Any] | None:
@@ -148,6 +44,23 @@ def class_entry(road_class: RoadClass | None) -> str | dict[str, Any] | None:
     name = road_class.name
     is_known = name in classes() and RoadClass.of(name) == road_class
     return name if is_known else road_class.as_json()
+
+
+class DriveFile(DriveEntries, kw_only=True):
+    """The entries of a file whose roads are driven alike."""
+
+    def spec(self, usual: str | None = None) -> Spec:
+        """The spec, with the defaults of the command line.
+
+        Args:
+            usual: strategy, if the file says none.
+
+        Raises:
+            ValueError: a part is none.
+            FreneticError: a rule is out of range.
+        """
+        spec = Spec(strategy=Part(usual)).replaced(self.given())
+        return spec if self.objective is None else replace(spec, objective=self.objective)
 
 
 class RunFile(DriveFile, kw_only=True):
@@ -185,7 +98,7 @@ class RunFile(DriveFile, kw_only=True):
         if any(limits.values()):
             others["budget"] = Budget(**limits)
         others["start_from"] = tuple(EarlierCampaign(folder) for folder in self.start_from)
-        spec = DriveFile.spec(self, usual)
+        spec = super().spec(usual)
         if self.from_roads is not None and self.roads is None:
             from frenetic.road.stretches import shown_class  # numba takes its time
 
@@ -260,11 +173,11 @@ def write_run_file(spec: Spec, folder: Path) -> None:
     Raises:
         FreneticError: it cannot be written.
     """
-    is_whole = all(getattr(spec, kind).name is not None for kind in _PARTS)
+    is_whole = all(getattr(spec, kind).name is not None for kind in PARTS)
     if not is_whole or spec.budget is None or not isinstance(spec.seed, int | None):
         return
     entries: dict[str, Any] = {
-        "strategy": part_word(spec.strategy.name, spec.strategy.options),
+        **spec.strategy_entry(),
         **drive_entries(spec),
         "odd": None if spec.domain is None else spec.domain.entries(),
         "margin": spec.margin,
@@ -281,15 +194,11 @@ def write_run_file(spec: Spec, folder: Path) -> None:
 
 
 def drive_entries(spec: Spec) -> dict[str, Any]:
-    """The entries of a file that say how a spec drives roads; its parts need names."""
+    """The entries of a `DriveFile` for a spec whose parts have names."""
+    criteria = spec.rules.criteria
     return {
-        "driver": part_word(spec.driver.name, spec.driver.options),
-        "simulator": part_word(spec.simulator.name, spec.simulator.options),
-        "with": dict(spec.layers),
-        "speed_limit": spec.rules.speed_limit,
-        "oob_tolerance": spec.rules.oob_tolerance,
-        "criteria": spec.rules.criteria.entry() if spec.rules.criteria else None,
-        "wall_limit": spec.wall_limit,
+        **(spec.drive_entries() or {}),
+        "criteria": criteria.entry() if criteria else None,
         "roads": class_entry(spec.road_class),
         "map_size": spec.map_size,
         "objective": spec.objective,
@@ -318,7 +227,7 @@ def next_command(spec: Spec, folder: Path) -> str:
         folder: of the other one.
     """
     words = ["frenetic", "run", str(folder / NAME), "--from", str(folder)]
-    for kind in _PARTS:
+    for kind in PARTS:
         part: Part = getattr(spec, kind)
         if part.name is not None and (kind == "driver" or REGISTRIES[kind].is_own(part.name)):
             words += part.words(kind)

@@ -1,9 +1,9 @@
 """The spec of a run: one typed object, with one conversion each from and to its other forms.
 
-A `Spec` comes from the options of a command line (`Spec.from_options`), from a campaign's record
-(`Spec.from_json`) or from a campaign of objects (`Campaign.spec`). It makes the objects
-(`make_strategy`, `make_driver`, `make_simulator`, `Campaign.of`), the record (`to_json`) and the
-words of a command line (`Part.words`).
+A `Spec` comes from options (`Spec.replaced`), from a campaign's record (`Spec.from_json`), from a
+file (`frenetic.run_file`, `Spec.read`) or from a campaign of objects (`Campaign.spec`). It makes
+objects (`make_strategy`, `make_driver`, `make_simulator`, `Campaign.of`), the record (`to_json`)
+and the words of files and command lines (`Spec.drive_entries`, `Part.words`).
 
 Its layers are declared in `frenetic.quantities`. Every command's help reads this module, so slow
 imports are inside functions.
@@ -11,48 +11,38 @@ imports are inside functions.
 
 from __future__ import annotations
 
-import hashlib
 import logging
 import math
 import numbers
-import re
-import sys
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from dataclasses import field as dataclass_field
-from pathlib import Path, PurePath
-from types import FunctionType, MappingProxyType
+from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
-from msgspec import Struct, ValidationError, convert, defstruct, field, structs, to_builtins
+from msgspec import Struct, ValidationError, convert, defstruct, structs, to_builtins
 from msgspec.json import decode as json_decode
 
 from frenetic import trust
-from frenetic._support.bounds import Count, Finite, NotNegative, Positive, Share
+from frenetic._support.bounds import Count, NotNegative, Positive
 from frenetic._support.files import read_bounded
 from frenetic._support.json_value import JSONValue, plain
 from frenetic._support.scalars import take_numpy_scalars
 from frenetic._support.words import counted, part_word
-from frenetic.errors import CampaignError, FreneticError, describe_error
+from frenetic.description import PARTS, describe, sources_of
+from frenetic.drive_entries import COMPETITION, DriveEntries
+from frenetic.errors import CampaignError, FreneticError
 from frenetic.quantities import SEED, quantities, quantity
 from frenetic.recipe import Guest, Named, Recipe, Told
 from frenetic.registry import (
     SIMULATORS,
     STRATEGIES,
-    USER_MODULE,
     Registry,
-    arguments_of,
-    options_of,
-    part_name,
 )
 from frenetic.versions import (
-    differences,
-    innermost,
-    other_version,
-    over_each_other,
     sources_named,
-    version_of,
 )
 
 # Imports inside functions below are too slow for help.
@@ -68,17 +58,10 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-_ADDRESS: Final = re.compile(r" at 0x[0-9a-fA-F]+")
-_DEEPEST: Final = 3  # nesting of arguments in a record
-_LONGEST: Final = 200  # characters of an argument in a record
 DRIVEN: Final = "driven"
 """Entry of a road's file with its `drive_record`."""
-_SHOWN_OPTIONS: Final = 3
-_PARTS: Final = ("strategy", "driver", "simulator")
 
 
-COMPETITION: Final = "competition"
-"""Name of the roads that keep the competition's rules alone, in place of a road class."""
 MAX_WORKERS: Final = 1024
 """Most roads that one computer drives at once; a cluster has as many seats as it has."""
 
@@ -234,33 +217,7 @@ class Spec:
     behaviours: Mapping[str, str] = dataclass_field(default_factory=dict)
     """Those of `describe_terms`; each part has its own in its description."""
 
-    # From a command line
-
-    @classmethod
-    def from_options(cls, given: Mapping[str, Any], **others: Any) -> Spec:
-        """The spec of a command line's options.
-
-        Args:
-            given: name -> value of an option: of a part such as ``driver``, of its options
-                (``driver_options``, a mapping or pairs), of the ``layers`` (likewise: amounts of
-                any quantities), ``road_class``, rules and map size. A record's ``command`` is
-                such a mapping, too.
-            others: fields of the spec from elsewhere.
-
-        Raises:
-            FreneticError: a rule is out of range.
-        """
-        given = _placed(given)
-        parts = {
-            kind: Part(given[kind], dict(given[f"{kind}_options"]))
-            for kind in _PARTS
-            if given.get(kind) is not None and f"{kind}_options" in given
-        }
-        others = {**_of_class(given), **others}
-        given = {**_class_rules(given), **given}
-        values: dict[str, Any] = {"rules": _with_rules(_usual_rules(), given), **parts}
-        values |= {name: given[name] for name in ("map_size", "wall_limit") if name in given}
-        return cls(layers=_layers(given), **(values | others))
+    # From options
 
     def replaced(self, given: Mapping[str, Any]) -> Spec:
         """The same spec with replacements from a command line.
@@ -270,7 +227,10 @@ class Spec:
         unless they are given; an amount without effect removes a layer.
 
         Args:
-            given: as for `from_options`; None or empty values are not given.
+            given: name -> value of an option: of a part such as ``driver``, of its options
+                (``driver_options``, a mapping or pairs), of the ``layers`` (likewise: amounts of
+                any quantities), ``road_class``, rules and map size. None or empty values are not
+                given.
 
         Raises:
             FreneticError: a rule is out of range, or another simulator cannot be loaded.
@@ -280,7 +240,7 @@ class Spec:
         asked = _placed(asked, self.simulator.options if not asked.get("simulator") else {})
         strategy, driver, simulator = (
             getattr(self, kind).replaced(asked.get(kind), dict(asked.get(f"{kind}_options", ())))
-            for kind in _PARTS
+            for kind in PARTS
         )
         layers = _layers({"layers": {**self.layers, **dict(asked.get("layers", ()))}})
         if layers != self.layers:
@@ -322,19 +282,17 @@ class Spec:
             CampaignError: the record is damaged; the message names the place in it.
         """
         try:
-            record = _read_record(config)
+            record, given = _read_record(config)
         except ValueError as error:
             raise CampaignError(
                 f"{source} is damaged: it does not say with what it was driven: {error}; restore it"
                 " from a copy"
             ) from None
-        values = structs.asdict(record)
-        command = values.pop("command")
-        named = cls() if command is None else cls.from_options(structs.asdict(command))
-        for kind in _PARTS:
-            part = Part() if command is None else getattr(named, kind)
-            values[kind] = replace(part, made=config[kind])
-        return replace(named, **values)
+        named = cls() if given else cls(driver=Part(), simulator=Part())
+        named = named.replaced(given)
+        parts = {kind: replace(getattr(named, kind), made=config[kind]) for kind in PARTS}
+        values = {name: value for name, value in structs.asdict(record).items() if name != "run"}
+        return replace(named, **values | parts)
 
     @classmethod
     def from_drive_record(cls, record: Any, *, source: object) -> Spec:
@@ -348,7 +306,7 @@ class Spec:
             FreneticError: it is none.
         """
         try:
-            return cls.from_options(structs.asdict(_convert(record, _driven_type())))
+            return cls().replaced(_convert(record, _Driven).given())
         except ValueError as error:
             raise FreneticError(
                 f"{source}: its entry {DRIVEN!r} does not say with what the road was driven:"
@@ -402,11 +360,10 @@ class Spec:
             terms = ("map_size", "lane_width", "road_class")
             spec = replace(self, **{name: getattr(other, name) for name in terms})
         spec = replace(spec, layers={}, driver=replace(spec.driver, made={}))
-        command: dict[str, Any] = other.command() or {}
-        driven = {name: command[name] for name in drive_options() if name in command}
-        if driven:
-            driven["criteria"] = other.rules.criteria
-        return spec.replaced(driven).replaced(asked)
+        if (entries := other.drive_entries()) is not None:
+            driven = _convert(entries, DriveEntries).given()
+            spec = spec.replaced({**driven, "criteria": other.rules.criteria})
+        return spec.replaced(asked)
 
     def to_json(self) -> dict[str, JSONValue]:
         """The campaign's record in its database."""
@@ -416,25 +373,30 @@ class Spec:
             name: value.made if isinstance(value, Part) else to_builtins(value, enc_hook=plain)
             for name, value in values.items()
         }
-        command = self.command()
-        return record if command is None else {**record, "command": command}
+        if (entries := self.drive_entries()) is None:
+            return record
+        return {**record, "run": self.strategy_entry() | entries}
 
-    def command(self) -> dict[str, JSONValue] | None:
-        """The options of a command line that name the parts; None if they have no names."""
-        if self.driver.name is None or self.simulator.name is None:
+    def drive_entries(self) -> dict[str, Any] | None:
+        """Parts, conditions and rules as `DriveEntries`; None if the parts have no names."""
+        driver, simulator, rules = self.driver, self.simulator, self.rules
+        if driver.name is None or simulator.name is None:
             return None
-        command: dict[str, JSONValue] = {}
-        for kind in _PARTS:
-            part: Part = getattr(self, kind)
-            if part.name is not None:
-                command |= {kind: part.name, f"{kind}_options": dict(part.options)}
-        return command | {
-            "layers": dict(self.layers),
-            "speed_limit": self.rules.speed_limit,
-            "oob_tolerance": self.rules.oob_tolerance,
-            "criteria": self.rules.criteria.as_json(),
+        criteria = {"criteria": rules.criteria.whole_entry()} if rules.criteria else {}
+        return {
+            "driver": part_word(driver.name, driver.options),
+            "simulator": part_word(simulator.name, simulator.options),
+            "with": dict(self.layers),
+            "speed_limit": rules.speed_limit,
+            "oob_tolerance": rules.oob_tolerance,
+            **criteria,
             "wall_limit": self.wall_limit,
         }
+
+    def strategy_entry(self) -> dict[str, str]:
+        """Its strategy, likewise; empty without a name."""
+        name, options = self.strategy.name, self.strategy.options
+        return {} if name is None else {"strategy": part_word(name, options)}
 
     # To objects
 
@@ -455,7 +417,7 @@ class Spec:
         Raises:
             FreneticError: a part may not.
         """
-        parts = {kind: getattr(self, kind) for kind in _PARTS}
+        parts = {kind: getattr(self, kind) for kind in PARTS}
         recorded = {kind: (part.name, part.options) for kind, part in parts.items() if part.name}
         trust.require({**recorded, "objective": (self.objective, {})}, source, named, **more)
 
@@ -463,7 +425,7 @@ class Spec:
         """Names of users' own files that are not as a campaign keeps them; nothing is imported."""
         known = sources if isinstance(sources, Mapping) else {}
         found: dict[str, str] = {}
-        for name in (*(getattr(self, kind).name for kind in _PARTS), self.objective):
+        for name in (*(getattr(self, kind).name for kind in PARTS), self.objective):
             with suppress(OSError, ValueError, RuntimeError):
                 found |= sources_named(name or "")
         return [name for name, text in sorted(found.items()) if known.get(name, text) != text]
@@ -550,29 +512,6 @@ def earlier_of(config: Mapping[str, Any]) -> tuple[EarlierCampaign, ...]:
         raise CampaignError(f"the campaign is damaged: what it starts from: {error}") from None
 
 
-def changed_parts(recorded: Mapping[str, Any], ours: Mapping[str, Any]) -> dict[str, list[str]]:
-    """Name of a part of two configurations -> how ours differs, each in words."""
-    found = {kind: list(differences(kind, recorded.get(kind), ours.get(kind))) for kind in _PARTS}
-    theirs, mine = recorded.get("behaviours", {}), ours.get("behaviours", {})
-    found["version"] = [
-        f"{name}: it is {mine.get(name)}, it was {theirs.get(name)}"
-        for name in sorted({*theirs, *mine})
-        if theirs.get(name) != mine.get(name)
-    ]
-    return {kind: texts for kind, texts in found.items() if texts}
-
-
-def version_notes(recorded: Mapping[str, JSONValue], **parts: object) -> list[str]:
-    """Which parts are other versions of those in a configuration, each in words.
-
-    Args:
-        recorded: the configuration.
-        parts: kind -> object: ``simulator``, ``driver``.
-    """
-    notes = [other_version(kind, recorded.get(kind), describe(one)) for kind, one in parts.items()]
-    return [note for note in notes if note]
-
-
 def drive_record(
     config: Mapping[str, Any], conditions: Mapping[str, float] = MappingProxyType({})
 ) -> dict[str, JSONValue] | None:
@@ -580,12 +519,13 @@ def drive_record(
 
     None if the campaign was started from Python, so that its parts have no names.
     """
-    command = config.get("command")
-    if not isinstance(command, Mapping):
+    run = config.get("run")
+    if not isinstance(run, Mapping):
         return None
-    known = {**command, **{name: config.get(name) for name in ("map_size", "road_class")}}
-    known = _placed({**known, "layers": {**command.get("layers", {}), **conditions}})
-    return {name: known[name] for name in drive_options() if name in known}
+    record = {name: value for name, value in run.items() if name != "strategy"}
+    record |= {"with": {**run.get("with", {}), **conditions}, "map_size": config.get("map_size")}
+    roads = config.get("road_class")
+    return record if roads is None else {**record, "roads": roads}
 
 
 def usual_of(simulator: str) -> Usual:
@@ -607,7 +547,7 @@ def _usual_of_class(factory: Callable[..., Any]) -> Usual:
 
 
 def drive_options() -> list[str]:
-    """Names of the options that say how roads are driven, as `Spec.from_options` takes them."""
+    """Names of the options that say how roads are driven, as `Spec.replaced` takes them."""
     parts = ("driver", "driver_options", "simulator", "simulator_options")
     rules = ("speed_limit", "oob_tolerance", "criteria")
     return [*parts, "layers", "wall_limit", "road_class", "map_size", *rules]
@@ -638,7 +578,7 @@ def _placed(
     """Given options with each condition where it belongs: rules, simulator, or over the driver.
 
     Args:
-        given: as for `Spec.from_options`.
+        given: as for `Spec.replaced`.
         recorded: options that the simulator has; without effect elsewhere, none is added.
 
     Raises:
@@ -741,165 +681,6 @@ def _made(registry: Registry, part: Part, available: Mapping[str, object]) -> An
     return made
 
 
-# Parts in records and reports
-
-
-def describe(part: object) -> dict[str, JSONValue]:
-    """A part of a campaign for its record: class, options, version, and the part under it.
-
-    A driver's camera is there, too. The options are the part's ``options`` if it has any, or the
-    fields of a dataclass; of a part of
-    your own also the other arguments of its constructor, as far as they can be found
-    (`frenetic.registry.arguments_of`). See `frenetic.versions` for the version.
-    """
-    from frenetic.drivers.camera import Camera  # numpy takes its time
-    from frenetic.drivers.driver import inner_driver  # likewise
-    from frenetic.simulators.capabilities import bare  # likewise
-
-    part = bare(part)
-    if isinstance(part, Named):
-        return dict(part.told.described)
-    described: dict[str, JSONValue] = {"class": _class_name(type(part))}
-    inner = inner_driver(part)
-    arguments = _options_and_arguments(part, without="" if inner is None else "driver")
-    if arguments:
-        described["options"] = {name: _plain(value) for name, value in arguments.items()}
-    described["version"] = version_of(part, arguments).text
-    camera = getattr(part, "camera", None)
-    if isinstance(camera, Camera):
-        described["camera"] = asdict(camera)
-    if inner is not None:
-        described["driver"] = describe(inner)
-    return described
-
-
-def describe_terms() -> dict[str, str]:
-    """The versions of the rules and of placing roads on the map, for a campaign's record."""
-    from frenetic import oracle, road  # numba takes its time
-
-    return {"rules": f"version {oracle.BEHAVIOUR}", "map": f"version {road.BEHAVIOUR}"}
-
-
-def sources_of(part: object) -> dict[str, str]:
-    """The user's own source of a part and of those under it: name of a file -> its text."""
-    from frenetic.drivers.driver import inner_driver  # numpy takes its time
-    from frenetic.simulators.capabilities import bare  # likewise
-
-    part = bare(part)
-    if isinstance(part, Named):
-        return dict(part.told.sources)
-    inner = inner_driver(part)
-    arguments = _options_and_arguments(part, without="" if inner is None else "driver")
-    under = {} if inner is None else sources_of(inner)
-    return under | dict(version_of(part, arguments).sources)
-
-
-def _options_and_arguments(part: object, *, without: str) -> dict[str, Any]:
-    try:
-        options = options_of(part)
-        if options is None and is_dataclass(part):
-            options = {item.name: getattr(part, item.name, None) for item in fields(part)}
-        found = {str(name): value for name, value in (options or {}).items()}
-        if not is_built_in(part):
-            found |= {k: v for k, v in arguments_of(part).items() if k not in found}
-    except Exception as error:  # a foreign class may raise anything
-        logger.warning("what %s was made with is unknown: %s", type(part), describe_error(error))
-        return {}
-    # The rules are a part of their own.
-    return {k: v for k, v in found.items() if k != without and type(v).__qualname__ != "Rules"}
-
-
-def _class_name(kind: type) -> str:
-    module = kind.__module__
-    if module.startswith(USER_MODULE):
-        module = Path(sys.modules[module].__file__ or module).name
-    return f"{module}:{kind.__qualname__}"
-
-
-def is_built_in(part: object) -> bool:
-    """Whether a part's class is one of ours."""
-    return type(part).__module__.partition(".")[0] == "frenetic"
-
-
-def _plain(value: object, depth: int = 0) -> JSONValue:
-    """A value as JSON, or else its repr without addresses; a set is a list in order."""
-    if isinstance(value, (set, frozenset)):
-        value = sorted(value, key=repr)
-    if value is None or isinstance(value, (bool, int, str)):
-        return value
-    if isinstance(value, float) and math.isfinite(value):
-        return value
-    if isinstance(value, Mapping) and depth < _DEEPEST:
-        return {str(name): _plain(item, depth + 1) for name, item in value.items()}
-    if isinstance(value, (list, tuple)) and len(value) <= 100 and depth < _DEEPEST:
-        return [_plain(item, depth + 1) for item in value]
-    if isinstance(value, PurePath):
-        return str(value)
-    if isinstance(value, (type, FunctionType)):
-        return f"{value.__module__}:{value.__qualname__}"
-    try:
-        text = repr(value)
-    except Exception:
-        text = f"<{_class_name(type(value))}>"
-    if _ADDRESS.search(text):
-        arguments = {} if depth == _DEEPEST else arguments_of(value)
-        inner = {name: _plain(item, depth + 1) for name, item in arguments.items()}
-        return {"class": _class_name(type(value)), "options": inner}
-    digest = ""
-    if len(text) > _LONGEST or "..." in text:
-        # Arrays are shown in part.
-        data = value.tobytes() if hasattr(value, "tobytes") else text.encode(errors="replace")
-        digest = f" SHA-256 {hashlib.sha256(data).hexdigest()[:16]}"
-    return text[:_LONGEST] + digest
-
-
-def part_text(part: object, recorded: object = None) -> str:
-    """A driver or simulator in words, such as ``planner, delayed (seconds 0.05)``.
-
-    Args:
-        part: as `describe` gives it; the name is that of the driver under its layers.
-        recorded: another one of the same class, whose differing options are added.
-    """
-    *layers, inner = over_each_other(part)
-    texts = [part_name(inner)]
-    own = innermost(recorded)
-    if part_name(own) == part_name(inner):
-        theirs = dict(_options_of(own))
-        texts += _in_words({k: v for k, v in _options_of(inner) if theirs.get(k) != v})
-    for layer in layers:
-        told = ", ".join(_in_words(dict(_options_of(layer))))
-        name = part_name(layer).lower()
-        texts.append(f"{name} ({told})" if told else name)
-    return ", ".join(texts)
-
-
-def _options_of(part: Mapping[str, Any], name: str = "options") -> Iterator[tuple[str, object]]:
-    """Names and values of its options, including nested ones."""
-    value = part.get(name)
-    if isinstance(value, Mapping):
-        for inner in value:
-            if isinstance(value[inner], Mapping):
-                yield from _options_of(value, inner)
-            else:
-                yield str(inner), value[inner]
-
-
-def _in_words(options: Mapping[str, object]) -> list[str]:
-    told = [
-        f"{name} {value:.3g}" if isinstance(value, float) else f"{name} {value}"
-        for name, value in options.items()
-    ]
-    return told if len(told) <= _SHOWN_OPTIONS else [*told[:_SHOWN_OPTIONS], "…"]
-
-
-# Values on a command line
-
-
-def number_word(value: object) -> str:
-    """A number for a command line."""
-    return str(value).removesuffix(".0")
-
-
 # Decoding
 
 
@@ -930,28 +711,17 @@ class _Described(Struct, forbid_unknown_fields=True, rename={"kind": "class"}):
     margin: float | None = None
 
 
-def _command_type(*more: Any, **options: Any) -> Any:
-    """The type of a record's ``command``, or of a `drive_record` with more entries."""
-    from frenetic.criteria import JUDGED_BY_LANE, Profile  # numpy takes its time
+class _Driven(DriveEntries, kw_only=True):
+    """With what a road was driven."""
 
-    named = {f"{kind}_options": dict[str, Any] for kind in _PARTS} | {"layers": dict[str, Finite]}
-    entries: list[Any] = [
-        *((kind, str) for kind in ("driver", "simulator")),
-        ("strategy", str | None, None),
-        *(("speed_limit", Positive), ("oob_tolerance", Share), ("wall_limit", Positive)),
-        ("criteria", Profile, JUDGED_BY_LANE),
-        *((name, kind, field(default_factory=dict)) for name, kind in named.items()),
-        *more,
-    ]
-    return defstruct("Command", entries, kw_only=True, **options)
+    driver: str
+    simulator: str
 
 
-def _driven_type() -> Any:
-    """The type of a `drive_record`."""
-    from frenetic.road.classes import RoadClass  # numba takes its time
+class _Run(_Driven, kw_only=True):
+    """What a record says by name."""
 
-    more = ("map_size", Positive), ("road_class", RoadClass | None, None)
-    return _command_type(*more, forbid_unknown_fields=True)
+    strategy: str | None = None
 
 
 def _record_type() -> Any:
@@ -981,7 +751,7 @@ def _record_type() -> Any:
         ("from_roads", str | None, None),
         ("versions", dict[str, str]),
         ("behaviours", dict[str, str], {}),
-        ("command", _command_type() | None, None),
+        ("run", _Run | None, None),
     ]
     return defstruct("Record", entries, kw_only=True)
 
@@ -998,8 +768,8 @@ def _convert(value: Any, kind: Any) -> Any:
         raise ValueError(str(error)) from None
 
 
-def _read_record(config: Mapping[str, Any]) -> Any:
-    """A campaign's record, whose rules and car have to be whole.
+def _read_record(config: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
+    """A campaign's record, whose rules and car have to be whole, and the options of its parts.
 
     Raises:
         ValueError: it is none; the message names the place.
@@ -1008,7 +778,7 @@ def _read_record(config: Mapping[str, Any]) -> Any:
     for name in ("rules", "car"):
         if other := config[name].keys() ^ asdict(getattr(record, name)).keys():
             raise ValueError(f"Missing or unknown {', '.join(sorted(other))} - at `$.{name}`")
-    return record
+    return record, {} if record.run is None else record.run.given()
 
 
 def fault_of(config: Mapping[str, Any]) -> str:

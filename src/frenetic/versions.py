@@ -252,7 +252,7 @@ def _digest(path: str, size: int, changed: int) -> str:  # noqa: ARG001
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-# Described parts, see `frenetic.spec.describe`
+# Described parts, see `frenetic.description.describe`
 
 
 def over_each_other(described: object) -> Iterator[Mapping[str, Any]]:

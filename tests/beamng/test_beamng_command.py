@@ -51,11 +51,11 @@ def test_campaign_and_its_resumption_at_another_place(
         answer = frenetic(*more, "--simulator", f"port={other.port}")
     assert answer.json["simulations"] == 3, answer.err
     with CampaignStore.open(Path("c")) as store:
-        command = store.config["command"]
+        run = store.config["run"]
         assert store.config["workers"] == 1, "a BeamNG.tech serves one"
-    assert isinstance(command, dict)
-    assert command["wall_limit"] == 600.0
-    assert command["simulator_options"] == {"port": stand_in.port, "aggression": 0.9}
+    assert isinstance(run, dict)
+    assert run["wall_limit"] == 600.0
+    assert run["simulator"] == f"beamng,port={stand_in.port},aggression=0.9"
     assert frenetic("check", "c").code == 0, "the stored verdicts are those of the stored drives"
 
 

@@ -41,7 +41,7 @@ from frenetic.search import (
     SearchEnded,
 )
 from frenetic.simulators import EmbeddedSimulator, Rules
-from frenetic.spec import Spec, decode_budget
+from frenetic.spec import Part, Spec, decode_budget
 from frenetic.testing import DummyDriver
 
 # One run
@@ -60,8 +60,7 @@ def test_a_few_compiled_drives_take_one_process(
     driver: str, budget: Budget, workers: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(campaign_module, "available_cores", lambda: 3)
-    options = {"strategy": "random", "strategy_options": {}, "driver": driver, "driver_options": {}}
-    spec = Spec.from_options(options, budget=budget, seed=1)
+    spec = Spec(strategy=Part("random"), driver=Part(driver), budget=budget, seed=1)
     assert Campaign.of(spec, folder=tmp_path / "c").workers == workers
     assert Campaign.of(spec, folder=tmp_path / "c", workers=2).workers == 2
 

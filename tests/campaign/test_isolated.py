@@ -28,6 +28,7 @@ from pids import until_gone
 from frenetic.analysis.failures import distinct_failures
 from frenetic.campaign import CampaignStore
 from frenetic.campaign.check import check_campaign
+from frenetic.description import describe
 from frenetic.drivers import (
     Controls,
     Delayed,
@@ -44,7 +45,6 @@ from frenetic.road import Road
 from frenetic.simulators import EmbeddedSimulator
 from frenetic.simulators.isolated import BrokenDriveError, IsolatedSimulator, isolated
 from frenetic.simulators.worlds import in_conditions
-from frenetic.spec import describe
 from frenetic.testing import DummyDriver, DummySimulator
 
 ROAD = Road([0.0, 0.03, 0.05, 0.0, -0.05, -0.04, 0.0, 0.0])

@@ -66,7 +66,7 @@ def test_a_domain_is_searched_shown_and_driven_again(frenetic: Frenetic, path: P
     assert line in driven, "in its conditions, which it says"
     file = Path(f"c/failures/test-{int(number):05}.json")
     document = json.loads(file.read_text("utf-8"))
-    friction = document["driven"]["simulator_options"]["friction"]
+    friction = document["driven"]["with"]["friction"]
     assert f"friction {friction:g}" in shown
     again = frenetic("drive", str(file)).out
     assert "FAIL" in again
@@ -118,9 +118,9 @@ def test_a_condition_goes_where_it_belongs(frenetic: Frenetic) -> None:
     words = ("run", "--simulations", "1", "--seed", "1", "--out", "c")
     done = frenetic(*words, "--with", "friction=0.5", "--with", "speed=60", "--with", "delay=0.1")
     assert done.code == 0
-    config = frenetic("show", "c", "--json").json["config"]["command"]
-    assert config["simulator_options"] == {"friction": 0.5}
-    assert config["layers"] == {"delay": 0.1}
+    config = frenetic("show", "c", "--json").json["config"]["run"]
+    assert config["simulator"] == "embedded,friction=0.5"
+    assert config["with"] == {"delay": 0.1}
     assert config["speed_limit"] == 60.0
 
 

@@ -115,8 +115,8 @@ def changed(road: Path, **entries: Any) -> str:
 
 
 def test_which_program_is_started_no_file_says(frenetic: Frenetic, road: Path) -> None:
-    options = {"home": str(Path.cwd()), "host": "203.0.113.1", "port": 1}
-    answer = frenetic("drive", changed(road, simulator="beamng", simulator_options=options))
+    there = f"beamng,home={Path.cwd()},host=203.0.113.1,port=1"
+    answer = frenetic("drive", changed(road, simulator=there))
     assert answer.code == 2
     assert str(Path.cwd()) not in answer.err
     assert "203.0.113.1" not in answer.err

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
+from frenetic.description import describe, part_text
 from frenetic.drivers import Delayed, LimitedView, Planner
 from frenetic.search import RandomSearch
 from frenetic.simulators import EmbeddedSimulator
-from frenetic.spec import describe, part_text
 
 USUAL, SLIPPERY = (describe(EmbeddedSimulator(friction=value)) for value in (1.0, 0.8))
 NETWORK = {"class": "frenetic.vision.neural:Network"}

@@ -9,6 +9,7 @@ import pytest
 
 from frenetic.beamng import BeamngSimulator
 from frenetic.commonroad import CommonRoadSimulator
+from frenetic.description import describe
 from frenetic.drivers import Delayed, Driver, Planner
 from frenetic.drivers.loading import load_driver
 from frenetic.errors import DriverError, FreneticError
@@ -17,7 +18,6 @@ from frenetic.quantities import quantities
 from frenetic.simulators import EmbeddedSimulator, Rules, Simulator
 from frenetic.simulators.capabilities import Capabilities, capabilities, check_pair, usual
 from frenetic.simulators.worlds import check_can_vary
-from frenetic.spec import describe
 from frenetic.testing import DummyDriver, DummySimulator
 
 

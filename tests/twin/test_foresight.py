@@ -179,10 +179,10 @@ def test_run_show_and_report_say_what_foresight_came_to(frenetic: Command) -> No
         (("--map-size", "150"), {}, "map size 200, not 150"),
         (("--criteria", "oob_tolerance=0.5"), {}, "oob tolerance 0.95, not 0.5"),
         ((), {"driver": "nobody"}, "nobody"),
-        ((), {"driver": "highway-env", "driver_options": {}}, "no driver for a twin"),
-        ((), {"driver_options": {"courage": 3}}, "courage"),
+        ((), {"driver": "highway-env"}, "no driver for a twin"),
+        ((), {"driver": "planner,courage=3"}, "courage"),
         ((), {"oob_tolerance": 2}, "oob_tolerance"),
-        ((), {"layers": {"noise": 0.1}}, "a layer noise, which nobody fitted"),
+        ((), {"with": {"noise": 0.1}}, "a layer noise, which nobody fitted"),
     ],
 )
 def test_a_twin_that_does_not_suit_is_refused_in_a_line(

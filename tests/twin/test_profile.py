@@ -106,7 +106,7 @@ def test_given_options_lie_over_those_of_the_profile() -> None:
 
 
 def test_a_profile_loads_nobodys_code_unasked(tmp_path: Path) -> None:
-    path = changed(tmp_path / "twin.json", {"driver": "elsewhere.py:Bold"})
+    path = changed(tmp_path / "twin.json", {"driver": "elsewhere.py:Bold,aggression=1.2"})
     with pytest.raises(FreneticError, match=r"if you trust it, name it yourself: --driver els"):
         Profile.read(path).spec()
     theirs = Spec.read(path)
@@ -138,4 +138,4 @@ def test_commands_drive_with_a_profile_and_its_campaign_keeps_what_it_says(
     as_road = ("--as", str(road), "--simulations", "2", "--seed", "1", "--workers", "1")
     assert frenetic("run", *as_road, "--out", "r", "--json").json["simulations"] == 2
     shown = frenetic("show", "r", "--json").json["config"]
-    assert (shown["lane_width"], shown["command"]["driver_options"]) == (4.5, {"aggression": 1.2})
+    assert (shown["lane_width"], shown["run"]["driver"]) == (4.5, "stanley,aggression=1.2")

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from frenetic.description import describe
 from frenetic.drivers import (
     Camera,
     Controls,
@@ -25,7 +26,6 @@ from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
 from frenetic.simulators import EmbeddedSimulator
 from frenetic.simulators.worlds import in_conditions
-from frenetic.spec import describe
 from frenetic.vision import appearance
 from frenetic.vision.rendering import Renderer
 

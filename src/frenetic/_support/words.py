@@ -54,6 +54,11 @@ def simulated_time(seconds: float | None) -> float | None:
     return None if seconds is None else round(seconds, 6)
 
 
+def number_word(value: object) -> str:
+    """A number for a command line: 4, where Python has 4.0."""
+    return str(value).removesuffix(".0")
+
+
 _UNITS: Final = {"h": 3600.0, "m": 60.0, "s": 1.0}
 _NUMBER: Final = r"\d+(?:\.\d+)?"
 _PATTERN: Final = re.compile(

@@ -18,9 +18,10 @@ from frenetic.campaign import Budget, Campaign, CampaignStore, Event, RoadTester
 from frenetic.campaign.objective import MOOBD
 from frenetic.campaign.state import stored_budget
 from frenetic.campaign.store import DATABASE
+from frenetic.description import describe
 from frenetic.errors import CampaignError
 from frenetic.search import Strategy
-from frenetic.spec import describe, require_count
+from frenetic.spec import require_count
 from frenetic.versions import SHORT
 
 FOLDER: Final = "again"

@@ -31,6 +31,7 @@ from frenetic.analysis.failures import Failure
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester
+from frenetic.description import describe, part_text, version_notes
 from frenetic.drive import Rules
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
@@ -38,7 +39,7 @@ from frenetic.outcome import Outcome
 from frenetic.quantities import SEED, without
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import check_pair_in
-from frenetic.spec import Budget, describe, part_text, version_notes
+from frenetic.spec import Budget
 from frenetic.versions import SHORT, comparison_key, differences
 
 logger = logging.getLogger(__name__)

@@ -32,13 +32,14 @@ from frenetic.campaign.campaign import SOURCES
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.campaign.tester import RoadTester
+from frenetic.description import describe, part_text
 from frenetic.domain import Domain
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.search import RandomSearch
 from frenetic.simulators.simulator import Simulator
-from frenetic.spec import Budget, Part, Spec, describe, part_text, require_count
+from frenetic.spec import Budget, Part, Spec, require_count
 from frenetic.trust import NOT_DRIVING
 from frenetic.versions import comparison_key, sources_named
 
@@ -356,7 +357,7 @@ def compare_versions(
 
 
 def check_differ(old: Mapping[str, JSONValue], new: Mapping[str, JSONValue]) -> None:
-    """Refuses two versions, as `frenetic.spec.describe` gives them, that are the same.
+    """Refuses two versions, as `frenetic.description.describe` gives them, that are the same.
 
     Raises:
         CampaignError: they are.

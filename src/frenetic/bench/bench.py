@@ -34,11 +34,11 @@ from frenetic.bench.strategy import End
 from frenetic.campaign import campaign
 from frenetic.campaign.lock import lock_file
 from frenetic.campaign.summary import Summary
+from frenetic.description import describe
 from frenetic.errors import FreneticError
 from frenetic.registry import STRATEGIES
 from frenetic.run_file import drive_entries, write_entries
 from frenetic.simulators.embedded import compile_kernels
-from frenetic.spec import describe
 from frenetic.versions import differences, package_versions
 
 BENCHES: Final = Path("benches")

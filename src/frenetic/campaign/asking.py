@@ -21,10 +21,11 @@ from frenetic.campaign.objective import Objective, evaluation_of
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Summary
+from frenetic.description import is_built_in
 from frenetic.errors import CampaignError, StrategyError, describe_raised
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.strategy import Ledger, SearchEnded, Strategy, has_own
-from frenetic.spec import Budget, is_built_in, is_number, shown
+from frenetic.spec import Budget, is_number, shown
 from frenetic.versions import changed_packages
 
 FACTS: Final = "search"

@@ -21,7 +21,7 @@ from frenetic._support.files import require_list
 from frenetic._support.interrupt import Interrupt, catch_interrupt
 from frenetic._support.json_value import JSONValue, plain
 from frenetic._support.notebook import Shown
-from frenetic._support.words import counted
+from frenetic._support.words import counted, number_word
 from frenetic.campaign.asking import (
     FACTS,
     ObservingStrategy,
@@ -47,6 +47,7 @@ from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Event, EventKind, Summary
 from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers, available_cores
+from frenetic.description import changed_parts, describe, describe_terms, sources_of
 from frenetic.domain import Domain
 from frenetic.drivers.driver import Driver
 from frenetic.errors import CampaignError, FreneticError, reason_of, traceback_of
@@ -67,12 +68,7 @@ from frenetic.spec import (
     EarlierCampaign,
     Part,
     Spec,
-    changed_parts,
-    describe,
-    describe_terms,
-    number_word,
     require_count,
-    sources_of,
 )
 from frenetic.versions import package_versions, version_of
 from frenetic.worker import pack

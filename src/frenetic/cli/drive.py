@@ -212,10 +212,10 @@ def _driven(
 ) -> list[dict[str, Any]]:
     """Drives the valid roads and prints what happened, unless quiet; gives it for JSON."""
     from frenetic.campaign import RoadTester
+    from frenetic.description import describe
     from frenetic.oracle import Result, judge, measures_json
     from frenetic.outcome import Outcome
     from frenetic.simulators.worlds import in_conditions
-    from frenetic.spec import describe
 
     driver, simulator = spec.make_parts(isolate=True)
     documents: list[dict[str, Any]] = []
@@ -296,7 +296,7 @@ def _cannot_be_driven(driver: Driver, simulator: Simulator, road: Road) -> str:
 
 def _who(recorded: object, document: Mapping[str, Any]) -> Iterator[str]:
     """Who drove, and with what the road's file is recorded if that is another."""
-    from frenetic.spec import part_text
+    from frenetic.description import part_text
     from frenetic.versions import other_version
 
     driver = document["driver"]

@@ -106,7 +106,7 @@ class Amount(click.ParamType):  # type: ignore[type-arg]  # generic in click's n
 
 
 class Read(click.ParamType):  # type: ignore[type-arg]  # generic in click's newest only
-    """What a function of `frenetic.run_file` reads from a text.
+    """What a function of `frenetic.drive_entries` reads from a text.
 
     Args:
         name: of such a text.
@@ -119,10 +119,10 @@ class Read(click.ParamType):  # type: ignore[type-arg]  # generic in click's new
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """What it reads."""
-        from frenetic import run_file  # too slow for help
+        from frenetic import drive_entries  # too slow for help
 
         try:
-            return getattr(run_file, self.function)(value)
+            return getattr(drive_entries, self.function)(value)
         except (ValueError, FreneticError) as error:
             self.fail(str(error), param, ctx)
 

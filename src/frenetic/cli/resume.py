@@ -76,7 +76,7 @@ def resume(
             f"{campaign} drives the roads of another campaign again: the command that began it,"
             " 'frenetic rerun' or 'minimise', goes on with it"
         )
-    if config.get("command") is None:
+    if config.get("run") is None:
         raise click.UsageError(
             f"{campaign} was started from Python: resume it there, with Campaign.resume()"
         )

@@ -54,7 +54,7 @@ def _specs(folder: Path, given: Mapping[str, Any]) -> tuple[Spec, Spec]:
     from frenetic.campaign import CampaignStore
 
     with CampaignStore.open(folder) as store:
-        if store.config.get("command") is None:
+        if store.config.get("run") is None:
             raise CampaignError(
                 f"{folder} was started from Python, so its parts have no names: compare the"
                 " versions there, with frenetic.again.versions"
@@ -66,8 +66,8 @@ def _specs(folder: Path, given: Mapping[str, Any]) -> tuple[Spec, Spec]:
 def _driven(folder: Path, old: Spec, new: Spec, fresh: int, workers: int) -> BackToBack:
     from frenetic.again.versions import as_recorded, check_differ, fresh_roads
     from frenetic.again.versions import compare_versions as compared
+    from frenetic.description import describe
     from frenetic.simulators.isolated import isolated
-    from frenetic.spec import describe
 
     log, simulator = Log(), new.make_simulator()
     # Both are made first, so that a mistake in the new one shows before the old one has driven.

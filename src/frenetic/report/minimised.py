@@ -12,10 +12,11 @@ from frenetic._support.files import check_writable, write_file
 from frenetic.again.campaigns import FOLDER
 from frenetic.again.minimise import OPERATOR, Minimised
 from frenetic.campaign import CampaignStore, RoadTester, Test
+from frenetic.description import describe
 from frenetic.errors import FreneticError
 from frenetic.report.failures import file_stem, road_entries, verdict_entries
 from frenetic.road.files import read_road
-from frenetic.spec import DRIVEN, Spec, describe, drive_record
+from frenetic.spec import DRIVEN, Spec, drive_record
 
 MINIMISED: Final = "minimised"
 """Folder in a campaign's folder for its minimised roads."""

@@ -90,7 +90,7 @@ class Profile(Record, frozen=True, kw_only=True):
     name: str
     """Name for people."""
     driven: dict[str, Any]
-    """Driver, car, layers and rules, as `frenetic.spec.drive_record` has them."""
+    """Driver, car, conditions and rules, as `frenetic.spec.drive_record` has them."""
     lane_width: Positive = 4.0
     """m."""
     fitted: list[Fitted] = []

@@ -39,6 +39,7 @@ from frenetic.campaign.record import Test
 from frenetic.campaign.repeat import not_repeatable
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import facts_in_words
+from frenetic.description import part_text
 from frenetic.errors import CampaignError
 from frenetic.estimate import Estimate
 from frenetic.export.tables import Place, opened
@@ -69,7 +70,7 @@ from frenetic.report.html.tests import (
 from frenetic.report.html.timeline import timeline_section
 from frenetic.run_file import NAME
 from frenetic.search.records import Candidate
-from frenetic.spec import earlier_of, part_text
+from frenetic.spec import earlier_of
 from frenetic.versions import innermost, short_version
 
 FILMS: Final = "frenetic.films"
@@ -204,7 +205,7 @@ def campaign_report(
         ),
         data={
             "campaign": _shell(store.folder),
-            "is_named": isinstance(config.get("command"), Mapping),
+            "is_named": isinstance(config.get("run"), Mapping),
             "lane_width": store.setting.lane_width,
             "tests": table_of(tests),
             "resolutions": COLUMNS,
@@ -382,7 +383,7 @@ def configuration(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValue
     others = {name: one for name, one in known.items() if name not in named}
     how = Paragraph(_repeatability(known))
     again = command(f"frenetic run {NAME}", "Repeats the campaign, in a new folder, from its own:")
-    is_named = isinstance(config.get("command"), Mapping) and config.get("entrant") is None
+    is_named = isinstance(config.get("run"), Mapping) and config.get("entrant") is None
     return Section(
         "configuration",
         "Configuration",
@@ -402,7 +403,7 @@ def _repeatability(config: Mapping[str, Any]) -> str:
     text = "The same seed gives the same campaign, on the same machine with the same versions."
     if config["budget"] and config["budget"].get("time") is not None:
         text += " Its budget is of wall time, so how far it comes depends on the machine's speed."
-    if not isinstance(config.get("command"), Mapping):
+    if not isinstance(config.get("run"), Mapping):
         text += " It was started from Python, so there is no command that repeats it."
     return text
 
