@@ -49,7 +49,7 @@ class ShortWheelbase(Sound):
 
 
 class Lagging(Sound):
-    """Its steering follows half a second late."""
+    """Steers half a second late."""
 
     def reset(self, setup: DriveSetup) -> None:
         super().reset(setup)
