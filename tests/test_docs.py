@@ -30,9 +30,8 @@ BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\((?!https?:)([^)#]+)")
 
 # Blocks of these kinds are shown, not run: a fragment of a user's own file, benchmarks, which take
-# data or time that a test does not have, Python (py) that needs what tests do not install, and the
-# client in JavaScript, which a test of its command runs.
-SHOWN = {"toml", "yaml", "console", "py", "javascript"}
+# data or time that a test does not have, and Python (py) that needs what tests do not install.
+SHOWN = {"toml", "yaml", "console", "py"}
 OUTPUT = "text"
 """Kind of a block with what the last command, or the code, of the block before it prints."""
 # What a page may ask the reader to do beside running Frenetic: setting up. `.ci/run` does that.
