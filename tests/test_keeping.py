@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import planted_drivers as planted
 import pytest
@@ -16,6 +14,11 @@ from frenetic.drivers import Planner
 from frenetic.errors import DriverError, FreneticError
 from frenetic.testing import keeps_lane
 from frenetic.testing.keeping import FOLDER, NOTICES, DriverFailedError
+
+if TYPE_CHECKING:
+    from interpreters import Ended, Interpreter
+
+pytest_plugins = ["interpreters"]
 
 PLANTED = {
     "BrakesLate": "brakes too late into",
@@ -27,18 +30,17 @@ PLANTED = {
 HEAD = "import planted_drivers as planted\nimport pytest\nfrom frenetic.testing import keeps_lane\n"
 
 
-def run_pytest(folder: Path, text: str, *options: str) -> subprocess.CompletedProcess[str]:
+def run_pytest(interpreter: Interpreter, folder: Path, text: str, *options: str) -> Ended:
     (folder / "test_lane.py").write_text(HEAD + text, encoding="utf-8")
     shared = str(Path(planted.__file__).parent)
-    return subprocess.run(
-        [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *options],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": shared, "PYTEST_ADDOPTS": ""},
-        capture_output=True,
-        text=True,
-        encoding="utf-8",
-        check=False,
-    )
+    code = f"""
+import os, sys
+os.environ.update(PYTHONPATH={shared!r}, PYTEST_ADDOPTS="")
+sys.path.insert(0, {shared!r})
+import pytest
+raise SystemExit(pytest.main({["-p", "no:cacheprovider", *options]}))
+"""
+    return interpreter.python(code, folder=folder)
 
 
 def told_of(driver: str, folder: Path, **options: int) -> str:
@@ -105,7 +107,7 @@ def test_time_ends_a_search_with_a_notice(tmp_path: Path) -> None:
     NOTICES.clear()
 
 
-def test_fixtures_parameters_marks_and_workers(tmp_path: Path) -> None:
+def test_fixtures_parameters_marks_and_workers(interpreter: Interpreter, tmp_path: Path) -> None:
     text = """
 @pytest.fixture
 def aggression():
@@ -124,8 +126,10 @@ def test_slow():
 def test_other():
     pass
 """
-    done = run_pytest(tmp_path, text, "-n", "2", "-m", "keeps_lane", "--junitxml", "r.xml")
-    assert done.returncode == 1, done.stdout
+    done = run_pytest(
+        interpreter, tmp_path, text, "-n", "2", "-m", "keeps_lane", "--junitxml", "r.xml"
+    )
+    assert done.code == 1, done.stdout
     assert "1 failed, 2 passed" in done.stdout
     assert "The driver steers the wrong way" in done.stdout
     assert "Traceback" not in done.stdout
@@ -140,17 +144,17 @@ def test_other():
     (file,) = (tmp_path / FOLDER).glob("*.json")
     line = next(line for line in done.stdout.splitlines() if line.startswith("Drive them again: "))
     assert line == 'Drive them again: pytest "test_lane.py::test_it[WrongSign]"'
-    again = run_pytest(tmp_path, text, "test_lane.py::test_it[WrongSign]")
+    again = run_pytest(interpreter, tmp_path, text, "test_lane.py::test_it[WrongSign]")
     assert "on which it failed before" in again.stdout
     file.write_text("{", encoding="utf-8")
-    damaged = run_pytest(tmp_path, text, "test_lane.py::test_it[WrongSign]")
-    assert damaged.returncode == 1
+    damaged = run_pytest(interpreter, tmp_path, text, "test_lane.py::test_it[WrongSign]")
+    assert damaged.code == 1
     assert file.name in damaged.stdout
     assert "keeping.py" not in damaged.stdout
     assert "plugin.py" not in damaged.stdout
 
 
-def test_criteria_of_a_class_of_roads(tmp_path: Path) -> None:
+def test_criteria_of_a_class_of_roads(interpreter: Interpreter, tmp_path: Path) -> None:
     text = """
 from frenetic import Planner
 
@@ -159,7 +163,7 @@ from frenetic import Planner
 def test_it():
     return Planner()
 """
-    done = run_pytest(tmp_path, text)
+    done = run_pytest(interpreter, tmp_path, text)
     assert "The driver exceeds the limit of lateral acceleration" in done.stdout
     assert "criteria: after-iso-11270" in done.stdout
 
@@ -197,8 +201,10 @@ def test_what_is_no_driver_is_refused() -> None:
         keeps_lane(nothing)  # type: ignore[arg-type]
 
 
-def test_tests_of_two_classes_remember_roads_apart(tmp_path: Path) -> None:
+def test_tests_of_two_classes_remember_roads_apart(
+    interpreter: Interpreter, tmp_path: Path
+) -> None:
     test = "    @keeps_lane(simulations=60)\n    def test_it(self): return planted.WrongSign()\n"
-    run_pytest(tmp_path, f"class TestFast:\n{test}\nclass TestOther:\n{test}")
+    run_pytest(interpreter, tmp_path, f"class TestFast:\n{test}\nclass TestOther:\n{test}")
     stems = {path.stem[:-9] for path in (tmp_path / FOLDER).glob("*.json")}
     assert stems == {"test_lane-TestFast-test_it", "test_lane-TestOther-test_it"}
