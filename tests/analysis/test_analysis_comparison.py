@@ -214,6 +214,12 @@ def test_one_group_or_an_empty_one_is_refused(repeats: Path) -> None:
         compare({"a": [repeats / "random-1", repeats / "random-2"]})
     with pytest.raises(FreneticError, match="group b has no campaigns"):
         compare({"a": [repeats / "random-1"], "b": []})
+    for groups in (
+        {"a": ["random-1", "random-1"], "b": ["random-2"]},
+        {"a": ["random-1"], "b": ["random-1"]},
+    ):
+        with pytest.raises(FreneticError, match=r"random-1 is there twice"):
+            compare({name: [repeats / one for one in group] for name, group in groups.items()})
 
 
 def test_repeats_that_are_none_are_noted(tmp_path: Path) -> None:

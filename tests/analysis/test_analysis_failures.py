@@ -166,6 +166,10 @@ def test_threshold_has_to_be_a_length(threshold: float) -> None:
 def test_an_id_may_not_be_there_twice() -> None:
     with pytest.raises(ValueError, match="failure 3 is there twice"):
         cluster_failures([failure(LEFT, id=3), failure(RIGHT, id=3)])
+    clusters = cluster_failures([failure(LEFT, id=3)])
+    assert clusters.of(3) == clusters[0]
+    with pytest.raises(KeyError, match="no failure has the id 4"):
+        clusters.of(4)
 
 
 # What is said of them

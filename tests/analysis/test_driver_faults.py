@@ -54,6 +54,10 @@ def test_a_line_that_raises_is_one_distinct_failure_and_comes_first(tmp_path: Pa
     assert first.description == f"raises ValueError at {first.fault.file}:{first.fault.line}"
     assert others, "it leaves its lane, too"
     assert all(one.fault is None for one in others)
+    rare = replace(clusters, clusters=(*others, replace(first, ids=first.ids[:1])))
+    one, *causes = rare.causes
+    assert one.fault == first.fault
+    assert max(cause.failures for cause in causes) > one.failures == 1, "it is no matter of numbers"
 
 
 def test_its_road_is_minimised_as_long_as_the_same_line_raises() -> None:
