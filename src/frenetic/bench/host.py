@@ -55,7 +55,8 @@ _UNUSED = ("beamngpy", "cv2", "descartes", "tensorflow")
 class Unused(MetaPathFinder, Loader):
     """Gives the pipeline what it imports to drive and draw, which nobody does here.
 
-    Every name of such a module is an empty class. Installed packages come first.
+    Every name of such a module is an empty class, and every name of that. Installed packages come
+    first.
     """
 
     def find_spec(self, name: str, *_: Any) -> ModuleSpec | None:
@@ -73,10 +74,15 @@ class Unused(MetaPathFinder, Loader):
         """Do nothing: it is whole."""
 
 
+class _Empty(type):
+    def __getattr__(cls, name: str) -> type:
+        return _empty_class(name)
+
+
 def _empty_class(name: str) -> type:
     if name.startswith("__"):  # what the import system asks for
         raise AttributeError(name)
-    return type(name, (), {"__init__": lambda *_, **__: None})
+    return _Empty(name, (), {"__init__": lambda *_, **__: None})
 
 
 class Bench:

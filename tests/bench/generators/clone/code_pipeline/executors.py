@@ -4,6 +4,7 @@ import sys
 from abc import ABC, abstractmethod
 from pathlib import Path
 
+import descartes
 from beamngpy.sensors import Electrics
 from tensorflow.keras.models import Model
 
@@ -27,6 +28,7 @@ class Budget:
 class AbstractTestExecutor(ABC):
     def __init__(self, result_folder, map_size, time_budget=None, road_visualizer=None):
         assert all(map(callable, (Electrics, Model)))
+        descartes.patch.draw_nothing(False)  # a name of a name is there, too
         self.folder = Path(result_folder)
         self.time_budget = Budget(time_budget)
         self.stats = Statistic()
