@@ -307,7 +307,7 @@ class Spec:
         """
         try:
             return cls().replaced(_convert(record, _Driven).given())
-        except ValueError as error:
+        except (ValueError, FreneticError) as error:
             raise FreneticError(
                 f"{source}: its entry {DRIVEN!r} does not say with what the road was driven:"
                 f" {error}; remove the entry and name a driver"

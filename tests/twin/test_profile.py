@@ -67,6 +67,8 @@ def test_it_is_read_as_written_and_drives_as_its_parts_made_by_hand(tmp_path: Pa
         ({}, {"versoin": 1}, r"unknown field `versoin`"),
         ({}, {"version": 99}, r"at `\$.version`"),
         ({"haze": 0.1}, {}, r"unknown field `haze`"),
+        ({"with": {"haze": 0.1}}, {}, r"unknown quantity 'haze'"),
+        ({"roads": "urban-51"}, {}, r"there is no road class 'urban-51'"),
         ({"speed_limit": 0.0}, {}, r"at `\$.speed_limit`"),
     ],
 )
