@@ -30,12 +30,12 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import pytest
-from command_line import empty_pictures
 
 import frenetic
 
 # What takes long to import and Frenetic imports where it needs it.
 LOADED = (
+    "command_line",
     "matplotlib.backends.backend_agg",
     "matplotlib.figure",
     "rich.live",
@@ -187,6 +187,8 @@ def _do(
         code = "from frenetic.cli import main; main()"
     else:
         sys.argv = ["-c"]
+    from command_line import empty_pictures  # a plug-in of some tests, which pytest imports
+
     _keep_a_fork_server_ready()
     with nullcontext() if drawn is None else empty_pictures(*drawn):
         ended = _exit_code(code, main)
