@@ -178,7 +178,7 @@ def write_run_file(spec: Spec, folder: Path) -> None:
         return
     entries: dict[str, Any] = {
         **spec.strategy_entry(),
-        **drive_entries(spec),
+        **file_entries(spec),
         "odd": None if spec.domain is None else spec.domain.entries(),
         "margin": spec.margin,
         "lane_width": spec.lane_width,
@@ -193,7 +193,7 @@ def write_run_file(spec: Spec, folder: Path) -> None:
     write_entries(entries, folder / NAME, what)
 
 
-def drive_entries(spec: Spec) -> dict[str, Any]:
+def file_entries(spec: Spec) -> dict[str, Any]:
     """The entries of a `DriveFile` for a spec whose parts have names."""
     criteria = spec.rules.criteria
     return {

@@ -11,7 +11,6 @@ imports are inside functions.
 
 from __future__ import annotations
 
-import logging
 import math
 import numbers
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -36,14 +35,8 @@ from frenetic.drive_entries import COMPETITION, DriveEntries
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.quantities import SEED, quantities, quantity
 from frenetic.recipe import Guest, Named, Recipe, Told
-from frenetic.registry import (
-    SIMULATORS,
-    STRATEGIES,
-    Registry,
-)
-from frenetic.versions import (
-    sources_named,
-)
+from frenetic.registry import SIMULATORS, STRATEGIES, Registry
+from frenetic.versions import sources_named
 
 # Imports inside functions below are too slow for help.
 
@@ -56,12 +49,8 @@ if TYPE_CHECKING:
     from frenetic.simulators.capabilities import Usual
     from frenetic.simulators.simulator import Simulator
 
-logger = logging.getLogger(__name__)
-
 DRIVEN: Final = "driven"
 """Entry of a road's file with its `drive_record`."""
-
-
 MAX_WORKERS: Final = 1024
 """Most roads that one computer drives at once; a cluster has as many seats as it has."""
 
@@ -159,10 +148,15 @@ class Part:
             return Part(name, options)
         return Part(self.name, {**self.options, **options}) if options else self
 
+    @property
+    def word(self) -> str:
+        """Its name and options as on a command line, such as ``planner,aggression=1.2``."""
+        assert self.name is not None
+        return part_word(self.name, self.options)
+
     def words(self, kind: str) -> list[str]:
         """The options of a command line that choose it."""
-        assert self.name is not None
-        return [f"--{kind}", part_word(self.name, self.options)]
+        return [f"--{kind}", self.word]
 
 
 def _usual_rules() -> Rules:
@@ -242,7 +236,7 @@ class Spec:
             getattr(self, kind).replaced(asked.get(kind), dict(asked.get(f"{kind}_options", ())))
             for kind in PARTS
         )
-        layers = _layers({"layers": {**self.layers, **dict(asked.get("layers", ()))}})
+        layers = _with_effect({**self.layers, **dict(asked.get("layers", ()))})
         if layers != self.layers:
             driver = replace(driver, made={})
         # The limit of another simulator does not hold for this one.
@@ -384,8 +378,8 @@ class Spec:
             return None
         criteria = {"criteria": rules.criteria.whole_entry()} if rules.criteria else {}
         return {
-            "driver": part_word(driver.name, driver.options),
-            "simulator": part_word(simulator.name, simulator.options),
+            "driver": driver.word,
+            "simulator": simulator.word,
             "with": dict(self.layers),
             "speed_limit": rules.speed_limit,
             "oob_tolerance": rules.oob_tolerance,
@@ -395,8 +389,7 @@ class Spec:
 
     def strategy_entry(self) -> dict[str, str]:
         """Its strategy, likewise; empty without a name."""
-        name, options = self.strategy.name, self.strategy.options
-        return {} if name is None else {"strategy": part_word(name, options)}
+        return {} if self.strategy.name is None else {"strategy": self.strategy.word}
 
     # To objects
 
@@ -600,13 +593,12 @@ def _placed(
     return placed | ({"simulator_options": options} if options else {})
 
 
-def _layers(given: Mapping[str, Any]) -> dict[str, float]:
-    """The layers of a command line that have an effect.
+def _with_effect(layers: Mapping[str, float]) -> dict[str, float]:
+    """The layers that have an effect.
 
     Raises:
         UnknownNameError: there is no such quantity.
     """
-    layers = dict(given.get("layers") or ())
     return {
         name: amount
         for name, amount in layers.items()

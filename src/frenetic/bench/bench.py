@@ -37,7 +37,7 @@ from frenetic.campaign.summary import Summary
 from frenetic.description import describe
 from frenetic.errors import FreneticError
 from frenetic.registry import STRATEGIES
-from frenetic.run_file import drive_entries, write_entries
+from frenetic.run_file import file_entries, write_entries
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.versions import differences, package_versions
 
@@ -222,7 +222,7 @@ class Bench:
         return {
             "generator": [one.word for one in self.entrants if not one.is_strategy],
             "strategy": [one.word for one in self.entrants if one.is_strategy],
-            **({} if terms.spec is None else drive_entries(terms.spec)),
+            **({} if terms.spec is None else file_entries(terms.spec)),
             "map_size": terms.map_size,
             "objective": terms.objective,
             "simulations": terms.simulations,
