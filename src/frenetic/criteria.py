@@ -249,8 +249,8 @@ class Profile:
 
     def in_words(self) -> str:
         """Its name and limits."""
-        limits = (f"{quantity(one.quantity).words} {one.told()}" for one in self.criteria)
-        return f"{self.name}: {', '.join(limits)}"
+        limits = [f"{quantity(one.quantity).words} {one.told()}" for one in self.criteria]
+        return f"{self.name}: {', '.join(limits)}" if limits else self.name
 
     def as_json(self) -> dict[str, Any]:
         """Its fields, for JSON."""

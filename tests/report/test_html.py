@@ -444,7 +444,7 @@ def test_it_is_said_whether_a_campaign_can_be_repeated(
 ) -> None:
     with CampaignStore.open(searched) as store:
         config = {**store.config, **changes}
-    (how, *_) = configuration(config, {}).blocks
+    (how, *_) = configuration(searched, config, {}).blocks
     assert isinstance(how, Paragraph)
     assert said in how.text
 
@@ -453,12 +453,11 @@ def test_the_command_repeats_the_campaign(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.chdir(tmp_path)
     run = ["run", "--simulations", "3", "--seed", "3", "--workers", "1", "--out", "c"]
     assert CliRunner().invoke(cli, run).exit_code == 0
-    line = "frenetic run campaign.toml"
+    line = f"frenetic run {Path('c/campaign.toml')}"
     assert line in "".join(page_of(Path("c/report.html")).texts[""])
-    monkeypatch.chdir("c")
     assert CliRunner().invoke(cli, [*line.split()[1:], "--out", "again"]).exit_code == 0
     results = []
-    for folder in (".", "again"):
+    for folder in ("c", "again"):
         with CampaignStore.open(folder) as store:
             results.append([test.result for test in store.tests()])
     assert results[0] == results[1]

@@ -246,12 +246,11 @@ def test_commands_can_be_copied_and_pasted(show: Show, tmp_path: Path) -> None:
     expect(button).to_have_text("Copied")
     texts = lines.locator("code").all_text_contents()
     assert page.evaluate("navigator.clipboard.readText()") == texts[-1]
-    small, drive, shown, minimise = map(shlex.split, texts)
+    small, drive, shown = map(shlex.split, texts)
     assert small[:2] == ["frenetic", "drive"]
     assert Path(small[2]) in {*file.parent.iterdir()}
     assert run(*drive[1:]).startswith("FAIL")
     assert shown[:3] == ["frenetic", "show", str(folder)]
-    assert minimise[:3] == ["frenetic", "minimise", str(folder)]
 
 
 # Charts
@@ -294,6 +293,16 @@ def test_chart_says_what_it_shows_where_one_points(page: Page, searched: Path) -
     expect(page.locator("#player-title")).to_contain_text(f"Test {failed[-1]} FAIL")
 
 
+def test_a_finger_reads_the_chart_before_it_opens_a_test(show: Show, searched: Path) -> None:
+    page = show(searched / "report.html", **PHONE)
+    place = pointed(page, 0.6)
+    page.touchscreen.tap(*place)
+    expect(page.locator(".chart-tip")).to_contain_text("Latest failure")
+    expect(page.locator("dialog")).to_be_hidden()
+    page.touchscreen.tap(*place)
+    expect(page.locator("dialog")).to_be_visible()
+
+
 def test_chart_is_read_with_the_keyboard(page: Page) -> None:
     page.locator(".block-chart .chart-drawing").focus()
     page.keyboard.press("ArrowRight")
@@ -317,6 +326,16 @@ def heads(page: Page) -> list[int]:
     cards = page.locator(".gallery > .cluster > .card")
     found: list[str] = cards.evaluate_all("els => els.map(el => el.dataset.test)")
     return sorted(map(int, found))
+
+
+def test_the_example_of_a_cause_is_described_itself(page: Page, searched: Path) -> None:
+    causes = clusters_of(searched).causes
+    severe = {one.most_severe for cause in causes for one in cause.clusters}
+    examples = [cause.example for cause in causes if cause.example not in severe]
+    assert examples
+    for example in examples:
+        text = page.locator(f'.gallery > .cluster > .card[data-test="{example}"] .card-text')
+        expect(text).to_contain_text(": leaves to the ")
 
 
 def test_failures_are_sorted_and_found(page: Page, searched: Path) -> None:

@@ -14,6 +14,7 @@ from frenetic._support.files import require_list
 from frenetic.campaign.earlier import FACT
 from frenetic.campaign.objective import MOOBD
 from frenetic.campaign.store import DATABASE, CampaignStore
+from frenetic.criteria import Profile
 from frenetic.domain import Domain
 from frenetic.errors import CampaignError
 from frenetic.registry import part_name
@@ -38,7 +39,11 @@ PARTS: Final = (
 )
 """Parts of a configuration that repeats share; the strategy's seed differs."""
 
-_NAMED: Final[Mapping[str, Any]] = {"road_class": RoadClass, "domain": Domain}
+_NAMED: Final[Mapping[str, Any]] = {
+    "road_class": RoadClass,
+    "domain": Domain,
+    "criteria": Profile,
+}
 """Parts with a name of their own -> what they are."""
 
 
@@ -212,4 +217,4 @@ def _in_words(part: str, value: Any) -> str:
     if "class" in value:
         return _word("", value, [])
     named = {name: one for name, one in value.items() if one is not None}
-    return ", ".join(f"{name} {_in_words('', one)}" for name, one in named.items())
+    return ", ".join(f"{name} {_in_words(name, one)}" for name, one in named.items())

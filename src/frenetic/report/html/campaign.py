@@ -25,6 +25,7 @@ from frenetic.analysis.failures import (
     Clusters,
     Failure,
     caution,
+    describe,
     distinct_among,
     nearest_misses,
 )
@@ -101,6 +102,14 @@ class Reading:
     """The tests in the feature map, with their features, see `measure`."""
     failures: Mapping[int, tuple[Test, Segment | None]]
     """The most severe failures, each with its segment, if it has records."""
+
+    @property
+    def examples(self) -> dict[int, str]:
+        """What happens in the example of each cause, if it is among the most severe failures."""
+        examples = (cause.example for cause in self.clusters.causes)
+        drives = [self.failures[one] for one in examples if one in self.failures]
+        found = [Failure.of_segment(segment, test.result, test.id) for test, segment in drives]
+        return {failure.id: describe(failure) for failure in found if failure is not None}
 
     @classmethod
     def of(cls, store: CampaignStore) -> Reading:
@@ -195,12 +204,14 @@ def campaign_report(
         title=title,
         sections=(
             Section("summary", title, (headline(store, clusters, counts, trouble),)),
-            gallery_section(found, tests, drives, counts, own_repeats(reruns), there, config),
+            gallery_section(
+                found, reading.examples, tests, drives, counts, own_repeats(reruns), there, config
+            ),
             timeline_section(tests, clusters),
             *([] if coverage is None else [domain_section(coverage)]),
             map_section({i: features for i, (features, _) in mapped.items()}, tests, cells),
             Section("tests", "All tests", (Part("tests", {}),)),
-            configuration(config, store.facts),
+            configuration(store.folder, config, store.facts),
             *sections,
         ),
         data={
@@ -350,7 +361,7 @@ def _tiles(
     yield "distinct failures", str(len(clusters)), ", ".join(notes), role
     yield "causes", str(len(clusters.causes)), "", role
     if least is not None:
-        where = "furthest outside the lane" if least < 0.0 else "nearest to the lane's edge"
+        where = "furthest outside" if least < 0.0 else "nearest to the lane's edge"
         yield where, f"{abs(least):.2f} m", f"MOOBD {signed(least)} m", ""
     if counts.invalid:
         yield (
@@ -376,13 +387,15 @@ def _when(value: object) -> str:
 # The configuration
 
 
-def configuration(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValue]) -> Section:
-    """A campaign's configuration, and how to repeat it."""
+def configuration(
+    folder: Path, config: Mapping[str, JSONValue], facts: Mapping[str, JSONValue]
+) -> Section:
+    """The configuration of a campaign in a folder, and how to repeat it."""
     known = {**config, "budget": facts.get("budget", config.get("budget"))}
     named = {name: one for name, one in known.items() if isinstance(one, Mapping)}
     others = {name: one for name, one in known.items() if name not in named}
     how = Paragraph(_repeatability(known))
-    again = command(f"frenetic run {NAME}", "Repeats the campaign, in a new folder, from its own:")
+    again = command(f"frenetic run {_shell(folder / NAME)}", "Repeats it, in a new folder:")
     is_named = isinstance(config.get("run"), Mapping) and config.get("entrant") is None
     return Section(
         "configuration",
@@ -413,6 +426,6 @@ def _flat(value: object, name: str = "") -> Iterator[tuple[str, str]]:
     if isinstance(value, Mapping) and value:
         for key, inner in value.items():
             yield from _flat(inner, f"{name}.{key}" if name else str(key))
-    else:
+    elif value not in (None, "", [], {}):
         text = value if isinstance(value, str) else json.dumps(value, default=plain)
         yield name.removeprefix("options."), text

@@ -132,7 +132,9 @@ def comparison_report(
             Section("summary", title, (_headline(comparison, lead),)),
             Section("results", "Results", (group_table(comparison),)),
             *sections,
-            Section("curves", "Over the budget", tuple(group_curves(comparison))),
+            Section(
+                "curves", "Over the budget", tuple(group_curves(comparison)), _about(comparison)
+            ),
             Section("spreads", "Campaign by campaign", (group_spreads(comparison),)),
             *_pairs(comparison),
             Section("measures", "What is measured", measured),
@@ -208,21 +210,24 @@ def group_table(comparison: Comparison) -> Part:
 
 def group_curves(comparison: Comparison) -> Iterator[Chart]:
     """Findings over the simulations: a median, and a band or each campaign, for each group."""
+    groups = groups_of(comparison).values()
+    for what, title in _CURVES:
+        lines = tuple(_curve(comparison, group, what) for group in groups)
+        yield Chart(lines, "simulations", title, counts=True)
+
+
+def _about(comparison: Comparison) -> str:
+    """What the curves show."""
     band = "the band lies between the quartiles"
     if min(map(len, comparison.groups.values())) < LEAST_REPEATS:
         band = (
             f"the band between the quartiles needs {LEAST_REPEATS} campaigns, below that each"
             " campaign is a thin line"
         )
-    caption = (
+    return (
         f"Median of each group; {band}. A curve reaches as far as all campaigns of its group. A"
         " distinct failure counts from the first of those alike."
     )
-    groups = groups_of(comparison).values()
-    for what, title in _CURVES:
-        lines = tuple(_curve(comparison, group, what) for group in groups)
-        is_last = what == _CURVES[-1][0]
-        yield Chart(lines, "simulations", title, caption if is_last else "", counts=True)
 
 
 def _curve(comparison: Comparison, group: dict[str, Any], what: Curve) -> Series:

@@ -17,6 +17,7 @@ from frenetic.report.html.tests import TestSummary
 
 def gallery_section(
     clusters: Clusters,
+    described: Mapping[int, str],
     tests: Sequence[TestSummary],
     drives: Sequence[Mapping[str, Any]],
     counts: Counts,
@@ -28,6 +29,7 @@ def gallery_section(
 
     Args:
         clusters: the distinct failures, or misses; an example of each cause comes first.
+        described: what happens in such an example.
         tests: all of the campaign.
         drives: in the page, see `drive_data`.
         counts: of all tests.
@@ -55,6 +57,7 @@ def gallery_section(
             "group": causes[one.ids].words if one.ids in causes else "",
             "cause": "" if one.cause is None else in_words(*one.cause),
             "description": f"{one.description}{', known before' if one.was_known else ''}",
+            "examples": {id: text for id, text in described.items() if id in one.ids},  # noqa: A001
         }
         for one in dict.fromkeys([*first, *clusters])
     ]
@@ -119,8 +122,8 @@ def _road(drive: Mapping[str, Any]) -> str:
 
 def _lead(clusters: Clusters, failures: int, data: Sequence[Mapping[str, Any]]) -> str:
     lead = (
-        f"What the driver does wrong, and {counted(len(clusters), 'distinct failure')} among"
-        f" {clusters.failures}: failures that are the same problem are together."
+        f"{counted(len(clusters), 'distinct failure')} among {clusters.failures}, and what the"
+        " driver does wrong. Failures that are the same problem are together."
     )
     for cluster, one in zip(clusters, data, strict=True):
         if cluster.fault is not None and not one["shown"]:

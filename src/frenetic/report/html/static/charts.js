@@ -108,10 +108,14 @@ function chart(block) {
     if (width > 0) plot.setSize({ width, height: width < 560 ? 260 : 340 });
   }
 
-  let pressed = 0;
+  let [pressed, tapped] = [0, null];
   plot.over.addEventListener("mousedown", (event) => (pressed = event.clientX));
   plot.over.addEventListener("click", (event) => {
-    if (Math.abs(event.clientX - pressed) < 6) openTest(plot.cursor.idx);
+    const { idx } = plot.cursor;
+    if (Math.abs(event.clientX - pressed) >= 6) return;
+    // A finger says the values first, and opens the test when it taps there again.
+    if (event.pointerType === "touch" && tapped !== testAt(idx)) tapped = testAt(idx);
+    else openTest(idx);
   });
   drawing.addEventListener("keydown", (event) => {
     const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];

@@ -10,13 +10,14 @@ function card(id, order, { caption = "", small = false } = {}) {
   const test = tests.get(id);
   const drive = shortest(id);
   const isCut = drive !== drives.get(id);
-  const words = `Test ${id}, ${test.outcome}, MOOBD ${fixed(test.moobd, 2)} m${caption ? `: ${caption}` : ""}`;
+  const title = `Test ${id}${isCut ? `, cut to ${fixed(roadLength(drive.road), 0, "m")}` : ""}`;
+  const words = `${title}, ${test.outcome}, MOOBD ${fixed(drive.moobd, 2)} m${caption ? `: ${caption}` : ""}`;
   const again = repeats.get(id);
   return el(
     "button",
     { type: "button", class: small ? "card small" : "card", "data-test": id, "aria-label": words, on: { click: () => player.open(id, order()) } },
     roadPicture(drive, ""),
-    el("span", { class: "card-line" }, el("b", {}, `Test ${id}${isCut ? `, cut to ${fixed(roadLength(drive.road), 0, "m")}` : ""}`), el("span", { class: `number outcome-${test.outcome.toLowerCase()}` }, fixed(drive.moobd, 2, "m"))),
+    el("span", { class: "card-line" }, el("b", {}, title), el("span", { class: `number outcome-${test.outcome.toLowerCase()}` }, fixed(drive.moobd, 2, "m"))),
     again && el("span", { class: `repeats ${again.stability}` }, `${again.stability}: the same in ${percent(again.share)} (${fixed(100 * again.low, 0)}–${fixed(100 * again.high, 0)})`),
     caption ? el("span", { class: "card-text" }, caption) : null,
   );
@@ -97,7 +98,8 @@ function fillGrid(grid, more, items, shown, make) {
 }
 
 function clusterItem(cluster, head, order) {
-  const happens = head === cluster.most_severe ? cluster.description : `like test ${cluster.most_severe}, which ${cluster.description}`;
+  const like = head === cluster.most_severe ? cluster.description : `like test ${cluster.most_severe}, which ${cluster.description}`;
+  const happens = cluster.examples[head] ?? like;
   const caption = cluster.cause ? `${cluster.cause}: ${happens}` : happens;
   const item = el("article", { class: "cluster" }, card(head, order, { caption }));
   const others = cluster.shown.filter((id) => id !== head);

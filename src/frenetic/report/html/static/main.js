@@ -61,10 +61,11 @@ function openLinked() {
 }
 
 function absence(id) {
+  const words = `The drive of test ${id} is not in this report. ${tests.has(id) ? "This" : "If the campaign has this test, this"} shows it:`;
   const notice = el(
     "aside",
     { id: "notice", role: "status" },
-    commandLine(`frenetic show ${report.campaign} ${id}`, `The drive of test ${id} is not in this report. If the campaign has this test, this shows it:`),
+    commandLine(`frenetic show ${report.campaign} ${id}`, words),
     el("button", { type: "button", class: "close", on: { click: () => { notice.remove(); setFragment(""); } } }, "Close"),
   );
   return notice;

@@ -450,7 +450,7 @@ function actionsOf(drive) {
     parts.push(commandLine(line, isNamed ? "Drive it again" : "Drive its road, with the driver of your choice"));
   }
   parts.push(commandLine(`frenetic show ${campaign} ${drive.id}`, "Show it in full, with a picture"));
-  if (drive.outcome === "FAIL" && isNamed) parts.push(commandLine(`frenetic minimise ${campaign} ${drive.id}`, "Find the shortest road that fails like it"));
+  if (drive.outcome === "FAIL" && isNamed && drive.minimised === null) parts.push(commandLine(`frenetic minimise ${campaign} ${drive.id}`, "Find the shortest road that fails like it"));
   if (drive.minimised !== null) {
     const line = `frenetic drive ${joined(campaign, drive.minimised.file)}`;
     parts.unshift(commandLine(line, isNamed ? "Drive the minimised road again" : "Drive the minimised road, with the driver of your choice"));

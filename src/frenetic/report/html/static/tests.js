@@ -28,7 +28,7 @@ function drawTests(element) {
     const rows = all.filter(
       (test) =>
         (outcome.value === "" || test.outcome === outcome.value) &&
-        (number === "" || String(test.id).startsWith(number)),
+        (number === "" || String(test.id) === number),
     );
     const value = TEST_COLUMNS[sorted][1];
     const sign = isDown ? -1 : 1;
