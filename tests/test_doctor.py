@@ -8,19 +8,13 @@ from typing import Self
 import pytest
 
 from frenetic import doctor
-from frenetic.doctor import (
-    Check,
-    Examination,
-    Health,
-    drive_checks,
-    examine,
-    examine_all,
-)
+from frenetic.doctor import Examination, Health, examine, examine_all
 from frenetic.drivers import Driver
 from frenetic.errors import UnknownNameError
 from frenetic.registry import SIMULATORS, Registry
 from frenetic.road import Road
 from frenetic.simulators import Drive, EmbeddedSimulator
+from frenetic.simulators.checks import Check, drive_checks
 from frenetic.testing import DummyDriver, DummySimulator
 
 

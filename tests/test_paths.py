@@ -20,7 +20,8 @@ from frenetic import (
 )
 from frenetic.again.junit import write_junit
 from frenetic.again.rerun import rerun
-from frenetic.analysis import compare, find_campaigns, group_campaigns, measure_campaign
+from frenetic.analysis import compare, find_campaigns, measure_campaign
+from frenetic.analysis.groups import group_campaigns
 from frenetic.bench import Bench, Entrant, Terms, open_bench
 from frenetic.campaign import new_folder
 from frenetic.errors import FreneticError

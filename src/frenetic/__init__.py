@@ -55,58 +55,7 @@ if TYPE_CHECKING:
         Vehicle,
     )
 
-__getattr__ = lazy_names(
-    __name__,
-    {
-        "frenetic.campaign": (
-            "Budget",
-            "Campaign",
-            "CampaignStore",
-            "Summary",
-            "Test",
-            "evaluate",
-        ),
-        "frenetic.drivers": (
-            "BeamngAi",
-            "Camera",
-            "CameraDriver",
-            "Controls",
-            "Delayed",
-            "DriveSetup",
-            "Driver",
-            "LimitedView",
-            "Noisy",
-            "Observation",
-            "Planner",
-            "Stanley",
-        ),
-        "frenetic.errors": ("FreneticError",),
-        "frenetic.export": ("data_frame",),
-        "frenetic.oracle": ("Finding", "Result", "judge"),
-        "frenetic.outcome": ("Outcome",),
-        "frenetic.report": ("draw_drive", "draw_road"),
-        "frenetic.road": ("Pose", "Road", "Verdict", "check_validity"),
-        "frenetic.search": (
-            "Candidate",
-            "Evaluation",
-            "Frenetic",
-            "Frenetic2021",
-            "Origin",
-            "RandomSearch",
-            "Strategy",
-        ),
-        "frenetic.simulators": (
-            "Drive",
-            "EmbeddedSimulator",
-            "Motion",
-            "Rules",
-            "Simulator",
-            "SteppedSimulator",
-            "Trajectory",
-            "Vehicle",
-        ),
-    },
-)
+__getattr__ = lazy_names(__name__)
 
 __all__ = [
     "BeamngAi",

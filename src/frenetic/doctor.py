@@ -19,16 +19,6 @@ from frenetic.simulators.capabilities import capabilities, usual
 from frenetic.simulators.checks import Check, broken, drive_checks
 from frenetic.simulators.simulator import Simulator
 
-__all__ = [
-    "Check",
-    "Examination",
-    "Health",
-    "broken",
-    "drive_checks",
-    "examine",
-    "examine_all",
-]
-
 
 class Health(StrEnum):
     """State of a simulator."""

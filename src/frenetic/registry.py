@@ -22,7 +22,7 @@ from contextlib import redirect_stdout, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, Protocol, runtime_checkable
+from typing import Any, Final
 
 from frenetic._support.entry_points import Entry, installed
 from frenetic.criteria import QUANTITIES
@@ -34,18 +34,9 @@ _INSTALLED: Final = frozenset({"site-packages", "dist-packages"})
 _STANDARD: Final = tuple({sysconfig.get_path("stdlib"), sysconfig.get_path("platstdlib")})
 
 
-@runtime_checkable
-class Described(Protocol):
-    """A part that says with which options it was made."""
-
-    @property
-    def options(self) -> Mapping[str, Any]:
-        """Name -> value."""
-
-
 def options_of(part: object) -> Mapping[str, Any] | None:
     """The options that a part was made with; None if it does not say."""
-    options = part.options if isinstance(part, Described) else None
+    options = getattr(part, "options", None)
     return options if isinstance(options, Mapping) else None
 
 

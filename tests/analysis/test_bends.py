@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from frenetic.analysis import find_bends
+from frenetic.analysis.segments import find_bends
 
 PLACES = np.arange(0.0, 70.0, 10.0)
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from made_drives import departure, drive
 
-from frenetic.analysis import segment_of, segment_profile, segments_of
+from frenetic.analysis import segment_of, segments_of
+from frenetic.analysis.segments import segment_profile
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.outcome import Outcome
 from frenetic.road import Road

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from frenetic._support.arrays import FloatArray
-from frenetic.analysis import largest_distances, unlike_lines
+from frenetic.analysis.sparseness import largest_distances, unlike_lines
 
 Steps = Sequence[tuple[float, float]]
 

@@ -17,11 +17,12 @@ import pytest
 from bench_parts import Frail, Reluctant
 from pids import LIMIT, descendants, until_gone
 
-from frenetic.bench import Bench, End, Ending, Entrant, RunState, Terms
+from frenetic.bench import Bench, End, Entrant, RunState, Terms
 from frenetic.bench.bench import unusual_endings
 from frenetic.bench.generator import GeneratorProcess
 from frenetic.bench.results import write_results
 from frenetic.bench.runs import assignment
+from frenetic.bench.strategy import Ending
 from frenetic.campaign import CampaignStore
 from frenetic.campaign.check import check_campaign
 from frenetic.drivers import Planner

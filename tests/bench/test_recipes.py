@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from frenetic.bench import RECIPES, Bench, End, Recipe, Terms, find_recipe
+from frenetic.bench import RECIPES, Bench, End, Terms
+from frenetic.bench.recipes import Recipe, find_recipe
 from frenetic.drivers import Planner
 from frenetic.errors import FreneticError
 from frenetic.simulators import EmbeddedSimulator

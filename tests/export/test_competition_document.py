@@ -11,7 +11,8 @@ import pytest
 
 from frenetic._support.arrays import FloatArray
 from frenetic.drive import CarBody, Drive, Rules, Trajectory
-from frenetic.export import SimulationRecord, competition_document, simulation_records
+from frenetic.export import SimulationRecord
+from frenetic.export.competition import competition_document, simulation_records
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.road import Road, Verdict

@@ -12,34 +12,19 @@ from frenetic._support.public_names import lazy_names
 if TYPE_CHECKING:
     from frenetic.bench.bench import Bench
     from frenetic.bench.entrants import Entrant
-    from frenetic.bench.file import BenchFile, open_bench
-    from frenetic.bench.recipes import RECIPES, Recipe, find_recipe
-    from frenetic.bench.runs import Run, RunState, Terms
-    from frenetic.bench.strategy import End, Ending
+    from frenetic.bench.file import open_bench
+    from frenetic.bench.recipes import RECIPES
+    from frenetic.bench.runs import RunState, Terms
+    from frenetic.bench.strategy import End
 
-__getattr__ = lazy_names(
-    __name__,
-    {
-        "frenetic.bench.bench": ("Bench",),
-        "frenetic.bench.entrants": ("Entrant",),
-        "frenetic.bench.file": ("BenchFile", "open_bench"),
-        "frenetic.bench.recipes": ("RECIPES", "Recipe", "find_recipe"),
-        "frenetic.bench.runs": ("Run", "RunState", "Terms"),
-        "frenetic.bench.strategy": ("End", "Ending"),
-    },
-)
+__getattr__ = lazy_names(__name__)
 
 __all__ = [
     "RECIPES",
     "Bench",
-    "BenchFile",
     "End",
-    "Ending",
     "Entrant",
-    "Recipe",
-    "Run",
     "RunState",
     "Terms",
-    "find_recipe",
     "open_bench",
 ]

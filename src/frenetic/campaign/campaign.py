@@ -388,7 +388,7 @@ class Campaign(Shown):
         facts: dict[str, JSONValue] = {SOURCES: self._sources(), STARTED_IN: str(Path.cwd())}
         facts |= fact_of(taken)
         made = CampaignStore.create(self.folder, self.configuration(), facts)
-        with self.strategy, made as store:
+        with made as store:
             summary = Summary(seed=self.seed, folder=self.folder)
             start(self.strategy, read_earlier(store), summary)
             return self._search(LogEvent.STARTED, store, summary, {}, limit, on_event)
@@ -422,7 +422,7 @@ class Campaign(Shown):
         on_event: Callable[[Event], object] | None,
     ) -> Summary:
         """Searches on after an earlier `run` or `resume` of this object."""
-        with self.strategy, CampaignStore.open(self.folder, readonly=False) as store:
+        with CampaignStore.open(self.folder, readonly=False) as store:
             if sum(store.by_outcome().values()) != summary.told:
                 raise CampaignError(
                     f"{self.folder} was written by another process since: resume() a campaign with"
@@ -470,12 +470,11 @@ class Campaign(Shown):
                 self.lookahead = theirs
             self._check_same(store, self.configuration())
             store.require_sound()
-            with self.strategy:
-                summary, outstanding = replay(
-                    store, self.strategy, self.budget, self.objective, earlier=taken
-                )
-                summary.seed, summary.folder = self.seed, self.folder
-                return self._search(LogEvent.RESUMED, store, summary, outstanding, None, on_event)
+            summary, outstanding = replay(
+                store, self.strategy, self.budget, self.objective, earlier=taken
+            )
+            summary.seed, summary.folder = self.seed, self.folder
+            return self._search(LogEvent.RESUMED, store, summary, outstanding, None, on_event)
 
     def _is_interruption(self, error: BaseException) -> bool:
         """Whether an error of a search comes of Ctrl-C."""

@@ -11,7 +11,6 @@ import re
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -34,51 +33,34 @@ _CHOICES: Final = (
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
-@dataclass(frozen=True)
-class Row:
-    """A command of the table."""
-
-    target: str
-    """``module:name`` in this package, imported when the command is used."""
-    summary: str
-    """Its summary, in one sentence."""
-
-
 COMMANDS: Final = {
-    "init": Row("init:init", "Write a driver file with a test, ready to edit."),
-    "run": Row("run:run", "Search for roads on which a driver fails."),
-    "ask-tell": Row("ask_tell:ask_tell", "Search for a simulator of your own, in any language."),
-    "resume": Row(
-        "resume:resume", "Go on with a campaign that was interrupted or is to be extended."
-    ),
-    "show": Row("show:show", "Look at a campaign, while it runs or later, or at one of its tests."),
-    "report": Row("report:report", "Write a campaign's report: one HTML file."),
-    "check": Row(
-        "check:check", "Check that a campaign's database is sound, and say what it holds."
-    ),
-    "export": Row("export:export", "Write a campaign or roads for other tools: tables, OpenDRIVE."),
-    "rerun": Row(
-        "rerun:rerun", "Drive failures again: as before, otherwise, elsewhere, by another driver."
-    ),
-    "minimise": Row(
-        "minimise:minimise", "Reduce failing roads to the shortest and plainest that still fail."
-    ),
-    "estimate": Row("estimate:estimate", "Say how often a driver fails in a domain, per 1,000 km."),
-    "compare": Row("compare:compare", "Compare groups of campaigns, or two versions of a driver."),
-    "drive": Row("drive:drive", "Drive a road from a file, or of a campaign."),
-    "list": Row("list:list_parts", "List drivers, strategies, simulators, quantities."),
-    "doctor": Row("doctor:doctor", "Say whether the simulators work here."),
+    "init": "init:init",
+    "run": "run:run",
+    "ask-tell": "ask_tell:ask_tell",
+    "resume": "resume:resume",
+    "show": "show:show",
+    "report": "report:report",
+    "check": "check:check",
+    "export": "export:export",
+    "rerun": "rerun:rerun",
+    "minimise": "minimise:minimise",
+    "estimate": "estimate:estimate",
+    "compare": "compare:compare",
+    "drive": "drive:drive",
+    "list": "list:list_parts",
+    "doctor": "doctor:doctor",
 }
-"""Name -> the command."""
+"""Name -> ``module:function`` in this package."""
 
 
-def _guests() -> dict[str, str]:
-    """The commands of other packages, and of our own that the core does without."""
-    return {entry.name: entry.target for entry in installed("frenetic.commands")}
+def _commands() -> dict[str, str]:
+    """Name -> ``module:function`` of our commands, and of guests' and other packages'."""
+    theirs = {entry.name: entry.target for entry in installed("frenetic.commands")}
+    return theirs | {name: f"{__name__}.{target}" for name, target in COMMANDS.items()}
 
 
 def _summary(target: str) -> str:
-    """The first line of a guest's command: its source is read, since importing it takes long."""
+    """The first line of a command: its source is read, since importing it takes long."""
     module, _, name = target.partition(":")
     with suppress(ImportError, OSError, ValueError):  # a broken package
         spec = find_spec(module)
@@ -92,13 +74,12 @@ class CommandTable(click.Group):
     """A group whose commands are imported when they are used."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002  # click's
-        """Their names: our own, and those of guests and other packages."""
-        return sorted({*COMMANDS, *_guests()})
+        """Their names."""
+        return sorted(_commands())
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
         """The command of a name; None if there is none."""
-        row = COMMANDS.get(cmd_name)
-        target = f"{__name__}.{row.target}" if row is not None else _guests().get(cmd_name)
+        target = _commands().get(cmd_name)
         if target is None:
             return None
         module, _, name = target.partition(":")
@@ -120,8 +101,7 @@ class CommandTable(click.Group):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         """Writes the summary of each, without importing them."""
-        summaries = {name: row.summary for name, row in COMMANDS.items()}
-        summaries |= {name: _summary(target) for name, target in _guests().items()}
+        summaries = {name: _summary(target) for name, target in _commands().items()}
         with formatter.section("Commands"):
             formatter.write_dl(sorted(summaries.items()))
 

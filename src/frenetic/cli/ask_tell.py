@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from frenetic.cli.options import Duration, as_usage_error, folder_option
+from frenetic.cli.options import DURATION, as_usage_error, folder_option
 from frenetic.cli.parts import map_size_option, odd_option, part_choice
 from frenetic.spec import Budget, Part, Spec
 
@@ -24,7 +24,7 @@ DEFAULT_SIMULATIONS = 1000
 
 @click.command(name="ask-tell")
 @click.option("--simulations", type=int, metavar="N", help="Stop after N drives. [default: 1000]")
-@click.option("--time", "seconds", type=Duration(), help="Stop after this time: 90s, 10m, 1h30m.")
+@click.option("--time", "seconds", type=DURATION, help="Stop after this time: 90s, 10m, 1h30m.")
 @click.option("--failures", type=int, metavar="N", help="Stop after N failures.")
 @part_choice("strategy", "How to search ('frenetic list strategies'). [default: frenetic]")
 @click.option("--name", default="told", show_default=True, help="What drives, for the record.")

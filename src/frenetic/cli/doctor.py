@@ -13,7 +13,8 @@ from frenetic.cli.options import as_usage_error, json_option
 from frenetic.cli.parts import part_choice
 
 if TYPE_CHECKING:
-    from frenetic.doctor import Check, Examination
+    from frenetic.doctor import Examination
+    from frenetic.simulators.checks import Check
 
 
 @click.command()

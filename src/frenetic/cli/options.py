@@ -33,53 +33,46 @@ def with_options(options: Sequence[Decorator], command: Callable[P, R]) -> Calla
     return command
 
 
-class Workers(click.ParamType):  # type: ignore[type-arg]
-    """A number of workers, or the address of a Dask scheduler."""
+class Read(click.ParamType):  # type: ignore[type-arg]  # generic in click's newest only
+    """What a function reads from a text; what it raises is a user's mistake.
 
-    name = "n|address"
+    Args:
+        name: of such a text.
+        function: raises `ValueError` or `FreneticError`.
+    """
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> int | str:
-        """The number or the address."""
-        text = str(value)
-        if text.lstrip("-").isdigit():
-            return WORKERS.convert(int(text), param, ctx)
-        if ":" not in text:
-            self.fail(
-                f"{text!r} is neither a number nor the address of a Dask scheduler, such as"
-                " tcp://10.0.0.1:8786",
-                param,
-                ctx,
-            )
-        return text
+    def __init__(self, name: str, function: Callable[[str], Any]) -> None:
+        self.name = name
+        self.function = function
 
-
-class Duration(click.ParamType):  # type: ignore[type-arg]  # generic in click's newest only
-    """A time such as 90, 90s, 10m or 1h30m."""
-
-    name = "time"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
-        """Seconds."""
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """What it reads."""
         try:
-            return parse_duration(value)
-        except ValueError as error:
+            return self.function(value)
+        except (ValueError, FreneticError) as error:
             self.fail(str(error), param, ctx)
 
 
-class Folder(click.ParamType):  # type: ignore[type-arg]
-    """A folder, which need not exist."""
+DURATION: Final = Read("time", parse_duration)
+"""Type of a time such as 90, 90s, 10m or 1h30m, in s."""
 
-    name = "folder"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Its path."""
-        if not str(value):
-            self.fail("an empty name; write . for the current folder", param, ctx)
-        return Path(value)
+def read_workers(text: str) -> int | str:
+    """A number of workers, or the address of a Dask scheduler."""
+    if text.lstrip("-").isdigit():
+        return WORKERS.convert(int(text), None, None)
+    if ":" not in text:
+        raise ValueError(
+            f"{text!r} is neither a number nor the address of a Dask scheduler, such as"
+            " tcp://10.0.0.1:8786"
+        )
+    return text
+
+
+def _read_folder(text: str) -> Path:
+    if not str(text):
+        raise ValueError("an empty name; write . for the current folder")
+    return Path(text)
 
 
 class NewFile(click.Path):
@@ -130,35 +123,28 @@ class AskedRange:
     """None if only the name was given."""
 
 
-class Range(click.ParamType):  # type: ignore[type-arg]
-    """NAME=LOW:HIGH, NAME=VALUE or NAME.
+def ranges(example: str, *, values: bool = True) -> Read:
+    """The type of NAME=LOW:HIGH, NAME=VALUE or NAME.
 
     Args:
         example: of a range, for the message about a mistake.
         values: whether NAME=VALUE is one.
     """
 
-    name = "name=low:high"
-
-    def __init__(self, example: str, *, values: bool = True) -> None:
-        self.example = example
-        self.values = values
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> AskedRange:
-        """The quantity and its range."""
-        name, equals, text = str(value).partition("=")
+    def read(given: str) -> AskedRange:
+        name, equals, text = given.partition("=")
         if not equals:
             return AskedRange(name.strip(), None)
         low, colon, high = text.partition(":")
         try:
-            limits = float(low), float(low if self.values and not colon else high)
+            limits = float(low), float(low if values and not colon else high)
         except ValueError:
             limits = math.nan, math.nan
         if not all(map(math.isfinite, limits)):
-            self.fail(f"{value!r} is not NAME=LOW:HIGH, as in {self.example}", param, ctx)
+            raise ValueError(f"{given!r} is not NAME=LOW:HIGH, as in {example}")
         return AskedRange(name.strip(), limits)
+
+    return Read("name=low:high", read)
 
 
 def file_option(name: str, help: str, **more: Any) -> Decorator:  # noqa: A002
@@ -169,7 +155,7 @@ def file_option(name: str, help: str, **more: Any) -> Decorator:  # noqa: A002
 
 def folder_option(help: str) -> Decorator:  # noqa: A002
     """The option for the folder of results."""
-    return click.option("--out", type=Folder(), metavar="DIR", help=help)
+    return click.option("--out", type=Read("folder", _read_folder), metavar="DIR", help=help)
 
 
 def count_option(

@@ -13,8 +13,7 @@ from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
 from frenetic._support.words import read_part
-from frenetic.cli.options import Decorator, with_options
-from frenetic.errors import FreneticError
+from frenetic.cli.options import Decorator, Read, with_options
 from frenetic.quantities import quantities, quantity
 from frenetic.registry import SIMULATORS
 from frenetic.spec import Part, Spec, drive_options, usual_of
@@ -82,49 +81,28 @@ def part_choice(kind: str, help: str) -> Decorator:  # noqa: A002
     )
 
 
-class Amount(click.ParamType):  # type: ignore[type-arg]  # generic in click's newest only
-    """NAME=VALUE for a quantity."""
-
-    name = "name=value"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, float]:
-        """(name, amount)."""
-        name, equals, text = (part.strip() for part in str(value).partition("="))
-        row = quantity(name)
-        try:
-            amount = float(text) if equals else math.nan
-        except ValueError:
-            amount = math.nan
-        if math.isnan(amount):
-            self.fail(f"{value!r} is not NAME=VALUE, as in {name}={row.usual[1]:g}", param, ctx)
-        try:
-            return name, amount if amount == row.nothing else row.require(amount)
-        except ValueError as error:
-            self.fail(str(error), param, ctx)
+def _read_amount(given: str) -> tuple[str, float]:
+    """(name, amount) of a quantity, from NAME=VALUE."""
+    name, equals, text = (part.strip() for part in given.partition("="))
+    row = quantity(name)
+    try:
+        amount = float(text) if equals else math.nan
+    except ValueError:
+        amount = math.nan
+    if math.isnan(amount):
+        raise ValueError(f"{given!r} is not NAME=VALUE, as in {name}={row.usual[1]:g}")
+    return name, amount if amount == row.nothing else row.require(amount)
 
 
-class Read(click.ParamType):  # type: ignore[type-arg]  # generic in click's newest only
-    """What a function of `frenetic.drive_entries` reads from a text.
+def _entry(name: str, function: str) -> Read:
+    """The type of what a function of `frenetic.drive_entries` reads."""
 
-    Args:
-        name: of such a text.
-        function: its name, since that module is too slow for help.
-    """
-
-    def __init__(self, name: str, function: str) -> None:
-        self.name = name
-        self.function = function
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """What it reads."""
+    def read(text: str) -> Any:
         from frenetic import drive_entries  # too slow for help
 
-        try:
-            return getattr(drive_entries, self.function)(value)
-        except (ValueError, FreneticError) as error:
-            self.fail(str(error), param, ctx)
+        return getattr(drive_entries, function)(text)
+
+    return Read(name, read)
 
 
 def _give_rules(ctx: click.Context, _: click.Parameter, rules: dict[str, Any] | None) -> None:
@@ -135,14 +113,14 @@ def _give_rules(ctx: click.Context, _: click.Parameter, rules: dict[str, Any] | 
 roads_option: Final = click.option(
     "--roads",
     "road_class",
-    type=Read("class", "read_class"),
+    type=_entry("class", "read_class"),
     help="Roads that may exist: rural-80, say, or FILE.toml ('frenetic list roads')."
     " [default: competition]",
 )
 odd_option: Final = click.option(
     "--odd",
     "domain",
-    type=Read("file", "read_domain"),
+    type=_entry("file", "read_domain"),
     metavar="FILE",
     help="Domain (TOML, OpenODD): roads, conditions to search.",
 )
@@ -152,7 +130,7 @@ map_size_option: Final = click.option(
 criteria_option: Final = click.option(
     "--criteria",
     "rules",
-    type=Read("profile", "read_rules"),
+    type=_entry("profile", "read_rules"),
     expose_value=False,
     callback=_give_rules,
     help="What fails beside leaving the lane, or FILE.toml ('frenetic list criteria'). With rules:"
@@ -180,7 +158,7 @@ def part_options(command: Callable[P, R]) -> Callable[P, R]:
         click.option(
             "--with",
             "layers",
-            type=Amount(),
+            type=Read("name=value", _read_amount),
             multiple=True,
             help="A condition: delay=0.1, friction=0.5; may be repeated ('frenetic list"
             " quantities').",

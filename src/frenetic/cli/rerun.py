@@ -21,11 +21,11 @@ from frenetic.cli.console import Log, print_table, shell, two_digits
 from frenetic.cli.options import (
     AskedRange,
     NewFile,
-    Range,
     campaign_argument,
     count_option,
     file_option,
     json_option,
+    ranges,
     workers_option,
 )
 from frenetic.cli.parts import given_options, given_quantities, part_options
@@ -63,7 +63,7 @@ def variation(asked: AskedRange, simulator: Simulator, layers: Mapping[str, floa
 @click.option(
     "--vary",
     "asked",
-    type=Range("friction=0.8:1.0"),
+    type=ranges("friction=0.8:1.0"),
     multiple=True,
     help="What differs between the drives, as in --vary friction=0.8:1.0; a name alone means"
     " its usual range ('frenetic list quantities'), around a test's own amount. May be repeated.",

@@ -11,7 +11,7 @@ import click
 from frenetic._support.words import counted
 from frenetic.cli.console import shell
 from frenetic.cli.options import (
-    Duration,
+    DURATION,
     as_usage_error,
     campaign_argument,
     json_option,
@@ -31,7 +31,7 @@ from frenetic.spec import Budget, Spec
 @click.command()
 @campaign_argument
 @click.option("--simulations", type=int, metavar="N", help="N more drives.")
-@click.option("--time", "seconds", type=Duration(), help="This much more time: 90s, 10m, 1h30m.")
+@click.option("--time", "seconds", type=DURATION, help="This much more time: 90s, 10m, 1h30m.")
 @click.option("--failures", type=int, metavar="N", help="N more failures.")
 @workers_option
 @place_option

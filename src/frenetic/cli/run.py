@@ -10,7 +10,7 @@ from typing import Any, Final
 import click
 
 from frenetic.cli.options import (
-    Duration,
+    DURATION,
     as_usage_error,
     folder_option,
     json_option,
@@ -37,7 +37,7 @@ DEFAULT_SIMULATIONS: Final = 1000
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path), required=False, metavar="[FILE.toml]")
 @click.option("--simulations", type=int, metavar="N", help="Stop after N drives. [default: 1000]")
-@click.option("--time", type=Duration(), help="Stop after this time: 90s, 10m, 1h30m.")
+@click.option("--time", type=DURATION, help="Stop after this time: 90s, 10m, 1h30m.")
 @click.option("--failures", type=int, metavar="N", help="Stop after N failures.")
 @part_choice("strategy", "How to search ('frenetic list strategies'). [default: frenetic]")
 @roads_option

@@ -23,7 +23,7 @@ from frenetic.cli.console import (
     print_failures,
     shell,
 )
-from frenetic.cli.options import Workers, as_usage_error
+from frenetic.cli.options import Read, as_usage_error, read_workers
 from frenetic.errors import BrokenDriverError, CampaignError, FreneticError
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ LEAST_TIME: Final = 30.0
 
 workers_option = click.option(
     "--workers",
-    type=Workers(),
+    type=Read("n|address", read_workers),
     help="Drive on N roads at once, or on a Dask cluster, tcp://10.0.0.1:8786."
     " [default: the cores, or 1]",
 )

@@ -25,11 +25,11 @@ from frenetic.cli.console import (
 )
 from frenetic.cli.options import (
     AskedRange,
-    Range,
     as_usage_error,
     campaign_argument,
     count_option,
     json_option,
+    ranges,
 )
 from frenetic.errors import FreneticError
 from frenetic.outcome import Outcome
@@ -62,7 +62,7 @@ LISTED_TESTS: Final = 20
 @click.option(
     "--feature",
     "features",
-    type=Range("max_curvature=0.05:0.07", values=False),
+    type=ranges("max_curvature=0.05:0.07", values=False),
     multiple=True,
     help="List the tests with a feature or condition in a range, as in max_curvature=0.05:0.07 or"
     " friction=0.3:0.5, or show its values: friction; may be repeated.",

@@ -34,19 +34,4 @@ __all__ = [
     "Stanley",
 ]
 
-__getattr__ = lazy_names(
-    __name__,
-    {
-        "frenetic.drivers.builtin": ("BeamngAi", "Planner", "SpeedPlan", "Stanley"),
-        "frenetic.drivers.camera": ("Camera",),
-        "frenetic.drivers.driver": (
-            "CameraDriver",
-            "Controls",
-            "Driver",
-            "DriveSetup",
-            "Observation",
-        ),
-        "frenetic.drivers.lane": ("Lane",),
-        "frenetic.drivers.layers": ("Delayed", "LimitedView", "Noisy"),
-    },
-)
+__getattr__ = lazy_names(__name__)

@@ -15,15 +15,7 @@ if TYPE_CHECKING:
     from frenetic.report.picture import draw_drive, draw_gallery, draw_road
     from frenetic.report.plots import plot, plot_progress
 
-__getattr__ = lazy_names(
-    __name__,
-    {
-        "frenetic.report.html": ("write_comparison_page", "write_report"),
-        "frenetic.report.html.replay": ("Replay", "animate"),
-        "frenetic.report.picture": ("draw_drive", "draw_gallery", "draw_road"),
-        "frenetic.report.plots": ("plot", "plot_progress"),
-    },
-)
+__getattr__ = lazy_names(__name__)
 
 __all__ = [
     "Replay",

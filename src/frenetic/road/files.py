@@ -249,16 +249,15 @@ class FoundRoads:
     """JSON and OpenDRIVE files within folders that hold none, each in one line."""
 
 
-def find_roads(places: Iterable[Path | str], *, lane: int | None = None) -> FoundRoads:
+def find_roads(places: Iterable[Path | str]) -> FoundRoads:
     """The roads in files, see `read_road`, and in folders.
 
     In a folder every file that ends in .json or .xodr is read, and in the folders below it. What
-    holds no road, or not the lane, is skipped there, since folders hold other files, too. Of a map
+    holds no road is skipped there, since folders hold other files, too. Of a map
     (.xodr) each road counts that is not within a junction and can be read.
 
     Args:
         places: files and folders.
-        lane: OpenDRIVE only, id of the lane to drive on.
 
     Raises:
         RoadError: no file holds a road, or a folder cannot be read.
@@ -270,12 +269,11 @@ def find_roads(places: Iterable[Path | str], *, lane: int | None = None) -> Foun
     for place in map(Path, places):
         is_folder = place.is_dir()
         for path in _files_in(place) if is_folder else [place]:
-            chosen = lane if not is_folder or path.suffix.lower() == ".xodr" else None
             try:
                 if path.suffix.lower() == ".xodr":
-                    skipped += _add_map(roads, path, chosen)
+                    skipped += _add_map(roads, path)
                 else:
-                    roads[str(path)] = read_road(path, lane=chosen).road()
+                    roads[str(path)] = read_road(path).road()
             except RoadError as error:
                 (skipped if is_folder else faults).append(str(error))
     if not roads:
@@ -288,7 +286,7 @@ def find_roads(places: Iterable[Path | str], *, lane: int | None = None) -> Foun
     return FoundRoads(roads, tuple(faults), tuple(skipped))
 
 
-def _add_map(roads: dict[str, Road], path: Path, lane: int | None) -> list[str]:
+def _add_map(roads: dict[str, Road], path: Path) -> list[str]:
     """Adds the roads of an OpenDRIVE file outside junctions; gives what cannot be read, in words.
 
     Raises:
@@ -299,12 +297,12 @@ def _add_map(roads: dict[str, Road], path: Path, lane: int | None) -> list[str]:
         road_map = RoadMap(_load(path))
         lengths = road_map.lengths
         if len(lengths) < 2:
-            roads[str(path)] = road_map.road(lane=lane)
+            roads[str(path)] = road_map.road()
             return skipped
     for road_id in lengths:
         try:
             with _naming(path, _OPENDRIVE):
-                road = road_map.road(road_id, lane=lane)
+                road = road_map.road(road_id)
         except RoadError as error:
             skipped.append(f"{error} (road {road_id})")
         else:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from frenetic.search.frenetic import Frenetic
 from frenetic.search.frenetic_2021 import Frenetic2021
 from frenetic.search.random_search import RandomSearch
-from frenetic.search.records import Candidate, Evaluation, Origin, Source, Trace
+from frenetic.search.records import Candidate, Evaluation, Origin, Trace
 from frenetic.search.strategy import (
     SearchEnded,
     Strategy,
@@ -19,7 +19,6 @@ __all__ = [
     "Origin",
     "RandomSearch",
     "SearchEnded",
-    "Source",
     "Strategy",
     "Trace",
 ]

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import check
@@ -92,18 +91,6 @@ class Strategy(ABC):
         The campaign stores them; reports and `frenetic show` print them as they are.
         """
         return {}
-
-    def __enter__(self) -> Self:
-        """Take what the search needs while a campaign runs, such as a process."""
-        return self
-
-    def __exit__(  # noqa: B027 - most have taken nothing
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Give it back."""
 
     def is_wanted(self, candidate: Candidate) -> bool:  # noqa: ARG002
         """Return whether a candidate that was asked and not yet told is still worth a drive.

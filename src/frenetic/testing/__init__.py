@@ -31,14 +31,4 @@ __all__ = [
 ]
 
 # Imported when they are used: pytest loads this package, with the plug-in, in every session.
-__getattr__ = lazy_names(
-    __name__,
-    {
-        "frenetic.testing.driver_contract": ("DriverContract",),
-        "frenetic.testing.dummy": ("DummyDriver", "DummySimulator", "converse"),
-        "frenetic.testing.keeping": ("keeps_lane",),
-        "frenetic.testing.simulator_contract": ("SimulatorContract",),
-        "frenetic.testing.strategy_contract": ("StrategyContract",),
-        "frenetic.testing.tracker_contract": ("TrackerContract",),
-    },
-)
+__getattr__ = lazy_names(__name__)

@@ -14,13 +14,6 @@ if TYPE_CHECKING:
     from frenetic.twin.profile import Profile
     from frenetic.twin.ranking import Prospect, Twin, rank
 
-__getattr__ = lazy_names(
-    __name__,
-    {
-        "frenetic.twin.foresight": ("foresight",),
-        "frenetic.twin.profile": ("Profile",),
-        "frenetic.twin.ranking": ("Prospect", "Twin", "rank"),
-    },
-)
+__getattr__ = lazy_names(__name__)
 
 __all__ = ["Profile", "Prospect", "Twin", "foresight", "rank"]

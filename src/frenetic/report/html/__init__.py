@@ -17,7 +17,7 @@ existing kinds::
 """
 
 from frenetic.report.html.campaign import REPORT, campaign_report, write_report
-from frenetic.report.html.comparison import comparison_report, write_comparison_page
+from frenetic.report.html.comparison import write_comparison_page
 from frenetic.report.html.page import (
     Chart,
     Facts,
@@ -42,7 +42,6 @@ __all__ = [
     "Series",
     "Table",
     "campaign_report",
-    "comparison_report",
     "render",
     "write_comparison_page",
     "write_page",

@@ -15,10 +15,4 @@ if TYPE_CHECKING:
 
 __all__ = ["METADATA", "PRESETS", "Convention", "Dave2", "Network"]
 
-__getattr__ = lazy_names(
-    __name__,
-    {
-        "frenetic.vision.neural.convention": ("METADATA", "PRESETS", "Convention"),
-        "frenetic.vision.neural.network": ("Dave2", "Network"),
-    },
-)
+__getattr__ = lazy_names(__name__)
