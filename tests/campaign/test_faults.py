@@ -202,13 +202,15 @@ def test_ctrl_c_finishes_what_runs(tmp_path: Path, marks: Marks) -> None:
 def test_ctrl_c_twice_leaves_at_once_and_loses_nothing(tmp_path: Path, marks: Marks) -> None:
     with Running(tmp_path, marks, "after=5", "deed=start_process") as running:
         running.until_marks("driving")
-        running.until(lambda: stored(running.folder) == 5, "five results")
         running.until_marks("pid", 4)  # with those that the drivers started
+        # Five, but for those that were asked after the road on which a slow starter waits.
+        before = stored(running.folder)
         running.press_ctrl_c()
         running.press_ctrl_c(until_noticed=False)
         running.ends()
-    assert "Interrupted: 5 simulations" in running.out.read_text()
-    assert stored(running.folder) == 5
+    told = stored(running.folder)
+    assert before <= told <= 5
+    assert f"Interrupted: {told} simulation" in running.out.read_text()
 
 
 @posix_only
@@ -256,12 +258,12 @@ def test_workers_of_a_killed_campaign_end_with_all_they_started(
     """On Linux also those that are held by compiled code."""
     with Running(tmp_path, marks, "after=4", "deed=start_process_and_hang") as running:
         running.until_marks("driving")
-        running.until(lambda: stored(running.folder) == 4, "four results")
         running.until_marks("pid", 4)
+        before = stored(running.folder)
         assert all(is_running(pid) for pid in marks.pids())
         running.process.kill()
         running.ends(-signal.SIGKILL)
-    assert stored(running.folder) == 4
+    assert before <= stored(running.folder) <= 4
 
 
 @pytest.mark.parametrize("statement", range(1, 12))
