@@ -533,3 +533,5 @@ def test_strategies_of_ones_own_take_part_and_one_that_raises_gives_up(tmp_path:
     assert endings["broken"] is not None
     assert endings["broken"].end is End.GAVE_UP
     assert "the strategy raised KeyError: 'pool'" in endings["broken"].detail
+    compared = bench_of(tmp_path / "b", own, broken).comparison()
+    assert [one.is_finished for one in compared.groups["broken"]] == [False]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import pickle
 import signal
+import sys
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -115,6 +116,32 @@ def test_campaign_that_only_proposes_refused_roads_gives_up(
     monkeypatch.setattr("frenetic.campaign.loop.MAX_INVALID_IN_A_ROW", 25)
     with refused(r"last 25 roads were refused.*self-intersecting; 25 results"):
         scripted(tmp_path, Budget(simulations=1), strategy=Scripted(LOOP)).run()
+
+
+def test_campaign_whose_strategy_wants_none_of_its_roads_gives_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Fickle(Scripted):
+        def is_wanted(self, candidate: Candidate) -> bool:
+            return False
+
+    monkeypatch.setattr("frenetic.campaign.loop.MAX_INVALID_IN_A_ROW", 25)
+    with refused(r"last 25 roads were refused.*not wanted any more"):
+        scripted(tmp_path, Budget(simulations=1), strategy=Fickle(STRAIGHT)).run()
+
+
+@pytest.mark.parametrize("where", ["ask", "notice"])
+def test_a_strategy_does_not_end_the_program(tmp_path: Path, where: str) -> None:
+    class Leaving(Scripted):
+        def ask(self) -> Candidate:
+            return sys.exit(3) if where == "ask" else super().ask()
+
+        @property
+        def notice(self) -> str | None:
+            return sys.exit(3) if where == "notice" else None
+
+    with refused("the strategy raised SystemExit: 3"):
+        scripted(tmp_path, Budget(simulations=2), strategy=Leaving(STRAIGHT)).run()
 
 
 def test_new_folder_is_new(tmp_path: Path) -> None:
@@ -326,6 +353,8 @@ RAISED = r"the strategy raised KeyError: 'out of\nideas'"
                 ({"origin": Origin(None)}, "candidate 4 with the operator None: a text"),  # type: ignore[arg-type]
                 ({"origin": Origin("a", ("b",))}, "candidate 4 with the parents ('b',): "),  # type: ignore[arg-type]
                 ({"origin": Origin("a", (), -1)}, "candidate 4 with the generation -1: a whole"),
+                ({"notes": {"a": np.nan}}, "candidate 4 with the notes {'a': nan}: names with"),
+                ({"notes": {"a": {1}}}, "candidate 4 with the notes {'a': {1}}: names with"),
             ]
         ),
     ],

@@ -125,7 +125,22 @@ def test_what_cannot_be_used_is_answered_and_changes_nothing(tmp_path: Path) -> 
             "lists of one length",
         ),
         ({"drive": {}}, "unknown request 'drive'"),
-        ({"ask": {}, "tell": {}}, "too many values"),
+        (
+            {
+                "tell": told
+                | {"records": {"time": [2, 1], "x": [0, 0], "y": [0, 0], "speed": [0, 0]}}
+            },
+            "the time of records has to increase",
+        ),
+        (
+            {"tell": told | {"records": {"time": [0], "x": [1e300], "y": [0], "speed": [0]}}},
+            "x of record 0 is 1e+300",
+        ),
+        ({"tell": told | {"side": "left"}}, "needs the place"),
+        ({"ask": {}, "tell": {}}, "an object with one entry"),
+        ({}, "an object with one entry"),
+        ({"ask": 1}, "Expected `object`"),
+        ({"validate": {}}, "missing required field `points`"),
         ({"validate": {"points": [[0.0]]}}, "`array` of length 2"),
     ):
         answer = client.call(**request)
@@ -175,6 +190,24 @@ def test_killed_it_goes_on_with_the_same_roads(tmp_path: Path) -> None:
             client.tell(answer["candidate"])
         client.kill()
     assert roads["part"] == roads["whole"]
+
+
+def test_what_was_told_before_an_older_road_survives_a_kill(tmp_path: Path) -> None:
+    folder, options = tmp_path / "told", ("--seed", "5", "--simulations", "20")
+    client = Client(folder, *options)
+    oldest, *others = [client.road() for _ in range(3)]
+    for road in others:
+        assert client.tell(road)["told"] == road["id"]
+    client.kill()
+    client = Client(folder, *options)
+    assert client.road() == oldest, "handed out again, and it alone"
+    client.tell(oldest)
+    assert client.road()["id"] == 4
+    assert client.end()["simulations"] == 3
+    with CampaignStore.open(folder) as store:
+        moobds = {test.id: test.moobd for test in store.tests()}
+    assert moobds == {one["id"]: made_up(one)["moobd"] for one in (oldest, *others)}
+    assert not [*(folder / "told").iterdir()]
 
 
 class OneByOne(Strategy):

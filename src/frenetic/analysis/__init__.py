@@ -1,7 +1,7 @@
 """The meaning of a campaign's tests, one by one and together."""
 
 from frenetic.analysis.comparison import Comparison, compare
-from frenetic.analysis.competition import competition_segment
+from frenetic.analysis.competition import competition_segment, failure_segment
 from frenetic.analysis.coverage import DomainCoverage, domain_coverage
 from frenetic.analysis.failures import (
     Cluster,
@@ -15,6 +15,7 @@ from frenetic.analysis.features import FEATURES, Features, features_of
 from frenetic.analysis.groups import find_campaigns
 from frenetic.analysis.metrics import CampaignMeasures, measure_campaign
 from frenetic.analysis.segments import Segment, segment_of, segments_of
+from frenetic.analysis.sparseness import unlike_lines
 
 __all__ = [
     "FEATURES",
@@ -30,6 +31,7 @@ __all__ = [
     "compare",
     "competition_segment",
     "domain_coverage",
+    "failure_segment",
     "failures_of",
     "features_of",
     "find_campaigns",
@@ -37,4 +39,5 @@ __all__ = [
     "nearest_misses",
     "segment_of",
     "segments_of",
+    "unlike_lines",
 ]

@@ -395,11 +395,15 @@ def verdict(comparison: Comparison) -> str:
 
 
 def pair_rows(measures: Iterable[MeasureComparison]) -> Iterator[tuple[str, str, str, str, str]]:
-    """Pairs of groups: the measure once, what can be said, A12, effect, p after correction."""
+    """Pairs of groups: the measure once, what can be said, A12, effect, p after correction.
+
+    A12 is that of the group that is named first in what is said.
+    """
     for by in measures:
         for i, pair in enumerate(by.pairs):
             effect, p = (pair.magnitude, p_text(pair.p_corrected)) if pair.is_told else ("–", "–")
-            yield "" if i else by.measure.title, by.said(pair), f"{pair.a12:.2f}", effect, p
+            a12 = 1.0 - pair.a12 if pair.better == pair.second else pair.a12
+            yield "" if i else by.measure.title, by.said(pair), f"{a12:.2f}", effect, p
 
 
 def in_short(names: Sequence[str], most: int = 3) -> str:

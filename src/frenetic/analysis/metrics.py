@@ -241,18 +241,18 @@ def measure_campaign(folder: Path | str) -> CampaignMeasures:
             roads.append(test.road.sample(ROAD_SPACING))
             if (cut := failure_segment(test)) is not None:
                 cuts.append(cut)
-        facts, seed = store.facts, store.config.get("seed")
+        config, facts = store.config, store.facts
     clusters = cluster_failures(failures)
     distances = largest_distances([cuts[i] for i in evenly(len(cuts), MOST_COMPARED)])
     return CampaignMeasures(
         folder=Path(folder),
-        seed=seed,
+        seed=config.get("seed"),
         counts=counts,
         failures_after=np.array(found, dtype=np.int64),
         distinct_after=_curve(
             (min(map(found_at.__getitem__, c.ids)) for c in clusters), len(found)
         ),
-        is_finished=_is_finished(facts, len(found) - 1),
+        is_finished=_is_finished({"budget": config.get("budget"), **facts}, len(found) - 1),
         cells=len(cells),
         unlike_roads=unlike_lines(roads),
         competition_sparseness=float(distances.mean()) if len(distances) else -math.inf,

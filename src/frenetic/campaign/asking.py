@@ -137,6 +137,10 @@ def _fault_of(candidate: Any) -> str:
         return f"the parents {shown(origin.parents)}: a tuple of ids is needed"
     if not _is_whole(origin.generation, 0):
         return f"the generation {shown(origin.generation)}: a whole number from 0 is needed"
+    try:
+        json.dumps(dict(candidate.notes), default=plain, allow_nan=False)
+    except (TypeError, ValueError):
+        return f"the notes {shown(candidate.notes)}: names with plain values are needed"
     return ""
 
 
@@ -153,6 +157,18 @@ def tell(strategy: Strategy, evaluation: Evaluation, summary: Summary) -> None:
     """
     with _own_time(summary, CampaignError):  # a damaged trajectory
         strategy.tell(evaluation)
+
+
+def notice_of(strategy: Strategy) -> str:
+    """What the strategy has to say of its search; empty if nothing.
+
+    Raises:
+        StrategyError: it raised.
+    """
+    try:
+        return strategy.notice or ""
+    except (Exception, SystemExit) as error:
+        raise raised(error) from error
 
 
 def facts_of(strategy: Strategy, summary: Summary) -> dict[str, JSONValue]:
@@ -176,13 +192,13 @@ def _own_time(summary: Summary, passing: type[Exception]) -> Iterator[None]:
             yield
     except passing:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise raised(error) from error
     finally:
         summary.strategy_seconds += time.perf_counter() - began
 
 
-def raised(error: Exception) -> StrategyError:
+def raised(error: BaseException) -> StrategyError:
     """The error of a strategy that raised."""
     return StrategyError(f"the strategy raised {describe_raised(error)}")
 

@@ -22,13 +22,16 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar, Final, Literal, Self
 
 import numpy as np
 from msgspec import Struct, ValidationError, convert, json
 
 from frenetic._support.bounds import Count, Finite, Measured, NotNegative, Share
+from frenetic._support.files import write_file
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.log import CampaignLog
 from frenetic.campaign.record import Attempt
@@ -40,7 +43,7 @@ from frenetic.criteria import LANE
 from frenetic.domain import Domain
 from frenetic.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
-from frenetic.errors import CampaignError, RoadError
+from frenetic.errors import CampaignError, FreneticError
 from frenetic.oracle import Finding, Result, Side
 from frenetic.outcome import Outcome
 from frenetic.road import Road, check_validity
@@ -50,6 +53,8 @@ from frenetic.simulators.simulator import Ready
 
 WORKER: Final = "client"
 """Name of the worker in a test that was told."""
+TOLD: Final = "told"
+"""Folder in a campaign's folder for results that wait for that of an older candidate."""
 
 
 class Records(Struct, forbid_unknown_fields=True):
@@ -76,7 +81,7 @@ class Records(Struct, forbid_unknown_fields=True):
         """The trajectory.
 
         Raises:
-            ValueError: the lists differ in length, or are empty.
+            ValueError: the lists differ in length, or are empty, or time goes back.
         """
         n = len(self.time)
         values = {name: getattr(self, name) for name in self.__struct_fields__}
@@ -84,12 +89,25 @@ class Records(Struct, forbid_unknown_fields=True):
         lengths = {k: len(value) for k, value in values.items() if value or k in needed}
         if not n or set(lengths.values()) != {n}:
             raise ValueError(f"records need lists of one length, at least 1, not {lengths}")
+        if min(np.diff(self.time), default=0.0) < 0.0:
+            raise ValueError("the time of records has to increase")
         if not self.heading:
             dx, dy = (np.gradient(one) if n > 1 else np.zeros(1) for one in (self.x, self.y))
             values["heading"] = np.unwrap(np.arctan2(dy, dx)).tolist()
         columns = {name: np.zeros(n) for name in Trajectory.names()}
         columns |= {name: np.array(value) for name, value in values.items() if len(value)}
         return Trajectory(**columns)
+
+
+class Points(Struct, forbid_unknown_fields=True):
+    """A road that is to be validated."""
+
+    points: list[tuple[Finite, Finite]]
+    """Points of its centre line on the map, in m."""
+
+
+class Nothing(Struct, forbid_unknown_fields=True):
+    """The values of a request that has none."""
 
 
 class Told(Struct, forbid_unknown_fields=True):
@@ -119,14 +137,17 @@ class Told(Struct, forbid_unknown_fields=True):
         """The attempt on a road, which took so many s.
 
         Raises:
-            ValueError: the records are unusable.
+            ValueError: the records are unusable, or a side has no place.
         """
         path = None if self.records is None else self.records.trajectory()
         outcome = Outcome(self.outcome)
         findings = []
-        if outcome is Outcome.FAIL and self.side is not None and self.place is not None:
+        if outcome is Outcome.FAIL and self.side is not None:
+            if self.place is None:
+                raise ValueError("the side on which the car left its lane needs the place")
             x, y, _ = road.pose_at(min(max(self.place, 0.0), road.length))
-            share, at = self.oob_share or 1.0, self.duration or 0.0
+            share = 1.0 if self.oob_share is None else self.oob_share
+            at = self.duration or 0.0
             findings = [Finding(LANE, share, share, self.side, at, self.place, x, y)]
         result = Result(
             outcome,
@@ -146,6 +167,10 @@ class Told(Struct, forbid_unknown_fields=True):
             seconds=seconds,
             budget_spent=self.budget_spent,
         )
+
+    def packed(self, road: Road, seconds: float) -> Attempt:
+        """The same, ready to be stored."""
+        return self.attempt(road, seconds).pack(keep=True)
 
 
 @dataclass(frozen=True)
@@ -192,16 +217,28 @@ class TellingSimulator(Ready):
 
 
 class _Client(Workers):
-    """Workers behind a line of requests and answers."""
+    """Workers behind a line of requests and answers.
+
+    Args:
+        tester: places the roads.
+        requests: as for `ToldCampaign`.
+        answer: likewise.
+        folder: for results that were told before that of an older candidate, which is stored first.
+    """
 
     def __init__(
-        self, tester: RoadTester, requests: Iterator[str], answer: Callable[[Any], None]
+        self,
+        tester: RoadTester,
+        requests: Iterator[str],
+        answer: Callable[[Any], None],
+        folder: Path,
     ) -> None:
         self._tester = tester
         self._requests = requests
         self._answer = answer
+        self._folder = folder
         self._asked = 0  # requests without an answer
-        self._refused: deque[Attempt] = deque()
+        self._known: deque[Attempt] = deque()  # that need no client
         self._running: dict[int, tuple[Road, float]] = {}  # id -> its road, and when it went out
         self._told: set[int] = set()  # without an answer
         self._budget_spent = 0.0
@@ -218,6 +255,14 @@ class _Client(Workers):
             self._told.remove(number)
             self._answer({"told": number, "budget_spent": budget_spent})
 
+    def stored(self, number: int, budget_spent: float) -> None:
+        """Answers likewise, and keeps no result that is stored."""
+        self._kept(number).unlink(missing_ok=True)
+        self.say_told(number, budget_spent)
+
+    def _kept(self, number: int) -> Path:
+        return self._folder / f"{number}.json"
+
     def taken(self) -> int:
         """Number of requests for a candidate without an answer, which the caller answers."""
         asked, self._asked = self._asked, 0
@@ -226,7 +271,11 @@ class _Client(Workers):
     def submit(self, candidate: Candidate) -> None:
         road, verdict = fitted(candidate, self._tester)
         if road is None or not verdict.valid:
-            self._refused.append(Attempt.undriven(candidate.id, Outcome.INVALID, verdict.message))
+            self._known.append(Attempt.undriven(candidate.id, Outcome.INVALID, verdict.message))
+            return
+        with suppress(OSError, ValueError):  # most were not told before a crash
+            told = json.decode(self._kept(candidate.id).read_bytes(), type=Told)
+            self._known.append(told.packed(road, 0.0))
             return
         self._asked -= 1
         self._running[candidate.id] = road, time.perf_counter()
@@ -242,8 +291,8 @@ class _Client(Workers):
         )
 
     def wait(self, timeout: float) -> Sequence[Attempt]:  # noqa: ARG002 - the client decides
-        if self._refused:
-            return [self._refused.popleft()]
+        if self._known:
+            return [self._known.popleft()]
         for number in sorted(self._told):  # before an older one
             self.say_told(number, self._budget_spent)
         for _ in range(self.taken()):  # to which the strategy had no answer
@@ -260,27 +309,31 @@ class _Client(Workers):
     def handled(self, line: str) -> Attempt | None:
         """Answers a request, unless the campaign has to; returns the attempt that it tells."""
         try:
-            request = json.decode(line, type=dict[str, Any])
-            (kind,) = request
-            values = request[kind]
+            kind, values = requested(line)
             if kind == "ask":
+                convert(values, Nothing)
                 self._asked += 1
             elif kind == "tell":
                 told = convert(values, Told)
                 if told.id not in self._running:
                     raise ValueError(f"candidate {told.id} is not outstanding")
                 road, since = self._running[told.id]
-                attempt = told.attempt(road, time.perf_counter() - since)
+                attempt = told.packed(road, time.perf_counter() - since)
+                if min(self._running) < told.id:
+                    write_file(
+                        self._kept(told.id), json.encode(told), remedy="make room", parents=True
+                    )
                 del self._running[told.id]
                 self._told.add(told.id)
-                return attempt.pack(keep=True)
+                return attempt
             elif kind == "validate":
                 self._answer(validity(values, self._tester.map_size))
             elif kind == "end":
+                convert(values, Nothing)
                 self.has_ended = True
             else:
                 raise ValueError(f"unknown request {kind!r}: ask, tell, validate or end is needed")
-        except (ValidationError, ValueError, TypeError, RoadError) as error:
+        except (ValidationError, ValueError, TypeError, FreneticError) as error:
             self._answer({"error": " ".join(str(error).split())[:500]})
         return None
 
@@ -291,13 +344,28 @@ class _Client(Workers):
         pass
 
 
+def requested(line: str) -> tuple[str, Any]:
+    """The kind of a request, and its values.
+
+    Raises:
+        ValueError: the line is none.
+    """
+    try:
+        request = json.decode(line)
+    except ValueError as error:
+        raise ValueError(f"{line.strip()[:60]!r} is no JSON: {error}") from None
+    if not isinstance(request, dict) or len(request) != 1:
+        raise ValueError("a request is an object with one entry: ask, tell, validate or end")
+    return next(iter(request.items()))
+
+
 def validity(request: Any, map_size: float) -> dict[str, Any]:
     """The answer whether a road is valid, as the competition defines it.
 
     Raises:
         ValueError: there are no points.
     """
-    points = np.array(convert(request, dict[str, list[tuple[Finite, Finite]]])["points"])
+    points = np.array(convert(request, Points).points)
     verdict = check_validity(points.reshape(-1, 2), map_size)
     return {"valid": verdict.valid, "message": verdict.message}
 
@@ -326,7 +394,7 @@ class ToldCampaign(Campaign):
         self.lookahead = None
         self._answer = answer
         self._requests = requests
-        self._client = _Client(self.tester, requests, answer)
+        self._client = _Client(self.tester, requests, answer, self.folder / TOLD)
 
     def _check_conditions(self, domain: Domain) -> None:
         """Whoever drives lays them."""
@@ -364,4 +432,4 @@ class ToldCampaign(Campaign):
     def _say_told(self, event: Event) -> None:
         test = event.test
         if test is not None:
-            self._client.say_told(test.id, test.budget_spent)
+            self._client.stored(test.id, test.budget_spent)

@@ -26,6 +26,7 @@ from frenetic.campaign.asking import (
     FACTS,
     ObservingStrategy,
     facts_of,
+    notice_of,
     replay,
     require_fresh,
     start,
@@ -629,7 +630,8 @@ class Campaign(Shown):
         finally:
             self._interrupt = None
             summary.seconds = time.perf_counter() - start
-        summary.notice, summary.facts = self.strategy.notice or "", facts_of(self.strategy, summary)
+        summary.notice = notice_of(self.strategy)
+        summary.facts = facts_of(self.strategy, summary)
         # What is stored counts, also when an interrupt came between storing and counting.
         ended = "" if interrupted else summary.ended
         counts = asdict(store.counts())

@@ -131,7 +131,8 @@ def take_earlier(
                         left_out += 1
                         continue
                     told = evaluation_of(record, partial(store.trajectory, record.id), objective)
-                    if told.trace is not None and _is_new(told, near):
+                    is_known = told.trace is not None and told.moobd is not None
+                    if is_known and _is_new(told, near):
                         taken += 1
                         tests.append(_kept(number, record.id, told, len(tests) + 1))
             counts = Counts.of(store.by_outcome())
@@ -140,8 +141,8 @@ def take_earlier(
         )
     if folders and not tests:
         raise CampaignError(
-            f"nothing can be taken from {', '.join(map(str, folders))}: no road was driven there"
-            " that fits this map and the strategy's step; start without them"
+            f"nothing can be taken from {', '.join(map(str, folders))}: no drive there has records,"
+            " a MOOBD, and a road that fits this map and the strategy's step; start without them"
         )
     return tuple(campaigns), tests
 

@@ -11,7 +11,15 @@ from typing import Final
 from frenetic._support.child_processes import one_process
 from frenetic._support.interrupt import Interrupt
 from frenetic._support.words import present_moment
-from frenetic.campaign.asking import FACTS, ObservingStrategy, ask, facts_of, raised, tell
+from frenetic.campaign.asking import (
+    FACTS,
+    ObservingStrategy,
+    ask,
+    facts_of,
+    notice_of,
+    raised,
+    tell,
+)
 from frenetic.campaign.log import CampaignLog, LogEvent
 from frenetic.campaign.objective import Objective, evaluation_of
 from frenetic.campaign.record import Attempt, Test
@@ -310,7 +318,7 @@ class Dispatcher:
         try:
             with one_process():
                 return self._strategy.is_wanted(candidate)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise raised(error) from error
 
     def _give_up_if_hopeless(self, test: Test) -> None:
@@ -320,7 +328,7 @@ class Dispatcher:
         """
         if test.candidate.source is not None:
             return
-        if test.outcome is Outcome.INVALID:
+        if test.outcome in (Outcome.INVALID, Outcome.DROPPED):
             self._refused += 1
         elif test.outcome is Outcome.ERROR or self._has_only_crashed(test):
             self._broken, self._refused = self._broken + 1, 0
@@ -345,7 +353,7 @@ class Dispatcher:
 
     def _log_notice(self) -> None:
         """Logs what the strategy has to say about its search, once."""
-        before, self._summary.notice = self._summary.notice, self._strategy.notice or ""
+        before, self._summary.notice = self._summary.notice, notice_of(self._strategy)
         if self._summary.notice and not before:
             self._log.write(LogEvent.NOTICE, self._summary.notice, level="warning")
 

@@ -48,11 +48,20 @@ def recorded_spec(store: CampaignStore, given: Mapping[str, Any], *, checked: bo
         started_in = str(store.fact(STARTED_IN) or "")
         spec.require_trusted(store.folder, named_parts(given), started_in=started_in)
     if spec.driver.name is None or spec.simulator.name is None:
+        how, elsewhere = "was started from Python", ", or do it from Python"
+        if is_told(store.config):
+            how, elsewhere = "was told its results", ""
         raise CampaignError(
-            f"{store.folder} was started from Python, so its driver and simulator have no names:"
-            " give --driver and --simulator, or do it from Python"
+            f"{store.folder} {how}, so its driver and simulator have no names: give --driver and"
+            f" --simulator{elsewhere}"
         )
     return spec
+
+
+def is_told(config: Mapping[str, Any]) -> bool:
+    """Whether a campaign's results are told by whoever drives, see `frenetic.campaign.asktell`."""
+    simulator = config.get("simulator")
+    return isinstance(simulator, Mapping) and "asktell" in str(simulator.get("class"))
 
 
 def named_parts(given: Mapping[str, Any]) -> list[str]:

@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from frenetic._support.words import counted
+from frenetic.cli.again import is_told
 from frenetic.cli.console import shell
 from frenetic.cli.options import (
     DURATION,
@@ -75,6 +76,10 @@ def resume(
         raise click.UsageError(
             f"{campaign} drives the roads of another campaign again: the command that began it,"
             " 'frenetic rerun' or 'minimise', goes on with it"
+        )
+    if is_told(config):
+        raise click.UsageError(
+            f"{campaign} is told its results: 'frenetic ask-tell --out {shell(campaign)}' goes on"
         )
     if config.get("run") is None:
         raise click.UsageError(

@@ -189,7 +189,7 @@ def search(
         raise click.exceptions.Exit(130)
     if summary is not None and fail_on_failure and (summary.failed or summary.errors):
         raise click.exceptions.Exit(1)
-    if summary is not None and summary.errors and not summary.passed + summary.failed:
+    if summary is not None and not summary.passed + summary.failed:
         raise click.exceptions.Exit(1)
 
 

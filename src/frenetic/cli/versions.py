@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from frenetic._support.words import counted
-from frenetic.cli.again import interrupted, recorded_spec, shown_driving
+from frenetic.cli.again import interrupted, is_told, recorded_spec, shown_driving
 from frenetic.cli.console import Log, print_table
 from frenetic.errors import CampaignError
 
@@ -55,9 +55,10 @@ def _specs(folder: Path, given: Mapping[str, Any]) -> tuple[Spec, Spec]:
 
     with CampaignStore.open(folder) as store:
         if store.config.get("run") is None:
+            how = "was told its results" if is_told(store.config) else "was started from Python"
             raise CampaignError(
-                f"{folder} was started from Python, so its parts have no names: compare the"
-                " versions there, with frenetic.again.versions"
+                f"{folder} {how}, so its parts have no names: compare the versions from Python,"
+                " with frenetic.again.versions"
             )
         old = recorded_spec(store, {}, checked=False)
         return old, replace(old, driver=recorded_spec(store, given).driver)
