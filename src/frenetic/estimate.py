@@ -1,7 +1,7 @@
-"""How often a driver leaves its lane in a domain: departures per 1,000 km, with an interval.
+"""How often a driver leaves its lane in a domain: failures per 1,000 km, with an interval.
 
 Roads and conditions are drawn as the domain distributes them; a search's failures, which are not,
-take no part. Where failures are common, plain drives are counted: with n departures in L km the
+take no part. Where failures are common, plain drives are counted: with n failures in L km the
 interval is the exact one of a Poisson rate (Garwood 1936), also for n = 0.
 
 Where they are rare, conditions are drawn from elsewhere and each drive weighs as much as its
@@ -68,13 +68,13 @@ Method = Literal["plain", "importance sampling", "none"]
 
 @dataclass(frozen=True)
 class Estimate:
-    """Departures per 1,000 km in a domain."""
+    """Failures per 1,000 km in a domain."""
 
     domain: str
     method: Method
     """None if no failure is known: then there is an upper limit only."""
     rate: float | None
-    """Departures per 1,000 km."""
+    """Failures per 1,000 km."""
     low: float
     """Lower end of the interval."""
     high: float
@@ -113,9 +113,9 @@ class Estimate:
     def in_words(self) -> str:
         """The estimate for people."""
         if self.rate is None:
-            text = f"fewer than {_two(self.high)} departures per 1,000 km"
+            text = f"fewer than {_two(self.high)} failures per 1,000 km"
         else:
-            text = f"about {_two(self.rate)} departures per 1,000 km"
+            text = f"about {_two(self.rate)} failures per 1,000 km"
             text += f" ({_two(self.low)} to {_two(self.high)})"
         text += f" in {self.domain}, {self.method if self.rate else 'plain drives'},"
         text += f" {counted(self.drives, 'drive')}"
@@ -159,7 +159,7 @@ class Draws:
         self.domain, self.rng = domain, rng
         self.drives = 0
         self._tester = tester
-        self._roads = RandomRoads(map_size=tester.map_size, road_class=domain.road_class)
+        self._roads = RandomRoads(map_size=tester.map_size, road_class=tester.road_class)
         self._roads.keep_margin(tester.margin)
 
     def drive(self, conditions: FloatArray | None = None) -> Point:
@@ -173,7 +173,8 @@ class Draws:
             if point is None:
                 point = self.rng.standard_normal(self.domain.dimension)
             candidate = self._candidate(point)
-            result = self._tester.test(candidate).result
+            attempt = self._tester.test(candidate)
+            result = attempt.result
             if result.outcome is Outcome.INVALID:
                 continue
             self.drives += 1
@@ -185,6 +186,9 @@ class Draws:
             way = candidate.length
             if failed and result.finding is not None and result.finding.distance is not None:
                 way = result.finding.distance
+            if result.fault is not None:  # before it, the car may not have moved
+                path = attempt.trajectory
+                way = 0.0 if path is None else float(np.hypot(*np.diff([path.x, path.y])).sum())
             return Point(point, failed, way / 1000.0)
         raise FreneticError(
             f"none of {_REDRAWS} random roads of {self.domain.name} is valid on a map of"
@@ -358,6 +362,11 @@ def estimate(
     if not is_weighted:
         plain(max(drives - draws.drives, 0))
     way = math.fsum(point.length for point in found)
+    if not way:
+        raise FreneticError(
+            f"the driver broke in each of {len(found)} drives before the car moved, so there is no"
+            " distance to count failures over: 'frenetic run' says how it breaks"
+        )
     low, high = rate_interval(failures, way / 1000.0)
     counted_plainly = Estimate(
         domain=domain.name,

@@ -184,6 +184,10 @@ class Registry:
             return self._import(spec, spec, own=True)
         files = "".join(f" or path/to/file{suffix}" for suffix in self.files)
         word = self.target.capitalize()
+        if spec.endswith(".py"):
+            raise UnknownNameError(
+                f"{spec} names no {self.target} in the file: add it, {spec}:{word}"
+            )
         raise UnknownNameError(
             f"unknown {self.kind} {spec!r}{hint(spec, known)} Known: {', '.join(known)};"
             f" your own goes as package.module:{word} or path/to/file.py:{word}{files}"

@@ -216,7 +216,7 @@ def write_entries(entries: Mapping[str, Any], path: Path, what: str) -> None:
     write_file(path, text, remedy="make room, or let it be written")
 
 
-def next_command(spec: Spec, folder: Path) -> str:
+def next_command(spec: Spec, folder: Path, *, has_drives: bool = True) -> str:
     """The command for a new campaign that starts from another one, with its parts as they are now.
 
     It names code of the user's own, which no file may. Its seed is another, so that its random
@@ -225,8 +225,10 @@ def next_command(spec: Spec, folder: Path) -> str:
     Args:
         spec: of the other one.
         folder: of the other one.
+        has_drives: whether it holds any that says something.
     """
-    words = ["frenetic", "run", str(folder / NAME), "--from", str(folder)]
+    words = ["frenetic", "run", str(folder / NAME)]
+    words += ["--from", str(folder)] if has_drives else []
     for kind in PARTS:
         part: Part = getattr(spec, kind)
         if part.name is not None and (kind == "driver" or REGISTRIES[kind].is_own(part.name)):

@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 from made_campaigns import measures, search, store_of
 
-from frenetic.analysis.comparison import Comparison, compare, compare_measured, repeats_needed
+from frenetic.analysis.comparison import (
+    Comparison,
+    compare,
+    compare_measured,
+    pair_rows,
+    repeats_needed,
+)
 from frenetic.analysis.groups import find_campaigns, group_campaigns
 from frenetic.analysis.metrics import MEASURES, CampaignMeasures
 from frenetic.campaign import Budget, Campaign
@@ -81,6 +87,8 @@ def test_more_failures_are_better_and_a_later_first_one_is_worse() -> None:
     assert pair.a12 == 0.0
     assert pair.verdict == "the second is better"
     by = turned.by("simulations_to_failure")
+    ((_, said, a12, *_),) = pair_rows([by])
+    assert (said, a12) == ("quick has less than slow", "1.00"), "of the group named first"
     assert by.said(pair) == "quick has less than slow"
     assert by.places == {"slow": 2, "quick": 1}
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from frenetic import EmbeddedSimulator, Planner, Road
+from frenetic import Controls, DriveSetup, EmbeddedSimulator, Observation, Planner, Road
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis.causes import Cause, Kind, cause_of, in_words, kind_number
 from frenetic.analysis.segments import segment_of
@@ -39,6 +39,18 @@ def test_a_cause_is_told_in_bends_to_its_side_or_to_either() -> None:
     assert kind_number(BEND, driven()) == 1.0 + list(Kind).index(Kind.TOO_FAST)
     passed = EmbeddedSimulator().drive(BEND, Planner(lateral_acceleration=3.0))
     assert kind_number(BEND, passed) == 0.0
+
+
+def test_a_driver_that_never_steers_holds_no_limit() -> None:
+    class Idle:
+        def reset(self, setup: DriveSetup) -> None:
+            pass
+
+        def act(self, observation: Observation) -> Controls:
+            return Controls(0.0, throttle=0.2)
+
+    drive = EmbeddedSimulator().drive(BEND, Idle())
+    assert cause(drive) == Cause(Kind.TOO_LITTLE, "left")
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 0.0])

@@ -45,6 +45,13 @@ def test_show_check_and_drive_know_them(frenetic: Frenetic, gentle: Path) -> Non
     assert all(row["limit"] is None for row in other["measures"])
 
 
+def test_two_versions_are_compared_by_what_they_exceed(frenetic: Frenetic, gentle: Path) -> None:
+    answer = frenetic("compare", str(gentle), "--driver", "braking=1.7", "--fresh", "5")
+    assert answer.code in (0, 1, 3), answer.err
+    assert "exceeds the limit of" in answer.out
+    assert answer.out.startswith(("better", "worse", "no difference"))
+
+
 def test_a_minimised_road_breaks_the_same_limit(frenetic: Frenetic, gentle: Path) -> None:
     files = sorted((gentle / "minimised").glob("test-?????.json"))
     assert files

@@ -168,6 +168,19 @@ def test_it_is_said_whether_a_campaigns_test_ends_as_it_did_there(
     assert "result " not in frenetic("drive", str(road)).out, "a file holds no drive"
 
 
+def test_a_driver_that_breaks_before_it_drives_fails(frenetic: Frenetic, road: Path) -> None:
+    methods = "    def reset(self, setup):\n        1 / 0\n    def act(self, seen):\n        pass\n"
+    Path("broken.py").write_text(f"class Broken:\n{methods}")
+    number = str(int(road.stem.removeprefix("test-")))
+    answer = frenetic("drive", "c", number, "--driver", "broken.py:Broken")
+    assert answer.out.startswith("FAIL  the driver raised ZeroDivisionError")
+    assert " differs from the campaign: another failure, " in answer.out
+    # Its campaign holds nothing to start from.
+    search = ("run", "--driver", "broken.py:Broken", "--simulations", "12", "--workers", "1")
+    crashed = frenetic(*search, "--out", "broken")
+    assert "mend it, then go on: frenetic run broken/campaign.toml --driver" in crashed.err
+
+
 def test_a_test_of_a_rerun_is_driven_in_its_own_conditions(frenetic: Frenetic, road: Path) -> None:
     done = frenetic("rerun", "c", "--vary", "friction=0.2:0.4", "--times", "2", "--json").json
     folder = done["folder"]

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.stats import poisson
 
-from frenetic import EmbeddedSimulator, Planner
+from frenetic import Controls, DriveSetup, EmbeddedSimulator, Observation, Planner
 from frenetic._support.arrays import FloatArray
 from frenetic.campaign import RoadTester
 from frenetic.campaign.record import Attempt
@@ -20,6 +20,7 @@ from frenetic.errors import FreneticError
 from frenetic.estimate import Estimate, estimate, rate_interval
 from frenetic.oracle import Result
 from frenetic.outcome import Outcome
+from frenetic.road.classes import RoadClass
 from frenetic.search.random_search import RandomRoads
 from frenetic.search.records import Candidate
 
@@ -94,7 +95,7 @@ def test_common_failures_are_counted() -> None:
     assert found.rate is not None
     assert found.drives == found.plain == 400
     assert found.low < per_1000_km(found, 0.2) < found.high
-    assert "departures per 1,000 km" in found.in_words()
+    assert "failures per 1,000 km" in found.in_words()
 
 
 @pytest.mark.parametrize("share", [1e-3, 1e-5])
@@ -158,6 +159,36 @@ def test_the_same_seed_gives_the_same_estimate() -> None:
     assert one != other
 
 
+def test_kilometres_are_those_that_the_car_drove() -> None:
+    class Broken:
+        def __init__(self, when: float) -> None:
+            self.when = when
+
+        def reset(self, setup: DriveSetup) -> None:
+            pass
+
+        def act(self, observation: Observation) -> Controls:
+            if observation.time >= self.when:
+                raise ValueError("lost")
+            return Controls(0.0, throttle=0.5)
+
+    terms = {"map_size": 400.0, "lane_width": 3.25, "road_class": DOMAIN.road_class}
+    soon = RoadTester(EmbeddedSimulator(), Broken(0.5), **terms)  # type: ignore[arg-type]
+    found = estimate(DOMAIN, soon, drives=100, seed=1)
+    assert found.failures == found.plain
+    assert 0.0 < found.length < 0.002, "km until half a second"
+    never = RoadTester(EmbeddedSimulator(), Broken(0.0), **terms)  # type: ignore[arg-type]
+    with pytest.raises(FreneticError, match="before the car moved"):
+        estimate(DOMAIN, never, drives=100, seed=1)
+
+
+def test_roads_are_those_that_are_driven() -> None:
+    """Also where they are others than the domain's own."""
+    longer = RoadClass.of("urban-50", {"length": 600.0})
+    tester = RoadTester(EmbeddedSimulator(), Planner(), map_size=longer.map_size, road_class=longer)
+    assert estimate(DOMAIN, tester, drives=100, seed=1).length > 0.3
+
+
 def test_on_the_command_line(frenetic: Frenetic, tmp_path: Path) -> None:
     path = tmp_path / "icy.toml"
     path.write_text(
@@ -167,13 +198,13 @@ def test_on_the_command_line(frenetic: Frenetic, tmp_path: Path) -> None:
     words = ("estimate", "--odd", str(path), "--drives", "200")
     told = frenetic(*words)
     assert told.code == 0, told.err
-    assert "departures per 1,000 km" in told.out
+    assert "failures per 1,000 km" in told.out
     assert frenetic(*words, "--json").json["domain"] == "icy"
     assert frenetic("run", "--odd", str(path), "--simulations", "20", "--out", "c").code == 0
     assert frenetic("estimate", "c", "--drives", "150").code == 0
     assert "how often" in frenetic("show", "c").out
     assert frenetic("report", "c").code == 0
-    assert "departures per 1,000 km" in Path("c/report.html").read_text("utf-8")
+    assert "failures per 1,000 km" in Path("c/report.html").read_text("utf-8")
     Path("c/estimate.json").write_text('{"domain": 3}')
     assert "estimate.json is damaged" in frenetic("show", "c").err
     assert frenetic("estimate").code == 2

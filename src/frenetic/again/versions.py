@@ -181,8 +181,9 @@ class BackToBack:
         for pair in (*self.fresh.judged, *self.known.judged):
             for causes, test in zip(found, pair, strict=True):
                 if (failure := Failure.of_test(test)) is not None:
-                    kind = None if failure.cause is None else failure.cause.kind
-                    causes[str(failure.fault) if kind is None else in_words(kind)] += 1
+                    cause = failure.cause
+                    words = "" if cause is None else in_words(cause.kind, None, cause.criterion)
+                    causes[words or str(failure.fault)] += 1
         old, new = found
         names = sorted({*old, *new}, key=lambda name: (-max(old[name], new[name]), name))
         return {name: (old[name], new[name]) for name in names}

@@ -46,6 +46,7 @@ _OTHER_SIDE: Final = 0.4  # [m] from the middle of the lane
 _FOLLOWS: Final = 0.75  # share of its steering by which a car turns whose tyres grip
 _STEERS: Final = 4.0  # [m/s]
 _HELD: Final = 0.3  # [s]
+_STRAIGHT_AHEAD: Final = 1e-3  # steering [rad]
 _AHEAD: Final = 15.0  # [m] of road that a car may cut
 _FEWEST: Final = 5  # records
 _STRAIGHT: Final = 1e-4  # [1/m]
@@ -191,6 +192,8 @@ def _is_ahead(segment: Segment, sign: float) -> bool:
 
 
 def _is_held(steering: FloatArray, time: FloatArray) -> bool:
-    """Whether a column of the steering stands at its largest for a while."""
+    """Whether a column of the steering stands at its largest for a while, and not straight."""
+    if np.abs(steering).max() < _STRAIGHT_AHEAD:
+        return False
     largest = np.flatnonzero(np.abs(steering) >= np.abs(steering).max() - 1e-9)
     return bool(time[largest[-1]] - time[largest[0]] >= _HELD)

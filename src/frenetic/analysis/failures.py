@@ -192,7 +192,7 @@ class Cluster:
     most_severe: int
     """Id of the failure with the lowest MOOBD."""
     typical: int
-    """Id of the failure that differs least from all: the medoid."""
+    """Id of the failure with the cause of most that differs least from all: the medoid."""
     moobd: float
     """Lowest MOOBD, in m."""
     side: Side | None
@@ -506,8 +506,11 @@ def cluster_failures(failures: Iterable[Failure], *, threshold: float = THRESHOL
 
 def _cluster(members: list[Failure], vectors: FloatArray) -> Cluster:
     squares = ((vectors - vectors.mean(axis=0)) ** 2).sum(axis=1)
+    cause = Counter(one.cause for one in members).most_common(1)[0][0]
+    has_cause = np.array([one.cause == cause for one in members])
     # Sums of squares differ by rounding where two members are mirror images or doubles: the first.
-    typical = members[int(np.flatnonzero(squares <= squares.min() + 1e-9)[0])]
+    is_least = squares <= squares[has_cause].min() + 1e-9
+    typical = members[int(np.flatnonzero(is_least & has_cause)[0])]
     worst = min(members, key=lambda failure: (failure.moobd, failure.id))
     return Cluster(
         ids=tuple(failure.id for failure in members),
@@ -518,7 +521,7 @@ def _cluster(members: list[Failure], vectors: FloatArray) -> Cluster:
         spread=float(np.sqrt(squares.mean())),
         description=describe(worst),
         failure=worst,
-        cause=Counter(one.cause for one in members).most_common(1)[0][0],
+        cause=cause,
     )
 
 

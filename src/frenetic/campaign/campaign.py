@@ -531,7 +531,9 @@ class Campaign(Shown):
         """The command that starts from this campaign with the present parts."""
         if self.named is None:
             return shlex.join(["frenetic", "run", "--from", str(self.folder)])
-        return next_command(self.named, self.folder)
+        with CampaignStore.open(self.folder) as store:
+            has_drives = store.counts().min_moobd is not None
+        return next_command(self.named, self.folder, has_drives=has_drives)
 
     def _sources(self) -> dict[str, JSONValue]:
         """The user's own source of its parts: name of a file -> its text."""

@@ -104,7 +104,7 @@ def is_exact(simulator: Simulator) -> bool:
 
 def _difference(first: Test, again: Test) -> float | None:
     """Difference of two drives of a road in m, see `frenetic.search.approach`; None if unknown."""
-    if first.trajectory is None or again.trajectory is None:
+    if not first.trajectory or not again.trajectory:  # also where it has no record
         return None
     return float(np.linalg.norm(_approach(first) - _approach(again)))
 

@@ -8,11 +8,12 @@ from typing import Any
 
 import click
 
-from frenetic._support.files import write_file
+from frenetic._support.files import check_writable, write_file
 from frenetic._support.words import counted
 from frenetic.cli.console import Log, announced_compilation, live_line
 from frenetic.cli.options import as_usage_error, count_option, json_option
 from frenetic.cli.parts import (
+    check_drawn,
     criteria_option,
     given_options,
     odd_option,
@@ -51,17 +52,22 @@ def estimate(
     from frenetic.estimate import FILE
     from frenetic.estimate import estimate as estimated
 
-    params = context.params
-    if (campaign is None) == (params["domain"] is None):
+    given, domain = given_options(context), context.params["domain"]
+    if campaign is None and domain is None:
         raise click.UsageError("--odd FILE or the folder of a CAMPAIGN with a domain is needed")
+    if campaign is not None and given:
+        raise click.UsageError(
+            f"{campaign} is estimated as it was driven: options are for --odd FILE without it"
+        )
     if campaign is None:
-        domain = params["domain"]
-        given = {**given_options(context), "road_class": domain.road_class}
+        check_drawn(domain, given)
+        given["road_class"] = domain.road_class
         spec = with_given(Spec(), given, has_roads=False)
         driver, simulator = spec.make_parts(isolate=True)
         with as_usage_error():
             tester = RoadTester.on(spec, simulator, driver)
     else:
+        check_writable(campaign / FILE, remedy="let it be written")
         with CampaignStore.open(campaign) as store:
             domain = store.setting.domain
             if domain is None:

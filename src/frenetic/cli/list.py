@@ -47,7 +47,7 @@ _KINDS: Final = [*_REGISTRIES, "quantities", "roads", "criteria"]
 
 
 @click.command("list")
-@click.argument("kind", type=click.Choice(_KINDS), required=False)
+@click.argument("kind", type=click.Choice(_KINDS), required=False, metavar="[KIND]")
 @json_option
 def list_parts(kind: str | None, as_json: bool) -> None:
     """List drivers, strategies, simulators, objectives, quantities and more: of a KIND, or all.

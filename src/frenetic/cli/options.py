@@ -187,9 +187,9 @@ road_option = click.option(
 objective_option = click.option(
     "--objective",
     default="moobd",
-    show_default="moobd, or criteria",
     metavar="NAME",
-    help="What gets worse ('frenetic list objectives'), or file.py:function.",
+    help="What gets worse ('frenetic list objectives'), or file.py:function. [default: moobd, or"
+    " criteria]",
 )
 workers_option = click.option(
     "--workers",

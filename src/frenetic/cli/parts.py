@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, Final, ParamSpec, TypeVar
 
 import click
 from click.core import ParameterSource
@@ -18,6 +18,9 @@ from frenetic.quantities import quantities, quantity
 from frenetic.registry import SIMULATORS
 from frenetic.spec import Part, Spec, drive_options, usual_of
 from frenetic.trust import REGISTRIES
+
+if TYPE_CHECKING:
+    from frenetic.domain import Domain
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -79,6 +82,15 @@ def part_choice(kind: str, help: str) -> Decorator:  # noqa: A002
         shell_complete=names_of(kind),
         callback=split,
     )
+
+
+def _once(
+    _: click.Context, __: click.Parameter, amounts: tuple[tuple[str, float], ...]
+) -> tuple[tuple[str, float], ...]:
+    names = [name for name, _ in amounts]
+    if twice := {name for name in names if names.count(name) > 1}:
+        raise click.BadParameter(f"{', '.join(sorted(twice))} is there twice")
+    return amounts
 
 
 def _read_amount(given: str) -> tuple[str, float]:
@@ -160,6 +172,7 @@ def part_options(command: Callable[P, R]) -> Callable[P, R]:
             "layers",
             type=Read("name=value", _read_amount),
             multiple=True,
+            callback=_once,
             help="A condition: delay=0.1, friction=0.5; may be repeated ('frenetic list"
             " quantities').",
         ),
@@ -194,6 +207,19 @@ def given_quantities(spec: Spec, given: Mapping[str, Any]) -> list[str]:
         return [*layers, *spec.conditions]
     options = dict(given.get("simulator_options") or ())
     return [*layers, *(row.name for row in quantities().values() if row.attribute in options)]
+
+
+def check_drawn(domain: Domain, given: Mapping[str, Any]) -> None:
+    """Refuses an amount of a condition that a domain draws.
+
+    Raises:
+        click.UsageError: the command line gives one.
+    """
+    for name in given_quantities(Spec(), {**given, AS: None}):
+        if name in domain.conditions:
+            raise click.UsageError(
+                f"{name} is given, and {domain.name} draws it: leave out one of the two"
+            )
 
 
 def with_given(spec: Spec, given: Mapping[str, Any], *, has_roads: bool = True) -> Spec:

@@ -18,6 +18,7 @@ from frenetic.cli.options import (
 )
 from frenetic.cli.parts import (
     AS,
+    check_drawn,
     criteria_option,
     given_options,
     map_size_option,
@@ -93,6 +94,8 @@ def run(
         given["road_class"] = shown_class(asked["from_roads"])
     elif "road_class" not in given and asked["domain"] is not None:
         given["road_class"] = asked["domain"].road_class
+    if asked["domain"] is not None:
+        check_drawn(asked["domain"], given)
     spec, entries = Spec(strategy=Part("frenetic")), RunFile()
     if file is not None:
         spec, entries = read_run_file(file)

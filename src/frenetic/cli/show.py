@@ -36,7 +36,7 @@ from frenetic.outcome import Outcome
 from frenetic.quantities import in_words as conditions_in_words
 from frenetic.quantities import quantity
 from frenetic.registry import part_name
-from frenetic.spec import earlier_of
+from frenetic.spec import Spec, earlier_of
 from frenetic.versions import short_version
 
 if TYPE_CHECKING:
@@ -229,6 +229,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
         [
             ("campaign", str(store.folder)),
             *((kind, _part(config.get(kind))) for kind in ("strategy", "driver", "simulator")),
+            ("conditions", conditions_in_words(_conditions(store))),
             (
                 "rules",
                 f"{rules.speed_limit} km/h, {rules.oob_tolerance} of the car may be out, map of"
@@ -260,6 +261,13 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     if found:
         one = clusters.causes[0].example if counts.failed else found[0].most_severe
         click.echo(f"One in full: frenetic show {shell(store.folder)} {one}")
+
+
+def _conditions(store: CampaignStore) -> Mapping[str, float]:
+    """What all drives of a campaign had in common, beside the usual."""
+    from frenetic.campaign.store import DATABASE
+
+    return Spec.from_json(store.config, source=store.folder / DATABASE).conditions
 
 
 def _coverage(coverage: DomainCoverage) -> Iterator[tuple[str, str]]:
@@ -341,7 +349,10 @@ def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
             ("outcome", f"{test.outcome}  {test.reason}"),
             ("origin", f"{source}, generation {origin.generation}"),
             ("cause", _cause(test)),
-            ("conditions", conditions_in_words(test.candidate.conditions)),
+            (
+                "conditions",
+                conditions_in_words({**_conditions(store), **test.candidate.conditions}),
+            ),
             ("road", test.road.in_words()),
             (
                 "minimised",

@@ -140,6 +140,8 @@ class RoadClass:
             given, source = _read(Path(name)), Path(name).stem
         else:
             source = name
+            if name == "competition":
+                raise FreneticError("the competition's roads have no options")
             if name not in classes():
                 raise FreneticError(
                     f"there is no road class {name!r}: choose competition,"
