@@ -103,7 +103,7 @@ def test_pairs_say_what_is_shown_and_claim_nothing_of_few(
 ) -> None:
     (table,) = blocks_of(three, tmp_path)["pairs"]
     assert table.rows[:2] == (
-        ("distinct failures", "high has more than low", "0.00", "large", "0.024"),
+        ("distinct failures", "high has more than low", "1.00", "large", "0.024"),
         ("", "low has more than never", "1.00", "large", "0.024"),
     )
     blocks = blocks_of(made(tmp_path, a=[1, 2], b=[8, 9]), tmp_path)
