@@ -150,7 +150,8 @@ class Criterion:
 
     def __post_init__(self) -> None:
         check(vars(self), Criterion)
-        quantity(self.quantity)
+        if quantity(self.quantity).has_sides and self.limit < 0.0:
+            raise ValueError(f"limit is {self.limit:g}: at least 0 is needed, as sides count alike")
 
     def margin(self, value: float) -> float:
         """Distance of a value from the limit, in the quantity's unit; negative beyond it."""

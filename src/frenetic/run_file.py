@@ -127,6 +127,8 @@ def read_run_file(path: Path | str) -> tuple[Spec, RunFile]:
     Raises:
         FreneticError: there is no such file, or it is wrong; the message names the place in it.
     """
+    if (inside := Path(path) / NAME).is_file():
+        raise FreneticError(f"{path} is a campaign's folder: its file is {inside}")
     return read_file(path, RunFile, "a run")
 
 

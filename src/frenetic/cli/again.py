@@ -61,7 +61,9 @@ def recorded_spec(store: CampaignStore, given: Mapping[str, Any], *, checked: bo
 def is_told(config: Mapping[str, Any]) -> bool:
     """Whether a campaign's results are told by whoever drives, see `frenetic.campaign.asktell`."""
     simulator = config.get("simulator")
-    return isinstance(simulator, Mapping) and "asktell" in str(simulator.get("class"))
+    return isinstance(simulator, Mapping) and str(simulator.get("class")).startswith(
+        "frenetic.campaign.asktell:"
+    )
 
 
 def named_parts(given: Mapping[str, Any]) -> list[str]:

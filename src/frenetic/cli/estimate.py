@@ -60,9 +60,9 @@ def estimate(
             f"{campaign} is estimated as it was driven: options are for --odd FILE without it"
         )
     if campaign is None:
-        check_drawn(domain, given)
         given["road_class"] = domain.road_class
         spec = with_given(Spec(), given, has_roads=False)
+        check_drawn(spec, given)
         driver, simulator = spec.make_parts(isolate=True)
         with as_usage_error():
             tester = RoadTester.on(spec, simulator, driver)

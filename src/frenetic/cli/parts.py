@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, ParamSpec, TypeVar
+from typing import Any, Final, ParamSpec, TypeVar
 
 import click
 from click.core import ParameterSource
@@ -18,9 +18,6 @@ from frenetic.quantities import quantities, quantity
 from frenetic.registry import SIMULATORS
 from frenetic.spec import Part, Spec, drive_options, usual_of
 from frenetic.trust import REGISTRIES
-
-if TYPE_CHECKING:
-    from frenetic.domain import Domain
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -209,16 +206,16 @@ def given_quantities(spec: Spec, given: Mapping[str, Any]) -> list[str]:
     return [*layers, *(row.name for row in quantities().values() if row.attribute in options)]
 
 
-def check_drawn(domain: Domain, given: Mapping[str, Any]) -> None:
-    """Refuses an amount of a condition that a domain draws.
+def check_drawn(spec: Spec, given: Mapping[str, Any]) -> None:
+    """Refuses an amount of a condition that the spec's domain draws.
 
     Raises:
         click.UsageError: the command line gives one.
     """
     for name in given_quantities(Spec(), {**given, AS: None}):
-        if name in domain.conditions:
+        if spec.domain is not None and name in spec.domain.conditions:
             raise click.UsageError(
-                f"{name} is given, and {domain.name} draws it: leave out one of the two"
+                f"{name} is given, and {spec.domain.name} draws it: leave out one of the two"
             )
 
 

@@ -94,8 +94,6 @@ def run(
         given["road_class"] = shown_class(asked["from_roads"])
     elif "road_class" not in given and asked["domain"] is not None:
         given["road_class"] = asked["domain"].road_class
-    if asked["domain"] is not None:
-        check_drawn(asked["domain"], given)
     spec, entries = Spec(strategy=Part("frenetic")), RunFile()
     if file is not None:
         spec, entries = read_run_file(file)
@@ -104,6 +102,7 @@ def run(
         named += ["driver", "simulator"] if AS in given else []
         spec.require_trusted(file, named)
     spec = with_given(spec, given, has_roads=False)
+    check_drawn(spec, given)
     spec = replace(spec, objective=_objective(context, spec, entries.objective))
     workers = entries.workers if workers is None else workers
     spec = _with_search(context, spec)
