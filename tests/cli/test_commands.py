@@ -89,6 +89,7 @@ MISTAKES: Final = [
     ("run --driver no.py:Driver", "there is no file 'no.py'"),
     ("run --driver mine.py", "mine.py names no class in the file: add it, mine.py:Class"),
     ("run --with delay=0.1 --with delay=0.2", "delay is there twice"),
+    ("run --with friction=0.5 --simulator friction=0.7", "friction is there twice, in --with"),
     ("run --roads competition,length=300", "the competition's roads have no options"),
     ("run --odd odd.toml --with friction=0.5", "friction is given, and odd draws it"),
     ("run --odd odd.toml --simulator friction=0.5", "friction is given, and odd draws it"),

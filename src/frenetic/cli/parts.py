@@ -187,9 +187,18 @@ def was_given(context: click.Context, name: str) -> bool:
 
 
 def given_options(context: click.Context) -> dict[str, Any]:
-    """Name -> value of the options that say how roads are driven and are given."""
+    """Name -> value of the options that say how roads are driven and are given.
+
+    Raises:
+        click.UsageError: two of them say the amount of a quantity.
+    """
     names = (AS, "domain", *drive_options())
-    return {name: context.params[name] for name in names if was_given(context, name)}
+    given = {name: context.params[name] for name in names if was_given(context, name)}
+    options = dict(given.get("simulator_options") or ())
+    for name, _ in given.get("layers") or ():
+        if quantity(name).attribute in options:
+            raise click.UsageError(f"{name} is there twice, in --with and in --simulator")
+    return given
 
 
 def given_quantities(spec: Spec, given: Mapping[str, Any]) -> list[str]:
