@@ -175,6 +175,10 @@ def test_it():
         ({"criteria": "iso"}, "there are no criteria 'iso'"),
         ({"simulations": 0}, "simulations is 0"),
         ({"seconds": 0.0}, "seconds is 0.0"),
+        ({"speed_limit": "a"}, "speed_limit is 'a': a number"),
+        ({"criteria": 3}, "criteria is 3: "),
+        ({"conditions": ["delay"]}, r"conditions is \['delay'\]: names with values"),
+        ({"conditions": {"delay": "a"}}, "conditions is {'delay': 'a'}: "),
     ],
 )
 def test_mistakes_are_named_where_the_test_is_declared(

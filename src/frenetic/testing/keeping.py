@@ -25,6 +25,7 @@ from tempfile import TemporaryDirectory
 from types import MappingProxyType
 from typing import Any, Final, TypeVar
 
+from frenetic._support.bounds import check
 from frenetic._support.files import write_file
 from frenetic._support.words import counted
 from frenetic.again.minimise import minimise_test
@@ -115,17 +116,17 @@ def keeps_lane(
     require_count("simulations", simulations)
     if not seconds > 0.0:
         raise ValueError(f"seconds is {seconds}: a positive number is needed")
-    entries = RunFile(
-        roads=dict(roads) if isinstance(roads, Mapping) else roads,
-        criteria=dict(criteria) if isinstance(criteria, Mapping) else criteria,
-        simulator=simulator,
-        conditions=dict(conditions),
-        speed_limit=speed_limit,
-        oob_tolerance=oob_tolerance,
-        simulations=simulations,
-        seed=seed,
-    )
-    spec = entries.spec()
+    given = {"roads": roads, "criteria": criteria, "conditions": conditions}
+    values: dict[str, Any] = {
+        **{name: dict(v) if isinstance(v, Mapping) else v for name, v in given.items()},
+        "simulator": simulator,
+        "speed_limit": speed_limit,
+        "oob_tolerance": oob_tolerance,
+        "simulations": simulations,
+        "seed": seed,
+    }
+    check(values, RunFile)
+    spec = RunFile(**values).spec()
     if spec.rules.criteria:
         spec = replace(spec, objective="criteria")
 
@@ -142,8 +143,8 @@ def keeps_lane(
                     " needed, see frenetic.Driver"
                 )
             place = Path(inspect.getfile(function)).parent / FOLDER
-            check = _Check(spec, seconds, driver, place, _name_of(function))
-            if text := check.failure():
+            held = _Check(spec, seconds, driver, place, _name_of(function))
+            if text := held.failure():
                 raise DriverFailedError(text)
 
         marked: TestFunction = _marked(test)
