@@ -148,6 +148,7 @@ MISTAKES: Final = [
     ("minimise bend.json --out name.json", "cannot be written: Is a directory; choose another"),
     ("estimate", "--odd FILE or the folder of a CAMPAIGN"),
     ("estimate c", "c searched no domain"),
+    ("estimate nowhere", "nowhere does not exist"),
     ("estimate windy --driver stanley", "windy is estimated as it was driven"),
     ("estimate --odd odd.toml --with friction=0.5", "friction is given, and odd draws it"),
     ("estimate --odd nowhere.toml", "nowhere.toml"),

@@ -134,7 +134,7 @@ class Told(Struct, forbid_unknown_fields=True):
     """Spent share of the budget, in place of the campaign's count until the next is told."""
 
     def attempt(self, road: Road, seconds: float) -> Attempt:
-        """The attempt on a road, which took so many s.
+        """The attempt on a road, which took so many s, ready to be stored.
 
         Raises:
             ValueError: the records are unusable, or a side has no place.
@@ -158,7 +158,7 @@ class Told(Struct, forbid_unknown_fields=True):
             self.duration if self.duration is not None or path is None else float(path.time[-1]),
             tuple(findings),
         )
-        return Attempt(
+        attempt = Attempt(
             self.id,
             result,
             road.pose,
@@ -167,10 +167,7 @@ class Told(Struct, forbid_unknown_fields=True):
             seconds=seconds,
             budget_spent=self.budget_spent,
         )
-
-    def packed(self, road: Road, seconds: float) -> Attempt:
-        """The same, ready to be stored."""
-        return self.attempt(road, seconds).pack(keep=True)
+        return attempt.pack(keep=True)
 
 
 @dataclass(frozen=True)
@@ -275,7 +272,7 @@ class _Client(Workers):
             return
         with suppress(OSError, ValueError):  # most were not told before a crash
             told = json.decode(self._kept(candidate.id).read_bytes(), type=Told)
-            self._known.append(told.packed(road, 0.0))
+            self._known.append(told.attempt(road, 0.0))
             return
         self._asked -= 1
         self._running[candidate.id] = road, time.perf_counter()
@@ -318,7 +315,7 @@ class _Client(Workers):
                 if told.id not in self._running:
                     raise ValueError(f"candidate {told.id} is not outstanding")
                 road, since = self._running[told.id]
-                attempt = told.packed(road, time.perf_counter() - since)
+                attempt = told.attempt(road, time.perf_counter() - since)
                 if min(self._running) < told.id:
                     write_file(
                         self._kept(told.id), json.encode(told), remedy="make room", parents=True

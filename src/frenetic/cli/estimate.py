@@ -67,11 +67,11 @@ def estimate(
         with as_usage_error():
             tester = RoadTester.on(spec, simulator, driver)
     else:
-        check_writable(campaign / FILE, remedy="let it be written")
         with CampaignStore.open(campaign) as store:
             domain = store.setting.domain
             if domain is None:
                 raise click.UsageError(f"{campaign} searched no domain: one with --odd did")
+            check_writable(campaign / FILE, remedy="let it be written")
             spec = recorded_spec(store, {})
             driver, simulator = spec.make_parts(isolate=True)
             tester = campaign_tester(store, simulator, driver)

@@ -140,8 +140,6 @@ class RoadClass:
             given, source = _read(Path(name)), Path(name).stem
         else:
             source = name
-            if name == "competition":
-                raise FreneticError("the competition's roads have no options")
             if name not in classes():
                 raise FreneticError(
                     f"there is no road class {name!r}: choose competition,"
@@ -504,4 +502,8 @@ def class_of(roads: object) -> RoadClass | None:
     name, options = read_part(str(roads))
     if name is None:
         raise ValueError(f"{roads!r} names no road class, as in rural-80,length=1500")
-    return None if name == COMPETITION and not options else RoadClass.of(name, options)
+    if name != COMPETITION:
+        return RoadClass.of(name, options)
+    if options:
+        raise ValueError("the competition's roads have no options")
+    return None
