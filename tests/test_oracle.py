@@ -417,7 +417,7 @@ def test_moving_and_turning_the_world_changes_no_verdict(
 # --- Rules and records ---------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", [item.name for item in fields(Rules)[:-1]])
+@pytest.mark.parametrize("name", [item.name for item in fields(Rules) if item.type == "float"])
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
 def test_rules_that_are_not_positive_are_refused_by_name(name: str, value: float) -> None:
     options: dict[str, Any] = {name: value}

@@ -142,7 +142,14 @@ BARE = Part("planner", {"aggression": 1.2})  # of which nothing is made
             {"layers": {"noise": 0.2}, "driver": BARE},
         ),
         ({"layers": {"view": 10.0}}, {"layers": {"delay": 0.1, "view": 10.0}, "driver": BARE}),
-        ({"speed_limit": 60.0}, {"rules": Rules(speed_limit=60.0, stuck_time=5.0)}),
+        (
+            {"speed_limit": 60.0},
+            {"rules": Rules(speed_limit=60.0, stuck_time=5.0, road_limits="ignored")},
+        ),
+        (
+            {"layers": {"speed": 60.0}},
+            {"rules": Rules(speed_limit=60.0, stuck_time=5.0, road_limits="scaled")},
+        ),
     ],
 )
 def test_what_is_given_takes_the_place_of_what_was_recorded(

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.bounds import check
 from frenetic._support.scalars import take_numpy_scalars
 from frenetic.criteria import JUDGED_BY_LANE, Profile
 from frenetic.errors import Fault, traceback_of
@@ -44,7 +45,7 @@ class Rules:
     """Rules for the end of a drive and for failing it."""
 
     speed_limit: float = 70.0
-    """Speed limit that the driver is told, in km/h."""
+    """Speed limit where the road has none of its own, in km/h; see `road_limits`."""
     oob_tolerance: float = 0.95
     """Share (0..1] of the car's box that may be outside the ego lane; more is a FAIL."""
     goal_distance: float = 8.0
@@ -59,12 +60,16 @@ class Rules:
     """Mean speed below which a drive takes too long, in m/s: timeout = base + length / speed."""
     criteria: Profile = JUDGED_BY_LANE
     """What a drive has to keep beside its lane; a breach is a FAIL and does not end the drive."""
+    road_limits: Literal["kept", "scaled", "ignored"] = "kept"
+    """Whether a road's own speed limits are kept, scaled until the highest is `speed_limit`, or
+    ignored, so that `speed_limit` holds everywhere."""
 
     def __post_init__(self) -> None:
         take_numpy_scalars(self)
+        check({"road_limits": self.road_limits}, Rules)
         for item in fields(self):
             value = getattr(self, item.name)
-            if item.name == "criteria":
+            if item.name in ("criteria", "road_limits"):
                 continue
             if not (np.isfinite(value) and value > 0.0):
                 raise ValueError(f"{item.name} is {value}: a positive number is needed")
@@ -76,6 +81,55 @@ class Rules:
     def as_json(self) -> dict[str, Any]:
         """Its fields, for JSON."""
         return asdict(self) | {"criteria": self.criteria.as_json()}
+
+    def speed_limits_on(self, road: Road) -> FloatArray:
+        """Return the speed limits that hold along a road, (k, 2) in m and km/h, k >= 1.
+
+        Each holds from its station on, the first from 0 m.
+        """
+        from frenetic.road.profile import LIMITS, merged, piece_of  # numba takes its time
+
+        limits = road.speed_limits
+        if self.road_limits == "ignored" or not len(limits):
+            return np.array([[0.0, self.speed_limit]])
+        limits = piece_of(LIMITS, limits, 0.0)
+        values = limits[:, 1]
+        if self.road_limits == "scaled":
+            values = values * (self.speed_limit / values.max())
+        values = np.where(values > 0.0, values, self.speed_limit)
+        return merged(np.column_stack([limits[:, 0], values]))
+
+    def start_limit_on(self, road: Road) -> float:
+        """Return the speed limit at a road's start, in m/s."""
+        return float(self.speed_limits_on(road)[0, 1]) / 3.6
+
+    def with_speed(self, amount: float) -> Rules:
+        """Return the rules with another speed limit in km/h, to which a road's own are scaled."""
+        is_ignored = self.road_limits == "ignored"
+        return replace(self, speed_limit=amount, road_limits="ignored" if is_ignored else "scaled")
+
+    def limit_in_words(self, road: Road | None = None, class_name: str = "") -> str:
+        """Return which speed limit holds, and whence.
+
+        Args:
+            road: on it; None for the roads of a search.
+            class_name: name of the road class to which `speed_limit` belongs, if it does.
+        """
+        otherwise = f"{self.speed_limit:.4g} km/h"
+        if self.road_limits == "kept":
+            otherwise += f", of {class_name}" if class_name else ", assumed"
+        else:
+            otherwise += ", as given"
+        if road is None or not len(road.speed_limits) or self.road_limits == "ignored":
+            return otherwise
+        values = self.speed_limits_on(road)[:, 1]
+        text = f"{values.min():.4g} to {values.max():.4g}" if np.ptp(values) else f"{values[0]:.4g}"
+        if self.road_limits == "scaled":
+            return f"{text} km/h, the road's own, scaled" if np.ptp(values) else otherwise
+        where = (
+            f"; where it has none, {otherwise}" if (road.speed_limits[:, 1] == 0.0).any() else ""
+        )
+        return f"{text} km/h, of the road{where}"
 
     def timeout(self, road_length: float) -> float:
         """Simulated seconds after which a drive on a road of `road_length` m has failed."""

@@ -22,7 +22,7 @@ from frenetic.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.errors import FreneticError
 from frenetic.road import Road
 from frenetic.road.geometry import project_near, reach_of
-from frenetic.road.profile import value_at
+from frenetic.road.profile import steps_at, value_at
 
 _POINTS: Final = 9
 """Points of each side of the car whose distances from the lane's edges are taken."""
@@ -139,6 +139,16 @@ def _speeding_up(seen: Seen) -> FloatArray:
     return rate(path.time, path.speed, 0.0) - path.lateral_speed * path.yaw_rate
 
 
+def _speed_excess(seen: Seen, window: float) -> FloatArray:
+    """Speed above the limit, (n,) in km/h."""
+    limits = seen.rules.speed_limits_on(seen.road)
+    speed = mean(seen.path.time, seen.path.speed, window)
+    if len(limits) == 1:
+        return 3.6 * speed - float(limits[0, 1])
+    limit = steps_at(limits, np.maximum(seen.distance, 0.0))
+    return 3.6 * speed - mean(seen.path.time, limit, window)
+
+
 def _standing(seen: Seen, _: float) -> FloatArray:
     time, moves = seen.path.time, np.abs(seen.path.speed) >= _STANDS
     last = np.maximum.accumulate(np.where(moves, time, -np.inf))
@@ -166,9 +176,7 @@ _SERIES: Final[Mapping[str, _Series]] = MappingProxyType(
         "longitudinal_jerk": lambda seen, window: np.abs(
             rate(seen.path.time, _speeding_up(seen), window)
         ),
-        "speed_excess": lambda seen, window: (
-            3.6 * mean(seen.path.time, seen.path.speed, window) - seen.rules.speed_limit
-        ),
+        "speed_excess": _speed_excess,
         "stop": _standing,
         "duration": lambda seen, _: seen.path.time,
     }

@@ -24,6 +24,8 @@ from frenetic.registry import hint
 GROUP: Final = "frenetic.quantities"
 SEED: Final = "noise_seed"
 """Name of the seed of random layers among the conditions of a drive."""
+SPEED: Final = "speed"
+"""Name of the quantity that is the speed limit."""
 FARTHEST: Final = 100_000.0
 """Largest amount in m of what has no upper bound."""
 MAX_START_OFFSET: Final = 2.0
@@ -196,8 +198,8 @@ _OWN: Final = (
         layer="frenetic.drivers.layers:Hasty",
     ),
     Quantity(
-        name="speed",
-        about="speed limit",
+        name=SPEED,
+        about="speed limit; of a road with several, the highest, and the others in proportion",
         unit="km/h",
         low=1.0,
         high=500.0,

@@ -106,12 +106,18 @@ class RunFile(DriveFile, kw_only=True):
                 {
                     "road_class": shown_class(self.from_roads),
                     "map_size": self.map_size,
+                    "layers": self.conditions,
                     **self.rules(),
                 }
             )
         if self.odd is not None:
             domain = read_domain(self.odd)
-            given = {"domain": domain, "map_size": self.map_size, **self.rules()}
+            given = {
+                "domain": domain,
+                "map_size": self.map_size,
+                "layers": self.conditions,
+                **self.rules(),
+            }
             roads = domain.road_class if self.roads is None else None
             spec = spec.replaced({**given, "road_class": roads})
         return replace(spec, **others)

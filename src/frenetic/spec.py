@@ -33,7 +33,7 @@ from frenetic._support.words import counted, part_word
 from frenetic.description import PARTS, describe, sources_of
 from frenetic.drive_entries import COMPETITION, DriveEntries
 from frenetic.errors import CampaignError, FreneticError
-from frenetic.quantities import SEED, quantities, quantity
+from frenetic.quantities import SEED, SPEED, quantities, quantity
 from frenetic.recipe import Guest, Named, Recipe, Told
 from frenetic.registry import SIMULATORS, STRATEGIES, Registry
 from frenetic.versions import sources_named
@@ -230,7 +230,7 @@ class Spec:
             FreneticError: a rule is out of range, or another simulator cannot be loaded.
         """
         asked = {k: v for k, v in given.items() if v is not None and v != ()}
-        asked = {**_class_rules(asked), **asked}
+        asked = {**_limit_rules(asked), **_class_rules(asked), **asked}
         asked = _placed(asked, self.simulator.options if not asked.get("simulator") else {})
         strategy, driver, simulator = (
             getattr(self, kind).replaced(asked.get(kind), dict(asked.get(f"{kind}_options", ())))
@@ -356,7 +356,11 @@ class Spec:
         spec = replace(spec, layers={}, driver=replace(spec.driver, made={}))
         if (entries := other.drive_entries()) is not None:
             driven = _convert(entries, DriveEntries).given()
-            spec = spec.replaced({**driven, "criteria": other.rules.criteria})
+            rules = {
+                name: getattr(other.rules, name)
+                for name in ("criteria", "speed_limit", "road_limits")
+            }
+            spec = spec.replaced({**driven, **rules})
         return spec.replaced(asked)
 
     def to_json(self) -> dict[str, JSONValue]:
@@ -380,12 +384,20 @@ class Spec:
         return {
             "driver": driver.word,
             "simulator": simulator.word,
-            "with": dict(self.layers),
-            "speed_limit": rules.speed_limit,
+            "with": {**self.layers, **self._limit_entries().get("with", {})},
+            "speed_limit": self._limit_entries().get("speed_limit"),
             "oob_tolerance": rules.oob_tolerance,
             **criteria,
             "wall_limit": self.wall_limit,
         }
+
+    def _limit_entries(self) -> dict[str, Any]:
+        """The entries of its speed limit; none where that follows from its class, or is usual."""
+        limit, kept = self.rules.speed_limit, self.rules.road_limits
+        if kept == "scaled":
+            return {"with": {SPEED: limit}}
+        usual = _usual_rules() if self.road_class is None else self.road_class
+        return {} if kept == "kept" and limit == usual.speed_limit else {"speed_limit": limit}
 
     def strategy_entry(self) -> dict[str, str]:
         """Its strategy, likewise; empty without a name."""
@@ -557,6 +569,13 @@ def _of_class(given: Mapping[str, Any]) -> dict[str, Any]:
     return {"road_class": road_class, "lane_width": road_class.lane_width, **own}
 
 
+def _limit_rules(given: Mapping[str, Any]) -> dict[str, Any]:
+    """What becomes of roads' own speed limits by given options: a given limit holds everywhere."""
+    if "speed_limit" in given:
+        return {"road_limits": "ignored"}
+    return {"road_limits": "kept"} if "road_class" in given else {}
+
+
 def _class_rules(given: Mapping[str, Any]) -> dict[str, Any]:
     """The numbers that follow from it unless they are given, too."""
     road_class = given.get("road_class")
@@ -585,7 +604,7 @@ def _placed(
         if row is None or row.layer:
             layers[name] = amount
         elif row.attribute == "rules":
-            placed["speed_limit"] = amount
+            placed |= {"speed_limit": amount, "road_limits": "scaled"}
         elif amount != row.nothing or row.attribute in {*options, *recorded}:
             options[row.attribute] = amount
     if "layers" in given:

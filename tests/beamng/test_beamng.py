@@ -123,6 +123,22 @@ def test_beamng_ai_is_told_lane_limit_and_aggression_before_its_goal(stand_in: S
     assert drive.trajectory.throttle.max() > 0.1, "what BeamNG.AI did is recorded"
 
 
+def test_beamng_ai_is_told_a_lower_limit_in_time_and_a_higher_one_behind_the_sign(
+    stand_in: StandIn,
+) -> None:
+    road = Road(np.zeros(13), pose=ROAD.pose, speed_limits=[(0, 36), (60, 18), (90, 36)])
+    with connected(stand_in) as simulator:
+        drive = simulator.drive(road, BeamngAi())
+    speeds = [message["speed"] for kind, message in stand_in.said if kind == "SetAiSpeed"]
+    assert speeds[0] == 10.0
+    assert min(speeds) == pytest.approx(5.0)
+    assert speeds[-1] == 10.0
+    place = road.track(np.column_stack([drive.trajectory.x, drive.trajectory.y]))[:, 0]
+    within = (place > 62.0) & (place < 90.0)
+    assert drive.trajectory.speed[within].max() < 6.0
+    assert drive.trajectory.speed[place < 40.0].max() > 8.0
+
+
 def test_brake_at_rest_is_left_to_the_parking_brake(stand_in: StandIn) -> None:
     with connected(stand_in) as simulator:
         drive = simulator.drive(ROAD, DummyDriver(brake=1.0))

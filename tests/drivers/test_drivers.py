@@ -111,8 +111,9 @@ def test_laws_are_compiled_once_however_arrays_are_given() -> None:
 
 def speed_wanted(curvature_ahead: FloatArray, driver: Planner | Stanley) -> float:
     lateral, braking, _, smoothing = driver.parameters()[:4]
+    limits = np.full(len(curvature_ahead), SETUP.speed_limit)
     wanted: float = laws.planned_speed(
-        curvature_ahead, len(curvature_ahead), SETUP.speed_limit, lateral, braking, int(smoothing)
+        curvature_ahead, limits, len(curvature_ahead), lateral, braking, int(smoothing)
     )
     return wanted
 

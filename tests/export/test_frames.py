@@ -258,13 +258,14 @@ def test_roads_of_a_class_come_with_their_slopes(tmp_path: Path) -> None:
     frame = data_frame(campaign)
     with CampaignStore.open(campaign.folder) as store:
         for row, test in zip(frame.to_dict("records"), store.tests(), strict=True):
+            profiles: dict[str, Any] = {name: row[name] or () for name in NAMES}
             assert (
                 road_class.breach(
                     Road(
                         row["curvatures"],
                         row["step"],
                         lane_width=3.25,
-                        **{n: row[n] for n in NAMES},
+                        **profiles,
                     )
                 )
                 == ""

@@ -22,7 +22,7 @@ ROAD = Road([0.0, 0.01, 0.05, -0.03, -0.03], 10.0, (60.0, 70.0, 1.0), lane_width
 
 def written(tmp_path: Path, name: str, road: Road = ROAD) -> Path:
     path = tmp_path / f"road{road_format(name).suffix}"
-    write_road(ExportedRoad(road, "road", 50.0), name, path)
+    write_road(ExportedRoad(road, "road", Rules(speed_limit=50.0)), name, path)
     return path
 
 
@@ -45,7 +45,9 @@ def test_what_we_read_back_is_the_same_road(tmp_path: Path, name: str) -> None:
 
 
 def test_a_scenario_lies_beside_an_opendrive_file(tmp_path: Path) -> None:
-    write_road(ExportedRoad(ROAD, "mine", 50.0), "opendrive", tmp_path / "a b.1.xodr")
+    write_road(
+        ExportedRoad(ROAD, "mine", Rules(speed_limit=50.0)), "opendrive", tmp_path / "a b.1.xodr"
+    )
     text = (tmp_path / "a b.1.xosc").read_text()
     assert text == to_openscenario(ROAD, "a b.1.xodr", name="mine", rules=Rules(speed_limit=50.0))
     assert {path.name for path in tmp_path.iterdir()} == {"a b.1.xodr", "a b.1.xosc"}

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -182,6 +183,11 @@ def test_idm_keeps_the_lane_and_its_target_speed(simulator: MetaDriveSimulator) 
     capped = simulator.drive(WINDING, MetaDriveIdm()).trajectory
     simulator.rules = Rules()
     assert capped.speed.max() * 3.6 == pytest.approx(20.0, abs=1.0)
+    road = replace(STRAIGHT, speed_limits=np.array([[0.0, 40.0], [0.6 * STRAIGHT.length, 20.0]]))
+    slower = simulator.drive(road, MetaDriveIdm(target_speed=60.0)).trajectory
+    place = road.track(np.column_stack([slower.x, slower.y]))[:, 0]
+    assert slower.speed.max() * 3.6 == pytest.approx(40.0, abs=3.0)
+    assert slower.speed[place > 0.7 * road.length].max() * 3.6 == pytest.approx(20.0, abs=3.0)
 
 
 def test_expert_drives_gentle_roads(simulator: MetaDriveSimulator) -> None:
@@ -198,9 +204,9 @@ def test_expert_is_metadrives_own(simulator: MetaDriveSimulator) -> None:
     simulator.drive(WINDING, Fixed(Controls(0.05, throttle=0.5)))
     world = simulator._world
     assert world is not None
-    policy = make_policy(MetaDriveExpert(), world, 70.0)
+    policy = make_policy(MetaDriveExpert(), world)
     for _ in range(5):
-        mine = policy.act()
+        mine = policy.act(70.0)
         steering, throttle_brake = numpy_expert.expert(world.vehicle, deterministic=True)
         assert mine.action == pytest.approx(
             np.clip((steering, throttle_brake), -1.0, 1.0), abs=1e-5

@@ -70,7 +70,7 @@ def without_notes(text: str) -> bytes:
 def assert_same(one: Road, other: Road) -> None:
     assert np.array_equal(one.curvatures, other.curvatures)
     assert (one.step, one.pose, one.lane_width) == (other.step, other.pose, other.lane_width)
-    for name in profile.NAMES:
+    for name in profile.SHAPES:
         assert np.array_equal(getattr(one, name), getattr(other, name)), name
 
 

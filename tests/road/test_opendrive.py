@@ -145,7 +145,7 @@ def test_our_own_file_gives_the_same_road_bit_for_bit(road: Road) -> None:
     read = RoadMap(to_opendrive(road).encode()).road()
     assert read.curvatures.tolist() == road.curvatures.tolist()
     assert (read.step, read.pose, read.lane_width) == (road.step, road.pose, road.lane_width)
-    for name in profile.NAMES:
+    for name in profile.SHAPES:
         assert np.array_equal(getattr(read, name), getattr(road, name)), name
 
 

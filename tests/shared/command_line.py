@@ -105,7 +105,7 @@ def frenetic(
     def call(*arguments: str) -> Answer:
         capsys.readouterr()
         with pictures(), pytest.raises(SystemExit) as stop:
-            main(list(arguments))
+            main([str(argument) for argument in arguments])
         captured = capsys.readouterr()
         assert isinstance(stop.value.code, int)
         return Answer(stop.value.code, captured.out, captured.err)

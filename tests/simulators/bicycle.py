@@ -25,7 +25,7 @@ class Bicycle:
     def __exit__(self, *error: object) -> None: ...
 
     def drive(self, road: Road, driver: Driver) -> Drive:
-        limit = self.rules.speed_limit / 3.6
+        limit = self.rules.start_limit_on(road)
         setup = DriveSetup(limit, road.lane_width, PERIOD, 1.2, 1.4, 4.5, 1.6, 0.6, 4.0, 9.0)
         most = int(self.rules.timeout(road.length) / PERIOD) + 2
         observer = Observer(road, self.rules, self.car, most)

@@ -9,8 +9,10 @@ import numpy as np
 
 from frenetic._support.bounds import Index, check
 from frenetic._support.scalars import take_numpy_scalars
+from frenetic.drive import Rules
 from frenetic.errors import FreneticError
-from frenetic.quantities import SEED, quantities, quantity
+from frenetic.quantities import SEED, SPEED, quantities, quantity
+from frenetic.search.records import Candidate
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import Conditions, check_can_vary, own_amount
 from frenetic.spec import require_count
@@ -76,6 +78,14 @@ class Variation:
         unit = quantity(self.quantity).unit
         text = f"{self.low:.3g}" if self.is_fixed else f"{self.low:.3g} to {self.high:.3g}"
         return f"{self.quantity} {text}{' ' if unit else ''}{unit}"
+
+
+def own_conditions(road: Candidate, rules: Rules) -> Conditions:
+    """The conditions of a test, with the highest speed limit of a road that has some."""
+    limits = road.speed_limits
+    if limits is None or not len(limits) or rules.road_limits == "ignored":
+        return road.conditions
+    return {SPEED: float(limits[:, 1].max()), **road.conditions}
 
 
 def draw_conditions(

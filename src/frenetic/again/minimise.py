@@ -169,7 +169,7 @@ class Minimising(Strategy):
         values = np.array(shape.values)
         stations = np.arange(len(values)) * shape.step
         profiles: dict[str, FloatArray] = {
-            name: profile.thinned(np.column_stack([stations, column]))
+            name: profile.plainer(name, np.column_stack([stations, column]))
             for name, column in zip(profile.NAMES, zip(*shape.slopes, strict=True), strict=False)
             if any(column)
         }
@@ -370,8 +370,8 @@ def _shape_of(road: Candidate) -> Shape:
     """A candidate's road without its place."""
     stations = np.arange(len(road.curvatures)) * road.step
     columns = [
-        () if values is None else profile.value_at(values, stations).tolist()
-        for values in (getattr(road, name) for name in profile.NAMES)
+        () if values is None else profile.values_of(name, values, stations).tolist()
+        for name, values in ((name, getattr(road, name)) for name in profile.NAMES)
     ]
     slopes = tuple(zip_longest(*columns, fillvalue=0.0))
     return Shape(tuple(road.curvatures), road.step, slopes)

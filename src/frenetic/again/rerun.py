@@ -24,7 +24,7 @@ from msgspec import ValidationError, convert, to_builtins
 
 from frenetic._support.json_value import JSONValue
 from frenetic.again.campaigns import How, campaign_again, complete, driven_again, terms_of
-from frenetic.again.conditions import Variation, draw_conditions
+from frenetic.again.conditions import Variation, draw_conditions, own_conditions
 from frenetic.again.strategy import Again, ByTest
 from frenetic.again.verdicts import Change, Repeat, Repeats, matches_json, matches_text
 from frenetic.analysis.failures import Failure
@@ -187,7 +187,7 @@ def rerun(
         tests = list(tests)
         candidates = [store.test(number, with_trajectory=False).candidate for number in tests]
         tester = campaign_tester(store, simulator, driver)
-    own = {one.id: without(one.conditions, *instead) for one in candidates}
+    own = {road.id: without(own_conditions(road, simulator.rules), *instead) for road in candidates}
     # Of tests with the same quantities one stands for all.
     for found in ({}, *{frozenset(found): found for found in own.values()}.values()):
         check_pair_in({**found, **drawn[0]}, simulator, driver)
@@ -279,7 +279,7 @@ def read_rerun(folder: Path | str, source: Path | str) -> Rerun:
             store.setting.rules,
             terms.planned,
             tuple(
-                _repeats(recorded[number][0], own, terms.variations, is_own)
+                _repeats(recorded[number][0], own, terms.variations, store.setting.rules, is_own)
                 for number, own in drives.items()
             ),
             terms.variations,
@@ -288,7 +288,11 @@ def read_rerun(folder: Path | str, source: Path | str) -> Rerun:
 
 
 def _repeats(
-    recorded: Test, drives: Sequence[Repeat], variations: Sequence[Variation], is_own: bool
+    recorded: Test,
+    drives: Sequence[Repeat],
+    variations: Sequence[Variation],
+    rules: Rules,
+    is_own: bool,
 ) -> Repeats:
     """The drives of a test, and whether only the variations are not its campaign's."""
     own = recorded.candidate.conditions
@@ -296,7 +300,9 @@ def _repeats(
     is_own &= all(
         without(drive.conditions, *varied, SEED) == without(own, *varied, SEED) for drive in drives
     )
-    ranges = tuple(variation.of(own) for variation in variations)
+    ranges = tuple(
+        variation.of(own_conditions(recorded.candidate, rules)) for variation in variations
+    )
     return Repeats(recorded, tuple(drives), ranges, is_own)
 
 

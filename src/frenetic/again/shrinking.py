@@ -31,6 +31,8 @@ _SHARPER: Final = 1.25
 """Factor on all curvatures when a sample is dropped."""
 _BEND: Final = 0.03
 """Bend on one curvature when the first sample is dropped, in 1/m."""
+_LIMIT: Final = 3
+"""Place of the speed limit among `Shape.slopes`."""
 CUT_BEHIND: Final = "cut behind"
 """Name of what comes before the passes."""
 
@@ -53,7 +55,8 @@ class Shape:
     step: float
     """Distance between two samples, in m."""
     slopes: tuple[Values, ...] = ()
-    """Superelevation and grade at each sample, (N, 2); () for a flat road."""
+    """Profiles at each sample, in the order of `frenetic.road.profile.NAMES`: slope across the
+    road, slope along it, widening and speed limit; () for a flat road without limits."""
 
     def __post_init__(self) -> None:
         # Plain floats without a negative zero, so that equal shapes look and hash alike.
@@ -225,6 +228,9 @@ def _coarsen(shrinker: Shrinker) -> Trials[None]:
             at = step * np.arange(math.floor(shape.length / step + 1e-9) + 1)
             values = tuple(np.interp(at, places, shape.values))
             columns = [np.interp(at, places, one) for one in zip(*shape.slopes, strict=True)]
+            if len(columns) > _LIMIT:
+                before = np.searchsorted(places, at + 1e-9) - 1
+                columns[_LIMIT] = np.array([pair[_LIMIT] for pair in shape.slopes])[before]
             slopes = tuple(zip(*columns, strict=True))
             if (yield from shrinker.offer(Shape(values, step, slopes))):
                 return
@@ -262,10 +268,10 @@ def _sharpen(shrinker: Shrinker) -> Trials[None]:
 
 
 def _flatten(shrinker: Shrinker) -> Trials[None]:
-    """Takes slopes and widening away, or else all but one of them."""
+    """Takes slopes and widening away, or else all but one of them; speed limits stay."""
     for kept in ((), (0,), (1,), (2,)):
         slopes = (
-            tuple(value if k in kept else 0.0 for k, value in enumerate(pair))
+            tuple(value if k in (*kept, _LIMIT) else 0.0 for k, value in enumerate(pair))
             for pair in shrinker.best.slopes
         )
         yield from shrinker.offer(replace(shrinker.best, slopes=tuple(slopes)))

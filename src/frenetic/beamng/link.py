@@ -458,10 +458,15 @@ class Link:
         ai = self._ego.ai
         with _asking("calling BeamNG.AI"):
             self.control(0.0, 0.0, 0.0)
-            ai.set_speed(float(speed), mode="limit")
+            self.limit_ai(speed)
             ai.set_aggression(float(aggression))
             ai.drive_in_lane(True)  # before the waypoint, at which the route is planned
             ai.set_waypoint(GOAL)
+
+    def limit_ai(self, speed: float) -> None:
+        """Sets BeamNG.AI's speed limit in m/s."""
+        with _asking("calling BeamNG.AI"):
+            self._ego.ai.set_speed(float(speed), mode="limit")
 
 
 @contextmanager

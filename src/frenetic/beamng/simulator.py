@@ -20,10 +20,11 @@ from frenetic.drivers.camera import Image
 from frenetic.drivers.driver import camera_of, check_other_world, under_layers
 from frenetic.errors import DriverError
 from frenetic.road import Pose, Road
+from frenetic.road.geometry import project_near, reach_of
 from frenetic.simulators.capabilities import check_road
 from frenetic.simulators.checks import Check, drive_checks
 from frenetic.simulators.following import RECORD_PERIOD, follow
-from frenetic.simulators.observing import wrap
+from frenetic.simulators.observing import LimitsAhead, wrap
 
 WALL_LIMIT: Final = 600.0
 """Default limit of a drive's wall time, in s."""
@@ -38,6 +39,8 @@ _AT_REST: Final = 0.1  # m/s
 _CREEP: Final = 0.3  # m/s, below which braking is left to the parking brake
 _ASTRAY: Final = 0.3  # m, the farthest from its place that a car may stand at the start
 _CLOCK_SHARE, _CLOCK_SLACK = 0.02, 0.01  # how far the clock may be off: of the time, and s
+_AI_DECELERATION: Final = 3.0  # m/s^2, with which BeamNG.AI is made to brake to a lower limit; ours
+_LIMIT_STEP: Final = 0.5  # m/s, least change of the limit that BeamNG.AI is told
 _ACCELERATION, _DECELERATION = 4.0, 9.0  # m/s^2, what drivers are told of a car that is unknown
 
 logger = logging.getLogger(__name__)
@@ -223,7 +226,7 @@ class BeamngSimulator:
         """The setup of a drive along the road for its driver."""
         car = self.measured
         return DriveSetup(
-            speed_limit=self.rules.speed_limit / 3.6,
+            speed_limit=self.rules.start_limit_on(road),
             lane_width=road.lane_width,
             period=RECORD_PERIOD,
             front_axle=0.5 * car.wheelbase,
@@ -257,11 +260,11 @@ class BeamngSimulator:
             self._connect()
         self._load(road, self.measured.ahead, self.measured.left)
         if by_ai:
-            self.link.let_ai_drive(self.rules.speed_limit / 3.6, self.aggression)
+            self.link.let_ai_drive(self.rules.start_limit_on(road), self.aggression)
         else:
             self._open_camera(driver)
         drive = follow(
-            _Car(self, by_ai=by_ai, has_camera=camera_of(driver) is not None),
+            _Car(self, road, by_ai=by_ai, has_camera=camera_of(driver) is not None),
             road,
             self.rules,
             self.car,
@@ -408,12 +411,18 @@ class _Car:
 
     Args:
         simulator: has placed it.
+        road: under it.
         by_ai: whether BeamNG.AI drives it.
         has_camera: whether it has a camera.
     """
 
-    def __init__(self, simulator: BeamngSimulator, *, by_ai: bool, has_camera: bool) -> None:
+    def __init__(
+        self, simulator: BeamngSimulator, road: Road, *, by_ai: bool, has_camera: bool
+    ) -> None:
         self._link = simulator.link
+        self._road = road
+        self._limits = LimitsAhead(road, simulator.rules)
+        self._s, self._limit = 0.0, self._limits.at(0.0)[0]  # m along the road, m/s
         self._car = simulator.measured
         self._by_ai = by_ai
         self._has_camera = has_camera
@@ -438,10 +447,22 @@ class _Car:
         vx = state.velocity[0] - yaw_rate * (car.ahead * s + car.left * c)
         vy = state.velocity[1] + yaw_rate * (car.ahead * c - car.left * s)
         self._heading, self._speed = heading, c * vx + s * vy
+        if self._by_ai and not self._limits.is_one:
+            self._limit_ai(x, y)
         steering = car.shown * state.steering_input
         motion = [x, y, heading, self._speed, c * vy - s * vx, yaw_rate, steering]
         shown = [steering, state.throttle_input, state.brake_input]
         return [*motion, *shown] if self._by_ai else motion
+
+    def _limit_ai(self, x: float, y: float) -> None:
+        """Tells BeamNG.AI the speed from which it can brake to the limits ahead."""
+        reach = reach_of(RECORD_PERIOD * abs(self._speed))
+        line = self._road.table, self._road.sub_step
+        self._s, _ = project_near(*line, x, y, self._s, reach)
+        limit = self._limits.speed_at(self._s, _AI_DECELERATION)
+        if abs(limit - self._limit) > _LIMIT_STEP:
+            self._link.limit_ai(limit)
+            self._limit = limit
 
     def _check_clock(self, passed: float, due: float) -> None:
         if abs(passed - due) > _CLOCK_SHARE * due + _CLOCK_SLACK:

@@ -95,7 +95,24 @@ def take_roads(
         )
     taken = f"{folder}: {counted(len(tests), 'stretch', 'stretches')} of"
     unread = f", {len(found.skipped)} could not be read" if found.skipped else ""
-    return f"{taken} {counted(len(found.roads), 'real road')}{unread}", tests
+    limits = _limits_in_words([test.evaluation.candidate for test in tests], tester)
+    return f"{taken} {counted(len(found.roads), 'real road')}{unread}; {limits}", tests
+
+
+def _limits_in_words(stretches: Sequence[Candidate], tester: RoadTester) -> str:
+    """The speed limits on some stretches, and what is assumed where a file says none."""
+    rules, class_name = tester.simulator.rules, getattr(tester.road_class, "name", "")
+    if rules.road_limits == "ignored":
+        return f"speed limit {rules.limit_in_words()}"
+    limits = [road.speed_limits for road in stretches]
+    said = [float(value) for steps in limits if steps is not None for value in steps[:, 1]]
+    own = [value for value in said if value > 0.0]
+    without = sum(steps is None or not (steps[:, 1] > 0.0).all() for steps in limits)
+    assumed = rules.limit_in_words(class_name=class_name)
+    if not own:
+        return f"no file says a speed limit: {assumed}"
+    text = f"speed limits of the files: {min(own):.4g} to {max(own):.4g} km/h"
+    return f"{text}; where {without} of them say none, {assumed}" if without else text
 
 
 def take_earlier(

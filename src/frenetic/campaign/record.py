@@ -28,6 +28,7 @@ from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
 from frenetic.road.classes import RoadClass
 from frenetic.search.records import Candidate
+from frenetic.simulators.worlds import rules_in
 
 
 @dataclass(frozen=True)
@@ -223,7 +224,7 @@ class Test(Shown):
         return Drive(
             self.trajectory,
             setting.car,
-            setting.rules,
+            rules_in(self.candidate.conditions, setting.rules),
             self.reason if broke else None,
             fault=fault,
             road=self.road,
@@ -342,6 +343,7 @@ ASKED: Final = (
     ),
     Column("grade", "candidate.grade", "PAIRS", "distance in m and slope along it"),
     Column("widening", "candidate.widening", "PAIRS", "distance in m and m by which lanes widen"),
+    Column("speed_limits", "candidate.speed_limits", "PAIRS", "distance in m and km/h from there"),
     Column("conditions", "candidate.conditions", "JSON", "what differs from the campaign's drives"),
     Column("repeat", "candidate.repeat", "INTEGER", "counts the drives of one road from 0"),
     Column("source", "candidate.source", "JSON", "campaign and test whose road it is"),

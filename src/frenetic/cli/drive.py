@@ -179,7 +179,8 @@ def _of_map(
 
     def asked(stretch: Stretch) -> Asked:
         def behind(place: float) -> Asked | None:
-            if stretch.road.length - place < TO_GO_ON * spec.rules.speed_limit / 3.6:
+            rest_limits = spec.rules.speed_limits_on(stretch.road)[:, 1]
+            if stretch.road.length - place < TO_GO_ON * float(rest_limits.max()) / 3.6:
                 return None
             try:
                 (rest,) = road_map.stretches(stretch.behind(place), lane=lane)
@@ -308,6 +309,14 @@ def _who(recorded: object, document: Mapping[str, Any]) -> Iterator[str]:
         yield from filter(None, [other_version("driver", recorded, driver)])
 
 
+def _limit(spec: Spec, asked: Asked) -> str:
+    """The speed limit on a road in words, and whence it is."""
+    from frenetic.simulators.worlds import rules_in
+
+    class_name = spec.road_class.name if spec.road_class is not None else ""
+    return rules_in(asked.conditions, spec.rules).limit_in_words(asked.road, class_name)
+
+
 def _print(spec: Spec, asked: Asked, result: Result, document: Mapping[str, Any]) -> None:
     differs = document.get("differs")
     words = f"differs from the campaign: {differs}" if differs else "as in the campaign"
@@ -316,6 +325,7 @@ def _print(spec: Spec, asked: Asked, result: Result, document: Mapping[str, Any]
         [
             ("road", f"{asked.road.length:.1f} m, {asked.name}"),
             ("driver", "; ".join(_who(asked.recorded, document))),
+            ("speed limit", _limit(spec, asked)),
             ("conditions", in_words({**spec.conditions, **asked.conditions})),
             *facts_of_drive(result, result.duration if result.outcome.is_driven else None),
             ("result", "" if differs is None else words),

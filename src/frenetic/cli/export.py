@@ -234,10 +234,11 @@ def _exported(
         return ExportedRoad(road, name, **options), source.with_name(name)
     from frenetic.campaign import CampaignStore
     from frenetic.report.failures import file_stem
+    from frenetic.simulators.worlds import rules_in
 
     with CampaignStore.open(source) as store:
         test = store.test(test_id)
-        speed_limit = store.setting.rules.speed_limit
+        rules = rules_in(test.candidate.conditions, store.setting.rules)
     stem = file_stem(test_id)
-    exported = ExportedRoad(test.road, stem, speed_limit, test=test, **options)
+    exported = ExportedRoad(test.road, stem, rules, test=test, **options)
     return exported, source / EXPORTS / stem

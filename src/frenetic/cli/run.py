@@ -109,9 +109,18 @@ def run(
     campaign = make_campaign(spec, new_folder() if out is None else out, workers)
     text = (
         f"Searching with {spec.strategy.name} for roads on which {spec.driver.name} fails,"
-        f" seed {spec.seed}"
+        f" seed {spec.seed}; speed limit {_limit(spec)}"
     )
     search(campaign, campaign.run, text, as_json, spec.seed, fail_on_failure=fail_on_failure)
+
+
+def _limit(spec: Spec) -> str:
+    """The speed limit of a search's roads in words, and whence it is."""
+    class_name = spec.road_class.name if spec.road_class is not None else ""
+    limit = spec.rules.limit_in_words(class_name=class_name)
+    if spec.from_roads is None or spec.rules.road_limits == "ignored":
+        return limit
+    return f"that of each real road; of other roads {limit}"
 
 
 def _objective(context: click.Context, spec: Spec, of_file: str | None) -> str:

@@ -225,6 +225,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     if facts.get("interrupted") or "finished_at" not in facts:
         budget += ", interrupted" if facts.get("interrupted") else ", not finished"
     rules, error = setting.rules, first_error(store)
+    limit = rules.limit_in_words(class_name=getattr(setting.road_class, "name", ""))
     print_facts(
         [
             ("campaign", str(store.folder)),
@@ -232,7 +233,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
             ("conditions", conditions_in_words(_conditions(store))),
             (
                 "rules",
-                f"{rules.speed_limit} km/h, {rules.oob_tolerance} of the car may be out, map of"
+                f"speed limit {limit}, {rules.oob_tolerance} of the car may be out, map of"
                 f" {setting.map_size} m",
             ),
             ("criteria", criteria_in_words(store)),

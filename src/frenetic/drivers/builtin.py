@@ -15,6 +15,14 @@ from frenetic.drivers.driver import Controls, DriveSetup, Observation
 from frenetic.drivers.elastic_band import GRAVITY, MEMORY
 
 
+def limits_of(observation: Observation, setup: FloatArray) -> FloatArray:
+    """Speed limits at the points ahead, (n,) in m/s; that at the start where none is seen."""
+    rows = len(observation.curvature_ahead)
+    if len(observation.speed_limit_ahead) >= rows:
+        return np.array(observation.speed_limit_ahead)
+    return np.full(rows, setup[laws.SPEED_LIMIT])
+
+
 class BuiltIn:
     """A driver whose law is a compiled kernel; the subclasses are its parameters."""
 
@@ -41,6 +49,7 @@ class BuiltIn:
         o = observation
         # Copies, as kernels are compiled for each kind of array: the rollout has compiled this one.
         ahead, curvature_ahead = np.array(o.ahead, order="C"), np.array(o.curvature_ahead)
+        limit_ahead = limits_of(o, self._setup)
         steering, throttle, brake = laws.decide(
             self.law,
             o.speed,
@@ -50,6 +59,7 @@ class BuiltIn:
             o.heading_error,
             ahead,
             curvature_ahead,
+            limit_ahead,
             len(ahead),
             self._parameters,
             self._setup,
@@ -157,8 +167,8 @@ class SpeedPlan:
         curvature_ahead = np.array(observation.curvature_ahead)
         wanted: float = laws.planned_speed(
             curvature_ahead,
+            limits_of(observation, self._setup),
             len(curvature_ahead),
-            self._setup[laws.SPEED_LIMIT],
             self._parameters[laws.LATERAL],
             self._parameters[laws.BRAKING],
             int(self._parameters[laws.SMOOTHING]),
@@ -171,6 +181,7 @@ class SpeedPlan:
         throttle, brake = laws.planned_pedals(
             float(observation.speed),
             curvature_ahead,
+            limits_of(observation, self._setup),
             len(curvature_ahead),
             self._parameters,
             self._setup,

@@ -39,7 +39,7 @@ class DriveSetup:
     """The setup of a drive, as its driver gets it: the car, the lane and the limits."""
 
     speed_limit: float
-    """m/s."""
+    """Speed limit at the start, in m/s; `Observation.speed_limit` is the one where the car is."""
     lane_width: float
     """m."""
     period: float
@@ -124,6 +124,10 @@ class Observation:
     """Speed across the car, in m/s, positive to the left."""
     view: float = math.inf
     """Length of road ahead at which `lane` ends, in m: that of a limited view."""
+    speed_limit: float = math.inf
+    """Speed limit where the car is, in m/s."""
+    speed_limit_ahead: FloatArray = field(default_factory=lambda: np.empty(0))
+    """Lowest speed limit from each point of `ahead` to the next, (n,) in m/s."""
     _road: Road | None = field(default=None, repr=False)
 
     def lane(self, spacing: float = 1.0, ahead: float = 100.0, behind: float = 0.0) -> Lane:

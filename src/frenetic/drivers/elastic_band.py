@@ -88,19 +88,26 @@ def lane_at(
 
 
 @njit()
+def square_of_limit(limit_ahead: FloatArray, u: float, rows: int) -> float:
+    """Square of the speed limit ``u`` m of road ahead of the car, in m^2/s^2."""
+    limit: float = limit_ahead[min(max(int(u / AHEAD_SPACING), 0), rows - 1)]
+    return limit * limit
+
+
+@njit()
 def drive_along_band(
     speed: float,
     distance: float,
     heading_error: float,
     ahead: FloatArray,
     curvature_ahead: FloatArray,
+    limit_ahead: FloatArray,
     rows: int,
     parameters: FloatArray,
     lane_width: float,
     car_width: float,
     rear_axle: float,
     period: float,
-    speed_limit: float,
     memory: FloatArray,
 ) -> tuple[float, float, float]:
     """(angle of the front wheels in rad, throttle, brake); ``memory`` is brought up to date.
@@ -109,11 +116,11 @@ def drive_along_band(
         speed: m/s.
         distance: m along the road.
         heading_error: rad.
-        ahead, curvature_ahead, rows: the view, see `frenetic.drivers.driver.Observation`.
+        ahead, curvature_ahead, limit_ahead, rows: the view, see
+            `frenetic.drivers.driver.Observation`.
         parameters: see `frenetic.drivers.builtin.BeamngAi.parameters`.
         lane_width, car_width, rear_axle: m.
         period: s between two calls.
-        speed_limit: m/s.
         memory: (MEMORY,), see the module's text.
     """
     p = parameters
@@ -216,9 +223,9 @@ def drive_along_band(
         memory[(number + i) % NODES] = offset[i]
 
     # Speed: squares allowed at the nodes by their bends and by braking for what follows.
-    limit = speed_limit * speed_limit
-    square = limit
+    square = square_of_limit(limit_ahead, (number + nodes - 1) * 0.5 * spacing - distance, rows)
     for i in range(nodes - 2, here, -1):
+        limit = square_of_limit(limit_ahead, (number + i) * 0.5 * spacing - distance, rows)
         ax = plan[i, 0] - plan[i - 1, 0]
         ay = plan[i, 1] - plan[i - 1, 1]
         bx = plan[i + 1, 0] - plan[i, 0]
@@ -229,6 +236,7 @@ def drive_along_band(
         square = min(square + 2.0 * p[BRAKING] * b, limit)
         if bend * square > p[LATERAL] * chords:
             square = p[LATERAL] * chords / bend
+    limit = square_of_limit(limit_ahead, 0.0, rows)
     wanted = math.sqrt(min(square + 2.0 * p[BRAKING] * (gap - along), limit))
     missing = wanted - speed
     throttle = min(max(p[THROTTLE_GAIN] * (missing - p[SPEED_SLACK]), 0.0), 1.0)

@@ -60,24 +60,26 @@ def setup_array(setup: DriveSetup) -> FloatArray:
 @njit()
 def planned_speed(
     curvature_ahead: FloatArray,
+    limit_ahead: FloatArray,
     rows: int,
-    limit: float,
     lateral: float,
     braking: float,
     smoothing: int,
 ) -> float:
-    """Speed in m/s now that lets the car take every curve in view within its budgets.
+    """Speed in m/s now that lets the car keep every limit and curve in view within its budgets.
 
     Each curve allows sqrt(lateral / |kappa|), where kappa is the mean curvature over a window of
     ``smoothing`` rows on each side; braking steadily from here, v^2 = v_curve^2 + 2 braking
-    distance. At the end of the view the road is taken to go on as it is.
+    distance. So does a lower limit ahead. At the end of the view the road is taken to go on as it
+    is.
     """
     # The sums slide along, so that the cost does not depend on the window.
     total = 0.0
     for j in range(min(smoothing, rows)):
         total += curvature_ahead[j]
-    best = limit * limit
+    best = limit_ahead[0] * limit_ahead[0]
     for i in range(rows):
+        best = min(best, limit_ahead[i] * limit_ahead[i] + 2.0 * braking * i * SPACING)
         if i + smoothing < rows:
             total += curvature_ahead[i + smoothing]
         if i - smoothing - 1 >= 0:
@@ -93,6 +95,7 @@ def planned_speed(
 def planned_pedals(
     speed: float,
     curvature_ahead: FloatArray,
+    limit_ahead: FloatArray,
     rows: int,
     parameters: FloatArray,
     setup: FloatArray,
@@ -100,8 +103,8 @@ def planned_pedals(
     """(throttle, brake) that bring the speed towards the planned one at the law's gain."""
     wanted = planned_speed(
         curvature_ahead,
+        limit_ahead,
         rows,
-        setup[SPEED_LIMIT],
         parameters[LATERAL],
         parameters[BRAKING],
         int(parameters[SMOOTHING]),
@@ -117,16 +120,17 @@ def planner(
     speed: float,
     ahead: FloatArray,
     curvature_ahead: FloatArray,
+    limit_ahead: FloatArray,
     rows: int,
     parameters: FloatArray,
     setup: FloatArray,
 ) -> tuple[float, float, float]:
-    """(steering, throttle, brake): speed from the curvature ahead, pure-pursuit steering.
+    """(steering, throttle, brake): speed from the road ahead, pure-pursuit steering.
 
     Pure pursuit (R. C. Coulter, CMU-RI-TR-92-01): the front wheels take the arc that leads the
     rear axle through the lane's centre a lookahead distance away.
     """
-    throttle, brake = planned_pedals(speed, curvature_ahead, rows, parameters, setup)
+    throttle, brake = planned_pedals(speed, curvature_ahead, limit_ahead, rows, parameters, setup)
     lookahead = parameters[LOOKAHEAD_MIN] + parameters[LOOKAHEAD_TIME] * speed
     place = min(lookahead / SPACING, rows - 1.0)
     i = max(min(int(place), rows - 2), 0)
@@ -148,6 +152,7 @@ def stanley(
     lateral_offset: float,
     heading_error: float,
     curvature_ahead: FloatArray,
+    limit_ahead: FloatArray,
     rows: int,
     parameters: FloatArray,
     setup: FloatArray,
@@ -158,7 +163,7 @@ def stanley(
     heading error plus the angle that takes the front axle back to the line, the lane's own
     curvature fed forward, and the yaw rate damped.
     """
-    throttle, brake = planned_pedals(speed, curvature_ahead, rows, parameters, setup)
+    throttle, brake = planned_pedals(speed, curvature_ahead, limit_ahead, rows, parameters, setup)
     wheelbase = setup[FRONT_AXLE] + setup[REAR_AXLE]
     offset = lateral_offset + setup[FRONT_AXLE] * math.sin(heading_error)
     kappa = curvature_ahead[0]
@@ -182,6 +187,7 @@ def decide(
     heading_error: float,
     ahead: FloatArray,
     curvature_ahead: FloatArray,
+    limit_ahead: FloatArray,
     rows: int,
     parameters: FloatArray,
     setup: FloatArray,
@@ -193,7 +199,7 @@ def decide(
     at its start.
     """
     if law == PLANNER:
-        return planner(speed, ahead, curvature_ahead, rows, parameters, setup)
+        return planner(speed, ahead, curvature_ahead, limit_ahead, rows, parameters, setup)
     if law == STANLEY:
         return stanley(
             speed,
@@ -201,6 +207,7 @@ def decide(
             lateral_offset,
             heading_error,
             curvature_ahead,
+            limit_ahead,
             rows,
             parameters,
             setup,
@@ -211,13 +218,13 @@ def decide(
         heading_error,
         ahead,
         curvature_ahead,
+        limit_ahead,
         rows,
         parameters,
         setup[LANE_WIDTH],
         setup[CAR_WIDTH],
         setup[REAR_AXLE],
         setup[PERIOD],
-        setup[SPEED_LIMIT],
         memory,
     )
     bound = setup[MAX_STEERING]

@@ -228,13 +228,14 @@ class LimitedView(OwnLayer):
                 observation,
                 ahead=observation.ahead[: self.rows],
                 curvature_ahead=observation.curvature_ahead[: self.rows],
+                speed_limit_ahead=observation.speed_limit_ahead[: self.rows],
                 view=min(observation.view, max(self.distance, AHEAD_SPACING)),
             )
         )
 
 
 class Hasty(OwnLayer):
-    """A driver that takes the speed limit for a higher one.
+    """A driver that takes each speed limit for a higher one.
 
     Args:
         driver: the driver underneath.
@@ -256,6 +257,17 @@ class Hasty(OwnLayer):
     def reset(self, setup: DriveSetup) -> None:
         """Prepares for the next drive."""
         super().reset(replace(setup, speed_limit=setup.speed_limit + self.excess / 3.6))
+
+    def act(self, observation: Observation) -> Controls:
+        """The driver's controls for higher limits."""
+        excess = self.excess / 3.6
+        return self.driver.act(
+            replace(
+                observation,
+                speed_limit=observation.speed_limit + excess,
+                speed_limit_ahead=observation.speed_limit_ahead + excess,
+            )
+        )
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """A drive along a road as an OpenSCENARIO 1.0 file, for simulators that play such scenarios.
 
-The ego car stands at the start of the ego lane, speeds up to the speed limit, has a route to the
+The ego car stands at the start of the ego lane, keeps to the speed limits, has a route to the
 lane's end, and the scenario ends when it is there or takes too long. Who steers is up to the
 simulator. The same road always gives the same bytes; the date, which the format demands, is fixed.
 """
@@ -8,6 +8,7 @@ simulator. The same road always gives the same bytes; the date, which the format
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Final
 from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
@@ -15,6 +16,7 @@ from xml.sax.saxutils import quoteattr
 from frenetic.road import Road
 from frenetic.simulators import Rules
 from frenetic.simulators.embedded import Vehicle
+from frenetic.simulators.observing import in_metres_per_second
 
 EGO: Final = "hero"
 """Name of the ego car, which CARLA's tools look for."""
@@ -45,7 +47,8 @@ def to_openscenario(
         rules: the speed limit, how near the goal counts as there, and how long a drive may take.
     """
     rules = rules or Rules()
-    speed = rules.speed_limit / 3.6
+    limits = in_metres_per_second(rules.speed_limits_on(road)).tolist()
+    speed = limits[0][1]
     start, goal = min(START, 0.25 * road.length), max(road.length - END, 0.75 * road.length)
     at_once = _later_than(0.0)
     arrived = (
@@ -67,11 +70,22 @@ def to_openscenario(
         '<RoutingAction><AssignRouteAction><Route name="to the goal" closed="false">'
         f"{''.join(waypoints)}</Route></AssignRouteAction></RoutingAction>"
     )
-    events = {"take the route": route, "speed up": _speed(speed, "linear", speed / ACCELERATION)}
+    events = {
+        "take the route": ("parallel", route, at_once),
+        "speed up": ("parallel", _speed(speed, "linear", speed / ACCELERATION), at_once),
+    }
+    for (_, before), (place, after) in pairwise(limits):
+        if start < place < goal:
+            # To a lower limit it brakes before.
+            braking = max(before**2 - after**2, 0.0) / (2.0 * ACCELERATION)
+            change = _speed(after, "linear", abs(after - before) / ACCELERATION)
+            driven = max(place - braking - start, 0.0)
+            name = f"speed limit from {place:g} m on"
+            events[name] = "overwrite", change, _driven_farther_than(driven)
     maneuver = "".join(
-        f'<Event name="{name}" priority="parallel"><Action name="{name}"><PrivateAction>{action}'
-        f"</PrivateAction></Action>{_trigger('Start', {name: at_once})}</Event>"
-        for name, action in events.items()
+        f'<Event name="{name}" priority="{priority}"><Action name="{name}"><PrivateAction>{action}'
+        f"</PrivateAction></Action>{_trigger('Start', {name: condition})}</Event>"
+        for name, (priority, action, condition) in events.items()
     )
     root = ElementTree.fromstring(  # noqa: S314  # our own
         f'''<OpenSCENARIO><FileHeader revMajor="1" revMinor="0" date="{DATE}"
@@ -146,6 +160,15 @@ def _trigger(kind: str, conditions: Mapping[str, str]) -> str:
         for name, condition in conditions.items()
     )
     return f"<{kind}Trigger>{''.join(groups)}</{kind}Trigger>"
+
+
+def _driven_farther_than(distance: float) -> str:
+    return (
+        '<ByEntityCondition><TriggeringEntities triggeringEntitiesRule="any">'
+        f'<EntityRef entityRef="{EGO}"/></TriggeringEntities><EntityCondition>'
+        f'<TraveledDistanceCondition value="{_number(distance)}"/></EntityCondition>'
+        "</ByEntityCondition>"
+    )
 
 
 def _later_than(seconds: float) -> str:

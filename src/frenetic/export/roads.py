@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final, NamedTuple
@@ -58,8 +58,8 @@ class ExportedRoad:
     road: Road
     name: str
     """Name of the road, for a file with a place for it."""
-    speed_limit: float = 70.0
-    """km/h."""
+    rules: Rules = field(default_factory=Rules)
+    """Rules of its drives, which say its speed limits."""
     test: Test | None = None
     """The campaign's test with this road, if any."""
     origin: tuple[float, float] = ORIGIN
@@ -86,9 +86,8 @@ class RoadFormat(NamedTuple):
 
 def _opendrive(exported: ExportedRoad) -> str:
     return to_opendrive(
-        exported.road,
+        replace(exported.road, speed_limits=exported.rules.speed_limits_on(exported.road)),
         name=exported.name,
-        speed_limit=exported.speed_limit,
         origin=exported.origin,
     )
 
@@ -194,13 +193,13 @@ def write_road(exported: ExportedRoad, name: str, path: Path | str) -> None:
     path = Path(path)
     texts = {path: road_format(name).render(exported)}
     if name == "opendrive":
-        beside, rules = path.with_suffix(SCENARIO), Rules(speed_limit=exported.speed_limit)
+        beside = path.with_suffix(SCENARIO)
         if path == beside:
             raise FreneticError(
                 f"{path} would be the name of the scenario beside the road: choose one that ends in"
                 " .xodr"
             )
-        text = to_openscenario(exported.road, path.name, name=exported.name, rules=rules)
+        text = to_openscenario(exported.road, path.name, name=exported.name, rules=exported.rules)
         texts[beside] = text
     for file, text in texts.items():
         # Bytes, since text files have other line ends on Windows.

@@ -45,7 +45,7 @@ _DEPARTURE: Final = ("time", "distance", "x", "y", "side")
 _ORDER: Final = """
     id told outcome reason operator parents generation
     length max_curvature curvatures step x y heading
-    superelevation grade widening
+    superelevation grade widening speed_limits
     moobd moobd_distance max_oob_share objective duration
     departure_time departure_distance departure_x departure_y departure_side
     seconds elapsed attempts worker budget_spent finished_at

@@ -15,8 +15,8 @@ from frenetic.metadrive.world import SEED, World
 class Policy(Protocol):
     """A driver that knows MetaDrive's world."""
 
-    def act(self) -> Decision:
-        """Its controls until it is asked again."""
+    def act(self, speed_limit: float) -> Decision:
+        """Its controls until it is asked again, under a speed limit in km/h."""
 
     def close(self) -> None:
         """Ends it."""
@@ -28,10 +28,11 @@ class Idm:
     def __init__(self, world: World, target_speed: float) -> None:
         self._vehicle = world.vehicle
         self._policy = IDMPolicy(world.vehicle, SEED)
-        self._policy.target_speed = target_speed  # km/h
+        self._target_speed = target_speed  # km/h
 
-    def act(self) -> Decision:
+    def act(self, speed_limit: float) -> Decision:
         """MetaDrive's action."""
+        self._policy.target_speed = min(self._target_speed, speed_limit)
         self._vehicle.after_step()  # looks where the car is
         return _decision(self._policy.act())
 
@@ -48,7 +49,7 @@ class Observing:
         self._vehicle = world.vehicle
         self._observation = LidarStateObservation(world.engine.global_config)
 
-    def act(self) -> Decision:
+    def act(self, speed_limit: float) -> Decision:  # noqa: ARG002
         """The mean action."""
         self._vehicle.after_step()  # looks where the car is
         return _decision(self._mean_action(self._observation.observe(self._vehicle)))
@@ -58,10 +59,10 @@ class Observing:
         self._observation.destroy()
 
 
-def make_policy(driver: MetaDriveDriver, world: World, speed_limit: float) -> Policy:
-    """The policy of a driver for the car that is in the world; ``speed_limit`` in km/h."""
+def make_policy(driver: MetaDriveDriver, world: World) -> Policy:
+    """The policy of a driver for the car that is in the world."""
     if isinstance(driver, MetaDriveIdm):
-        return Idm(world, min(driver.target_speed, speed_limit))
+        return Idm(world, driver.target_speed)
     assert isinstance(driver, ObservingDriver)
     return Observing(world, driver)
 

@@ -27,7 +27,7 @@ from frenetic.metadrive.drivers import PolicySimulator, metadrive_driver
 from frenetic.road import Road
 from frenetic.simulators.capabilities import check_road
 from frenetic.simulators.following import RECORD_PERIOD, follow
-from frenetic.simulators.observing import wrap
+from frenetic.simulators.observing import LimitsAhead, wrap
 from frenetic.simulators.simulator import StartingPlace, unusual_amounts
 
 if TYPE_CHECKING:
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 EXTRA: Final = pip_install("metadrive")
 DECISION_PERIODS: Final = 2
 """Periods between two decisions of MetaDrive's drivers: 0.1 s, for which they were made."""
+_IDM_DECELERATION: Final = 2.0  # m/s^2, with which IDM is made to brake to a lower limit; ours
 
 
 class MetaDriveSimulator(StartingPlace, PolicySimulator):
@@ -190,8 +191,8 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
             return follow(car, road, self.rules, self.car, setup, driver, self.wall_limit)
         from frenetic.metadrive.policies import make_policy  # imports the extra
 
-        with closing(make_policy(own, world, self.rules.speed_limit)) as policy:
-            held = _Holding(car, policy)
+        with closing(make_policy(own, world)) as policy:
+            held = _Holding(car, policy, road, self.rules)
             return follow(held, road, self.rules, self.car, setup, held, self.wall_limit)
 
     def _world_for(self, road: Road, camera: Camera | None) -> World:
@@ -250,9 +251,11 @@ class _Car:
 class _Holding:
     """MetaDrive's car with one of its own drivers, which decides every `DECISION_PERIODS`."""
 
-    def __init__(self, car: _Car, policy: Policy) -> None:
+    def __init__(self, car: _Car, policy: Policy, road: Road, rules: Rules) -> None:
         self._car = car
         self._policy = policy
+        self._limits = LimitsAhead(road, rules)
+        self._only_limit = float(rules.speed_limits_on(road)[0, 1])  # km/h
         self.motion = car.motion
 
     def picture(self) -> None:
@@ -262,10 +265,13 @@ class _Holding:
         """It was made for this drive."""
         self._periods = 0
 
-    def act(self, observation: Observation) -> Controls:  # noqa: ARG002
+    def act(self, observation: Observation) -> Controls:
         """Its controls; its brake may go beyond a driver's."""
         if self._periods % DECISION_PERIODS == 0:
-            self._decision = self._policy.act()
+            limit = self._only_limit
+            if not self._limits.is_one:
+                limit = 3.6 * self._limits.speed_at(observation.distance, _IDM_DECELERATION)
+            self._decision = self._policy.act(limit)
             self._car.steer(self._decision)
         self._periods += 1
         return Controls(*self._decision)

@@ -375,11 +375,16 @@ def _draw_curvature(axes: Axes, road: Road, _: SeenDrive | None) -> None:
 
 def _draw_speed(axes: Axes, road: Road, seen: SeenDrive | None) -> None:
     assert seen is not None
-    limit = seen.drive.rules.speed_limit
+    limits = seen.drive.rules.speed_limits_on(road)
+    places = [*limits[:, 0], road.length]
+    limit = float(limits[-1, 1])
     low, high = float(seen.speed.min()), float(seen.speed.max())
-    axes.set_ylim(min(0.0, low), 1.15 * max(limit, high))
+    axes.set_ylim(min(0.0, low), 1.15 * max(float(limits[:, 1].max()), high))
     axes.yaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
-    axes.axhline(limit, color=QUIET, lw=0.8, dashes=(4.0, 3.0), zorder=1.5)
+    if len(limits) == 1:
+        axes.axhline(limit, color=QUIET, lw=0.8, dashes=(4.0, 3.0), zorder=1.5)
+    else:
+        axes.stairs(limits[:, 1], places, baseline=None, color=QUIET, lw=0.8, ls=(0, (4.0, 3.0)))
     axes.text(1.004 * road.length, limit, "limit", size=7.5, color=QUIET, va="center")
     axes.plot(seen.distance, seen.speed, color=_LINE, lw=1.4, zorder=3)
 

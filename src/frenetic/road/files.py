@@ -56,6 +56,8 @@ class RoadEntries(Struct):
     """Pairs of m and m/m."""
     widening: list[tuple[float, float]] | None = None
     """Pairs of m and m."""
+    speed_limits: list[tuple[float, float]] | None = None
+    """Pairs of m and km/h."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +114,7 @@ def read_road(path: Path | str, *, lane: int | None = None, roads: str | None = 
     ([x, y, heading] in m, m, rad) and ``lane_width`` (m, 4); or one with ``road_points`` ([x, y] or
     {"x": x, "y": y} in m each), which a test file of the competition is; or just a list of points.
     Either may have ``superelevation`` and ``grade``, pairs of m along the road and m/m, and
-    ``widening``, of m and m, see `Road`.
+    ``widening``, of m and m, and ``speed_limits``, of m and km/h, see `Road`.
 
     An OpenDRIVE file is known by its suffix ``.xodr`` or by being XML.
 

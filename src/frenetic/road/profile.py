@@ -2,6 +2,8 @@
 
 A profile is an (k, 2) array of stations, m along the road and ascending, and the values there. It
 is linear in between and constant beyond them; without stations it is 0 everywhere.
+
+`LIMITS`, the speed limits, are steps instead: each holds from its station on, 0 stands for none.
 """
 
 from __future__ import annotations
@@ -17,7 +19,11 @@ from frenetic.errors import RoadError
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-NAMES: Final = ("superelevation", "grade", "widening")
+SHAPES: Final = ("superelevation", "grade", "widening")
+"""Profiles of a road's shape."""
+LIMITS: Final = "speed_limits"
+"""The profile of a road's speed limits."""
+NAMES: Final = (*SHAPES, LIMITS)
 """Profiles that a road has."""
 NOTHING: Final = np.empty((0, 2))
 """The profile that is 0 everywhere."""
@@ -104,6 +110,47 @@ def cut(profile: FloatArray, start: float, end: float = math.inf) -> FloatArray:
     ends = [start] if math.isinf(end) else [start, end]
     knots = np.unique(np.concatenate([ends, inner]))
     return thinned(np.column_stack([knots - start, value_at(profile, knots)]))
+
+
+def steps_at(steps: FloatArray, distances: npt.ArrayLike) -> FloatArray:
+    """The values of steps at ``distances`` (any shape) in m; 0 before the first station."""
+    rows = np.searchsorted(steps[:, 0], np.asarray(distances, dtype=np.float64), side="right")
+    values: FloatArray = np.concatenate([[0.0], steps[:, 1]])[rows]
+    return values
+
+
+def merged(steps: FloatArray) -> FloatArray:
+    """The same steps without the stations at which the value stays."""
+    is_new: npt.NDArray[np.bool_] = np.diff(steps[:, 1], prepend=-1.0) != 0.0
+    return steps[is_new]
+
+
+def values_of(name: str, profile: FloatArray, distances: npt.ArrayLike) -> FloatArray:
+    """The values of the profile of that name at ``distances`` (any shape) in m."""
+    return (steps_at if name == LIMITS else value_at)(profile, distances)
+
+
+def plainer(name: str, profile: FloatArray) -> FloatArray:
+    """The same profile of that name without stations that it does not need."""
+    return (merged if name == LIMITS else thinned)(profile)
+
+
+def moved_steps(steps: FloatArray, moved: float) -> FloatArray:
+    """Steps whose stations lie ``moved`` m further; the road before them has the first value."""
+    first = [[0.0, float(steps_at(steps, max(-moved, 0.0)))]]
+    rest = steps + np.array([moved, 0.0])
+    return merged(np.concatenate([first, rest[rest[:, 0] > 0.0]]))
+
+
+def piece_of(name: str, profile: FloatArray, start: float, end: float = math.inf) -> FloatArray:
+    """The profile of that name of the piece from ``start`` to ``end`` m, see `cut`."""
+    if name != LIMITS:
+        return cut(profile, start, end)
+    if not len(profile):
+        return NOTHING
+    inner = profile[(profile[:, 0] > start) & (profile[:, 0] < end)]
+    first = [[0.0, float(steps_at(profile, start))]]
+    return merged(np.concatenate([first, inner - [start, 0.0]]))
 
 
 def thinned(profile: FloatArray) -> FloatArray:

@@ -53,6 +53,8 @@ MAX_GRADE = 0.5
 """Steepest slope along a road in either direction."""
 MAX_WIDENING = 100.0
 """Largest widening of a lane, in m."""
+MAX_SPEED_LIMIT = 500.0
+"""Highest speed limit, in km/h."""
 POINT_SPACING = 2.0
 """Spacing of a road's points for validity, files and other simulators, in m."""
 
@@ -80,7 +82,7 @@ class Road:
     right-hand lane, the ego lane, from the first sample to the last. All distances are those on the
     map. By profiles, see `frenetic.road.profile`, the road may lean to a side, rise above the map
     and widen. Each lane then widens at its outer edge; the middle of a lane, from which lateral
-    offsets count, stays half of `lane_width` from the centre line.
+    offsets count, stays half of `lane_width` from the centre line. It may have speed limits.
 
     Raises:
         RoadError: fewer than 2 or more than 10000 samples, values that are not finite numbers or
@@ -102,6 +104,9 @@ class Road:
     """Slope along the road, (k, 2) in m and m/m, positive rises."""
     widening: FloatArray = field(default_factory=lambda: profile.NOTHING)
     """What each lane is wider than `lane_width`, (k, 2) in m and m."""
+    speed_limits: FloatArray = field(default_factory=lambda: profile.NOTHING)
+    """Speed limits, (k, 2) in m and km/h; each holds from its station on, 0 stands for none. What
+    holds in a drive, `frenetic.Rules.speed_limits_on` says."""
 
     def __init__(
         self,
@@ -113,6 +118,7 @@ class Road:
         superelevation: npt.ArrayLike = (),
         grade: npt.ArrayLike = (),
         widening: npt.ArrayLike = (),
+        speed_limits: npt.ArrayLike = (),
     ) -> None:
         try:
             values = np.array(curvatures, dtype=np.float64)
@@ -143,10 +149,12 @@ class Road:
             ("superelevation", superelevation, MAX_SUPERELEVATION),
             ("grade", grade, MAX_GRADE),
             ("widening", widening, MAX_WIDENING),
+            (profile.LIMITS, speed_limits, MAX_SPEED_LIMIT),
         ):
             object.__setattr__(self, name, profile.checked(given, name, most))
-        if (self.widening[:, 1] < 0.0).any():
-            raise RoadError(f"widening is {self.widening[:, 1].min():g} m: at least 0 is needed")
+        for name, unit in (("widening", "m"), (profile.LIMITS, "km/h")):
+            if (least := getattr(self, name)[:, 1].min(initial=0.0)) < 0.0:
+                raise RoadError(f"{name} is {least:g} {unit}: at least 0 is needed")
 
     @classmethod
     def from_points(cls, points: npt.ArrayLike, *, lane_width: float = 4.0) -> Road:
@@ -253,7 +261,10 @@ class Road:
             self.step,
             self.pose if first == 0 else Pose(x, y, float(self.headings[first])),
             lane_width=self.lane_width,
-            **{name: profile.cut(getattr(self, name), start, end) for name in profile.NAMES},
+            **{
+                name: profile.piece_of(name, getattr(self, name), start, end)
+                for name in profile.NAMES
+            },
         )
 
     @property
@@ -358,7 +369,7 @@ class Road:
         sharpest = float(np.abs(self.curvatures).max())
         radius = "straight" if sharpest < 1e-4 else f"sharpest radius {1.0 / sharpest:.0f} m"
         words = [f"{self.length:.0f} m", radius]
-        ends = [profile.cut(getattr(self, name), 0.0, self.length) for name in profile.NAMES]
+        ends = [profile.cut(getattr(self, name), 0.0, self.length) for name in profile.SHAPES]
         lean, grade, wider = (pairs[:, 1] for pairs in ends)
         if len(grade):
             steepest = 100.0 * float(grade[np.abs(grade).argmax()])

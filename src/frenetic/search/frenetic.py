@@ -561,15 +561,18 @@ class Frenetic(Strategy):
     def _inherited(
         self, parent: Candidate, curvatures: FloatArray, moved: float
     ) -> Mapping[str, Any]:
-        """Grade and conditions of a child whose place lies ``moved`` m further along it."""
-        grade = parent.grade
+        """Grade, limits and conditions of a child whose place lies ``moved`` m further along it."""
+        grade, limits = parent.grade, parent.speed_limits
         if self.road_class is not None and self._rng.random() < _NEW_GRADE:
             grade = self._roads.grade(self._rng, curvatures)
         elif grade is not None and len(grade):
             grade = np.column_stack([grade[:, 0] + moved, grade[:, 1]])
         length = (len(curvatures) - 1) * self._roads.step
         conditions = inherited(self._rng, self.domain, parent, length, moved)
-        return {"grade": grade, "conditions": conditions}
+        own: dict[str, Any] = {"grade": grade, "conditions": conditions}
+        if limits is not None and len(limits):
+            own[profile.LIMITS] = profile.moved_steps(limits, moved)
+        return own
 
     def _in_other_conditions(self, row: int) -> _Child:
         """The road of a place of the archive in other conditions."""

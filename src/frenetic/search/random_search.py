@@ -301,7 +301,7 @@ class Rests:
         road, first = self._waiting.popleft()
         start = first * road.step
         profiles = {
-            name: profile.cut(values, start)
+            name: profile.piece_of(name, values, start)
             for name in profile.NAMES
             if (values := getattr(road, name)) is not None
         }

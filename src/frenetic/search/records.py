@@ -72,10 +72,12 @@ class Candidate:
     """Likewise, (k, 2); None for a road that neither rises nor falls."""
     widening: FloatArray | None = None
     """Likewise, (k, 2); None for lanes of one width, or as the campaign's road class has it."""
+    speed_limits: FloatArray | None = None
+    """Likewise, (k, 2); None for a road without a speed limit of its own."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "curvatures", _read_only(self.curvatures))
-        for name in ("points", "superelevation", "grade", "widening"):
+        for name in ("points", "superelevation", "grade", "widening", "speed_limits"):
             if (values := getattr(self, name)) is not None:
                 object.__setattr__(self, name, _read_only(values))
 

@@ -67,7 +67,7 @@ class FissPlanner:
             self._planner.set_reference_path(x, y)
             self._given = o.distance
         if self._calls % 2 == 0:
-            planned = self._planner.step(o.time, ego, [], self._setup.speed_limit)
+            planned = self._planner.step(o.time, ego, [], o.speed_limit)
             self._trajectory, self._since = planned.trajectory, o.time
         self._calls += 1
         command = self._controller.compute(ego, self._trajectory, o.time - self._since)

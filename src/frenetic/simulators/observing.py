@@ -108,6 +108,79 @@ def observe(
     return end, s, d + 0.5 * lane_width, wrap(heading - road_heading), share
 
 
+@njit()
+def limit_at(limits: FloatArray, s: float) -> float:
+    """The limit ``s`` m along the road, in the limits' unit."""
+    k = 0
+    while k < len(limits) - 1 and limits[k + 1, 0] <= s:
+        k += 1
+    limit: float = limits[k, 1]
+    return limit
+
+
+@njit()
+def look_for_limits(limits: FloatArray, s: float, rows: int, limit_ahead: FloatArray) -> None:
+    """Write the lowest limit from each point ahead of ``s`` m to the next into ``limit_ahead``.
+
+    Args:
+        limits: (k, 2), k >= 1; each holds from its station in m on.
+        s: m along the road.
+        rows: points ahead.
+        limit_ahead: (rows,), in the limits' unit.
+    """
+    last = len(limits) - 1
+    k = 0
+    for i in range(rows):
+        start = s + i * AHEAD_SPACING
+        while k < last and limits[k + 1, 0] <= start:
+            k += 1
+        limit_ahead[i] = limits[k, 1]
+        j = k + 1
+        while j <= last and limits[j, 0] < start + AHEAD_SPACING:
+            limit_ahead[i] = min(limit_ahead[i], limits[j, 1])
+            j += 1
+
+
+def in_metres_per_second(limits: FloatArray) -> FloatArray:
+    """Speed limits, (k, 2) in m and km/h, in m and m/s."""
+    return np.column_stack([limits[:, 0], limits[:, 1] / 3.6])
+
+
+class LimitsAhead:
+    """The speed limits that a car meets along a road.
+
+    Args:
+        road: the road under the car.
+        rules: say what becomes of its limits.
+    """
+
+    def __init__(self, road: Road, rules: Rules) -> None:
+        self._limits = in_metres_per_second(rules.speed_limits_on(road))
+        self.is_one = len(self._limits) == 1
+        """Whether one limit holds everywhere."""
+        self._look(0.0)
+
+    def at(self, s: float) -> tuple[float, FloatArray]:
+        """The limit ``s`` m along the road, and those at the points ahead, in m/s."""
+        if not self.is_one:
+            self._look(s)
+        return self._limit, self._ahead
+
+    def speed_at(self, s: float, deceleration: float) -> float:
+        """Highest speed in m/s from which a car can brake to every limit ahead, in m/s^2."""
+        limit, ahead = self.at(s)
+        if self.is_one:
+            return limit
+        distances = AHEAD_SPACING * np.arange(AHEAD_POINTS)
+        return float(np.sqrt((ahead**2 + 2.0 * deceleration * distances).min()))
+
+    def _look(self, s: float) -> None:
+        self._limit = limit_at(self._limits, s)
+        self._ahead = np.empty(AHEAD_POINTS)
+        look_for_limits(self._limits, s, AHEAD_POINTS, self._ahead)
+        self._ahead.setflags(write=False)
+
+
 class Observer:
     """Follows one drive of a car that a simulator moves.
 
@@ -132,6 +205,7 @@ class Observer:
         self._s = 0.0  # at the last record
         self._now = (0.0,) * 7  # time, x, y, heading, s, lateral offset, heading error
         self._ahead = self._curvature_ahead = np.empty(0)
+        self._limits = LimitsAhead(road, rules)
 
     def see(self, time: float, x: float, y: float, heading: float) -> bool:
         """Takes in a record (s, m, m, rad); says whether the drive goes on."""
@@ -182,6 +256,7 @@ class Observer:
         time, x, y, heading, s, lateral_offset, heading_error = self._now
         self._ahead.setflags(write=False)
         self._curvature_ahead.setflags(write=False)
+        speed_limit, speed_limit_ahead = self._limits.at(s)
         if image is not None:
             image.setflags(write=False)
         seen = object.__new__(Observation)  # a frozen one sets each attribute by a call
@@ -201,6 +276,8 @@ class Observer:
             heading=float(heading),
             lateral_speed=float(lateral_speed),
             view=math.inf,
+            speed_limit=speed_limit,
+            speed_limit_ahead=speed_limit_ahead,
             _road=self._road,
         )
         return seen

@@ -112,7 +112,7 @@ class SteppedSimulator(StartingPlace, Ready):
         """The setup of a drive along the road for its driver."""
         body = _body(self)
         return DriveSetup(
-            speed_limit=self.rules.speed_limit / 3.6,
+            speed_limit=self.rules.start_limit_on(road),
             lane_width=road.lane_width,
             period=RECORD_PERIOD,
             front_axle=self.front_axle,

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
 from typing import Any, TypeAlias
 
 from msgspec import convert
@@ -79,6 +78,14 @@ def usual_conditions(conditions: Conditions, simulator: Simulator) -> dict[str, 
     return found
 
 
+def rules_in(conditions: Conditions, rules: Rules) -> Rules:
+    """The rules of a drive in some conditions of a campaign with these rules."""
+    for name in named(conditions):
+        if quantity(name).attribute == "rules":
+            rules = rules.with_speed(conditions[name])
+    return rules
+
+
 @contextmanager
 def in_conditions(conditions: Conditions, simulator: Simulator, driver: Driver) -> Iterator[Driver]:
     """Puts a simulator into some conditions for a while; gives the driver for these.
@@ -92,7 +99,7 @@ def in_conditions(conditions: Conditions, simulator: Simulator, driver: Driver) 
     for name in names:
         attribute = quantity(name).attribute
         if attribute == "rules":
-            values[attribute] = replace(simulator.rules, speed_limit=conditions[name])
+            values[attribute] = simulator.rules.with_speed(conditions[name])
         elif attribute:
             values[attribute] = conditions[name]
     before = {attribute: getattr(simulator, attribute) for attribute in values}

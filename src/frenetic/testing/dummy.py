@@ -51,7 +51,7 @@ class DummySimulator(Ready):
         period = 0.05
         driver.reset(
             DriveSetup(
-                speed_limit=self.rules.speed_limit / 3.6,
+                speed_limit=self.rules.start_limit_on(road),
                 lane_width=road.lane_width,
                 period=period,
                 front_axle=1.2,

@@ -225,12 +225,16 @@ class SimulatorContract:
         self._needs_driver()
         watch = Watch(DummyDriver())
         with self.make(Rules()) as simulator:
-            for lane_width, speed_limit in ((4.0, 36.0), (3.5, 54.0)):
+            for lane_width, speed_limit, own in (
+                (4.0, 36.0, ()),
+                (3.5, 54.0, ()),
+                (3.5, 27.0, 27.0),
+            ):
                 # Over after a moment.
                 simulator.rules = Rules(
-                    speed_limit=speed_limit, timeout_base=0.5, timeout_speed=1e3
+                    speed_limit=70.0 if own else speed_limit, timeout_base=0.5, timeout_speed=1e3
                 )
-                driven = replace(road, lane_width=lane_width)
+                driven = replace(road, lane_width=lane_width, speed_limits=np.array(own))
                 drive = self.drive_in(simulator, driven, watch)
                 assert drive.error is None, drive.error
                 setup = watch.setups[-1]
@@ -238,7 +242,7 @@ class SimulatorContract:
                 _assert_told(setup, "speed_limit", speed_limit / 3.6)
                 _assert_told(setup, "car_length", simulator.car.length)
                 _assert_told(setup, "car_width", simulator.car.width)
-            assert len(watch.setups) == 2, "the driver has to be reset once before each drive"
+            assert len(watch.setups) == 3, "the driver has to be reset once before each drive"
         assert 0.0 < setup.period <= 1.0 / RECORD_RATE + 1e-9, f"period is {setup.period} s"
         assert setup.front_axle > 0.0, f"front_axle is {setup.front_axle} m"
         assert setup.rear_axle > 0.0, f"rear_axle is {setup.rear_axle} m"

@@ -64,7 +64,7 @@ class MarkingFollower:
         """Steers for a point beside the line."""
         assert observation.image is not None
         points = self._line_points(observation.image)
-        limit = min(self.options["speed"] / 3.6, self._setup.speed_limit)
+        limit = min(self.options["speed"] / 3.6, observation.speed_limit)
         if len(points) >= 3:
             self._line = points[0][1]
             wanted = 5.0 + 0.5 * observation.speed

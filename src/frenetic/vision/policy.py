@@ -6,6 +6,7 @@ drives with them in any simulator. Both call the same kernels, so a policy drive
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import ClassVar, Final
 
@@ -53,6 +54,7 @@ def write_vector(
     curvature_ahead: FloatArray,
     rows: int,
     setup: FloatArray,
+    limit: float,
     out: npt.NDArray[np.float32],
 ) -> None:
     """Writes the vector of an observation to ``out``, (VECTOR_SIZE,).
@@ -62,10 +64,11 @@ def write_vector(
             `Observation`.
         rows: points of the driver's view; beyond them the vector says straight ahead.
         setup: `setup_array`.
+        limit: m/s, the speed limit where the car is.
         out: written to.
     """
     out[0] = _share(speed, MAX_SPEED)
-    out[1] = _share(setup[SPEED_LIMIT] - speed, MAX_SPEED)
+    out[1] = _share(limit - speed, MAX_SPEED)
     out[2] = _share(yaw_rate, MAX_YAW_RATE)
     out[3] = _share(steering, min(STEERING_RANGE, setup[MAX_STEERING]))
     out[4] = _share(lateral_offset, setup[LANE_WIDTH])
@@ -97,6 +100,7 @@ def vector_of(observation: Observation, setup: FloatArray) -> npt.NDArray[np.flo
         o.curvature_ahead,
         len(o.curvature_ahead),
         setup,
+        float(o.speed_limit if math.isfinite(o.speed_limit) else setup[SPEED_LIMIT]),
         vector,
     )
     return vector

@@ -121,7 +121,7 @@ def road_data(road: Road) -> dict[str, Any]:
     profiles it has those that are not 0 everywhere.
     """
     x, y, heading = road.pose
-    profiles = {name: getattr(road, name).round(5).tolist() for name in profile.NAMES}
+    profiles = {name: getattr(road, name).round(5).tolist() for name in profile.SHAPES}
     return {
         "step": road.step,
         "curvatures": road.curvatures.round(6).tolist(),
@@ -159,7 +159,7 @@ def drive_data(
         "origin": origin and _origin_in_words(origin),
         "road": road_data(road),
         "car": [round(size, 3) for size in (car.length, car.width, car.centre_ahead)],
-        "speed_limit": drive.rules.speed_limit,
+        "speed_limits": drive.rules.speed_limits_on(road).round(3).tolist(),
         "departure": departure
         and {
             "side": departure.side,

@@ -13,7 +13,7 @@ away.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Final
@@ -34,6 +34,7 @@ from frenetic.road.road import (
     MAX_HEADING,
     MAX_LENGTH,
     MAX_SAMPLES,
+    MAX_SPEED_LIMIT,
     MIN_DISTANCE,
     Pose,
     Road,
@@ -72,12 +73,17 @@ _DRAWN: Final = frozenset(
     ]
 )
 """Elements that say where lanes run."""
+_UNITS: Final = {"km/h": 1.0, "mph": 1.609344, "m/s": 3.6}
+"""Unit of a speed -> km/h; OpenDRIVE's own is m/s."""
+_NO_LIMIT: Final = ("", "no limit", "undefined")
+"""Texts in place of a speed."""
 _LISTED: Final = 8  # roads or lanes in a message
 _PLACES: Final = 1.0  # m between the places at which slopes and widths are read
 _SLOPE_ERROR, _WIDTH_ERROR = 1e-4, 1e-3  # m/m and m
 
 # Columns of a traced line, one row per point.
-DISTANCE, X, Y, HEADING, WIDTH, HEIGHT, LEAN = range(7)
+DISTANCE, X, Y, HEADING, WIDTH, HEIGHT, LEAN, LIMIT = range(8)
+# The limit is that of the way from the row before.
 
 
 @dataclass(frozen=True)
@@ -398,7 +404,7 @@ def _apart(end: FloatArray, start: FloatArray) -> tuple[float, float]:
 
 
 def _lane_line(road: Element, lane: int) -> FloatArray:
-    """(n, 7) the inner edge of a lane in the direction of travel, and what is along it.
+    """(n, 8) the inner edge of a lane in the direction of travel, and what is along it.
 
     Raises:
         RoadError: there is no such lane, or the road is none that is read.
@@ -426,12 +432,14 @@ def _lane_line(road: Element, lane: int) -> FloatArray:
         line[:, Y] += shift * np.cos(heading)
         line[:, HEADING] += np.arctan2(slope, ahead)
         line[1:, DISTANCE] = np.cumsum(np.hypot(np.diff(line[:, X]), np.diff(line[:, Y])))
-    line = np.column_stack([line, width, height + shift * lean, lean])
+    limit = profile.steps_at(_limits(road, lane), places - 0.5 * np.diff(places, prepend=0.0))
+    line = np.column_stack([line, width, height + shift * lean, lean, limit])
     if lane > 0:
         line = line[::-1].copy()
         line[:, DISTANCE] = line[0, DISTANCE] - line[:, DISTANCE]
         line[:, HEADING] += math.pi
         line[:, LEAN] *= -1.0
+        line[1:, LIMIT] = line[:-1, LIMIT]
     return line
 
 
@@ -441,15 +449,34 @@ def _lane(
     """Width of a lane at places (n,) in m along the road, shift of its inner edge, slope of that.
 
     The shift, in m to the left of the reference line, is the lane offset and the widths of the
-    lanes in between. From section to section the lane's own links are followed; where it has none,
-    its id stays.
+    lanes in between.
+    """
+    side = 1 if lane > 0 else -1
+    shift, slope = _profile(road.findall("lanes/laneOffset"), "s", places)
+    width = np.zeros_like(places)
+    for section, element, start, end in _along(road, lane):
+        here = (start <= places) & (places < end)
+        width[here], _ = _width(element, places[here] - start)
+        for inner in range(1, abs(int(_number(element, "id")))):
+            between = _lane_of(section, side * inner, is_driven=False)
+            widths, slopes = _width(between, places[here] - start)
+            shift[here] += side * widths
+            slope[here] += side * slopes
+    return width, shift, slope
+
+
+def _along(road: Element, lane: int) -> Iterator[tuple[Element, Element, float, float]]:
+    """Each section with its lane that a lane leads to, and where it begins and ends, in m.
+
+    From section to section the lane's own links are followed; where it has none, its id stays.
+
+    Raises:
+        RoadError: a section has no such lane.
     """
     sections = _sections(road)
     side, onward = (1, "predecessor") if lane > 0 else (-1, "successor")
     starts = [_number(section, "s") for section in sections]
     spans = list(zip(sections, starts, [*starts[1:], math.inf], strict=True))
-    shift, slope = _profile(road.findall("lanes/laneOffset"), "s", places)
-    width = np.zeros_like(places)
     link: Element | None = None
     for section, start, end in spans if lane < 0 else reversed(spans):
         if link is not None:
@@ -458,14 +485,46 @@ def _lane(
                 raise RoadError(f"a lane leads to lane {lane}, which is driven the other way")
         element = _lane_of(section, lane)
         link = element.find(f"link/{onward}")
-        here = (start <= places) & (places < end)
-        width[here], _ = _width(element, places[here] - start)
-        for inner in range(1, abs(lane)):
-            between = _lane_of(section, side * inner, is_driven=False)
-            widths, slopes = _width(between, places[here] - start)
-            shift[here] += side * widths
-            slope[here] += side * slopes
-    return width, shift, slope
+        yield section, element, start, end
+
+
+def _limits(road: Element, lane: int) -> FloatArray:
+    """Speed limits of a lane, (k, 2) in m along the road and km/h; 0 where none is said.
+
+    A lane's own limit comes before that of the road's type.
+    """
+    types = sorted(road.findall("type"), key=lambda element: _number(element, "s", 0.0))
+    said = [(_number(one, "s", 0.0), _limit(one.find("speed"))) for one in types]
+    of_road = np.array(said or [(0.0, 0.0)])
+    steps: dict[float, float] = {}
+    for _, element, start, end in _along(road, lane):
+        speeds = sorted(element.findall("speed"), key=lambda one: _number(one, "sOffset", 0.0))
+        places = [(start + _number(one, "sOffset", 0.0), _limit(one)) for one in speeds]
+        of_lane = np.array([(start, 0.0), *places])
+        stations = {start, *of_lane[:, 0].tolist(), *of_road[:, 0].tolist()}
+        for station in sorted(place for place in stations if start <= place < end):
+            own = float(profile.steps_at(of_lane, station))
+            steps[station] = own or float(profile.steps_at(of_road, station))
+    return profile.merged(np.array(sorted(steps.items())))
+
+
+def _limit(speed: Element | None) -> float:
+    """The limit that a ``speed`` says, in km/h; 0 for none.
+
+    Raises:
+        RoadError: it is in another unit, or no speed.
+    """
+    if speed is None or speed.get("max", "") in _NO_LIMIT:
+        return 0.0
+    unit = speed.get("unit", "m/s")
+    if unit not in _UNITS:
+        raise RoadError(f"a <speed> has unit={unit[:40]!r}: {', '.join(_UNITS)} are known")
+    limit = _UNITS[unit] * _number(speed, "max", most=MAX_SPEED_LIMIT)
+    if not 0.0 <= limit <= MAX_SPEED_LIMIT:
+        raise RoadError(
+            f"a <speed> has max={speed.get('max')!r:.40}: 0 to {MAX_SPEED_LIMIT:g} km/h are needed"
+        )
+    return limit
 
 
 def _width(lane: Element, places: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -569,14 +628,15 @@ def _station(text: str, length: float) -> float:
 
 
 def _followed(line: FloatArray) -> Road:
-    """The road along a lane's line (n, 7).
+    """The road along a lane's line (n, 8).
 
     Raises:
         RoadError: its lane is too narrow, or no road stays near it.
     """
     length = float(line[-1, DISTANCE])
     places = np.append(np.arange(0.0, length, _PLACES), length)
-    width, height, lean = (np.interp(places, line[:, DISTANCE], v) for v in line[:, WIDTH:].T)
+    columns = line[:, WIDTH:LIMIT].T
+    width, height, lean = (np.interp(places, line[:, DISTANCE], v) for v in columns)
     narrowest = int(np.argmin(width))
     lane_width = float(width[narrowest])
     if lane_width < MIN_WIDTH:
@@ -585,16 +645,19 @@ def _followed(line: FloatArray) -> Road:
             f" {MIN_WIDTH:g} m are needed; choose another lane, or a part of the road"
         )
     wider = width - lane_width if np.ptp(width) > SAME_WIDTH else np.zeros_like(width)
-    columns = (
+    shapes = (
         ("superelevation", lean, _SLOPE_ERROR),
         ("grade", np.gradient(height, places), _SLOPE_ERROR),
         ("widening", wider, _WIDTH_ERROR),
     )
     profiles: dict[str, Any] = {
         name: profile.simplified(np.column_stack([places, values]), error)
-        for name, values, error in columns
+        for name, values, error in shapes
         if np.abs(values).max() > error
     }
+    if line[1:, LIMIT].any():
+        steps = np.column_stack([line[:-1, DISTANCE], line[1:, LIMIT]])
+        profiles[profile.LIMITS] = profile.merged(steps)
     return replace(_flat(line, lane_width), **profiles)
 
 
@@ -642,16 +705,18 @@ def _noted_road(element: Element) -> Road | None:
     """
     _lane_of(_sections(element)[0], -1)
     notes = {note.get("code"): note.get("value", "") for note in element.findall("userData")}
+    limits = _limits(element, -1)
     try:
         step, *values = map(float, notes[ROAD_CODE].split())
         pairs = {
             name: [float(value) for value in notes.get(PROFILE_CODE.format(name), "").split()]
-            for name in profile.NAMES
+            for name in profile.SHAPES
         }
         start, width = (next(element.iter(tag)) for tag in ("geometry", "width"))
         pose = tuple(_number(start, name, most=MAX_HEADING) for name in ("x", "y", "hdg"))
         lane_width = pairs["widening"].pop(0) if pairs["widening"] else _number(width, "a")
         profiles = {name: np.array(one).reshape(-1, 2) for name, one in pairs.items()}
+        profiles[profile.LIMITS] = limits
         noted = Road(values, step, Pose(*pose), lane_width=lane_width, **profiles)
     except (KeyError, StopIteration, ValueError, RoadError):
         return None

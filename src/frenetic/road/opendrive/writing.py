@@ -61,7 +61,7 @@ def to_opendrive(
     Args:
         road: becomes road 1.
         name: of the file and the road; characters that XML cannot hold are replaced.
-        speed_limit: km/h.
+        speed_limit: km/h, where the road has none of its own.
         origin: latitude and longitude in degrees (WGS 84) of the point (0, 0), for converters to
             maps that lie on the globe; x points east there, y north.
 
@@ -108,7 +108,9 @@ def to_opendrive(
 def add_road(root: Element, road: Road, name: str = "", speed_limit: float = 70.0) -> Element:
     """Adds a road's element."""
     element = _add(root, "road", name=name, length=road.length, id="1", junction="-1", rule="RHT")
-    _add(_add(element, "type", s=0.0, type="rural"), "speed", max=speed_limit, unit="km/h")
+    limits = _limits(road, speed_limit)
+    for s, limit in limits:
+        _add(_add(element, "type", s=s, type="rural"), "speed", max=limit, unit="km/h")
     plan = _add(element, "planView")
     s = 0.0
     for first, last, start, end in _pieces(road):
@@ -133,9 +135,9 @@ def add_road(root: Element, road: Road, name: str = "", speed_limit: float = 70.
     if len(road.superelevation):
         for s, *piece in _profile(road, "superelevation"):
             _add_cubic(lateral, "superelevation", "s", s, *_lean(*piece))
-    _add_lanes(element, road, speed_limit)
+    _add_lanes(element, road, limits)
     _note(element, ROAD_CODE, [road.step, *road.curvatures.tolist()])
-    for kind in profile.NAMES:
+    for kind in profile.SHAPES:
         if len(pairs := getattr(road, kind)):
             # Lanes that widen everywhere do not show their own width.
             width = [road.lane_width] if kind == "widening" else []
@@ -143,7 +145,15 @@ def add_road(root: Element, road: Road, name: str = "", speed_limit: float = 70.
     return element
 
 
-def _add_lanes(element: Element, road: Road, speed_limit: float) -> None:
+def _limits(road: Road, speed_limit: float) -> list[tuple[float, float]]:
+    """(m along the road, km/h) of each change of the limit, which is ``speed_limit`` where none."""
+    if not len(road.speed_limits):
+        return [(0.0, speed_limit)]
+    steps = profile.piece_of(profile.LIMITS, road.speed_limits, 0.0)
+    return [(s, limit or speed_limit) for s, limit in steps.tolist() if s < road.length]
+
+
+def _add_lanes(element: Element, road: Road, limits: list[tuple[float, float]]) -> None:
     lanes = _add(element, "lanes")
     _add_cubic(lanes, "laneOffset", "s", 0.0)
     section = _add(lanes, "laneSection", s=0.0)
@@ -164,8 +174,8 @@ def _add_lanes(element: Element, road: Road, speed_limit: float) -> None:
             width=width,
             laneChange=change,
         )
-        if number:
-            _add(lane, "speed", sOffset=0.0, max=speed_limit, unit="km/h")
+        for s, limit in limits if number else ():
+            _add(lane, "speed", sOffset=s, max=limit, unit="km/h")
 
 
 def _add(parent: Element, tag: str, /, **attributes: float | str) -> Element:

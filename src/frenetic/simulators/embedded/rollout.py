@@ -25,7 +25,7 @@ from frenetic.simulators.embedded.vehicle import (
     advance,
 )
 from frenetic.simulators.embedded.weather import grip_at, in_gust, place_of
-from frenetic.simulators.observing import observe
+from frenetic.simulators.observing import look_for_limits, observe
 
 STEP = 0.01
 """Step of the RK4 integration, in s: 100 Hz."""
@@ -134,6 +134,7 @@ def rollout(
     state: FloatArray,
     records: FloatArray,
     weather: FloatArray,
+    limits: FloatArray,
 ) -> int:
     """Drives a built-in driver until the drive ends; returns the number of records written.
 
@@ -150,9 +151,13 @@ def rollout(
         state: (7,) the car at the start; it becomes that at the end.
         records: (11, m), room for the columns of a `Trajectory`.
         weather: see `frenetic.simulators.embedded.weather`.
+        limits: (k, 2) m and m/s, the speed limits as the driver takes them, each from its station
+            on.
     """
     ahead = np.empty((rows, 2))
     curvature_ahead = np.empty(rows)
+    limit_ahead = np.empty(rows)
+    look_for_limits(limits, 0.0, rows, limit_ahead)
     waiting = np.zeros((delay + 1, 3))
     memory = np.zeros(MEMORY)
     most = records.shape[1]
@@ -180,6 +185,8 @@ def rollout(
             disturb(ahead, rows, errors[i, 0], errors[i, 1])
             offset += errors[i, 0]
             heading_error += errors[i, 1]
+        if len(limits) > 1:
+            look_for_limits(limits, s, rows, limit_ahead)
         steering, throttle, brake = decide(
             law,
             state[SPEED],
@@ -189,6 +196,7 @@ def rollout(
             heading_error,
             ahead,
             curvature_ahead,
+            limit_ahead,
             rows,
             parameters,
             setup,

@@ -31,7 +31,7 @@ from frenetic.drivers.driver import (
     scene_of,
     under_layers,
 )
-from frenetic.drivers.laws import SPEED_LIMIT, setup_array
+from frenetic.drivers.laws import setup_array
 from frenetic.drivers.layers import Noisy, compiled_form
 from frenetic.errors import DriverError
 from frenetic.oracle import judge, rules_array
@@ -43,6 +43,7 @@ from frenetic.simulators.embedded import rollout as kernels
 from frenetic.simulators.embedded.vehicle import HEADING, Vehicle, X, Y
 from frenetic.simulators.embedded.weather import weather_array
 from frenetic.simulators.following import follow
+from frenetic.simulators.observing import in_metres_per_second
 from frenetic.simulators.simulator import Amount, Ready, StartingPlace, unusual_amounts
 
 _NO_ERRORS = np.empty((0, 2))
@@ -212,8 +213,8 @@ class EmbeddedSimulator(StartingPlace, Ready):
             self._room = np.empty(columns * most)
         room = self._room[: columns * most].reshape(columns, most)
         parameters, weather = self._conditions(road)
-        told = setup_array(setup)
-        told[SPEED_LIMIT] += compiled.excess
+        limits = in_metres_per_second(self.rules.speed_limits_on(road))
+        limits[:, 1] += compiled.excess
         n = kernels.rollout(
             road.table,
             road.sub_step,
@@ -224,13 +225,14 @@ class EmbeddedSimulator(StartingPlace, Ready):
             parameters,
             compiled.law,
             compiled.parameters,
-            told,
+            setup_array(setup),
             compiled.rows,
             compiled.delay,
             _NO_ERRORS if compiled.errors is None else compiled.errors.upto(most),
             self._start(road),
             room,
             weather,
+            limits,
         )
         return Drive.of(Trajectory(*room[:, :n]), self.car, self.rules, road)
 

@@ -282,7 +282,7 @@ class Vehicle:
         """Return the setup of a drive with one decision every ``period`` s, for its driver."""
         stiffness = self.tyre_stiffness * self.mass * GRAVITY / self.wheelbase
         return DriveSetup(
-            speed_limit=rules.speed_limit / 3.6,
+            speed_limit=rules.start_limit_on(road),
             lane_width=road.lane_width,
             period=period,
             front_axle=self.front_axle,

@@ -20,7 +20,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
 from frenetic.drivers import Camera
 from frenetic.drivers.driver import AHEAD_POINTS
-from frenetic.drivers.laws import SPEED_LIMIT, setup_array
+from frenetic.drivers.laws import setup_array
 from frenetic.errors import FreneticError
 from frenetic.oracle import REACHED, RUNNING, TIMED_OUT, rules_array
 from frenetic.outcome import Outcome
@@ -41,7 +41,7 @@ from frenetic.simulators.embedded.vehicle import (
     STEERING,
     YAW_RATE,
 )
-from frenetic.simulators.observing import observe
+from frenetic.simulators.observing import in_metres_per_second, limit_at, observe
 from frenetic.vision.policy import ACTION_SIZE, VECTOR_SIZE, controls_of, write_vector
 from frenetic.vision.rendering import Renderer
 
@@ -67,6 +67,7 @@ def step_cars(
     roads: FloatArray,
     rules: FloatArray,
     setups: FloatArray,
+    limits: FloatArray,
     car: FloatArray,
     vehicle: FloatArray,
     start: FloatArray,
@@ -89,6 +90,7 @@ def step_cars(
         roads: (n, 2) sub-step and lane width of each road in m.
         rules: (n, 5) see `frenetic.oracle.rules_array`.
         setups: (n, 9) see `frenetic.drivers.laws.setup_array`.
+        limits: (n, m, 2) m and m/s, the speed limits, each from its station on.
         car, vehicle: see `rollout`.
         start: (2,) m and rad, see `start_state`.
         states: (n, 7).
@@ -140,6 +142,7 @@ def step_cars(
             ahead,
             curvature_ahead,
         )
+        limit = limit_at(limits[k], s)
         write_vector(
             state[SPEED],
             state[YAW_RATE],
@@ -149,6 +152,7 @@ def step_cars(
             curvature_ahead,
             AHEAD_POINTS,
             setups[k],
+            limit,
             vectors[k],
         )
         ends[k] = end
@@ -158,7 +162,7 @@ def step_cars(
         if tasks[k] == START:
             rewards[k] = 0.0
             continue
-        rewards[k] = min((s - before) / (setups[k, SPEED_LIMIT] * PERIOD), 1.0) - share
+        rewards[k] = min((s - before) / (limit * PERIOD), 1.0) - share
         if end not in (RUNNING, REACHED):
             rewards[k] -= FAILURE
 
@@ -200,6 +204,7 @@ class Cars:
         self._roads = np.empty((count, 2))
         self._rules = np.empty((count, 5))
         self._setups = np.empty((count, 9))
+        self._limits = np.full((count, 1, 2), np.inf)
         self._states = np.empty((count, STATE_SIZE))
         self._records = np.empty((count, _COLUMNS, _FIRST_ROOM))
         self._steps_left = 0  # at least as many fit into the records
@@ -234,6 +239,13 @@ class Cars:
         self._roads[k] = road.sub_step, road.lane_width
         self._rules[k] = rules_array(self.simulator.rules, road.length)
         self._setups[k] = setup_array(self.simulator.setup(road))
+        limits = in_metres_per_second(self.simulator.rules.speed_limits_on(road))
+        if self._limits.shape[1] < len(limits):
+            known = self._limits
+            self._limits = np.full((len(known), len(limits), 2), np.inf)
+            self._limits[:, : known.shape[1]] = known
+        self._limits[k] = np.inf  # stations that no car reaches
+        self._limits[k, : len(limits)] = limits
         self._on[k], self._renderers[k] = road, None
 
     def observation(self, k: int) -> Seen:
@@ -280,6 +292,7 @@ class Cars:
             self._roads,
             self._rules,
             self._setups,
+            self._limits,
             self._car,
             self._vehicle,
             self._start,

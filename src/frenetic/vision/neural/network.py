@@ -167,7 +167,9 @@ class Network:
         steering = self._steering(answer, setup)
         if self.convention.outputs == "steering-throttle":
             return Controls(steering, max(float(answer[1]), 0.0), max(-float(answer[1]), 0.0))
-        limit = setup.speed_limit
+        limit = observation.speed_limit
+        if not math.isfinite(limit):  # an observation made by hand
+            limit = setup.speed_limit
         if self.convention.max_speed is not None:
             limit = min(limit, self.convention.max_speed / 3.6)
         share = min(max(steering / setup.max_steering, -1.0), 1.0)

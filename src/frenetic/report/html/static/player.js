@@ -316,7 +316,7 @@ const player = (() => {
         ...profile,
         now: (at) => profile.lines.map((name) => scale * (isOfRoad ? OF_ROAD[name](drive.road, at.distance) : at[name])),
         points: profile.lines.map(pointsOf),
-        limit: profile.title === "speed" ? drive.speed_limit : null,
+        limits: profile.title === "speed" ? drive.speed_limits : [],
       };
     });
     state.profiles = own;
@@ -368,7 +368,7 @@ const player = (() => {
   function plotOf(profile, length) {
     const values = profile.points.flat().map(([, value]) => value);
     let low = Math.min(...values, 0);
-    let high = Math.max(...values, 0, profile.limit ?? -Infinity, profile.most ?? -Infinity);
+    let high = Math.max(...values, 0, ...profile.limits.map(([, limit]) => limit), profile.most ?? -Infinity);
     if (profile.lines[0] === "oob_distance") high = Math.max(high, report.lane_width / 2);
     profile.range = [low, high];
     if (high - low < GENTLE) profile.digits = 4;
@@ -380,7 +380,10 @@ const player = (() => {
     const shapes = [];
     if (profile.lines[0] === "oob_distance") shapes.push(svg("rect", { class: "outside", x: 0, y: up(0), width: wide, height: Math.max(0, tall - up(0)) }));
     shapes.push(svg("path", { class: "zero", d: `M0 ${up(0)}H${wide}` }));
-    if (profile.limit !== null && profile.limit !== undefined) shapes.push(svg("path", { class: "limit", d: `M0 ${up(profile.limit)}H${wide}` }));
+    if (profile.limits.length > 0) {
+      const steps = profile.limits.map(([place, limit], i) => `${i === 0 ? "M0 " : `H${across(place)}V`}${up(limit)}`);
+      shapes.push(svg("path", { class: "limit", d: `${steps.join("")}H${wide}` }));
+    }
     const line = (name, points) => svg("path", { class: `line ${name}`, d: pathText(points.map(([d, v]) => [across(d), up(v)])) });
     shapes.push(...profile.points.map((points, i) => line(`line-${profile.lines[i]}`, points)));
     const label = `${profile.title} in ${profile.unit} along the road`;

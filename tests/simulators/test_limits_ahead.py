@@ -1,0 +1,101 @@
+"""Speed limits along a road: what drivers are told, and how they and criteria keep them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from frenetic import Controls, DriveSetup, EmbeddedSimulator, Observation, Planner, Road, Stanley
+from frenetic.criteria import Profile
+from frenetic.drive import Drive, Rules
+from frenetic.drivers import BeamngAi, LimitedView
+from frenetic.drivers.builtin import BuiltIn
+from frenetic.drivers.layers import Hasty
+from frenetic.oracle import judge
+from frenetic.outcome import Outcome
+
+STRAIGHT = Road(np.zeros(61), speed_limits=[(0, 50), (200, 30), (400, 80)])
+
+
+class Watching:
+    """Keeps what the driver underneath is told."""
+
+    def __init__(self, driver: BuiltIn | None = None) -> None:
+        self.driver = driver or Planner()
+        self.observations: list[Observation] = []
+
+    def reset(self, setup: DriveSetup) -> None:
+        self.setup = setup
+        self.driver.reset(setup)
+
+    def act(self, observation: Observation) -> Controls:
+        self.observations.append(observation)
+        return self.driver.act(observation)
+
+
+def speeds(drive: Drive, *places: float) -> list[float]:
+    """Speed in km/h at places in m along a straight road."""
+    path = drive.trajectory
+    return [3.6 * float(np.interp(place, path.y, path.speed)) for place in places]
+
+
+def test_driver_is_told_the_limit_where_it_is_and_those_ahead() -> None:
+    watching = Watching()
+    EmbeddedSimulator().drive(STRAIGHT, watching)
+    assert watching.setup.speed_limit == pytest.approx(50 / 3.6)
+    for seen in watching.observations:
+        limit = 50 if seen.distance < 200 else 30 if seen.distance < 400 else 80
+        assert seen.speed_limit == pytest.approx(limit / 3.6)
+        starts = seen.distance + 2.0 * np.arange(len(seen.ahead))
+        fine = starts[:, None] + np.linspace(0.0, 2.0, 41)[:-1]
+        there = np.where(fine < 200, 50, np.where(fine < 400, 30, 80)).min(axis=1)
+        near = (np.abs(starts + 2.0 - 200) < 0.1) | (np.abs(starts + 2.0 - 400) < 0.1)
+        assert seen.speed_limit_ahead[~near] == pytest.approx(there[~near] / 3.6)
+        assert not seen.speed_limit_ahead.flags.writeable
+
+
+def test_layers_change_each_limit() -> None:
+    inner = Watching()
+    EmbeddedSimulator().drive(STRAIGHT, Hasty(LimitedView(inner, distance=20.0), excess=18.0))
+    assert inner.setup.speed_limit == pytest.approx(68 / 3.6)
+    last = inner.observations[-1]
+    assert last.speed_limit == pytest.approx(98 / 3.6)
+    assert len(last.speed_limit_ahead) == len(last.ahead) == 11
+
+
+@pytest.mark.parametrize("kind", [Planner, Stanley, BeamngAi])
+def test_built_in_driver_keeps_each_limit_compiled_and_in_python_alike(kind: type[BuiltIn]) -> None:
+    compiled = EmbeddedSimulator(vehicle="default").drive(STRAIGHT, kind())
+    in_python = EmbeddedSimulator(vehicle="default").drive(STRAIGHT, Watching(kind()))
+    assert np.array_equal(compiled.trajectory.to_rows(), in_python.trajectory.to_rows())
+    before, at_lower, in_lower, behind = speeds(compiled, 120, 205, 390, 590)
+    assert 44 < before <= 51
+    assert at_lower <= 33  # it has braked before the sign
+    assert 24 < in_lower <= 31
+    assert 70 < behind <= 81
+
+
+def test_road_with_one_limit_is_driven_as_if_the_rules_said_it() -> None:
+    own = EmbeddedSimulator().drive(
+        replace(STRAIGHT, speed_limits=np.array([[0.0, 40.0]])), Planner()
+    )
+    rules = Rules(speed_limit=40.0)
+    said = EmbeddedSimulator(rules=rules).drive(Road(np.zeros(61)), Planner())
+    assert np.array_equal(own.trajectory.to_rows(), said.trajectory.to_rows())
+
+
+def test_criterion_judges_by_the_limit_where_the_car_is() -> None:
+    criteria = Profile.made("own", {"speed_excess": 6.0})
+    rules = Rules(speed_limit=50.0, criteria=criteria)
+    sharp = replace(STRAIGHT, speed_limits=np.array([[0.0, 50.0], [200.0, 30.0]]))
+    drive = EmbeddedSimulator(rules=replace(rules, road_limits="ignored")).drive(sharp, Planner())
+    assert judge(sharp, drive).outcome is Outcome.PASS  # nobody went faster than 50 km/h
+    result = judge(sharp, replace(drive, rules=rules))
+    assert result.outcome is Outcome.FAIL
+    assert result.finding is not None
+    assert result.finding.criterion == "speed_excess"
+    assert result.finding.distance > 200.0
+    kept = EmbeddedSimulator(rules=rules).drive(sharp, Planner())
+    assert judge(sharp, kept).outcome is Outcome.PASS
