@@ -39,6 +39,8 @@ from frenetic.spec import EarlierCampaign, earlier_of
 
 _APART: Final = 1.0
 """Least difference of two taken tests, in m."""
+_REASONS: Final = 10
+"""Most files and roads that cannot be read and are named with their reason."""
 _MOST: Final = {Outcome.FAIL: (500, 5000), Outcome.PASS: (100, 1000)}
 """Most tests that are taken, and that are looked at for it, of each campaign."""
 
@@ -57,11 +59,11 @@ class EarlierTest:
 
 def take_roads(
     folder: Path | str, tester: RoadTester, step: float | None
-) -> tuple[str, list[EarlierTest]]:
+) -> tuple[str, list[str], list[EarlierTest]]:
     """The stretches of the roads in a folder, see `frenetic.road.stretches`, in words and as tests.
 
     They are fitted to the rules of the new campaign's road class. Those that are not valid in it
-    are left out.
+    are left out. Between the two stand sentences about files and roads that cannot be read.
 
     Args:
         folder: of road files, see `frenetic.road.files.find_roads`.
@@ -95,7 +97,10 @@ def take_roads(
         )
     taken = f"{folder}: {counted(len(tests), 'stretch', 'stretches')} of"
     unread = f", {len(found.skipped)} could not be read" if found.skipped else ""
-    return f"{taken} {counted(len(found.roads), 'real road')}{unread}", tests
+    reasons = [f"left out: {reason}" for reason in found.skipped[:_REASONS]]
+    if len(found.skipped) > _REASONS:
+        reasons.append(f"left out: {len(found.skipped) - _REASONS} more")
+    return f"{taken} {counted(len(found.roads), 'real road')}{unread}", reasons, tests
 
 
 def take_earlier(
