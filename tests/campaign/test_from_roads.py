@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -171,6 +172,29 @@ def test_the_command_keeps_to_the_class_and_its_file_says_so(
         assert [test.outcome for test in one.tests()] == [test.outcome for test in other.tests()]
     shown = frenetic("show", str(tmp_path / "out"), "1")
     assert f"given, {folder / 'road0.json'}" in shown.out
+
+
+def test_what_cannot_be_read_is_named_with_its_reason(
+    frenetic: Command, tmp_path: Path, folder: Path
+) -> None:
+    place = tmp_path / "roads"
+    shutil.copytree(folder, place)
+    (place / "broken.xodr").write_text("<a/>")
+    (place / "empty.json").write_text("{}")
+    ended = frenetic(
+        *("run", "--from-roads", str(place), "--seed", "1", "--simulations", "5"),
+        *("--out", str(tmp_path / "out")),
+    )
+    assert ended.code == 0, ended.err
+    assert f"{COUNT} real roads, 2 could not be read" in ended.err
+    assert f"left out: {place / 'broken.xodr'} cannot be read as OpenDRIVE: it is XML" in ended.err
+    assert f"left out: {place / 'empty.json'} has neither 'curvatures'" in ended.err
+    for i in range(20):
+        (place / f"more{i:02}.json").write_text("{}")
+    again = from_roads(tmp_path / "many", place)
+    again.run(1)
+    assert again.notes[-1] == "left out: 12 more"
+    assert len(again.notes) == 12
 
 
 def test_with_a_class_the_roads_are_fitted_to_it(

@@ -170,7 +170,7 @@ MISTAKES: Final = [
     ("drive c", "c is a folder", "which tests"),
     ("drive c 1 --lane -2", "--lane and --road are for OpenDRIVE"),
     ("drive c 1 2 --plot p.png", "--plot draws one drive"),
-    ("drive straight.json 1", "straight.json is no folder"),
+    ("drive straight.json 1", "straight.json is not a folder"),
 ]
 NAMES: Final = cli.list_commands(click.Context(cli))
 """All commands, guests' too."""

@@ -24,7 +24,7 @@ TOWN = MAPS / "01-town-30.xodr"
 
 
 def limit_of(out: str) -> str:
-    (line,) = re.findall(r"^speed limit +(.*)$", out, re.MULTILINE)
+    (line,) = re.findall(r"^limit +(.*)$", out, re.MULTILINE)
     return str(line)
 
 
@@ -33,7 +33,7 @@ def test_map_of_a_town_is_driven_at_its_limit(frenetic: Frenetic) -> None:
     answer = frenetic("drive", TOWN, "--road", "1", "--driver", driver)
     assert answer.code == 0
     assert answer.out.startswith("PASS")
-    assert "MOOBD       1.290 m" in answer.out
+    assert "MOOBD      1.290 m" in answer.out
     assert limit_of(answer.out) == "30 km/h, of the road"
 
 

@@ -4,6 +4,7 @@ import json
 import math
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -11,9 +12,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from frenetic.errors import RoadError
-from frenetic.road import Road
+from frenetic.export import ExportedRoad, write_road
+from frenetic.road import Road, profile
 from frenetic.road.files import MAX_BYTES, read_road
 from frenetic.road.opendrive import to_opendrive
+
+if TYPE_CHECKING:
+    from command_line import Frenetic
+
+pytest_plugins = ["command_line"]
 
 POINTS = [[40.0, 40.0], [90.0, 45.0], [120.0, 90.0], [120.0, 150.0]]
 
@@ -41,6 +48,7 @@ def test_curvatures_with_defaults_and_everything_given(tmp_path: Path) -> None:
         POINTS,
         {"id": 3, "is_valid": True, "road_points": POINTS, "min_oob_distance": math.nan},
         [{"x": x, "y": y, "z": 0.0} for x, y in POINTS],
+        [{"road_points": POINTS}],
     ],
 )
 def test_points_as_a_bare_list_a_competition_file_or_objects(
@@ -92,7 +100,15 @@ HUGE = int("1" * 400)
         ({"curvatures": [0.1]}, "1 curvature samples: 2 to 10000"),
         ({"curvatures": [0.0, 0.0], "step": 1e-300}, "step is 1e-300"),
         ({"curvatures": [0.0, 0.0], "pose": [1, 2]}, r"length 3, got 2 - at `\$.pose`"),
-        ({"road_points": [[0, 0], [1]]}, r"length 2, got 1 - at `\$.road_points\[1\]`"),
+        ({"road_points": [[0, 0], [1]]}, r"point 1 has 1 number: \[x, y\], .* is needed"),
+        ({"road_points": [[0, 0, 0], [1, 0]]}, "point 1 has 2 numbers, but point 0 has 3"),
+        ([[0, 0, 0, 8, 1], [1, 0, 0, 8, 1]], "point 0 has 5 numbers"),
+        ([[0, 0], [1, "x"]], r"Expected `float`, got `str` - at `\$\[1\]\[1\]`"),
+        ([[0, 0, 0, 0], [10, 0, 0, 0]], "lane_width is 0: 0.1 to 100 m"),
+        ("[[0, 0, NaN], [10, 0, 0]]", "a height and a width of at most"),
+        ([[0, 0, 0], [10, 0, 9], [20, 0, 18]], "grade is 0.9 at 0 m"),
+        ({"road_points": [[0, 0, 0], [9, 0, 0]], "grade": [[0, 0.1]]}, "say what 'grade' says"),
+        ({"road_points": [[0, 0, 0, 8], [9, 0, 0, 8]], "lane_width": 4}, "'lane_width' says, too"),
         ({"road_points": [[0, 0], {"x": 1}]}, r"missing required field `y` - at `\$.road_points"),
         ({"road_points": [[0, 0], [0, 0]]}, "are the same"),
         ({"road_points": [[0, 0], [1e308, 0], [-1e308, 0]]}, "from the origin"),
@@ -161,3 +177,93 @@ def test_a_damaged_file_gives_a_verdict_or_one_line(content: object) -> None:
             assert is_finite
         assert message.startswith(str(path))
         assert "\n" not in message
+
+
+CASES = Path(__file__).parents[1] / "cases" / "maps"
+
+
+def test_nodes_say_height_and_width(tmp_path: Path) -> None:
+    road = read_road(CASES / "11-nodes.json").road()
+    assert road.lane_width == 4.0
+    assert road.is_plain
+    nodes = [[10.0 * i, 0.0, -28.0 + 0.4 * i, 7.0 + 0.1 * i] for i in range(12)]
+    for content in (nodes, [dict(zip(("x", "y", "z", "width"), n, strict=True)) for n in nodes]):
+        road = read_road(write(tmp_path, content)).road()
+        assert road.lane_width == 3.5
+        places = np.linspace(0.0, 110.0, 23)
+        assert road.heights(places) == pytest.approx(0.04 * places, abs=1e-3)
+        assert profile.value_at(road.widening, places) == pytest.approx(0.005 * places, abs=1e-3)
+
+
+@given(
+    st.lists(st.floats(-0.05, 0.05), min_size=3, max_size=20),
+    st.floats(2.5, 6.0),
+    st.tuples(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1)),
+    st.floats(0.0, 1.5),
+)
+def test_a_beamng_file_of_ours_is_read_back(
+    curvatures: list[float], lane_width: float, grades: tuple[float, float], wider: float
+) -> None:
+    road = Road(
+        curvatures,
+        10.0,
+        lane_width=lane_width,
+        grade=[(0.0, grades[0]), (20.0, grades[1])],
+        widening=[(0.0, 0.0), (20.0, wider)],
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "r.beamng.json"
+        write_road(ExportedRoad(road, "r"), "beamng", path)
+        again = read_road(path).road()
+    places = np.linspace(0.0, road.length, 50)
+    assert np.abs(again.track(road.sample(0.5))[:, 1]).max() < 0.01
+    assert again.length == pytest.approx(road.length, abs=0.01)
+    assert again.heights(places) == pytest.approx(road.heights(places), abs=0.05)
+    widths = [r.lane_width + profile.value_at(r.widening, places) for r in (road, again)]
+    assert widths[1] == pytest.approx(widths[0], abs=0.02)
+
+
+def test_a_list_of_tests_says_how_many_it_holds_and_how_to_drive_one(
+    frenetic: Frenetic, tmp_path: Path
+) -> None:
+    path = str(CASES / "12-suite.json")
+    assert frenetic("drive", path).refuses("holds 2 tests", f"'frenetic drive {path} 1'")
+    lengths = [frenetic("drive", path, number, "--json").json["length"] for number in ("1", "2")]
+    roads = [read_road(path, test=number).road() for number in (1, 2)]
+    assert lengths == [road.length for road in roads]
+    assert roads[0].points[20, 1] > 100.0 > roads[1].points[20, 1]
+    assert frenetic("drive", path, "3").refuses("none of which is 3", "from 1 to 2")
+    assert frenetic("drive", path, "1", "2").refuses("name one ID")
+    single = str(CASES / "11-nodes.json")
+    assert frenetic("drive", single, "1").refuses("holds no list of tests: leave out the ID 1")
+    assert frenetic("drive", str(CASES / "07-level.xodr"), "1").refuses("no list of tests")
+    out = tmp_path / "one.json"
+    assert frenetic("export", path, "2", "--format", "json", "--out", str(out)).code == 0
+    assert read_road(out).road().points == pytest.approx(roads[1].points)
+
+
+def test_points_of_up_to_50_km_are_a_road(frenetic: Frenetic, tmp_path: Path) -> None:
+    out = tmp_path / "o.xodr"
+    path = str(CASES / "04-points-6km.json")
+    answer = frenetic("export", path, "--format", "opendrive", "--out", str(out))
+    assert answer.code == 0, answer.err
+    assert read_road(out).road().length == pytest.approx(6003.2, abs=0.1)
+    angles = np.linspace(0.0, 40.0, 10_000)  # of waves 7.8 km long, R = 390 m at least
+    points = np.column_stack([1230.0 * angles, 300.0 * np.sin(angles)])
+    length = float(np.hypot(*np.diff(points, axis=0).T).sum())
+    assert 49_500.0 < length < 50_000.0
+    road = read_road(write(tmp_path, points.tolist())).road()
+    assert road.length == pytest.approx(length, abs=0.1)
+    assert np.abs(road.track(points)[:, 1]).max() < 0.001
+    with pytest.raises(RoadError, match=r"a road of 5\d+ m: at most 50000 m"):
+        read_road(write(tmp_path, (1.05 * points).tolist())).road()
+
+
+def test_a_long_road_of_points_can_be_driven_on_a_larger_map(
+    frenetic: Frenetic, tmp_path: Path
+) -> None:
+    path = str(write(tmp_path, {"curvatures": [0.0] * 50}))
+    answer = frenetic("drive", path, "--dry")
+    assert (answer.code, "--map-size 400 has room for it" in answer.out) == (1, True)
+    assert frenetic("drive", path, "--dry", "--map-size", "400").code == 0
+    assert frenetic("drive", path, "--dry", "--map-size", "nan").refuses("map")

@@ -184,6 +184,9 @@ LANE = f'<lane id="-1" type="driving">{WIDTH}</lane>'
 LINE = '<geometry s="0" x="0" y="0" hdg="0" length="30"><line/></geometry>'
 
 
+SIDE_END = "</right></laneSection>"
+
+
 def section(right: str, left: str = "", start: float = 0.0) -> str:
     return f'<laneSection s="{start}"><left>{left}</left><right>{right}</right></laneSection>'
 
@@ -233,6 +236,85 @@ def test_a_file_whose_small_gaps_add_up_is_followed_as_it_is_drawn() -> None:
     geometry = '<geometry x="{}" y="{}" hdg="0" length="20"><line/></geometry>'
     road = RoadMap(foreign("".join(geometry.format(x, y) for x, y in starts))).road()
     assert np.abs(road.track(starts)[:, 1]).max() < 0.01
+
+
+BENDS = 20
+
+
+def rounded_map(seed: int, decimals: int, wrong: float = 0.0) -> tuple[bytes, FloatArray]:
+    """A road with 20 bends whose numbers are rounded, and points of the exact one, (n, 2).
+
+    Args:
+        seed: of the road.
+        decimals: of headings; coordinates and lengths have two.
+        wrong: m by which a geometry in the middle, and all after it, are moved sideways.
+    """
+    rng = np.random.default_rng(seed)
+    pieces = []
+    for _ in range(BENDS):
+        bend = float(rng.choice([-1.0, 1.0]) / rng.uniform(15.0, 300.0))
+        straight, ease, arc = rng.uniform(5.0, [80.0, 25.0, 1.5 / abs(bend)]).tolist()
+        pieces += [(straight, 0.0, 0.0), (ease, 0.0, bend), (arc, bend, bend), (ease, bend, 0.0)]
+    pose = (*rng.uniform(-500.0, 500.0, 2).tolist(), rng.uniform(-3.0, 3.0))
+    plan, points = [], []
+    for i, (length, start, end) in enumerate(pieces):
+        if wrong and i == len(pieces) // 2:
+            x, y, heading = pose
+            pose = (x - wrong * math.sin(heading), y + wrong * math.cos(heading), heading)
+        x, y, heading = pose
+        shape = f'<spiral curvStart="{start}" curvEnd="{end}"/>'
+        place = f'x="{x:.2f}" y="{y:.2f}" hdg="{heading:.{decimals}f}" length="{length:.2f}"'
+        plan.append(f"<geometry {place}>{shape}</geometry>")
+        for share in np.linspace(0.0, 1.0, 9)[1:].tolist():
+            there = start + (end - start) * share
+            points.append(end_of((*pose, length * share, start, there))[:2])
+        pose = end_of((*pose, length, start, end))
+    return foreign("".join(plan)), np.array(points)
+
+
+@pytest.mark.parametrize("decimals", [2, 3, 4, 6])
+def test_maps_with_coordinates_of_two_decimals_are_read(decimals: int) -> None:
+    for seed in range(20):
+        data, points = rounded_map(seed, decimals)
+        road = RoadMap(data).road()
+        # Half a centimetre in x and y, or the last heading's error, moves the exact road so far.
+        assert np.abs(road.track(points)[:, 1]).max() < 0.012
+
+
+def test_a_line_that_is_wrong_sideways_is_refused_with_its_distance() -> None:
+    for seed in range(10):
+        data, _ = rounded_map(seed, 6, wrong=0.08)
+        with pytest.raises(RoadError, match="jumps sideways by") as caught:
+            RoadMap(data).road()
+        number = re.search(r"by (0\.\d+) m", str(caught.value))
+        assert number is not None
+        assert float(number[1]) == pytest.approx(0.08, abs=0.0142)
+
+
+def test_the_number_of_a_refusal_is_the_distance_at_the_nearest_place() -> None:
+    # Lanes that step by 3 m in one place: no smooth road stays near both parts.
+    data = foreign(offsets='<laneOffset s="0"/><laneOffset s="10" a="3"/>')
+    with pytest.raises(RoadError, match="the nearest lies") as caught:
+        RoadMap(data).road()
+    numbers = re.search(r"lies ([\d.]+) m beside it ([\d.]+) m along", str(caught.value))
+    assert numbers is not None
+    assert 1.5 < float(numbers[1]) < 3.01  # half the step cannot be avoided
+
+
+def test_geometries_that_overlap_or_leave_gaps_along_the_road_are_read() -> None:
+    for gap in (-0.04, 0.004, 0.04):
+        starts = np.arange(8) * (20.0 + gap)
+        geometry = '<geometry x="{}" y="0" hdg="0" length="20"><line/></geometry>'
+        road = RoadMap(foreign("".join(map(geometry.format, starts)))).road()
+        assert road.length == pytest.approx(starts[-1] + 20.0, abs=1e-6)
+        assert np.abs(road.points[:, 1]).max() < 1e-9
+
+
+def test_gaps_are_closed_in_no_time_however_dense_they_are() -> None:
+    geometry = '<geometry x="{:.4f}" y="{}" hdg="0" length="0.005"><line/></geometry>'
+    plan = [geometry.format(0.005 * i, 0.002 * (i % 2)) for i in range(20_000)]
+    road = RoadMap(foreign("".join(plan))).road()
+    assert np.abs(road.points[:, 1] - 0.001).max() < 2e-3
 
 
 lengths = st.floats(0.5, 60.0)
@@ -341,6 +423,71 @@ def test_the_links_of_lanes_are_followed_from_section_to_section() -> None:
         RoadMap(foreign(sections=sections)).road()
 
 
+@pytest.mark.parametrize("lane", [1, -1])
+def test_a_section_for_one_side_leaves_the_other_sides_section_in_force(lane: int) -> None:
+    wide = WIDTH.replace("3.5", "3.25")
+    both = section(LANE, LANE.replace("-1", "1"))
+    side = "left" if lane < 0 else "right"
+    other = f'<lane id="{-lane}" type="driving">{wide}</lane>'
+    single = f'<laneSection s="12" singleSide="true"><{side}>{other}</{side}></laneSection>'
+    road_map = RoadMap(foreign(sections=both + single))
+    assert road_map.road(lane=lane).is_plain
+    assert road_map.road(lane=lane).lane_width == 3.5
+    assert road_map.road(lane=-lane).lane_width == 3.25
+    # Without the word it holds for both sides, and has no such lane.
+    with pytest.raises(RoadError, match=f"lane {lane}, .* is missing"):
+        RoadMap(foreign(sections=both + single.replace("true", "false"))).road(lane=lane)
+
+
+def level_lane(lane: int, *, is_level: bool, width: float = 3.0) -> str:
+    level = "true" if is_level else "false"
+    return (
+        f'<lane id="{lane}" type="driving" level="{level}"><width sOffset="0" a="{width}"/></lane>'
+    )
+
+
+@pytest.mark.parametrize(
+    ("are_level", "tilted", "lean"),
+    [((False, False), 3.0, True), ((False, True), 3.0, False), ((True, True), 0.0, False)],
+)
+def test_level_lanes_neither_lean_nor_carry_the_lean_outwards(
+    are_level: tuple[bool, bool], tilted: float, lean: bool
+) -> None:
+    profiles = '<lateralProfile><superelevation s="0" a="0" b="0.005"/></lateralProfile>'
+    for side in (-1, 1):
+        lanes = "".join(level_lane(side * (i + 1), is_level=are_level[i]) for i in range(2))
+        sections = section(lanes) if side < 0 else section("", lanes)
+        road = RoadMap(foreign(profiles=profiles, sections=sections)).road(lane=2 * side)
+        rise = -tilted * math.tan(0.15)  # to the right the lean falls, against the road it rises
+        assert road.heights(30.0) == pytest.approx(rise, abs=0.01)
+        assert len(road.superelevation) == (2 if lean else 0) or lean
+        assert (len(road.superelevation) > 0) == lean
+
+
+def test_a_shape_across_is_no_matter_to_a_lane_that_is_level() -> None:
+    shapes = '<shape s="0" t="-9" b="0.02"/><shape s="0" t="0" a="0.18" b="-0.02"/>'
+    crossfall = '<crossfall side="both" s="0" a="0.02"/>'
+    for profiles in (shapes, crossfall):
+        inside = f"<lateralProfile>{profiles}</lateralProfile>"
+        level = section(level_lane(-1, is_level=True))
+        assert RoadMap(foreign(profiles=inside, sections=level)).road().is_plain
+        second = section(level_lane(-1, is_level=False) + level_lane(-2, is_level=True))
+        with pytest.raises(RoadError, match="is shaped across"):
+            RoadMap(foreign(profiles=inside, sections=second)).road(lane=-2)
+    rising = "<lateralProfile>" + shapes + shapes.replace('s="0"', 's="9"').replace("0.18", "0.3")
+    with pytest.raises(RoadError, match="is shaped across"):
+        RoadMap(foreign(profiles=rising + "</lateralProfile>", sections=level)).road()
+
+
+def test_a_lane_of_ours_that_was_made_level_is_level() -> None:
+    text = to_opendrive(Road([0.0] * 5, superelevation=0.05))
+    level = text.replace(
+        'id="-1" type="driving" level="false"', 'id="-1" type="driving" level="true"'
+    )
+    assert level != text
+    assert RoadMap(level.encode()).road().is_flat
+
+
 def profiled(inside: str, kind: str = "lateralProfile") -> bytes:
     return foreign(profiles=f"<{kind}>{inside}</{kind}>")
 
@@ -371,7 +518,7 @@ def joint(text: str, other: str) -> bytes:
         (b'<OpenDRIVE><header revMajor="1"/></OpenDRIVE>', "it has no road"),
         (
             foreign(after='<road id="x y"/>'),
-            "it has 2 roads, to be chosen as 'road': 7 .30 m., x y .0 m.",
+            r"it has 2 roads, to be chosen as 'road': 7 \(30 m\)$",
         ),
         (foreign(attributes='rule="LHT"'), "rule is 'LHT'"),
         (foreign(""), "has no geometry"),
@@ -385,11 +532,24 @@ def joint(text: str, other: str) -> bytes:
         (place('"30"', '"nan"'), "length='nan': a number"),
         (place('hdg="0"', ""), "a <geometry> has no 'hdg'"),
         (joint('"30"', '"31"'), "jumps by 1.000 m 30.00 m along"),
+        (joint('y="0"', 'y="0.034"'), "jumps sideways by 0.034 m 30.00 m along.* 0.02 m is mended"),
         (joint('hdg="0"', 'hdg="0.1"'), "kink of 5.7 degrees 30.00 m along"),
         (profiled('<elevation s="0" b="0.6"/>', "elevationProfile"), "grade is 0.6 at 0 m"),
         (profiled('<superelevation s="0" a="1.3"/>'), "superelevation is 3.60"),
         (
             profiled('<elevation s="0" a="1"/><elevation s="9" a="2"/>', "elevationProfile"),
+            "jumps in height 8.9",
+        ),
+        (
+            foreign(
+                profiles='<lateralProfile><superelevation s="0" a="0.1"/></lateralProfile>',
+                sections=section(LANE.replace("driving", "median") + LANE.replace("-1", "-2"))
+                + section(
+                    LANE.replace('"driving"', '"median" level="true"')
+                    + LANE.replace('id="-1"', 'id="-2" level="true"'),
+                    start=9.0,
+                ),
+            ),
             "jumps in height 8.9",
         ),
         (profiled('<crossfall side="both" s="0" a="-0.02"/>'), r"shaped across \(crossfall\)"),
@@ -408,7 +568,14 @@ def joint(text: str, other: str) -> bytes:
             ),
             "beyond the centre of a bend",
         ),
-        (foreign(offsets='<laneOffset s="0"/><laneOffset s="10" a="3"/>'), "no road can"),
+        (
+            foreign(offsets='<laneOffset s="0"/><laneOffset s="10" a="3"/>'),
+            r"no road can .* lies \d\.\d{4} m beside it 1\d.* at most 0.01 m is allowed",
+        ),
+        (
+            foreign(sections='<laneSection s="9" singleSide="true"><right>' + LANE + SIDE_END),
+            "no lanes right of the centre before 9.00 m",
+        ),
         (b'<!DOCTYPE OpenDRIVE SYSTEM "file:///etc/passwd">' + foreign(), "DOCTYPE"),
         (foreign(after="<a/>" * 1_000_000), "more than 1000000 elements"),
     ],

@@ -243,7 +243,7 @@ class Campaign(Shown):
         """Whether its folder and database exist."""
         self.description = dict(description or {})
         self.notes: tuple[str, ...] = ()
-        """What it starts from, each in a sentence."""
+        """What it starts from, and what cannot be read of that, each in a sentence."""
         self.isolate = False
         """Whether a single worker drives in a process of its own, unless only compiled code of ours
         drives."""
@@ -382,10 +382,11 @@ class Campaign(Shown):
         step = (options_of(self.strategy) or {}).get("step")
         self.start_from, taken = take_earlier(folders, self.tester, self.objective, step)
         starts = [str(earlier) for earlier in self.start_from]
+        unread: list[str] = []
         if self.from_roads is not None:
-            words, roads = take_roads(self.from_roads, self.tester, step)
+            words, unread, roads = take_roads(self.from_roads, self.tester, step)
             starts, taken = [words, *starts], [*roads, *taken]
-        self.notes = tuple(f"starts from {one}" for one in starts)
+        self.notes = (*(f"starts from {one}" for one in starts), *unread)
         facts: dict[str, JSONValue] = {SOURCES: self._sources(), STARTED_IN: str(Path.cwd())}
         facts |= fact_of(taken)
         made = CampaignStore.create(self.folder, self.configuration(), facts)

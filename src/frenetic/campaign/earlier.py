@@ -39,6 +39,8 @@ from frenetic.spec import EarlierCampaign, earlier_of
 
 _APART: Final = 1.0
 """Least difference of two taken tests, in m."""
+_REASONS: Final = 10
+"""Most files and roads that cannot be read and are named with their reason."""
 _MOST: Final = {Outcome.FAIL: (500, 5000), Outcome.PASS: (100, 1000)}
 """Most tests that are taken, and that are looked at for it, of each campaign."""
 
@@ -57,11 +59,11 @@ class EarlierTest:
 
 def take_roads(
     folder: Path | str, tester: RoadTester, step: float | None
-) -> tuple[str, list[EarlierTest]]:
+) -> tuple[str, list[str], list[EarlierTest]]:
     """The stretches of the roads in a folder, see `frenetic.road.stretches`, in words and as tests.
 
     They are fitted to the rules of the new campaign's road class. Those that are not valid in it
-    are left out.
+    are left out. Between the two stand sentences about files and roads that cannot be read.
 
     Args:
         folder: of road files, see `frenetic.road.files.find_roads`.
@@ -95,8 +97,12 @@ def take_roads(
         )
     taken = f"{folder}: {counted(len(tests), 'stretch', 'stretches')} of"
     unread = f", {len(found.skipped)} could not be read" if found.skipped else ""
+    reasons = [f"left out: {reason}" for reason in found.skipped[:_REASONS]]
+    if len(found.skipped) > _REASONS:
+        reasons.append(f"left out: {len(found.skipped) - _REASONS} more")
     limits = _limits_in_words([test.evaluation.candidate for test in tests], tester)
-    return f"{taken} {counted(len(found.roads), 'real road')}{unread}; {limits}", tests
+    text = f"{taken} {counted(len(found.roads), 'real road')}{unread}; {limits}"
+    return text, reasons, tests
 
 
 def _limits_in_words(stretches: Sequence[Candidate], tester: RoadTester) -> str:
@@ -104,15 +110,14 @@ def _limits_in_words(stretches: Sequence[Candidate], tester: RoadTester) -> str:
     rules, class_name = tester.simulator.rules, getattr(tester.road_class, "name", "")
     if rules.road_limits == "ignored":
         return f"speed limit {rules.limit_in_words()}"
-    limits = [road.speed_limits for road in stretches]
-    said = [float(value) for steps in limits if steps is not None for value in steps[:, 1]]
-    own = [value for value in said if value > 0.0]
-    without = sum(steps is None or not (steps[:, 1] > 0.0).all() for steps in limits)
+    steps = [profile.NOTHING if s is None else s for s in (r.speed_limits for r in stretches)]
+    limits = [float(limit) for pairs in steps for limit in pairs[:, 1] if limit > 0.0]
+    count = sum(not len(pairs) or not (pairs[:, 1] > 0.0).all() for pairs in steps)
     assumed = rules.limit_in_words(class_name=class_name)
-    if not own:
+    if not limits:
         return f"no file says a speed limit: {assumed}"
-    text = f"speed limits of the files: {min(own):.4g} to {max(own):.4g} km/h"
-    return f"{text}; where {without} of them say none, {assumed}" if without else text
+    text = f"speed limits of the files: {min(limits):.4g} to {max(limits):.4g} km/h"
+    return f"{text}; where {count} of them say none, {assumed}" if count else text
 
 
 def take_earlier(

@@ -19,6 +19,7 @@ from frenetic.cli.console import (
     facts_of_drive,
     print_facts,
     print_measures,
+    shell,
 )
 from frenetic.cli.options import (
     NewFile,
@@ -32,6 +33,7 @@ from frenetic.cli.parts import (
     criteria_option,
     given_options,
     given_quantities,
+    map_size_option,
     part_options,
     roads_option,
     with_given,
@@ -45,6 +47,7 @@ if TYPE_CHECKING:
     from frenetic.drivers import Driver
     from frenetic.oracle import Result
     from frenetic.road import Road, Verdict
+    from frenetic.road.files import RoadFile
     from frenetic.road.opendrive import Stretch
     from frenetic.simulators import Simulator
 
@@ -63,6 +66,8 @@ class Asked:
     """Its driver, in a road's file."""
     conditions: Mapping[str, float] = field(default_factory=dict)
     """The test's, but for those that the command line says."""
+    notes: tuple[str, ...] = ()
+    """Sentences about a map's roads that do not quite meet."""
     behind: Callable[[float], Asked | None] | None = None
     """What is left of a map's stretch behind a place in m along it; None if it is no such road."""
 
@@ -72,6 +77,7 @@ class Asked:
 @roads_option
 @part_options
 @criteria_option
+@map_size_option
 @click.option("--dry", is_flag=True, help="Say whether the road is valid; do not drive it.")
 @file_option(
     "--plot", "Draw the drive into this PNG, SVG or PDF file.", type=NewFile(is_picture=True)
@@ -96,22 +102,28 @@ def drive(
 
     The tests of a CAMPAIGN are driven as it drove them, and it is said whether they end as they did
     there; the file of a failing road is driven so, too. Options change that. A ROAD is JSON with
-    curvatures (1/m) or road_points, a test file of the competition, or OpenDRIVE. A road that lies
-    elsewhere is moved into the map; an invalid one is not driven. With --road the roads of a map
-    are driven where they lie, valid or not; where the car leaves its lane the drive goes on behind
-    that place as another one. The exit code is 1 if a road is INVALID or the simulator broke
-    (ERROR).
+    curvatures (1/m) or road_points, a test file of the competition, or OpenDRIVE; where it holds a
+    list of tests, ID is the number of one. A road that lies elsewhere is moved into the map; an
+    invalid one is not driven. With --road the roads of a map are driven where they lie, valid or
+    not; where the car leaves its lane the drive goes on behind that place as another one. The exit
+    code is 1 if a road is INVALID or the simulator broke (ERROR).
     """
     if source.is_dir():
         if lane is not None or map_roads is not None:
             raise click.UsageError("--lane and --road are for OpenDRIVE, not for a campaign's test")
         spec, roads = _of_campaign(context, source, test_ids, dry=dry)
-    elif test_ids:
-        raise click.UsageError(f"{source} is no folder: an ID needs that of a campaign")
+    elif len(test_ids) > 1:
+        raise click.UsageError(
+            f"{source} is no campaign's folder: name one ID of its list of tests"
+        )
     elif map_roads is not None:
+        if test_ids:
+            raise click.UsageError("--road is for OpenDRIVE, an ID for a list of tests")
+        if "map_size" in given_options(context):
+            raise click.UsageError("--road drives roads where they lie: leave out --map-size")
         spec, roads = _of_map(context, source, map_roads, lane)
     else:
-        spec, roads = _of_file(context, source, lane, dry=dry)
+        spec, roads = _of_file(context, source, lane, next(iter(test_ids), None), dry=dry)
     if plot is not None and (dry or len(roads) > 1):
         raise click.UsageError("--plot draws one drive: leave it out with --dry or several roads")
     documents = _judged(spec, roads) if dry else _driven(spec, roads, plot, is_quiet=as_json)
@@ -137,6 +149,8 @@ def _of_campaign(
             f"{folder} is a folder: say which tests of the campaign, or name a road file"
         )
     given = given_options(context)
+    if "map_size" in given:
+        raise click.UsageError("--map-size is for a ROAD file: a campaign has its own map")
     with CampaignStore.open(folder) as store:
         tests = [store.test(number) for number in dict.fromkeys(test_ids)]
         is_made = not dry or any(not test.road.is_plain for test in tests)
@@ -151,18 +165,31 @@ def _of_campaign(
 
 
 def _of_file(
-    context: click.Context, path: Path, lane: int | None, *, dry: bool
+    context: click.Context, path: Path, lane: int | None, test_id: int | None, *, dry: bool
 ) -> tuple[Spec, list[Asked]]:
     """The same for a road file; without a drive, points are judged where they lie."""
+    from frenetic.road import Verdict
     from frenetic.road.files import read_road
 
-    file = read_road(path, lane=lane)
+    file = read_road(path, lane=lane, test=test_id)
     road = file.road()
     spec = file_spec(context, file, checked=not dry or not road.is_plain)
     fitted, verdict = road.placed(spec.map_size, road_class=spec.road_class)
     if dry:
         verdict = file.check_validity(spec.map_size, spec.road_class)
-    return spec, [Asked(str(path), fitted or road, verdict, recorded=file.entries.get("driver"))]
+    if fitted is None:
+        verdict = Verdict(False, f"{verdict.message}; {_larger_map(file, road, spec.map_size)}")
+    name = str(path) if test_id is None else f"{path} {test_id}"
+    return spec, [Asked(name, fitted or road, verdict, recorded=file.entries.get("driver"))]
+
+
+def _larger_map(file: RoadFile, road: Road, map_size: float) -> str:
+    """What to do with a road that does not fit the map."""
+    if file.map_road is not None:
+        return f"--road {shell(file.map_road)} drives it where it lies"
+    while road.fitted(map_size) is None:
+        map_size += 100.0
+    return f"--map-size {map_size:g} has room for it"
 
 
 def _of_map(
@@ -191,8 +218,12 @@ def _of_map(
         verdict = Verdict(True, "")
         if spec.road_class is not None:
             verdict = spec.road_class.verdict(stretch.road)
-        return Asked(f"{path} --road {stretch.name}", stretch.road, verdict, behind=behind)
+        name = f"{path} --road {stretch.name}"
+        return Asked(name, stretch.road, verdict, notes=stretch.notes, behind=behind)
 
+    for stretch in stretches:
+        for note in stretch.notes:
+            Log().print(f"Note: {note}", markup=False)
     return spec, [asked(stretch) for stretch in stretches]
 
 
@@ -204,7 +235,8 @@ def _judged(spec: Spec, roads: list[Asked]) -> list[dict[str, Any]]:
         if one.verdict and not one.road.is_plain:
             driver, simulator = spec.make_parts(isolate=False)
             reason = _cannot_be_driven(driver, simulator, one.road)
-        documents.append({"road": one.name, "valid": not reason, "message": reason})
+        notes = {"notes": list(one.notes)} if one.notes else {}
+        documents.append({"road": one.name, "valid": not reason, "message": reason, **notes})
     return documents
 
 
@@ -251,6 +283,7 @@ def _driven(
                 "driver": describe(driver),
                 "simulator": describe(simulator),
                 **({"conditions": dict(asked.conditions)} if asked.conditions else {}),
+                **({"notes": list(asked.notes)} if asked.notes else {}),
                 **_compared(asked, result, the_drive, simulator),
                 **({} if plot is None else {"plot": str(plot)}),
             }
@@ -325,7 +358,7 @@ def _print(spec: Spec, asked: Asked, result: Result, document: Mapping[str, Any]
         [
             ("road", f"{asked.road.length:.1f} m, {asked.name}"),
             ("driver", "; ".join(_who(asked.recorded, document))),
-            ("speed limit", _limit(spec, asked)),
+            ("limit", _limit(spec, asked)),
             ("conditions", in_words({**spec.conditions, **asked.conditions})),
             *facts_of_drive(result, result.duration if result.outcome.is_driven else None),
             ("result", "" if differs is None else words),

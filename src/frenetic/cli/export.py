@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 import sys
@@ -44,6 +45,7 @@ ROADS: Final[Mapping[str, tuple[str, ...]]] = {
     "json": (),
     "beamng": (),
 }
+_LONGEST_PART: Final = 60  # letters of a map's roads in a file's name
 EXPORTS: Final = "exports"
 """Folder in a campaign's folder for its exported roads."""
 
@@ -213,6 +215,14 @@ def _export_roads(
         click.echo(one["file"])
 
 
+def _file_part(roads: str) -> str:
+    """Roads of a map as a part of a file's name, another one for other roads."""
+    part = re.sub(r"[^\w.]+", "-", roads)
+    if '"' not in roads and len(part) <= _LONGEST_PART:
+        return part
+    return f"{part[:_LONGEST_PART].strip('-')}-{hashlib.sha256(roads.encode()).hexdigest()[:8]}"
+
+
 def _exported(
     source: Path,
     test_id: int | None,
@@ -224,14 +234,18 @@ def _exported(
     """The road, and the path of its file without the suffix."""
     from frenetic.export import ExportedRoad
 
-    if test_id is None:
+    if test_id is None or source.is_file():
         from frenetic.road.files import read_road
 
-        road = read_road(source, lane=lane, roads=roads).road()
+        file = read_road(source, lane=lane, roads=roads, test=test_id)
+        for note in file.notes:
+            Log().print(f"Note: {note}", markup=False)
         name = source.stem
         if roads is not None:
-            name += "-" + re.sub(r"[^\w.]+", "-", roads)
-        return ExportedRoad(road, name, **options), source.with_name(name)
+            name += f"-{_file_part(roads)}"
+        if test_id is not None:
+            name += f"-{test_id}"
+        return ExportedRoad(file.road(), name, **options), source.with_name(name)
     from frenetic.campaign import CampaignStore
     from frenetic.report.failures import file_stem
     from frenetic.simulators.worlds import rules_in

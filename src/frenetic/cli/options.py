@@ -182,7 +182,8 @@ road_option = click.option(
     "map_roads",
     metavar="ID[,ID..]",
     help="OpenDRIVE: roads of a map, where they lie. One that continues the road before it makes a"
-    " stretch with it; ID@240 begins 240 m on.",
+    " stretch with it; ID@240 begins 240 m on. An ID with a comma stands in double quotes:"
+    " '\"7,left\",8'.",
 )
 objective_option = click.option(
     "--objective",

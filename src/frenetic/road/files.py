@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+import shlex
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 from msgspec import Struct, ValidationError, convert
 
+from frenetic._support.arrays import FloatArray
 from frenetic._support.files import require_list
+from frenetic._support.words import counted
 from frenetic.errors import RoadError
-from frenetic.road import profile
+from frenetic.road import geometry, profile
 from frenetic.road.classes import RoadClass
 from frenetic.road.opendrive import RoadMap, Stretch
-from frenetic.road.road import START, Road
+from frenetic.road.opendrive.reading import SLOPE_ERROR, WIDTH_ERROR, quoted_id
+from frenetic.road.road import MAX_COORDINATE, MIN_DISTANCE, START, Road
 from frenetic.road.validity import MAP_SIZE, Verdict, check_validity
 
 MAX_BYTES: Final = 8 * 2**20
@@ -26,6 +31,12 @@ MAX_MAP_BYTES: Final = 64 * 2**20
 _SUFFIXES: Final = {".json", ".xodr"}
 """Of the files that are looked into in a folder."""
 _OPENDRIVE: Final = " cannot be read as OpenDRIVE"
+_NODE_ENTRIES: Final[Mapping[int, tuple[str, ...]]] = {
+    2: (),
+    3: ("grade",),
+    4: ("grade", "widening", "lane_width"),
+}
+"""Numbers of a road point -> entries of a road file that say the same."""
 
 
 class Point(Struct):
@@ -35,6 +46,10 @@ class Point(Struct):
     """m."""
     y: float
     """m."""
+    z: float | None = None
+    """Height in m."""
+    width: float | None = None
+    """Width of both lanes together, in m."""
 
 
 class RoadEntries(Struct):
@@ -42,8 +57,8 @@ class RoadEntries(Struct):
 
     curvatures: list[float] | None = None
     """1/m."""
-    road_points: list[tuple[float, float] | Point] | None = None
-    """m."""
+    road_points: list[list[float] | Point] | None = None
+    """[x, y], [x, y, height] or [x, y, height, width of both lanes together], in m."""
     step: float = 10.0
     """m."""
     pose: tuple[float, float, float] | None = None
@@ -68,6 +83,10 @@ class RoadFile:
     given: RoadEntries
     entries: Mapping[str, Any] = field(default_factory=dict)
     """All entries of its JSON object, unchecked."""
+    notes: tuple[str, ...] = ()
+    """Sentences about roads of a map that do not quite meet."""
+    map_road: str | None = None
+    """Text for `RoadMap.stretches` that gives the road of a map where it lies."""
 
     def road(self) -> Road:
         """The road; one given by points stays in place.
@@ -77,12 +96,14 @@ class RoadFile:
         """
         given = self.given
         with _naming(self.path):
-            if given.curvatures is None:
-                road = Road.from_points(self._points(), lane_width=given.lane_width)
-            else:
+            profiles = {name: values for name in profile.NAMES if (values := getattr(given, name))}
+            if given.curvatures is not None:
                 pose = given.pose or START
                 road = Road(given.curvatures, given.step, pose, lane_width=given.lane_width)
-            profiles: dict[str, Any] = {name: getattr(given, name) or () for name in profile.NAMES}
+            else:
+                points = self._points()
+                road = Road.from_points(points[:, :2], lane_width=given.lane_width)
+                road = _with_nodes(road, points)
             return replace(road, **profiles)
 
     def check_validity(
@@ -100,21 +121,97 @@ class RoadFile:
         if road_class is not None:
             return self.road().check_validity(map_size, road_class)
         with _naming(self.path):
-            return check_validity(self._points(), map_size)
+            return check_validity(self._points()[:, :2], map_size)
 
-    def _points(self) -> list[tuple[float, float]]:
+    def _points(self) -> FloatArray:
+        """The points, (N, 2) x and y, (N, 3) with heights or (N, 4) also with widths, in m.
+
+        Raises:
+            RoadError: a point has other numbers than the first, or the file says slopes or widths
+                beside those of the points.
+        """
         points = self.given.road_points or []
-        return [(p.x, p.y) if isinstance(p, Point) else p for p in points]
+        rows = [_node(point) if isinstance(point, Point) else point for point in points]
+        count = len(rows[0]) if rows else 2
+        for i, row in enumerate(rows):
+            if len(row) not in _NODE_ENTRIES:
+                raise RoadError(
+                    f"road point {i} has {counted(len(row), 'number')}: [x, y], [x, y, z] or"
+                    " [x, y, z, width] is needed"
+                )
+            if len(row) != count:
+                raise RoadError(
+                    f"road point {i} has {len(row)} numbers, but point 0 has {count}: all alike"
+                    " are needed"
+                )
+        for name in _NODE_ENTRIES[count]:
+            if name in self.entries:
+                raise RoadError(f"its points say what {name!r} says, too: leave out one of the two")
+        nodes = np.array(rows, dtype=np.float64).reshape(-1, count)
+        bad = np.flatnonzero(~(np.abs(nodes[:, 2:]) <= MAX_COORDINATE).all(axis=1))
+        if len(bad):
+            raise RoadError(
+                f"road point {bad[0]} is {nodes[bad[0]].tolist()}: a height and a width of at most"
+                f" {MAX_COORDINATE:g} m are needed"
+            )
+        return nodes
 
 
-def read_road(path: Path | str, *, lane: int | None = None, roads: str | None = None) -> RoadFile:
+def _node(point: Point) -> list[float]:
+    """The numbers of a point that is an object."""
+    if point.width is not None:
+        return [point.x, point.y, point.z or 0.0, point.width]
+    return [point.x, point.y] if point.z is None else [point.x, point.y, point.z]
+
+
+def _with_nodes(road: Road, nodes: FloatArray) -> Road:
+    """A flat road with the heights and widths, if any, of nodes (N, 2 to 4) through which it leads.
+
+    Raises:
+        RoadError: a slope or a width is out of range.
+    """
+    if nodes.shape[1] == 2:
+        return road
+    places = [0.0]
+    for (x, y), chord in zip(
+        nodes[1:, :2], np.hypot(*np.diff(nodes[:, :2], axis=0).T), strict=True
+    ):
+        # Behind the node before by the chord's length, or by up to twice that in a tight bend.
+        near = places[-1] + 1.5 * chord
+        place, _ = geometry.project_near(road.table, road.sub_step, x, y, near, 0.5 * chord + 1.0)
+        places.append(max(place, places[-1]))
+    is_ahead = np.concatenate([[True], np.diff(places) > MIN_DISTANCE])
+    stations, nodes = np.array(places)[is_ahead], nodes[is_ahead]
+    profiles: dict[str, Any] = {}
+    grades = np.gradient(nodes[:, 2], stations)
+    if np.abs(grades).max() > SLOPE_ERROR:
+        grade = np.column_stack([stations, grades])
+        profiles["grade"] = profile.simplified(grade, SLOPE_ERROR)
+    if nodes.shape[1] == 3:
+        return replace(road, **profiles)
+    widths = 0.5 * nodes[:, 3]  # of one lane
+    wider = widths - widths.min()
+    if wider.max() > WIDTH_ERROR:
+        profiles["widening"] = profile.simplified(np.column_stack([stations, wider]), WIDTH_ERROR)
+    return replace(road, lane_width=float(widths.min()), **profiles)
+
+
+def read_road(
+    path: Path | str,
+    *,
+    lane: int | None = None,
+    roads: str | None = None,
+    test: int | None = None,
+) -> RoadFile:
     """Reads a road from a JSON or an OpenDRIVE file.
 
     A JSON file holds an object with ``curvatures`` (1/m) and optionally ``step`` (m, 10), ``pose``
     ([x, y, heading] in m, m, rad) and ``lane_width`` (m, 4); or one with ``road_points`` ([x, y] or
     {"x": x, "y": y} in m each), which a test file of the competition is; or just a list of points.
+    A point may also be a node [x, y, z, width of both lanes together], as of BeamNG.
     Either may have ``superelevation`` and ``grade``, pairs of m along the road and m/m, and
-    ``widening``, of m and m, and ``speed_limits``, of m and km/h, see `Road`.
+    ``widening``, of m and m, and ``speed_limits``, of m and km/h, see `Road`. A file may also hold
+    a list of such objects.
 
     An OpenDRIVE file is known by its suffix ``.xodr`` or by being XML.
 
@@ -123,6 +220,7 @@ def read_road(path: Path | str, *, lane: int | None = None, roads: str | None = 
         lane: OpenDRIVE only, id of the lane to drive on, see `RoadMap.road`.
         roads: OpenDRIVE only, ids of the roads that make the stretch, see `RoadMap.stretches`; None
             for the only road.
+        test: number from 1 of an object in a list; None for a file that holds one road.
 
     Raises:
         RoadError: the file is missing, unreadable, too large, neither JSON nor OpenDRIVE, or holds
@@ -133,27 +231,72 @@ def read_road(path: Path | str, *, lane: int | None = None, roads: str | None = 
         _, (first, *others) = read_stretches(path, roads, lane=lane)
         if others:
             with _naming(path, _OPENDRIVE):
-                raise RoadError(f"{others[0].name} does not begin where {first.name} ends")
-        return RoadFile(path, convert(entries_of(first.road), RoadEntries))
+                why = "".join(f": {note}" for note in others[0].notes)
+                raise RoadError(f"{others[0].name} does not begin where {first.name} ends{why}")
+        entries = convert(entries_of(first.road), RoadEntries)
+        return RoadFile(path, entries, notes=first.notes)
     data = _load(path)
     if _is_opendrive(path, data):
+        if test is not None:
+            raise _no_list(path, test)
         with _naming(path, _OPENDRIVE):
-            road = RoadMap(data).road(lane=lane)
-        return RoadFile(path, convert(entries_of(road), RoadEntries))
+            road_map = RoadMap(data)
+            road = road_map.road(lane=lane)
+        (road_id,) = map(quoted_id, road_map.ids)
+        return RoadFile(path, convert(entries_of(road), RoadEntries), map_road=road_id)
     if lane is not None:
         raise RoadError(f"{path} is no OpenDRIVE file: a lane can be chosen in those only")
     try:
         content = json.loads(data.decode("utf-8-sig"))
     except (RecursionError, ValueError) as error:
         raise RoadError(f"{path} is not JSON that can be read: {error}") from None
+    if test is not None or (isinstance(content, list) and _are_tests(content)):
+        content = _chosen(path, content, test)
     if isinstance(content, list):
-        content = {"road_points": content}
+        try:
+            return road_file(path, {"road_points": content})
+        except RoadError as error:  # which names an entry that the file does not have
+            raise RoadError(str(error).replace("$.road_points", "$")) from None
     if not isinstance(content, Mapping):
         raise RoadError(
             f"{path} holds {type(content).__name__}: an object with curvatures or road_points,"
             " or a list of points, is needed"
         )
     return road_file(path, content)
+
+
+def _are_tests(content: Sequence[object]) -> bool:
+    """Whether a list holds objects with a road each, not points."""
+    return bool(content) and all(
+        isinstance(item, Mapping) and not item.keys().isdisjoint(("road_points", "curvatures"))
+        for item in content
+    )
+
+
+def _chosen(path: Path, content: object, test: int | None) -> Any:
+    """The object with a number in a file's list of tests.
+
+    Raises:
+        RoadError: there is none, or no number to choose by.
+    """
+    if not isinstance(content, list) or not _are_tests(content):
+        raise _no_list(path, test)
+    if test is None and len(content) == 1:
+        return content[0]
+    if test is None or not 1 <= test <= len(content):
+        example = f"frenetic drive {shlex.quote(str(path))} 1"
+        lacks = "" if test is None else f", none of which is {test}"
+        raise RoadError(
+            f"{path} holds {counted(len(content), 'test')}{lacks}: choose one by its number from 1"
+            f" to {len(content)}, as in '{example}'"
+        )
+    return content[test - 1]
+
+
+def _no_list(path: Path, test: int | None) -> RoadError:
+    return RoadError(
+        f"{path} is not a folder of a campaign and holds no list of tests: leave out the ID {test}"
+    )
 
 
 def read_stretches(
@@ -248,7 +391,8 @@ class FoundRoads:
     faults: tuple[str, ...]
     """Files that were named and hold no road, each in one line."""
     skipped: tuple[str, ...]
-    """JSON and OpenDRIVE files within folders that hold none, each in one line."""
+    """JSON and OpenDRIVE files within folders that hold none, then roads of maps that cannot be
+    read, each in one line."""
 
 
 def find_roads(places: Iterable[Path | str]) -> FoundRoads:
@@ -267,13 +411,14 @@ def find_roads(places: Iterable[Path | str]) -> FoundRoads:
     roads: dict[str, Road] = {}
     faults: list[str] = []
     skipped: list[str] = []
+    unread: list[str] = []
     places = require_list("places", places, "files and folders")
     for place in map(Path, places):
         is_folder = place.is_dir()
         for path in _files_in(place) if is_folder else [place]:
             try:
                 if path.suffix.lower() == ".xodr":
-                    skipped += _add_map(roads, path)
+                    unread += _add_map(roads, path)
                 else:
                     roads[str(path)] = read_road(path).road()
             except RoadError as error:
@@ -284,8 +429,8 @@ def find_roads(places: Iterable[Path | str]) -> FoundRoads:
             f"no road in {looked}: files with curvatures or road_points (.json) or OpenDRIVE"
             " (.xodr) are needed"
         )
-        raise RoadError([*faults, *skipped, nothing][0])
-    return FoundRoads(roads, tuple(faults), tuple(skipped))
+        raise RoadError([*faults, *skipped, *unread, nothing][0])
+    return FoundRoads(roads, tuple(faults), (*skipped, *unread))
 
 
 def _add_map(roads: dict[str, Road], path: Path) -> list[str]:
@@ -299,14 +444,14 @@ def _add_map(roads: dict[str, Road], path: Path) -> list[str]:
         road_map = RoadMap(_load(path))
         lengths = road_map.lengths
         if len(lengths) < 2:
-            roads[str(path)] = road_map.road()
+            roads[str(path)] = road_map.road(next(iter(lengths), None))
             return skipped
     for road_id in lengths:
         try:
             with _naming(path, _OPENDRIVE):
                 road = road_map.road(road_id)
         except RoadError as error:
-            skipped.append(f"{error} (road {road_id})")
+            skipped.append(str(error))
         else:
             roads[f"{path} road {road_id}"] = road
     return skipped

@@ -254,6 +254,18 @@ def track(table: FloatArray, ds: float, xy: FloatArray) -> FloatArray:
 
 
 @njit()
+def offsets_near(table: FloatArray, ds: float, xy: FloatArray, distances: FloatArray) -> FloatArray:
+    """(n,) lateral offsets of points (n, 2), each from the nearest place around its distance (n,).
+
+    Around is up to 2 m along the road.
+    """
+    out = np.empty(len(xy))
+    for i in range(len(xy)):
+        _, out[i] = project_near(table, ds, xy[i, 0], xy[i, 1], distances[i], 2.0)
+    return out
+
+
+@njit()
 def reach_of(moved: float) -> float:
     """Reach of the search along the road, in m, for a car that moved ``moved`` m.
 

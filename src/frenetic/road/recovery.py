@@ -28,12 +28,15 @@ _ENDS = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1
 Recovered: TypeAlias = tuple[FloatArray, float, tuple[float, float, float]]
 
 
-def curvature_from_points(points: FloatArray) -> Recovered:
-    """(curvatures (M,), step, pose) of the road through (N, 2) points, neighbours distinct."""
-    return _recognise(points) or _along_spline(points)
+def curvature_from_points(points: FloatArray, most_samples: int) -> Recovered:
+    """(curvatures (M,), step, pose) of the road through (N, 2) points, neighbours distinct.
+
+    M is the number of points, or at most ``most_samples``.
+    """
+    return _recognise(points) or _along_spline(points, most_samples)
 
 
-def _along_spline(points: FloatArray) -> Recovered:
+def _along_spline(points: FloatArray, most_samples: int) -> Recovered:
     """Road along the competition's spline through the points."""
     from scipy.interpolate import make_interp_spline  # takes as long as the rest of a start-up
 
@@ -56,7 +59,7 @@ def _along_spline(points: FloatArray) -> Recovered:
     pieces = (rate[1:] + 4.0 * middle_rate + rate[:-1]) * np.diff(parameters) / 6.0
     arc = np.concatenate([[0.0], np.cumsum(pieces)])
     length = float(arc[-1])
-    samples = max(2, round(length / SPLINE_STEP)) + 1
+    samples = min(max(2, round(length / SPLINE_STEP)) + 1, most_samples)
     step = length / (samples - 1)
     at = np.linspace(0.0, length, samples)
     heading = np.unwrap(np.arctan2(first[:, 1], first[:, 0]))
@@ -69,7 +72,7 @@ def _along_spline(points: FloatArray) -> Recovered:
         ]
     )
     return (
-        follow_line(line, step, CORRECTION),
+        follow_line(line, step, max(CORRECTION, 2.0 * step)),
         step,
         (float(line[0, 0]), float(line[0, 1]), float(line[0, 2])),
     )

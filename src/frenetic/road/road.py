@@ -164,7 +164,8 @@ class Road:
         that curvature back. Any others are joined, as the competition does it, by a parametric
         spline (cubic from four points on), and the spline's curvature is sampled about every half
         metre such that the resulting road stays within millimetres of it, unless the spline has a
-        cusp, which no road can follow.
+        cusp, which no road can follow. A road of more than 5 km has 10000 samples; at 50 km, with a
+        sample every 5 m, it stays within centimetres.
 
         Args:
             points: (N, 2) m, N >= 2, no two consecutive ones equal.
@@ -192,7 +193,7 @@ class Road:
             raise RoadError(
                 f"a road of {lengths.sum():.0f} m: at most {MAX_LENGTH:.0f} m can be represented"
             )
-        curvatures, step, pose = curvature_from_points(array)
+        curvatures, step, pose = curvature_from_points(array, MAX_SAMPLES)
         return cls(curvatures, step, Pose(*pose), lane_width=lane_width)
 
     @property

@@ -7,13 +7,22 @@ and objects are left out.
 A file's geometries have any lengths, and its curvature may jump between them; a road has one step
 and a curvature that is linear in between. So the edge is traced every few centimetres and followed
 by a road with a sample every half metre or denser, which is refused if it is more than `TOLERANCE`
-away.
+beside it.
+
+The numbers of a file are rounded, so geometries do not quite meet: coordinates of two decimals
+leave gaps of up to 1.4 cm, headings of two decimals lead 30 cm aside after 60 m. Geometries are
+turned by what the rounding of their headings allows, and gaps are blended over `BLEND` m on either
+side.
 """
 
 from __future__ import annotations
 
+import itertools
+import json
 import math
+import re
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Final
@@ -24,8 +33,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.errors import RoadError
-from frenetic.road import profile
-from frenetic.road.geometry import build_table, sub_steps
+from frenetic.road import geometry, profile
 from frenetic.road.opendrive.writing import PROFILE_CODE, ROAD_CODE, add_road
 from frenetic.road.recovery import CORRECTION, follow_line
 from frenetic.road.road import (
@@ -41,9 +49,19 @@ from frenetic.road.road import (
 )
 
 TOLERANCE: Final = 0.01
-"""Largest distance of a road from the line in its file, and largest gap in that line, in m."""
+"""Largest distance of a road beside the line in its file, in m."""
+STEP_ASIDE: Final = 2.0 * TOLERANCE
+"""Largest gap sideways between two geometries, in m; its middle is `TOLERANCE` from both."""
+GAP: Final = 0.05
+"""Largest gap along the road between two geometries, and largest gap between two roads, in m."""
 KINK: Final = 0.01
 """Largest change of heading from the end of one geometry to the start of the next, in rad."""
+TURN: Final = math.radians(2.0)
+"""Largest change of heading from the end of a road to the start of the next, in rad."""
+BLEND: Final = 5.0
+"""Length on either side of a gap over which it is blended, in m."""
+ROUNDED: Final = range(2, 5)
+"""Numbers of decimals of headings that are taken to be rounded; fewer are exact, more are close."""
 STEPS: Final = (0.5, 0.25, 0.1)
 """Steps of a road that follows a line, in m; the first within `TOLERANCE` is taken."""
 SPACING: Final = 0.1
@@ -79,11 +97,20 @@ _NO_LIMIT: Final = ("", "no limit", "undefined")
 """Texts in place of a speed."""
 _LISTED: Final = 8  # roads or lanes in a message
 _PLACES: Final = 1.0  # m between the places at which slopes and widths are read
-_SLOPE_ERROR, _WIDTH_ERROR = 1e-4, 1e-3  # m/m and m
+SLOPE_ERROR: Final = 1e-4
+"""Largest error of the slopes of a road that was read, in m/m."""
+WIDTH_ERROR: Final = 1e-3
+"""Largest error of the widths of a road that was read, in m."""
 
-# Columns of a traced line, one row per point.
-DISTANCE, X, Y, HEADING, WIDTH, HEIGHT, LEAN, LIMIT = range(8)
-# The limit is that of the way from the row before.
+_PLAIN_ID: Final = re.compile(r'[^\s,@"]([^,@"]*[^\s,@"])?')  # needs no quotes
+_NAMED: Final = re.compile(r'\s*("(?:[^"\\]|\\.)*"|[^,@"]*)(?:@([^,]*))?\s*(,|$)')
+_LONGEST: Final = 80  # letters of an id in a message
+_QUOTED: Final = "an id with a comma, an @ or a quote stands in double quotes"
+
+# Columns of a traced line, one row per point. (MOVED_X, MOVED_Y) is how far the blends of gaps
+# between a road's geometries have moved the point, in m. LIMIT is the speed limit on the way from
+# the row before, in km/h.
+DISTANCE, X, Y, HEADING, MOVED_X, MOVED_Y, WIDTH, HEIGHT, LEAN, LIMIT = range(10)
 
 
 @dataclass(frozen=True)
@@ -95,6 +122,8 @@ class Stretch:
     start: float
     """m along the first road, or beyond it, at which the stretch begins."""
     road: Road
+    notes: tuple[str, ...] = ()
+    """Sentences about roads of it that do not quite meet."""
 
     @property
     def name(self) -> str:
@@ -104,7 +133,7 @@ class Stretch:
     def behind(self, place: float) -> str:
         """The text of what is left behind a place in m along it, from the next whole metre on."""
         start = math.ceil(self.start + place - 1e-9)
-        first, *others = self.ids
+        first, *others = map(quoted_id, self.ids)
         return ",".join([f"{first}@{start}" if start else first, *others])
 
 
@@ -128,17 +157,25 @@ class RoadMap:
             raise RoadError(
                 f"its header says revMajor {major!r:.40}, but only OpenDRIVE 1.x is read"
             )
-        self._roads = {road.get("id", "")[:40]: road for road in root.findall("road")}
-        if not self._roads:
+        self._roads: dict[str, list[Element]] = {}  # by id, which should be of one road only
+        for road in root.findall("road"):
+            self._roads.setdefault(road.get("id", ""), []).append(road)
+        self._count = sum(map(len, self._roads.values()))
+        if not self._count:
             raise RoadError("it has no road")
 
     @property
+    def ids(self) -> tuple[str, ...]:
+        """Ids of all roads."""
+        return tuple(self._roads)
+
+    @property
     def lengths(self) -> dict[str, float]:
-        """Id of each road that is not within a junction -> its length in m, the longest first."""
+        """Id of each drivable road outside junctions -> its length in m, the longest first."""
         lengths = {
             road_id: _number(road, "length", 0.0, most=math.inf)
-            for road_id, road in self._roads.items()
-            if road.get("junction", "-1") == "-1"
+            for road_id, (road, *_) in self._roads.items()
+            if road.get("junction", "-1") == "-1" and _is_drivable(road)
         }
         return dict(sorted(lengths.items(), key=lambda item: -item[1]))
 
@@ -159,9 +196,10 @@ class RoadMap:
             RoadError: there is no such road or lane, or it has something that a `Road` has not.
         """
         element = self._element(road_id)
-        lane = _first_lane(element) if lane is None else lane
-        noted = _noted_road(element) if lane == -1 else None
-        return _followed(_lane_line(element, lane)) if noted is None else noted
+        with _naming(element):
+            lane = _first_lane(element) if lane is None else lane
+            noted = _noted_road(element) if lane == -1 else None
+            return _followed(_lane_line(element, lane)) if noted is None else noted
 
     def stretches(self, roads: str, *, lane: int | None = None) -> list[Stretch]:
         """Stretches of it, where they lie.
@@ -169,47 +207,125 @@ class RoadMap:
         Args:
             roads: ids of roads with commas. A road that starts where the one before ends continues
                 that; another one begins a stretch of its own. ``12@240`` begins 240 m along the
-                stretch that road 12 begins.
+                stretch that road 12 begins. An id with a comma, an @ or a quote stands in double
+                quotes, as in JSON: ``"7,left"@20,8``. It needs none if the map has no road 7.
             lane: of the first road of each stretch, as for `road`. Another road continues it with
-                the lane that begins where the lane before ends.
+                the lane that begins where the lane before ends, at most 5 cm and 2 degrees off.
 
         Raises:
             RoadError: as for `road`, or a stretch is not as long.
         """
-        found: list[tuple[list[str], str, FloatArray]] = []
-        for given in roads.split(","):
-            road_id, _, start = given.strip().partition("@")
-            element = self._element(road_id)
-            onward = _continuation(element, found[-1][2]) if found and not start else None
-            if onward is None:
+        runs: list[_Run] = []
+        element: Element | None = None
+        for road_id, start in self._named(roads):
+            before, element = element, self._element(road_id)
+            with _naming(element):
+                notes: list[str] = []
+                if runs and before is not None and not start:
+                    joint = _nearest_lane(element, runs[-1].line)
+                    notes = _joint_notes(before, element, joint)
+                    if joint is not None and joint.is_joined:
+                        runs[-1].ids.append(road_id)
+                        runs[-1].line = _joined_roads(runs[-1].line, joint)
+                        runs[-1].notes += notes
+                        continue
                 first = _first_lane(element) if lane is None else lane
-                found.append(([road_id], start, _lane_line(element, first)))
-            else:
-                ids, start, line = found[-1]
-                found[-1] = [*ids, road_id], start, _joined([line, onward])
+                runs.append(_Run([road_id], start, _lane_line(element, first), notes))
         stretches = []
-        for ids, start, line in found:
-            skipped = _station(start, line[-1, DISTANCE]) if start else 0.0
-            rest = line[np.searchsorted(line[:, DISTANCE], skipped - 1e-9) :].copy()
-            rest[:, DISTANCE] -= rest[0, DISTANCE]
-            stretches.append(Stretch(tuple(ids), skipped, _followed(rest)))
+        for run in runs:
+            with _naming(self._element(run.ids[0])):
+                skipped = _station(run.start, run.line[-1, DISTANCE]) if run.start else 0.0
+                row = int(np.searchsorted(run.line[:, DISTANCE], skipped - 1e-9))
+                rest = run.line[row:].copy()
+                rest[:, DISTANCE] -= rest[0, DISTANCE]
+                road = _followed(rest)
+            stretches.append(Stretch(tuple(run.ids), skipped, road, tuple(run.notes)))
         return stretches
 
+    def _named(self, text: str) -> list[tuple[str, str]]:
+        """(id, text of the m behind an @) of the roads in a text for `stretches`.
+
+        Raises:
+            RoadError: a quote has no end, or something stands behind it.
+        """
+        names = []
+        place = 0
+        is_last = False
+        while not is_last:
+            name = _NAMED.match(text, place)
+            if name is None:
+                if text.strip() in self._roads:
+                    return [(text.strip(), "")]
+                raise RoadError(f"{_short(text)!r} is not ID[@METRES][,ID..]: {_QUOTED}")
+            road_id, start, comma = name[1].strip(), name[2] or "", name[3]
+            if road_id.startswith('"'):
+                try:
+                    road_id = str(json.loads(road_id, strict=False))
+                except ValueError as error:
+                    raise RoadError(f"{_short(road_id)} cannot be read: {error}") from None
+            names.append((road_id, start))
+            place, is_last = name.end(), not comma
+        if text.strip() in self._roads and any(name not in self._roads for name, _ in names):
+            return [(text.strip(), "")]
+        return names
+
     def _element(self, road_id: str | None) -> Element:
-        road = next(iter(self._roads.values())) if road_id is None else self._roads.get(road_id)
-        if road is None or (road_id is None and len(self._roads) > 1):
-            longest = list(self.lengths.items())[:_LISTED]
-            listed = ", ".join(f"{name} ({length:.0f} m)" for name, length in longest)
-            listed += ", .." if len(self._roads) > len(longest) else ""
-            if road_id is None:
-                count = len(self._roads)
-                raise RoadError(f"it has {count} roads, to be chosen as 'road': {listed}")
-            raise RoadError(f"it has no road {road_id!r:.40}, but {listed}")
+        """The only road, or that with an id.
+
+        Raises:
+            RoadError: there is none, or there are several.
+        """
+        if road_id is None and self._count == 1:
+            ((road,),) = self._roads.values()
+        elif road_id is None:
+            raise RoadError(f"it has {self._count} roads, to be chosen as 'road': {self._listed()}")
+        else:
+            roads = self._roads.get(road_id, [])
+            if not roads:
+                quotes = (
+                    f"; {_QUOTED}" if any(set(name) & set(',@"') for name in self._roads) else ""
+                )
+                raise RoadError(f"it has no road {_short(road_id)!r}, but {self._listed()}{quotes}")
+            if len(roads) > 1:
+                raise RoadError(
+                    f"it has {len(roads)} roads with the id {_short(road_id)!r}: give each its own"
+                )
+            (road,) = roads
         if road.get("rule", "RHT") != "RHT":
             raise RoadError(
                 f"its rule is {road.get('rule')!r:.40}: only right-hand traffic (RHT) is read"
             )
         return road
+
+    def _listed(self) -> str:
+        """The longest drivable roads, for a message."""
+        longest = list(self.lengths.items())[:_LISTED]
+        if not longest:
+            return "none has a driving lane outside junctions"
+        listed = [f"{_short(quoted_id(name))} ({length:.0f} m)" for name, length in longest]
+        drivable = sum(map(_is_drivable, itertools.chain(*self._roads.values())))
+        return ", ".join([*listed, *([".."] if drivable > len(longest) else [])])
+
+
+def quoted_id(road_id: str) -> str:
+    """A road's id as a text for `RoadMap.stretches` has it, in double quotes if it needs them."""
+    if road_id.isprintable() and _PLAIN_ID.fullmatch(road_id):
+        return road_id
+    return json.dumps(road_id, ensure_ascii=not road_id.isprintable())
+
+
+def _short(text: str) -> str:
+    """A text for a message, without its middle if it is long."""
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 22]}..{text[-20:]}"
+
+
+@contextmanager
+def _naming(road: Element) -> Iterator[None]:
+    """Names the road in errors."""
+    try:
+        yield
+    except RoadError as error:
+        raise RoadError(f"road {_short(quoted_id(road.get('id', '')))}: {error}") from None
 
 
 # XML
@@ -302,12 +418,12 @@ def _profile(
 
 
 def _reference_line(road: Element) -> FloatArray:
-    """(n, 4) points of a road's reference line: the first columns of a traced line.
+    """(n, 6) points of a road's reference line: the first columns of a traced line.
 
     Raises:
         RoadError: there is a gap or a kink between two geometries, or one cannot be read.
     """
-    parts = []
+    parts, headings = [], []
     total = 0.0
     for element in road.findall("planView/geometry"):
         length = _number(element, "length", most=math.inf)
@@ -315,12 +431,47 @@ def _reference_line(road: Element) -> FloatArray:
             raise RoadError(f"a <geometry> has length {length:g}: a positive number is needed")
         total += length
         if total > MAX_LENGTH:
-            raise RoadError(f"its road is longer than the {MAX_LENGTH:.0f} m that can be read")
+            raise RoadError(f"it is longer than the {MAX_LENGTH:.0f} m that can be read")
         if length > MIN_DISTANCE:
             parts.append(_traced(element, length))
+            headings.append(element.get("hdg", "").strip())
     if not parts:
-        raise RoadError("its road has no geometry")
-    return _joined(parts)
+        raise RoadError("it has no geometry")
+    error = _heading_error(headings)
+    if error:
+        parts = _turned_to_meet(parts, error)
+    line, rows, gaps = _concatenated(parts, KINK + 2.0 * error)
+    return np.column_stack([line, _close_gaps(line, rows, gaps)])
+
+
+def _heading_error(headings: Sequence[str]) -> float:
+    """Largest error of headings that are rounded to a few decimals, in rad; 0 for any others."""
+    decimals = max(len(heading.partition(".")[2]) for heading in headings)
+    return 0.5 * 0.1**decimals if decimals in ROUNDED else 0.0
+
+
+def _turned_to_meet(parts: Sequence[FloatArray], most: float) -> list[FloatArray]:
+    """Lines (n, 4) turned about their starts, by at most ``most`` rad, so that each meets the next.
+
+    The last one, which no line follows, is turned to the heading at which it is reached.
+    """
+    turned: list[FloatArray] = []
+    for i, part in enumerate(parts):
+        if i + 1 < len(parts):
+            (x, y), (next_x, next_y) = (
+                end - part[0, X:HEADING]
+                for end in (part[-1, X:HEADING], parts[i + 1][0, X:HEADING])
+            )
+            angle = math.atan2(x * next_y - y * next_x, x * next_x + y * next_y)
+        else:
+            reached = turned[-1][-1, HEADING] if turned else part[0, HEADING]
+            angle = math.remainder(reached - part[0, HEADING], math.tau)
+        angle = min(max(angle, -most), most)
+        c, s = math.cos(angle), math.sin(angle)
+        x, y = (part[:, X:HEADING] - part[0, X:HEADING]).T
+        place = part[0, X:HEADING] + np.column_stack([c * x - s * y, s * x + c * y])
+        turned.append(np.column_stack([part[:, DISTANCE], place, part[:, HEADING] + angle]))
+    return turned
 
 
 def _traced(element: Element, length: float) -> FloatArray:
@@ -342,8 +493,8 @@ def _traced(element: Element, length: float) -> FloatArray:
         )
     bend = [_number(shape, name, most=MAX_CURVATURE) for name in names]
     curvatures = np.array(bend or [0.0, 0.0])
-    pieces = max(sub_steps(curvatures, length), math.ceil(length / SPACING))
-    table = build_table(curvatures, length, x, y, heading, pieces)
+    pieces = max(geometry.sub_steps(curvatures, length), math.ceil(length / SPACING))
+    table = geometry.build_table(curvatures, length, x, y, heading, pieces)
     return np.column_stack([np.linspace(0.0, length, pieces + 1), table[:, :3]])
 
 
@@ -369,42 +520,218 @@ def _polynomial(shape: Element, length: float, x: float, y: float, heading: floa
     return np.column_stack([distance, x + u(p) * c - v(p) * s, y + u(p) * s + v(p) * c, direction])
 
 
-def _joined(parts: Sequence[FloatArray]) -> FloatArray:
-    """Lines one after the other; distances and headings go on.
+def _concatenated(
+    parts: Sequence[FloatArray], kink: float
+) -> tuple[FloatArray, list[int], list[tuple[float, float]]]:
+    """Lines (n, 4) one after the other; distances and headings go on.
+
+    Args:
+        parts: the lines.
+        kink: rad, largest change of heading from one to the next.
+
+    Returns:
+        The line, with the row behind each gap, and the gap there in m.
 
     Raises:
         RoadError: one does not begin where the one before ends.
     """
     parts = [parts[0], *(part.copy() for part in parts[1:])]
+    row = len(parts[0])
+    rows, gaps = [], []
     for before, part in pairwise(parts):
         end, place = before[-1], f"{before[-1, DISTANCE]:.2f} m along the road"
-        gap, turn = _apart(end, part[0])
-        if gap > TOLERANCE:
+        dx, dy = (part[0, X:HEADING] - end[X:HEADING]).tolist()
+        turn = math.remainder(part[0, HEADING] - end[HEADING], math.tau)
+        c, s = math.cos(end[HEADING] + 0.5 * turn), math.sin(end[HEADING] + 0.5 * turn)
+        along, aside = dx * c + dy * s, dy * c - dx * s
+        if abs(along) > GAP:
             raise RoadError(
-                f"the reference line jumps by {gap:.3f} m {place}: at most {TOLERANCE:g} m is"
-                " mended"
+                f"the reference line jumps by {abs(along):.3f} m {place}: at most {GAP:g} m along"
+                " it is mended"
             )
-        if abs(turn) > KINK:
+        if abs(aside) > STEP_ASIDE:
+            raise RoadError(
+                f"the reference line jumps sideways by {abs(aside):.3f} m {place}: at most"
+                f" {STEP_ASIDE:g} m is mended"
+            )
+        if abs(turn) > kink:
             raise RoadError(
                 f"the reference line has a kink of {math.degrees(turn):.1f} degrees {place}: a"
                 " road has none"
             )
+        if math.hypot(dx, dy) > MIN_DISTANCE:
+            rows.append(row)
+            gaps.append((dx, dy))
+        row += len(part) - 1
         part[:, DISTANCE] += end[DISTANCE]
         part[:, HEADING] += turn - (part[0, HEADING] - end[HEADING])
-    return np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
+    return np.concatenate([parts[0], *(part[1:] for part in parts[1:])]), rows, gaps
 
 
-def _apart(end: FloatArray, start: FloatArray) -> tuple[float, float]:
-    """The gap between two points in m, and the change of heading in rad."""
-    turn = math.remainder(start[HEADING] - end[HEADING], math.tau)
-    return math.hypot(start[X] - end[X], start[Y] - end[Y]), turn
+def _close_gaps(
+    line: FloatArray, rows: Sequence[int], gaps: Sequence[tuple[float, float]]
+) -> FloatArray:
+    """Move the points of a line (n, >= 4) so that its gaps are closed.
+
+    The sum of the gaps behind a point is a staircase along the line. Each point moves to where the
+    mean of the staircase over `BLEND` m on either side, weighted by a triangle, puts it. So the
+    line is as smooth there as a road whose curvature jumps by gap / BLEND^2. The time does not
+    depend on how dense the gaps are.
+
+    Args:
+        line: is changed: places and headings.
+        rows: of the first point behind each gap.
+        gaps: (x, y) in m from the end before it to the start behind it.
+
+    Returns:
+        How far the points moved, (n, 2) in m.
+    """
+    if not len(rows):
+        return np.zeros((len(line), 2))
+    stations = line[:, DISTANCE]
+    knots = np.concatenate([stations[:1], stations[np.array(rows) - 1]])
+    sums = np.concatenate([[(0.0, 0.0)], np.cumsum(gaps, axis=0)])
+    # The staircase, constant from knot to knot, and its first and second integral at the knots.
+    spans = np.diff(knots)[:, None]
+    first = np.concatenate([[(0.0, 0.0)], np.cumsum(spans * sums[:-1], axis=0)])
+    pieces = spans * (first[:-1] + 0.5 * spans * sums[:-1])
+    second = np.concatenate([[(0.0, 0.0)], np.cumsum(pieces, axis=0)])
+
+    def integrals(places: FloatArray) -> FloatArray:
+        k = np.maximum(np.searchsorted(knots, places, side="right") - 1, 0)
+        p = (places - knots[k])[:, None]
+        return np.stack([first[k] + p * sums[k], second[k] + p * (first[k] + 0.5 * p * sums[k])])
+
+    before, here, behind = (integrals(stations + shift) for shift in (-BLEND, 0.0, BLEND))
+    slope, mean = (before - 2.0 * here + behind) / BLEND**2
+    moved: FloatArray = mean - sums[np.searchsorted(rows, np.arange(len(line)), side="right")]
+    _move(line, moved, slope)
+    return moved
+
+
+def _move(line: FloatArray, moved: FloatArray, slope: FloatArray) -> None:
+    """Move the points of a line (n, >= 4) by (n, 2) m, which changes by (n, 2) m per m along it."""
+    c, s = np.cos(line[:, HEADING]), np.sin(line[:, HEADING])
+    line[:, X:HEADING] += moved
+    line[:, HEADING] += np.arctan2(
+        c * slope[:, 1] - s * slope[:, 0], 1.0 + c * slope[:, 0] + s * slope[:, 1]
+    )
+
+
+def _measure(line: FloatArray) -> None:
+    """Set the distances of a line (n, >= 4) to its length so far, in m."""
+    chords = np.hypot(*np.diff(line[:, X:HEADING], axis=0).T)
+    arcs = chords * (1.0 + np.diff(line[:, HEADING]) ** 2 / 24.0)
+    line[:, DISTANCE] = np.concatenate([[0.0], np.cumsum(arcs)])
+
+
+# Roads one after the other
+
+
+@dataclass
+class _Run:
+    """Roads that continue each other."""
+
+    ids: list[str]
+    start: str
+    """Text of the m at which the stretch begins; empty for none."""
+    line: FloatArray
+    notes: list[str]
+
+
+@dataclass(frozen=True)
+class _Joint:
+    """Where a lane would continue another one."""
+
+    line: FloatArray
+    """(n, 9) of the lane behind it."""
+    gap: float
+    """m from the end of the lane before."""
+    turn: float
+    """Change of heading in rad."""
+
+    @property
+    def is_joined(self) -> bool:
+        """Whether a blend may join them."""
+        return self.gap <= GAP and abs(self.turn) <= TURN
+
+    @property
+    def text(self) -> str:
+        """How far the two lanes miss each other."""
+        gap = f"{100.0 * self.gap:.1f} cm" if self.gap < 1.0 else f"{self.gap:.1f} m"
+        return f"{gap} and {math.degrees(abs(self.turn)):.1f} degrees"
+
+
+def _nearest_lane(road: Element, before: FloatArray) -> _Joint | None:
+    """The lane of a road that begins nearest to where a lane ends; None if none can be driven."""
+    joints = []
+    for lane in _entered(road):
+        try:
+            line = _lane_line(road, int(_number(lane, "id")))
+        except RoadError:
+            continue
+        gap = float(np.hypot(*(line[0, X:HEADING] - before[-1, X:HEADING])))
+        turn = math.remainder(line[0, HEADING] - before[-1, HEADING], math.tau)
+        joints.append(_Joint(line, gap, turn))
+    return min(joints, key=lambda joint: (not joint.is_joined, joint.gap), default=None)
+
+
+def _joint_notes(before: Element, road: Element, joint: _Joint | None) -> list[str]:
+    """What has to be said of a road that is named behind another one: at most one sentence."""
+    if joint is None:
+        return []
+    names = [_short(quoted_id(element.get("id", ""))) for element in (before, road)]
+    misses = f"road {names[1]} begins {joint.text} off the end of road {names[0]}"
+    if joint.is_joined:
+        is_exact = joint.gap <= TOLERANCE and abs(joint.turn) <= KINK
+        return [] if is_exact else [f"{misses}: joined by a blend over {2.0 * BLEND:g} m"]
+    if not (_is_linked(before, road) or _is_linked(road, before)):
+        return []
+    limit = f"{100.0 * GAP:g} cm and {math.degrees(TURN):g} degrees"
+    return [f"{misses}, which links to it: up to {limit} are joined, so it is driven on its own"]
+
+
+def _is_linked(road: Element, other: Element) -> bool:
+    """Whether a road names another one, or its junction, as its successor or predecessor."""
+    ids = {"road": other.get("id", ""), "junction": other.get("junction", "-1")}
+    return any(
+        link.get("elementId") == ids.get(link.get("elementType", "road"))
+        for link in road.findall("link/*")
+        if link.tag in ("successor", "predecessor") and link.get("elementId") != "-1"
+    )
+
+
+def _joined_roads(before: FloatArray, joint: _Joint) -> FloatArray:
+    """A lane's line (n, 10) and the one that continues it, joined by a blend."""
+    line, end = joint.line.copy(), before[-1].copy()
+    gap = line[0, X:HEADING] - end[X:HEADING]
+    normal = end[HEADING] + 0.5 * joint.turn
+    line[:, DISTANCE] += end[DISTANCE]
+    line[:, HEADING] += end[HEADING] + joint.turn - line[0, HEADING]
+    row = len(before)
+    line = np.concatenate([before, line[1:]])
+    is_kink = abs(joint.turn) > KINK
+    if is_kink:
+        # An arc of BLEND m on either side cuts the corner.
+        p = np.clip(line[:, DISTANCE] - end[DISTANCE], -BLEND, BLEND)
+        aside = joint.turn * ((p**2 + BLEND**2) / (4.0 * BLEND) - 0.5 * np.abs(p))
+        side = np.where(np.arange(len(line)) < row, 0.5, -0.5)
+        slope = joint.turn * np.where(np.abs(p) < BLEND, 0.5 * p / BLEND + side, 0.0)
+        left = np.array([-math.sin(normal), math.cos(normal)])
+        _move(line, np.outer(aside, left), np.outer(slope, left))
+    is_gap = joint.gap > MIN_DISTANCE
+    if is_gap:
+        _close_gaps(line, [row], [tuple(gap.tolist())])
+    if is_kink or is_gap:
+        _measure(line)
+    return line
 
 
 # Lanes
 
 
 def _lane_line(road: Element, lane: int) -> FloatArray:
-    """(n, 8) the inner edge of a lane in the direction of travel, and what is along it.
+    """(n, 10) the inner edge of a lane in the direction of travel, and what is along it.
 
     Raises:
         RoadError: there is no such lane, or the road is none that is read.
@@ -413,16 +740,17 @@ def _lane_line(road: Element, lane: int) -> FloatArray:
         raise RoadError("lane 0 is the centre of a road: choose a lane to drive on")
     line = _reference_line(road)
     places = line[:, DISTANCE].copy()
-    width, shift, slope = _lane(road, lane, places)
-    for kind in ("crossfall", "shape"):
-        if any(np.abs(_cubic(one)).max() > LEVEL for one in road.findall(f"lateralProfile/{kind}")):
-            raise RoadError(f"its road is shaped across ({kind}): only superelevation is read")
+    course = _course(road, lane, places)
+    _check_shape(road, is_level=course.is_level_across)
     height, _ = _profile(road.findall("elevationProfile/elevation"), "s", places)
-    high = np.flatnonzero(np.abs(np.diff(height)) > JUMP)
-    if len(high):
-        raise RoadError(f"its road jumps in height {places[high[0]]:.2f} m along the road")
     lean, _ = _profile(road.findall("lateralProfile/superelevation"), "s", places)
     lean = np.tan(np.clip(lean, -1.5, 1.5))
+    height += course.tilted * lean
+    high = np.flatnonzero(np.abs(np.diff(height)) > JUMP)
+    if len(high):
+        raise RoadError(f"it jumps in height {places[high[0]]:.2f} m along the road")
+    lean = np.where(course.is_level, 0.0, lean)
+    shift = course.shift
     if np.abs(shift).max() > MIN_DISTANCE:
         heading = line[:, HEADING].copy()
         ahead = 1.0 - shift * np.gradient(heading, places)
@@ -430,10 +758,12 @@ def _lane_line(road: Element, lane: int) -> FloatArray:
             raise RoadError("its lanes are shifted beyond the centre of a bend, where no road is")
         line[:, X] -= shift * np.sin(heading)
         line[:, Y] += shift * np.cos(heading)
-        line[:, HEADING] += np.arctan2(slope, ahead)
+        line[:, HEADING] += np.arctan2(course.slope, ahead)
         line[1:, DISTANCE] = np.cumsum(np.hypot(np.diff(line[:, X]), np.diff(line[:, Y])))
+    elif line[:, MOVED_X:].any():
+        _measure(line)
     limit = profile.steps_at(_limits(road, lane), places - 0.5 * np.diff(places, prepend=0.0))
-    line = np.column_stack([line, width, height + shift * lean, lean, limit])
+    line = np.column_stack([line, course.width, height, lean, limit])
     if lane > 0:
         line = line[::-1].copy()
         line[:, DISTANCE] = line[0, DISTANCE] - line[:, DISTANCE]
@@ -443,39 +773,65 @@ def _lane_line(road: Element, lane: int) -> FloatArray:
     return line
 
 
-def _lane(
-    road: Element, lane: int, places: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Width of a lane at places (n,) in m along the road, shift of its inner edge, slope of that.
+@dataclass(frozen=True)
+class _Course:
+    """A lane at places (n,) along its road."""
 
-    The shift, in m to the left of the reference line, is the lane offset and the widths of the
-    lanes in between.
+    width: FloatArray
+    """m."""
+    shift: FloatArray
+    """Of the lane's inner edge, in m to the left of the reference line."""
+    slope: FloatArray
+    """Of the shift, in m per m along the road."""
+    tilted: FloatArray
+    """Part of the shift that superelevation tilts, in m: all but lanes that are level."""
+    is_level: FloatArray
+    """Whether the lane is level (``level="true"``), which excludes it from superelevation."""
+
+    @property
+    def is_level_across(self) -> bool:
+        """Whether everything from the reference line to the lane's outer edge is level."""
+        return bool(self.is_level.all() and np.abs(self.tilted).max() <= MIN_DISTANCE)
+
+
+def _course(road: Element, lane: int, places: FloatArray) -> _Course:
+    """A lane at places (n,) in m along its road.
+
+    The shift of its inner edge is the lane offset and the widths of the lanes in between.
     """
     side = 1 if lane > 0 else -1
     shift, slope = _profile(road.findall("lanes/laneOffset"), "s", places)
+    tilted, is_level = shift.copy(), np.zeros(len(places), dtype=bool)
     width = np.zeros_like(places)
     for section, element, start, end in _along(road, lane):
         here = (start <= places) & (places < end)
         width[here], _ = _width(element, places[here] - start)
+        is_level[here] = _is_level(element)
         for inner in range(1, abs(int(_number(element, "id")))):
             between = _lane_of(section, side * inner, is_driven=False)
             widths, slopes = _width(between, places[here] - start)
             shift[here] += side * widths
             slope[here] += side * slopes
-    return width, shift, slope
+            if not _is_level(between):
+                tilted[here] += side * widths
+    return _Course(width, shift, slope, tilted, is_level)
 
 
 def _along(road: Element, lane: int) -> Iterator[tuple[Element, Element, float, float]]:
-    """Each section with its lane that a lane leads to, and where it begins and ends, in m.
+    """Each section with the lane that a lane leads to there, and its start and end in m.
 
     From section to section the lane's own links are followed; where it has none, its id stays.
 
     Raises:
         RoadError: a section has no such lane.
     """
-    sections = _sections(road)
     side, onward = (1, "predecessor") if lane > 0 else (-1, "successor")
+    where = "left" if lane > 0 else "right"
+    sections = _sections(road, where)
     starts = [_number(section, "s") for section in sections]
+    if starts[0] > TOLERANCE:
+        raise RoadError(f"it has no lanes {where} of the centre before {starts[0]:.2f} m")
+    starts[0] = min(starts[0], 0.0)
     spans = list(zip(sections, starts, [*starts[1:], math.inf], strict=True))
     link: Element | None = None
     for section, start, end in spans if lane < 0 else reversed(spans):
@@ -494,17 +850,17 @@ def _limits(road: Element, lane: int) -> FloatArray:
     A lane's own limit comes before that of the road's type.
     """
     types = sorted(road.findall("type"), key=lambda element: _number(element, "s", 0.0))
-    said = [(_number(one, "s", 0.0), _limit(one.find("speed"))) for one in types]
-    of_road = np.array(said or [(0.0, 0.0)])
+    of_type = [(_number(kind, "s", 0.0), _limit(kind.find("speed"))) for kind in types]
+    of_road = np.array(of_type or [(0.0, 0.0)])
     steps: dict[float, float] = {}
     for _, element, start, end in _along(road, lane):
-        speeds = sorted(element.findall("speed"), key=lambda one: _number(one, "sOffset", 0.0))
-        places = [(start + _number(one, "sOffset", 0.0), _limit(one)) for one in speeds]
-        of_lane = np.array([(start, 0.0), *places])
-        stations = {start, *of_lane[:, 0].tolist(), *of_road[:, 0].tolist()}
-        for station in sorted(place for place in stations if start <= place < end):
-            own = float(profile.steps_at(of_lane, station))
-            steps[station] = own or float(profile.steps_at(of_road, station))
+        speeds = [(_number(one, "sOffset", 0.0), _limit(one)) for one in element.findall("speed")]
+        of_lane = [(start, 0.0), *((start + offset, limit) for offset, limit in sorted(speeds))]
+        stations = {start, *(s for s, _ in of_lane), *of_road[:, 0].tolist()}
+        for station in stations:
+            if start <= station < end:
+                own = float(profile.steps_at(np.array(of_lane), station))
+                steps[station] = own or float(profile.steps_at(of_road, station))
     return profile.merged(np.array(sorted(steps.items())))
 
 
@@ -512,7 +868,7 @@ def _limit(speed: Element | None) -> float:
     """The limit that a ``speed`` says, in km/h; 0 for none.
 
     Raises:
-        RoadError: it is in another unit, or no speed.
+        RoadError: it has another unit, or is no speed.
     """
     if speed is None or speed.get("max", "") in _NO_LIMIT:
         return 0.0
@@ -527,6 +883,33 @@ def _limit(speed: Element | None) -> float:
     return limit
 
 
+def _check_shape(road: Element, *, is_level: bool) -> None:
+    """Refuse a road whose cross-section is not straight where the lane lies.
+
+    Args:
+        road: the road.
+        is_level: whether the lane and all between it and the reference line are level, so that only
+            the height of the reference line matters.
+
+    Raises:
+        RoadError: it has a crossfall or a shape.
+    """
+    crossfalls = road.findall("lateralProfile/crossfall")
+    if not is_level and any(np.abs(_cubic(element)).max() > LEVEL for element in crossfalls):
+        raise RoadError("it is shaped across (crossfall): only superelevation is read")
+    shapes: dict[float, list[Element]] = {}
+    for element in road.findall("lateralProfile/shape"):
+        shapes.setdefault(_number(element, "s"), []).append(element)
+    if is_level:
+        centre = [_profile(across, "t", np.zeros(1))[0][0] for across in shapes.values()]
+        is_shaped = bool(centre) and float(np.ptp(centre)) > LEVEL
+    else:
+        cubics = [_cubic(element) for across in shapes.values() for element in across]
+        is_shaped = bool(np.abs(cubics).max(initial=0.0) > LEVEL)
+    if is_shaped:
+        raise RoadError("it is shaped across (shape): only superelevation is read")
+
+
 def _width(lane: Element, places: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Width of a lane at places (n,) in m along its section, and its slope."""
     elements = lane.findall("width")
@@ -537,17 +920,27 @@ def _width(lane: Element, places: FloatArray) -> tuple[FloatArray, FloatArray]:
     return _profile(elements, "sOffset", places)
 
 
-def _sections(road: Element) -> list[Element]:
+def _sections(road: Element, side: str) -> list[Element]:
+    """The lane sections that hold for a side, left or right.
+
+    Raises:
+        RoadError: there are none on either side.
+    """
     sections = road.findall("lanes/laneSection")
     if not sections:
-        raise RoadError("its road has no lanes")
-    return sections
+        raise RoadError("it has no lanes")
+    of_side = [
+        section
+        for section in sections
+        if not _is_true(section, "singleSide") or section.find(f"{side}/lane") is not None
+    ]
+    return of_side or sections
 
 
 def _entered(road: Element) -> list[Element]:
     """The lanes where they are entered: those on the right, then those on the left."""
-    sections = _sections(road)
-    return [*sections[0].findall("right/lane"), *sections[-1].findall("left/lane")]
+    right, left = _sections(road, "right")[0], _sections(road, "left")[-1]
+    return [*right.findall("right/lane"), *left.findall("left/lane")]
 
 
 def _first_lane(road: Element) -> int:
@@ -564,25 +957,27 @@ def _first_lane(road: Element) -> int:
         if _is_driven(lane)
     ]
     if not lanes:
-        raise RoadError("its road has no driving lane")
+        raise RoadError("it has no driving lane")
     return min(lanes, key=lambda lane: (lane[0], lane[1] > 0, abs(lane[1])))[1]
-
-
-def _continuation(road: Element, before: FloatArray) -> FloatArray | None:
-    """The lane of a road that begins where a lane ends; None if there is none."""
-    for lane in _entered(road):
-        try:
-            line = _lane_line(road, int(_number(lane, "id")))
-        except RoadError:
-            continue
-        gap, turn = _apart(before[-1], line[0])
-        if gap <= TOLERANCE and abs(turn) <= KINK:
-            return line
-    return None
 
 
 def _is_driven(lane: Element) -> bool:
     return lane.get("type") in _DRIVEN and lane.get("direction", "standard") == "standard"
+
+
+def _is_drivable(road: Element) -> bool:
+    """Whether a road has a lane that is driven."""
+    has_lanes = road.find("lanes/laneSection") is not None
+    return has_lanes and any(map(_is_driven, _entered(road)))
+
+
+def _is_level(lane: Element) -> bool:
+    return _is_true(lane, "level")
+
+
+def _is_true(element: Element, name: str) -> bool:
+    """Whether an attribute says true; a missing one does not."""
+    return element.get(name, "").strip().lower() in ("true", "1")
 
 
 def _lane_of(section: Element, lane: int, *, is_driven: bool = True) -> Element:
@@ -628,7 +1023,7 @@ def _station(text: str, length: float) -> float:
 
 
 def _followed(line: FloatArray) -> Road:
-    """The road along a lane's line (n, 8).
+    """The road along a lane's line (n, 10).
 
     Raises:
         RoadError: its lane is too narrow, or no road stays near it.
@@ -636,7 +1031,7 @@ def _followed(line: FloatArray) -> Road:
     length = float(line[-1, DISTANCE])
     places = np.append(np.arange(0.0, length, _PLACES), length)
     columns = line[:, WIDTH:LIMIT].T
-    width, height, lean = (np.interp(places, line[:, DISTANCE], v) for v in columns)
+    width, height, lean = (np.interp(places, line[:, DISTANCE], values) for values in columns)
     narrowest = int(np.argmin(width))
     lane_width = float(width[narrowest])
     if lane_width < MIN_WIDTH:
@@ -646,9 +1041,9 @@ def _followed(line: FloatArray) -> Road:
         )
     wider = width - lane_width if np.ptp(width) > SAME_WIDTH else np.zeros_like(width)
     shapes = (
-        ("superelevation", lean, _SLOPE_ERROR),
-        ("grade", np.gradient(height, places), _SLOPE_ERROR),
-        ("widening", wider, _WIDTH_ERROR),
+        ("superelevation", lean, SLOPE_ERROR),
+        ("grade", np.gradient(height, places), SLOPE_ERROR),
+        ("widening", wider, WIDTH_ERROR),
     )
     profiles: dict[str, Any] = {
         name: profile.simplified(np.column_stack([places, values]), error)
@@ -669,7 +1064,8 @@ def _flat(line: FloatArray, lane_width: float) -> Road:
     """
     length = float(line[-1, DISTANCE])
     start = Pose(*(float(v) for v in line[0, X : HEADING + 1]))
-    away = math.inf
+    drawn = line[:, X:HEADING] - line[:, MOVED_X:WIDTH]  # as the file has it
+    nearest, where = math.inf, 0.0
     for spacing in STEPS:
         samples = min(max(2, math.ceil(length / spacing - 1e-9)), MAX_SAMPLES - 1) + 1
         step = length / (samples - 1)
@@ -688,12 +1084,19 @@ def _flat(line: FloatArray, lane_width: float) -> Road:
         if np.abs(curvatures).max() > MAX_CURVATURE:
             continue
         road = Road(curvatures, step, start, lane_width=lane_width)
-        away = float(np.hypot(road.points[:, 0] - x, road.points[:, 1] - y).max())
-        if away <= TOLERANCE:
+        aside = np.abs(geometry.offsets_near(road.table, road.sub_step, drawn, line[:, DISTANCE]))
+        farthest = int(np.argmax(aside))
+        if aside[farthest] <= TOLERANCE:
             return road
+        if aside[farthest] < nearest:
+            nearest, where = float(aside[farthest]), float(line[farthest, DISTANCE])
+    if math.isinf(nearest):
+        raise RoadError(
+            f"no road can follow its line, which bends by more than {MAX_CURVATURE:g} 1/m"
+        )
     raise RoadError(
-        f"no road can follow its line: the nearest is {away:.3g} m away somewhere, and at most"
-        f" {TOLERANCE:g} m are allowed"
+        f"no road can follow its line: the nearest lies {nearest:.4f} m beside it {where:.2f} m"
+        f" along, and at most {TOLERANCE:g} m is allowed"
     )
 
 
@@ -703,9 +1106,10 @@ def _noted_road(element: Element) -> Road | None:
     Raises:
         RoadError: its lane -1 is not for cars.
     """
-    _lane_of(_sections(element)[0], -1)
-    notes = {note.get("code"): note.get("value", "") for note in element.findall("userData")}
+    if _is_level(_lane_of(_sections(element, "right")[0], -1)):
+        return None  # unlike what `to_opendrive` writes
     limits = _limits(element, -1)
+    notes = {note.get("code"): note.get("value", "") for note in element.findall("userData")}
     try:
         step, *values = map(float, notes[ROAD_CODE].split())
         pairs = {
