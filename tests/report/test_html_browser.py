@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from html_browser import background, low_contrast
+from html_browser import background, contrast, low_contrast
 from html_campaigns import HOSTILE, make_hostile
 from PIL import Image
 from playwright.sync_api import Browser, Locator, Page, expect
@@ -570,6 +570,22 @@ def test_dark_colours_follow_the_system_and_the_switch(show: Show, searched: Pat
     button.click()
     expect(button).to_have_text("Dark")
     assert background(page) < 150
+
+
+def test_lanes_and_path_differ_in_the_dark(show: Show, searched: Path) -> None:
+    page = show(searched / "report.html", color_scheme="dark")
+    page.locator(".gallery .card").first.click()
+    for picture in (".gallery .card", ".stage-main", ".stage-close"):
+        ego, other = (
+            page.locator(f"{picture} .lane-{lane}").first.evaluate(
+                "el => getComputedStyle(el).fill"
+            )
+            for lane in ("ego", "other")
+        )
+        paths = page.locator(f"{picture} .path")
+        colours = paths.evaluate_all("els => els.map(el => getComputedStyle(el).stroke)")
+        assert contrast(ego, other) > 1.5
+        assert min(contrast(ego, colour) for colour in colours) > 3.0
 
 
 @pytest.mark.parametrize("width", [320, 768])
