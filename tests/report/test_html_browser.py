@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import math
 import re
 import shlex
@@ -79,6 +80,28 @@ def box_of(element: Locator) -> dict[str, float]:
     return dict(box)
 
 
+def text_box(element: Locator) -> dict[str, float]:
+    """The box of an element's text alone."""
+    box: dict[str, float] = element.evaluate(
+        "el => { const r = document.createRange(); r.selectNodeContents(el);"
+        " return r.getBoundingClientRect().toJSON(); }"
+    )
+    return box
+
+
+def bottom(box: dict[str, float]) -> float:
+    return box["y"] + box["height"]
+
+
+def overlap(one: dict[str, float], other: dict[str, float]) -> bool:
+    return (
+        one["x"] < other["x"] + other["width"]
+        and other["x"] < one["x"] + one["width"]
+        and one["y"] < bottom(other)
+        and other["y"] < bottom(one)
+    )
+
+
 def cursor(page: Page) -> float:
     """Where the cursor of the profiles is, as a share of their width."""
     area, line = box_of(page.locator("#profiles")), box_of(page.locator("#cursor"))
@@ -97,6 +120,7 @@ def car(page: Page) -> tuple[float, float]:
 
 def test_replay_moves_the_car_and_the_cursor(page: Page) -> None:
     page.locator(".gallery .card").first.click()
+    page.keyboard.press("Home")
     assert seconds(page) == 0.0
     start = car(page)
     page.select_option("select[aria-label='Speed of the replay']", "8")
@@ -117,6 +141,7 @@ def test_replay_moves_the_car_and_the_cursor(page: Page) -> None:
 
 def test_replay_shows_how_the_driver_drove_and_where(page: Page, searched: Path) -> None:
     test = open_first(page, searched)
+    page.keyboard.press("Home")
     assert test.drive is not None
     path, start = test.drive.trajectory, car(page)
     area = box_of(page.locator("#profiles"))
@@ -202,6 +227,7 @@ def test_keyboard_alone_is_enough(page: Page) -> None:
     page.keyboard.press("Enter")
     expect(page.get_by_role("dialog")).to_be_visible()
     first = title.text_content()
+    page.keyboard.press("Home")
     for key, time in (("ArrowRight", 0.1), ("Shift+ArrowRight", 1.1), ("ArrowLeft", 1.0)):
         page.keyboard.press(key)
         assert seconds(page) == pytest.approx(time)

@@ -6,6 +6,8 @@ const CLOSE_UP_PHONE = 16;
 const GENTLE = 0.02; // 1/m, range of curvatures that need more digits
 const TO_SCALE = 500; // m across, up to which the car is drawn to scale; beyond, CAR_SHARE of them
 const CAR_SHARE = 1 / 45;
+const TICK_STEPS = [10, 20, 50, 100, 200, 500, 1000, 2000, 5000]; // m between numbers along the road
+const BEFORE_FAILURE = 2.5; // s, how long before it a failing drive opens
 
 /** What is shown along the road: each a plot with one line or more, of records or of the road. */
 const PROFILES = [
@@ -46,7 +48,7 @@ const player = (() => {
     else if (!dialog.open) dialog.showModal();
     dialog.scrollTop = 0;
     if (!isEmbedded) shown.slider.focus();
-    seek(0);
+    seek(openingTime(shown.drive, shown.records));
     setFragment(`#test-${id}`);
   }
 
@@ -400,6 +402,18 @@ function orderAround(id) {
   const heads = clusters.map((cluster) => cluster.shown[0]).filter((head) => head !== undefined);
   const own = [heads, ...clusters.map((cluster) => cluster.shown)].find((order) => order.includes(id));
   return own ?? [...drives.keys()].sort((a, b) => a - b);
+}
+
+/** Whether the page is laid out for a phone, as in the style sheet. */
+function isOnPhone() {
+  return window.matchMedia("(max-width: 560px)").matches;
+}
+
+/** The time at which a drive opens: shortly before its failure; the start if it passed. */
+function openingTime(drive, records) {
+  if (drive.outcome !== "FAIL") return 0;
+  const failure = drive.departure ?? drive.breaches[0];
+  return (failure?.time ?? records.time.at(-1)) - records.time[0] - BEFORE_FAILURE;
 }
 
 /** The car at a time, between records. */
