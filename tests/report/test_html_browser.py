@@ -139,6 +139,44 @@ def test_replay_moves_the_car_and_the_cursor(page: Page) -> None:
     assert seconds(page) == pytest.approx(float(page.locator("#scrub").get_attribute("max") or 0))
 
 
+def test_a_failure_opens_shortly_before_the_departure(page: Page, searched: Path) -> None:
+    test = open_first(page, searched)
+    assert test.departure is not None
+    assert 2.0 < test.departure.time - seconds(page) < 3.0
+    for scene in (".stage-main", ".stage-close"):
+        view, shape = box_of(page.locator(f"{scene} .scene")), box_of(page.locator(f"{scene} .car"))
+        assert view["x"] < shape["x"] < shape["x"] + shape["width"] < view["x"] + view["width"]
+        assert view["y"] < shape["y"] < bottom(shape) < bottom(view)
+
+
+@pytest.mark.parametrize(
+    ("changes", "before"),
+    [
+        ({"outcome": "PASS"}, None),
+        ({"breaches": [{"words": "too fast", "time": 5.0, "distance": 9.0, "x": 0, "y": 0}]}, 5.0),
+        ({}, math.inf),  # stuck, too late, or the driver broke
+    ],
+    ids=["passed", "broke a limit", "ended otherwise"],
+)
+def test_a_drive_without_departure_opens_before_its_failure_or_at_the_start(
+    show: Show, searched: Path, tmp_path: Path, changes: dict[str, Any], before: float | None
+) -> None:
+    html = (searched / "report.html").read_text(encoding="utf-8")
+    marked = re.search(r'(<script type="application/json" id="data">)(.*?)</script>', html, re.S)
+    assert marked is not None
+    data = json.loads(marked[2])
+    drive = data["drives"][0]
+    drive |= {"departure": None, "minimised": None, **changes}
+    changed = tmp_path / "changed.html"
+    text = html[: marked.start(2)] + json.dumps(data) + html[marked.end(2) :]
+    changed.write_text(text, encoding="utf-8")
+    page = show(changed, fragment=f"#test-{drive['id']}")
+    expect(page.get_by_role("dialog")).to_be_visible()
+    end = float(page.locator("#scrub").get_attribute("max") or 0)
+    wanted = 0.0 if before is None else min(before, end) - 2.5
+    assert seconds(page) == pytest.approx(wanted, abs=0.06)
+
+
 def test_replay_shows_how_the_driver_drove_and_where(page: Page, searched: Path) -> None:
     test = open_first(page, searched)
     page.keyboard.press("Home")
@@ -648,11 +686,40 @@ def test_a_phone_shows_the_player_and_the_roads_of_a_cell(show: Show, searched: 
     )
     assert len(ends) == 12
     assert max(ends) <= area["x"]
-    lefts = page.locator(".plot-name .high, .plot-name .low").evaluate_all(
-        "els => els.map(el => el.getBoundingClientRect().left)"
-    )
-    assert len(lefts) == 12
-    assert min(lefts) > area["x"]
+
+
+@pytest.mark.parametrize("wanted", [{}, PHONE], ids=["screen", "phone"])
+def test_axis_numbers_stand_on_no_curve_and_no_other_text(
+    show: Show, sloping: Path, wanted: dict[str, Any]
+) -> None:
+    page = show(sloping / "report.html", **wanted)
+    page.locator(".gallery .card").first.click()
+    plots = [box_of(plot) for plot in page.locator("#profiles .plot").all()]
+    assert len(plots) == 9
+    for plot, row in zip(plots, page.locator(".plot-name").all(), strict=True):
+        numbers = [box_of(row.locator(f".{end}")) for end in ("high", "low")]
+        texts = [text_box(span) for span in row.locator("> span:not(.high, .low)").all()]
+        for number in numbers:
+            assert not any(overlap(number, other) for other in (*plots, *texts))
+            assert plot["y"] <= number["y"] < number["y"] + number["height"] <= bottom(plot)
+        assert not overlap(*numbers)
+    ticks = [box_of(tick) for tick in page.locator(".plot-ticks span").all()]
+    assert len(ticks) > 2
+    assert all(a["x"] + a["width"] + 4.0 < b["x"] for a, b in pairwise(ticks))
+    assert min(tick["y"] for tick in ticks) >= max(map(bottom, plots))
+
+
+@pytest.mark.parametrize("density", [1, 2, 3])
+def test_numbers_of_a_chart_are_as_large_on_a_dense_screen(
+    show: Show, searched: Path, density: int
+) -> None:
+    page = show(searched / "report.html", **PHONE, device_scale_factor=density)
+    canvas, over = page.locator(".block-chart canvas"), page.locator(".block-chart .u-over")
+    pixels = np.asarray(Image.open(io.BytesIO(canvas.screenshot(scale="device"))).convert("L"))
+    below = round((bottom(box_of(over)) - box_of(canvas)["y"]) * density) + 4 * density
+    numbers = pixels[below : below + 18 * density]  # between the curves and the axis' title
+    inked = np.flatnonzero(numbers.min(axis=1) < 160)
+    assert 7.5 < (inked[-1] - inked[0] + 1) / density < 11.0  # [px], of figures 12 px large
 
 
 def test_paper_is_white_and_has_no_switches(show: Show, searched: Path) -> None:

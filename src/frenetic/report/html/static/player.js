@@ -202,7 +202,7 @@ const player = (() => {
     const records = recordsOf(drive);
     const line = centreLine(drive.road);
     // So that the profiles are in sight, too; as in the style sheet.
-    const [isPhone, isNarrow] = [560, 820].map((width) => window.matchMedia(`(max-width: ${width}px)`).matches);
+    const [isPhone, isNarrow] = [isOnPhone(), window.matchMedia("(max-width: 820px)").matches];
     const aspect = isPhone ? 1.4 : isNarrow ? 1.35 : clamp(window.innerWidth / window.innerHeight, 1.4, 1.65) * 1.55;
     const closeAspect = isPhone ? 0.7 : isNarrow ? 2.2 : 0.85;
     const closeWide = isPhone ? CLOSE_UP_PHONE : CLOSE_UP;
@@ -352,7 +352,8 @@ const player = (() => {
       return el("div", { class: "plot-name", title: profile.side ? "Positive to the left" : profile.falls ? "Positive: falls to the right" : null }, el("span", {}, ...title), value, el("span", { class: "high" }, high), el("span", { class: "low" }, low));
     });
     const ticks = el("div", { class: "plot-ticks" });
-    const every = length > 1600 ? 500 : length > 800 ? 200 : length > 400 ? 100 : length > 160 ? 50 : length > 60 ? 20 : 10;
+    const most = isOnPhone() ? 5 : 8; // that have room
+    const every = TICK_STEPS.find((step) => length / step <= most) ?? TICK_STEPS.at(-1);
     for (let place = 0; place <= length; place += every) {
       const tick = el("span", {}, place === 0 ? "0 m" : String(place));
       tick.style.left = `${(100 * place) / length}%`;
