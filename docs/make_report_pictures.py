@@ -31,7 +31,7 @@ def main() -> None:
         sys.exit("there is no Chromium: install one, or name it in FRENETIC_CHROMIUM")
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         os.chdir(folder)  # its name would be in the pictures
-        report = make_report(Path("night")).resolve()
+        report = make_report(Path("reported")).resolve()
         options = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []
         browser = playwright.chromium.launch(executable_path=found, args=options)
         take_pictures(browser, report)

@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shlex
+import subprocess
+import sys
+import tomllib
+from collections import Counter
+from collections.abc import Iterator
 from itertools import chain, repeat
 from pathlib import Path
 from runpy import run_path
@@ -25,6 +31,8 @@ pytest_plugins = ["interpreters"]
 ROOT = Path(__file__).parent.parent
 NOTEBOOK = ROOT / "docs" / "notebook.ipynb"
 PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")])
+SITE = tomllib.loads((ROOT / "zensical.toml").read_text(encoding="utf-8"))["project"]["nav"]
+"""The site's titles with their pages, in folders."""
 RESEARCH = sorted((ROOT / "research").glob("*.md"))
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\((?!https?:)([^)#]+)")
@@ -204,6 +212,117 @@ def test_links_lead_somewhere_and_pages_have_a_place_in_the_site() -> None:
     site = (ROOT / "zensical.toml").read_text(encoding="utf-8")
     for page in (ROOT / "docs").rglob("*.md"):
         assert f'= "{page.relative_to(ROOT / "docs").as_posix()}" }}' in site
+
+
+def test_the_first_page_says_what_frenetic_does_with_a_picture_before_anything_else() -> None:
+    (first, *_) = pages_in_order(SITE)
+    title, words, picture, *_ = first.read_text(encoding="utf-8").split("\n\n")
+    assert title == "# Frenetic finds the roads on which an automated driver leaves its lane"
+    assert len(re.findall(r"\.(?:\s|$)", words)) in (2, 3)  # sentences
+    assert "](images/failure.png)" in picture
+
+
+# The site's pages, pasted one after the other
+
+
+def pages_in_order(entries: list[dict[str, Any]]) -> Iterator[Path]:
+    """The pages of the site in the order of its navigation."""
+    for entry in entries:
+        for target in entry.values():
+            if isinstance(target, str):
+                yield ROOT / "docs" / target
+            else:
+                yield from pages_in_order(target)
+
+
+CREATES = re.compile(
+    r"""--out[ ]([^\s/]+)|"--out",[ ]"([^"]+)"|folder=(?:Path\()?"([^"]+)"  # campaigns, reports
+    |^\#[ ]file:[ ](\S+)|frenetic[ ]init(?:[ ](\S+))?$                    # code
+    |copy\(\w+,[ ]"([^"]+)"|Path\("([^"]+)"\)\.write|\.write\(Path\("([^"]+)"
+    |open\("([^"]+)",[ ]"w"|mkdir\("([^"]+)"|--(?:plot|junit)[ ](\S+)""",
+    re.MULTILINE | re.VERBOSE,
+)
+"""What a block creates in the reader's folder."""
+READS = re.compile(
+    r"frenetic (?:calibrate|check|compare|drive|estimate|export|minimise|rank|report|rerun|resume"
+    r"|show) ([a-z][\w-]*)(?!\S*=)"
+)
+"""The folder or file that a command reads, up to its first dot or slash."""
+
+
+def created_by(page: Path) -> set[str]:
+    """Files and folders that the code of a page creates, whoever runs it."""
+    created = set()
+    for kind, code in BLOCK.findall(page.read_text(encoding="utf-8")):
+        if kind != OUTPUT:
+            for match in CREATES.finditer(code):
+                created.add(next(filter(None, match.groups()), "my_driver.py"))
+    return created
+
+
+def test_no_two_pages_of_the_site_create_the_same_file_or_folder() -> None:
+    pages = {page: created_by(page) for page in pages_in_order(SITE)}
+    assert len(set().union(*pages.values())) > 60
+    creators = Counter(chain.from_iterable(pages.values()))
+    twice = {name: number for name, number in creators.items() if number > 1}
+    assert {name: [page.name for page in pages if name in pages[page]] for name in twice} == {}
+
+
+def test_a_page_creates_each_campaign_once_and_reads_only_what_it_created() -> None:
+    for page in pages_in_order(SITE):
+        blocks = BLOCK.findall(page.read_text(encoding="utf-8"))
+        code = "\n".join(code for kind, code in blocks if kind in {"sh", "console"})
+        runs = Counter(re.findall(r"frenetic run .*--out (\S+)", code))
+        assert [name for name, number in runs.items() if number > 1] == [], page.name
+        created = {re.split(r"[./]", name)[0] for name in created_by(page)}
+        assert set(READS.findall(code)) - created == set(), page.name
+
+
+PASTED = ["pytest.md", "embedded-simulator.md"]
+"""Pages that the short form pastes: code, commands and tests that fail, without a search."""
+
+
+@pytest.mark.endurance
+def test_all_pages_of_the_site_run_one_after_the_other_in_one_folder(
+    tmp_path: Path, endurance: bool
+) -> None:
+    for page in pages_in_order(SITE):
+        if endurance or page.name in PASTED:
+            files = files_in(tmp_path)
+            paste_page(page, tmp_path)
+            now = files_in(tmp_path)
+            changed = [file for file, when in files.items() if now.get(file) != when]
+            assert changed == [], f"{page.name} changes files of a page before it"
+
+
+def files_in(folder: Path) -> dict[Path, int]:
+    """Files with the time in ns at which each was written, without what Python caches."""
+    files = (file for file in folder.rglob("*") if "__pycache__" not in file.parts)
+    return {file: file.stat().st_mtime_ns for file in files if file.is_file()}
+
+
+def paste_page(page: Path, folder: Path) -> None:
+    """Pastes a page's commands into a shell, and runs its code, as a reader does."""
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    for kind, code in BLOCK.findall(page.read_text(encoding="utf-8")):
+        name = re.match(r"# file: (\S+)\n", code)
+        if name is not None:
+            (folder / name[1]).write_text(code, encoding="utf-8")
+        elif kind in {"sh", "python"}:
+            lines = [line for line in code.splitlines() if not line.startswith(SET_UP)]
+            for command in lines if kind == "sh" else [[sys.executable, "-W", "error", "-c", code]]:
+                ended = subprocess.run(
+                    command,
+                    shell=kind == "sh",
+                    cwd=folder,
+                    env=os.environ | {"PATH": path},
+                    stdout=subprocess.PIPE,
+                    stderr=subprocess.STDOUT,
+                    encoding="utf-8",
+                )
+                # A page may show tests that fail.
+                allowed = (0, 1) if command[:6] == "pytest" else (0,)
+                assert ended.returncode in allowed, f"{page.name}: {command}\n{ended.stdout}"
 
 
 # The notebook: its cells run here, by what writes their outputs into it

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import math
 import re
 import shlex
@@ -15,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from html_browser import background, low_contrast
+from html_browser import background, contrast, low_contrast
 from html_campaigns import HOSTILE, make_hostile
 from PIL import Image
 from playwright.sync_api import Browser, Locator, Page, expect
@@ -79,6 +80,28 @@ def box_of(element: Locator) -> dict[str, float]:
     return dict(box)
 
 
+def text_box(element: Locator) -> dict[str, float]:
+    """The box of an element's text alone."""
+    box: dict[str, float] = element.evaluate(
+        "el => { const r = document.createRange(); r.selectNodeContents(el);"
+        " return r.getBoundingClientRect().toJSON(); }"
+    )
+    return box
+
+
+def bottom(box: dict[str, float]) -> float:
+    return box["y"] + box["height"]
+
+
+def overlap(one: dict[str, float], other: dict[str, float]) -> bool:
+    return (
+        one["x"] < other["x"] + other["width"]
+        and other["x"] < one["x"] + one["width"]
+        and one["y"] < bottom(other)
+        and other["y"] < bottom(one)
+    )
+
+
 def cursor(page: Page) -> float:
     """Where the cursor of the profiles is, as a share of their width."""
     area, line = box_of(page.locator("#profiles")), box_of(page.locator("#cursor"))
@@ -97,6 +120,7 @@ def car(page: Page) -> tuple[float, float]:
 
 def test_replay_moves_the_car_and_the_cursor(page: Page) -> None:
     page.locator(".gallery .card").first.click()
+    page.keyboard.press("Home")
     assert seconds(page) == 0.0
     start = car(page)
     page.select_option("select[aria-label='Speed of the replay']", "8")
@@ -115,8 +139,47 @@ def test_replay_moves_the_car_and_the_cursor(page: Page) -> None:
     assert seconds(page) == pytest.approx(float(page.locator("#scrub").get_attribute("max") or 0))
 
 
+def test_a_failure_opens_shortly_before_the_departure(page: Page, searched: Path) -> None:
+    test = open_first(page, searched)
+    assert test.departure is not None
+    assert 2.0 < test.departure.time - seconds(page) < 3.0
+    for scene in (".stage-main", ".stage-close"):
+        view, shape = box_of(page.locator(f"{scene} .scene")), box_of(page.locator(f"{scene} .car"))
+        assert view["x"] < shape["x"] < shape["x"] + shape["width"] < view["x"] + view["width"]
+        assert view["y"] < shape["y"] < bottom(shape) < bottom(view)
+
+
+@pytest.mark.parametrize(
+    ("changes", "before"),
+    [
+        ({"outcome": "PASS"}, None),
+        ({"breaches": [{"words": "too fast", "time": 5.0, "distance": 9.0, "x": 0, "y": 0}]}, 5.0),
+        ({}, math.inf),  # stuck, too late, or the driver broke
+    ],
+    ids=["passed", "broke a limit", "ended otherwise"],
+)
+def test_a_drive_without_departure_opens_before_its_failure_or_at_the_start(
+    show: Show, searched: Path, tmp_path: Path, changes: dict[str, Any], before: float | None
+) -> None:
+    html = (searched / "report.html").read_text(encoding="utf-8")
+    marked = re.search(r'(<script type="application/json" id="data">)(.*?)</script>', html, re.S)
+    assert marked is not None
+    data = json.loads(marked[2])
+    drive = data["drives"][0]
+    drive |= {"departure": None, "minimised": None, **changes}
+    changed = tmp_path / "changed.html"
+    text = html[: marked.start(2)] + json.dumps(data) + html[marked.end(2) :]
+    changed.write_text(text, encoding="utf-8")
+    page = show(changed, fragment=f"#test-{drive['id']}")
+    expect(page.get_by_role("dialog")).to_be_visible()
+    end = float(page.locator("#scrub").get_attribute("max") or 0)
+    wanted = 0.0 if before is None else min(before, end) - 2.5
+    assert seconds(page) == pytest.approx(wanted, abs=0.06)
+
+
 def test_replay_shows_how_the_driver_drove_and_where(page: Page, searched: Path) -> None:
     test = open_first(page, searched)
+    page.keyboard.press("Home")
     assert test.drive is not None
     path, start = test.drive.trajectory, car(page)
     area = box_of(page.locator("#profiles"))
@@ -202,6 +265,7 @@ def test_keyboard_alone_is_enough(page: Page) -> None:
     page.keyboard.press("Enter")
     expect(page.get_by_role("dialog")).to_be_visible()
     first = title.text_content()
+    page.keyboard.press("Home")
     for key, time in (("ArrowRight", 0.1), ("Shift+ArrowRight", 1.1), ("ArrowLeft", 1.0)):
         page.keyboard.press(key)
         assert seconds(page) == pytest.approx(time)
@@ -556,20 +620,36 @@ def has_colour(canvas: Locator, colour: tuple[int, int, int]) -> bool:
 
 def test_dark_colours_follow_the_system_and_the_switch(show: Show, searched: Path) -> None:
     page = show(searched / "report.html", color_scheme="dark")
-    canvas, button = page.locator(".block-chart canvas"), page.locator("#theme")
+    canvas, switch = page.locator(".block-chart canvas"), page.locator("#theme")
+    chosen = switch.locator("option:checked")
     light, dark = (196, 31, 39), (255, 122, 112)  # of failures
     assert background(page) < 150
     assert has_colour(canvas, dark)
-    button.click()
-    expect(button).to_have_text("Light")
+    expect(chosen).to_have_text("System colours")
+    switch.select_option("Light colours")
     assert background(page) > 600
     assert has_colour(canvas, light)
     assert not has_colour(canvas, dark)
     page.reload()
-    expect(button).to_have_text("Light")
-    button.click()
-    expect(button).to_have_text("Dark")
+    expect(chosen).to_have_text("Light colours")
+    switch.select_option("Dark colours")
     assert background(page) < 150
+
+
+def test_lanes_and_path_differ_in_the_dark(show: Show, searched: Path) -> None:
+    page = show(searched / "report.html", color_scheme="dark")
+    page.locator(".gallery .card").first.click()
+    for picture in (".gallery .card", ".stage-main", ".stage-close"):
+        ego, other = (
+            page.locator(f"{picture} .lane-{lane}").first.evaluate(
+                "el => getComputedStyle(el).fill"
+            )
+            for lane in ("ego", "other")
+        )
+        paths = page.locator(f"{picture} .path")
+        colours = paths.evaluate_all("els => els.map(el => getComputedStyle(el).stroke)")
+        assert contrast(ego, other) > 1.5
+        assert min(contrast(ego, colour) for colour in colours) > 3.0
 
 
 @pytest.mark.parametrize("width", [320, 768])
@@ -606,11 +686,40 @@ def test_a_phone_shows_the_player_and_the_roads_of_a_cell(show: Show, searched: 
     )
     assert len(ends) == 12
     assert max(ends) <= area["x"]
-    lefts = page.locator(".plot-name .high, .plot-name .low").evaluate_all(
-        "els => els.map(el => el.getBoundingClientRect().left)"
-    )
-    assert len(lefts) == 12
-    assert min(lefts) > area["x"]
+
+
+@pytest.mark.parametrize("wanted", [{}, PHONE], ids=["screen", "phone"])
+def test_axis_numbers_stand_on_no_curve_and_no_other_text(
+    show: Show, sloping: Path, wanted: dict[str, Any]
+) -> None:
+    page = show(sloping / "report.html", **wanted)
+    page.locator(".gallery .card").first.click()
+    plots = [box_of(plot) for plot in page.locator("#profiles .plot").all()]
+    assert len(plots) == 9
+    for plot, row in zip(plots, page.locator(".plot-name").all(), strict=True):
+        numbers = [box_of(row.locator(f".{end}")) for end in ("high", "low")]
+        texts = [text_box(span) for span in row.locator("> span:not(.high, .low)").all()]
+        for number in numbers:
+            assert not any(overlap(number, other) for other in (*plots, *texts))
+            assert plot["y"] <= number["y"] < number["y"] + number["height"] <= bottom(plot)
+        assert not overlap(*numbers)
+    ticks = [box_of(tick) for tick in page.locator(".plot-ticks span").all()]
+    assert len(ticks) > 2
+    assert all(a["x"] + a["width"] + 4.0 < b["x"] for a, b in pairwise(ticks))
+    assert min(tick["y"] for tick in ticks) >= max(map(bottom, plots))
+
+
+@pytest.mark.parametrize("density", [1, 2, 3])
+def test_numbers_of_a_chart_are_as_large_on_a_dense_screen(
+    show: Show, searched: Path, density: int
+) -> None:
+    page = show(searched / "report.html", **PHONE, device_scale_factor=density)
+    canvas, over = page.locator(".block-chart canvas"), page.locator(".block-chart .u-over")
+    pixels = np.asarray(Image.open(io.BytesIO(canvas.screenshot(scale="device"))).convert("L"))
+    below = round((bottom(box_of(over)) - box_of(canvas)["y"]) * density) + 4 * density
+    numbers = pixels[below : below + 18 * density]  # between the curves and the axis' title
+    inked = np.flatnonzero(numbers.min(axis=1) < 160)
+    assert 7.5 < (inked[-1] - inked[0] + 1) / density < 11.0  # [px], of figures 12 px large
 
 
 def test_paper_is_white_and_has_no_switches(show: Show, searched: Path) -> None:

@@ -196,6 +196,10 @@ def test_small_screens_need_no_scrolling_sideways(
         "els => els.map(el => el.getBoundingClientRect().height)"
     )
     assert max(heights[:9]) < 30, heights
+    quartiles = page.locator(".block-groupTable td .quiet").evaluate_all(
+        "els => els.map(el => el.getBoundingClientRect().height)"
+    )
+    assert max(quartiles) < 25, "the quartiles stand on one line"
 
 
 def test_no_text_from_outside_is_run(show: Callable[..., Page], tmp_path: Path) -> None:

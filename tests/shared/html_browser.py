@@ -32,6 +32,19 @@ def background(page: Page) -> int:
     return sum(int(part) for part in re.findall(r"\d+", found)[:3])
 
 
+def luminance(colour: str) -> float:
+    """Relative luminance of an opaque CSS colour, ``rgb(0, 80, 255)``, by WCAG 2: 0..1."""
+    shares = [int(part) / 255 for part in re.findall(r"\d+", colour)]
+    linear = [s / 12.92 if s <= 0.04045 else ((s + 0.055) / 1.055) ** 2.4 for s in shares]
+    return sum(w * s for w, s in zip((0.2126, 0.7152, 0.0722), linear, strict=True))
+
+
+def contrast(first: str, second: str) -> float:
+    """Contrast of two opaque CSS colours by WCAG 2: 1..21."""
+    dark, light = sorted(luminance(colour) for colour in (first, second))
+    return (light + 0.05) / (dark + 0.05)
+
+
 LEAST_CONTRAST = 4.5
 """Of text with what is behind it: level AA of the Web Content Accessibility Guidelines, 1.4.3."""
 

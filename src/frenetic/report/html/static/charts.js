@@ -50,7 +50,7 @@ function chart(block) {
     if (drawn.band !== null) bands.push(drawn.band);
   }
   const data = uPlot.join(tables);
-  const font = "11.5px system-ui, sans-serif";
+  const font = "12px system-ui, sans-serif"; // whole pixels: uPlot scales only those to dense screens
   const axis = (title, size) => ({ stroke: () => colourOf("quiet"), font, labelFont: font, label: title, labelSize: 18, size, grid: { stroke: () => colourOf("line"), width: 1 }, ticks: { show: false }, space: size > 30 ? 45 : 70, values: (_, values) => values.map(numberText) });
   const axes = [axis(block.x_title, 30), axis(block.y_title, 38)];
   if (block.counts) for (const one of axes) one.incrs = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 1e4, 2e4, 5e4, 1e5, 2e5, 5e5, 1e6];

@@ -37,8 +37,11 @@ function drawGallery(element, block) {
   const grid = el("div", { class: "gallery" });
   const more = el("button", { type: "button", class: "more" });
   const select = (id, options) => el("select", { id }, options.map(([value, text]) => el("option", { value }, text)));
-  const sort = select("gallery-sort", [["", "most telling"], ["moobd", "most severe"], ["size", "most tests"], ["first", "found first"]]);
   const kinds = [...new Set(block.clusters.map((cluster) => cluster.group))].filter((text) => text);
+  const sort = select("gallery-sort", [
+    ...(kinds.length ? [["", "an example of each cause first"]] : []),
+    ["moobd", "most severe first"], ["size", "most like it first"], ["first", "earliest found first"],
+  ]);
   const cause = select("gallery-cause", [["", "any"], ...kinds.map((text) => [text, text])]);
   const side = select("gallery-side", [["", "either side"], ["left", "left"], ["right", "right"], ["none", "did not leave"]]);
   const search = el("input", { type: "search", id: "gallery-search", placeholder: "words or a test number", spellcheck: "false" });
@@ -79,7 +82,7 @@ function drawGallery(element, block) {
   });
   for (const field of [sort, ...fields]) field.addEventListener("input", show);
   element.append(
-    el("div", { class: "choices" }, labelled("First ", sort), kinds.length > 1 ? labelled("Cause ", cause) : null, labelled("Side ", side), labelled("Find ", search), block.repeats.length ? labelled("Driven again ", robust) : null, found, clear),
+    el("div", { class: "choices" }, labelled("Order ", sort), kinds.length > 1 ? labelled("Cause ", cause) : null, labelled("Side ", side), labelled("Find ", search), block.repeats.length ? labelled("Driven again ", robust) : null, found, clear),
     grid,
     more,
     el("p", { class: "caption" }, oobKey()),

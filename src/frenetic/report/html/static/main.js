@@ -8,18 +8,12 @@ const kinds = {
 };
 
 function drawTheme() {
-  const button = document.getElementById("theme");
-  const say = () => {
-    const now = document.documentElement.dataset.theme;
-    button.textContent = { auto: "Auto", light: "Light", dark: "Dark" }[now];
-    button.setAttribute("aria-label", `Colours: ${now}; change`);
-  };
-  button.addEventListener("click", () => {
-    setTheme(THEMES[(THEMES.indexOf(document.documentElement.dataset.theme) + 1) % THEMES.length]);
-    say();
+  const select = document.getElementById("theme");
+  select.value = document.documentElement.dataset.theme;
+  select.addEventListener("change", () => {
+    setTheme(select.value);
     drawCharts();
   });
-  say();
 }
 
 document.documentElement.dataset.theme = storedTheme();

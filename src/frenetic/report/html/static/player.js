@@ -6,6 +6,8 @@ const CLOSE_UP_PHONE = 16;
 const GENTLE = 0.02; // 1/m, range of curvatures that need more digits
 const TO_SCALE = 500; // m across, up to which the car is drawn to scale; beyond, CAR_SHARE of them
 const CAR_SHARE = 1 / 45;
+const TICK_STEPS = [10, 20, 50, 100, 200, 500, 1000, 2000, 5000]; // m between numbers along the road
+const BEFORE_FAILURE = 2.5; // s, how long before it a failing drive opens
 
 /** What is shown along the road: each a plot with one line or more, of records or of the road. */
 const PROFILES = [
@@ -46,7 +48,7 @@ const player = (() => {
     else if (!dialog.open) dialog.showModal();
     dialog.scrollTop = 0;
     if (!isEmbedded) shown.slider.focus();
-    seek(0);
+    seek(openingTime(shown.drive, shown.records));
     setFragment(`#test-${id}`);
   }
 
@@ -200,7 +202,7 @@ const player = (() => {
     const records = recordsOf(drive);
     const line = centreLine(drive.road);
     // So that the profiles are in sight, too; as in the style sheet.
-    const [isPhone, isNarrow] = [560, 820].map((width) => window.matchMedia(`(max-width: ${width}px)`).matches);
+    const [isPhone, isNarrow] = [isOnPhone(), window.matchMedia("(max-width: 820px)").matches];
     const aspect = isPhone ? 1.4 : isNarrow ? 1.35 : clamp(window.innerWidth / window.innerHeight, 1.4, 1.65) * 1.55;
     const closeAspect = isPhone ? 0.7 : isNarrow ? 2.2 : 0.85;
     const closeWide = isPhone ? CLOSE_UP_PHONE : CLOSE_UP;
@@ -350,7 +352,8 @@ const player = (() => {
       return el("div", { class: "plot-name", title: profile.side ? "Positive to the left" : profile.falls ? "Positive: falls to the right" : null }, el("span", {}, ...title), value, el("span", { class: "high" }, high), el("span", { class: "low" }, low));
     });
     const ticks = el("div", { class: "plot-ticks" });
-    const every = length > 1600 ? 500 : length > 800 ? 200 : length > 400 ? 100 : length > 160 ? 50 : length > 60 ? 20 : 10;
+    const most = isOnPhone() ? 5 : 8; // that have room
+    const every = TICK_STEPS.find((step) => length / step <= most) ?? TICK_STEPS.at(-1);
     for (let place = 0; place <= length; place += every) {
       const tick = el("span", {}, place === 0 ? "0 m" : String(place));
       tick.style.left = `${(100 * place) / length}%`;
@@ -403,6 +406,18 @@ function orderAround(id) {
   const heads = clusters.map((cluster) => cluster.shown[0]).filter((head) => head !== undefined);
   const own = [heads, ...clusters.map((cluster) => cluster.shown)].find((order) => order.includes(id));
   return own ?? [...drives.keys()].sort((a, b) => a - b);
+}
+
+/** Whether the page is laid out for a phone, as in the style sheet. */
+function isOnPhone() {
+  return window.matchMedia("(max-width: 560px)").matches;
+}
+
+/** The time at which a drive opens: shortly before its failure; the start if it passed. */
+function openingTime(drive, records) {
+  if (drive.outcome !== "FAIL") return 0;
+  const failure = drive.departure ?? drive.breaches[0];
+  return (failure?.time ?? records.time.at(-1)) - records.time[0] - BEFORE_FAILURE;
 }
 
 /** The car at a time, between records. */
