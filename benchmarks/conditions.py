@@ -33,7 +33,8 @@ from frenetic.drive import Drive
 from frenetic.drivers import Camera, Controls, Driver, Observation
 from frenetic.drivers.driver import stack_of
 from frenetic.drivers.layers import Delayed, Hasty, LimitedView
-from frenetic.estimate import Draws, Estimate, estimate, rate_interval
+from frenetic.analysis.statistics import rate_interval
+from frenetic.estimate import Draws, Estimate, estimate
 from frenetic.road import Road
 from frenetic.search import Strategy
 from frenetic.vision.appearance import Worn

@@ -212,7 +212,9 @@ def test_interval_of_a_rate_is_garwoods_and_two_sided_also_without_events(
 
 
 def test_interval_of_no_event_in_1000_drives_is_a_published_one() -> None:
-    assert rate_interval(0, 1000.0) == (0.0, pytest.approx(3.689e-3, rel=1e-4))
+    low, high = rate_interval(0, 1000.0)
+    assert low == 0.0
+    assert high == pytest.approx(3.689e-3, rel=1e-4)
 
 
 def test_weighted_interval_is_fay_and_feuers() -> None:

@@ -2,8 +2,8 @@
 
 The tests are scipy's, except for what it does not have: quartiles of infinite values, exact p
 values with ties, Holm's correction, the difference of paired shares, and intervals of rates.
-Wilson's interval and ranks are a few lines of our own, because the import of `scipy.stats` takes as long as a tenth of a
-report.
+Wilson's interval and ranks are a few lines of our own, because the import of `scipy.stats` takes as
+long as a tenth of a report.
 """
 
 from __future__ import annotations

@@ -168,11 +168,18 @@ def _run(the_bench: Bench, resume: bool, workers: int | None, as_json: bool) -> 
                     markup=False,
                 )
 
-        def progress(share: float, words: str) -> None:
-            left = (time.monotonic() - start) * (1.0 - share) / max(share, 1e-9)
-            show(share, lambda: f"{words}, {format_duration(left)} left")
+        first: tuple[float, float] | None = None  # moment, and share that was spent before
 
-        start = time.monotonic()
+        def progress(share: float, words: str) -> None:
+            nonlocal first
+            now = time.monotonic()
+            first = first or (now, share)
+            start, before = first
+            if share > before:
+                left = (now - start) * (1.0 - share) / (share - before)
+                words = f"{words}, {format_duration(left)} left"
+            show(share, lambda: words)
+
         usual = capabilities(the_bench.terms.simulator).usual_workers
         with live_line(log) as show:
             try:

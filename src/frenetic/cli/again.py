@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -123,9 +124,9 @@ def shown_driving(
     Args:
         log: the console for progress.
         what: the work, such as "Driving again".
-        total: number of drives of all campaigns; by default that of each one's budget.
+        total: number of drives of all campaigns; by default that of the only one's budget.
     """
-    before = drives = 0  # of the campaigns before this one, and of this one
+    drives: dict[Path, int] = {}  # folder of a campaign -> its drives
 
     with (
         announced_compilation(log) as compiled,
@@ -134,16 +135,19 @@ def shown_driving(
     ):
 
         def on_event(event: Event) -> None:
-            nonlocal before, drives
             if event.kind == "interrupted":
                 log.stopping()
                 return
             if event.kind == "started":
                 compiled()
-                before += drives
-            drives = event.summary.simulations
-            share = event.summary.budget_spent
-            show(before + drives, total or (round(drives / share) if share else 0))
+            now = event.summary
+            drives[now.folder] = now.simulations
+            done = sum(drives.values())
+            whole = total
+            if whole is None and now.budget_spent:  # which is the share of the drives
+                whole = round(now.simulations / now.budget_spent)
+            if whole is not None and done <= whole:  # more may be stored than is wanted now
+                show(done, whole)
 
         yield on_event
 

@@ -143,14 +143,21 @@ def counted_progress(log: Console, what: str) -> Iterator[Callable[[int, int], N
         log: the console for it.
         what: the work, such as "Checking".
     """
-    start = time.monotonic()
+    first: tuple[float, int] | None = None  # moment, and work that was done before
 
-    def text(done: int, total: int) -> str:
-        left = (time.monotonic() - start) * (total - done) / max(done, 1)
-        return f"{what}: {done:,} of {total:,}, {format_duration(left)} left"
+    def update(done: int, total: int) -> None:
+        nonlocal first
+        now = time.monotonic()
+        first = first or (now, done)
+        start, before = first
+        text = f"{what}: {done:,} of {total:,}"
+        if done > before:
+            left = (now - start) * (total - done) / (done - before)
+            text += f", {format_duration(left)} left"
+        show(done / max(total, 1), lambda: text)
 
     with live_line(log) as show:
-        yield lambda done, total: show(done / max(total, 1), lambda: text(done, total))
+        yield update
 
 
 def print_table(

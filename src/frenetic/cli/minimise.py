@@ -207,7 +207,7 @@ def _print(work: Work, minimised: Minimised) -> None:
     click.echo(
         f"{work.name}: {before.length:.0f} m -> {after.length:.0f} m,"
         f" {counted(before.curves, 'curve')} -> {after.curves},"
-        f" {counted(minimised.drives, 'drive')},"
+        f" {_drives(minimised)},"
         f" {ENDINGS[minimised.ending] if trouble is None else f'gave up: {trouble}'}"
     )
     match = minimised.match
@@ -231,6 +231,13 @@ def _print(work: Work, minimised: Minimised) -> None:
     )
 
 
+def _drives(minimised: Minimised) -> str:
+    """Drives that the command made, and those of earlier commands for the same road."""
+    text = counted(minimised.new_drives, "drive")
+    earlier = minimised.drives - minimised.new_drives
+    return f"{text} after {earlier} before" if earlier else text
+
+
 def _as_json(work: Work, minimised: Minimised) -> dict[str, Any]:
     before, after = minimised.shapes
     return {
@@ -240,6 +247,7 @@ def _as_json(work: Work, minimised: Minimised) -> dict[str, Any]:
         "length_before": before.length,
         "length": after.length,
         "drives": minimised.drives,
+        "new_drives": minimised.new_drives,
         "ending": str(minimised.ending),
         "trouble": minimised.trouble,
         "match": minimised.match,

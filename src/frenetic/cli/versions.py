@@ -67,6 +67,7 @@ def _specs(folder: Path, given: Mapping[str, Any]) -> tuple[Spec, Spec]:
 def _driven(folder: Path, old: Spec, new: Spec, fresh: int, workers: int) -> BackToBack:
     from frenetic.again.versions import as_recorded, check_differ, fresh_roads
     from frenetic.again.versions import compare_versions as compared
+    from frenetic.campaign import CampaignStore
     from frenetic.description import describe
     from frenetic.simulators.isolated import isolated
 
@@ -75,7 +76,9 @@ def _driven(folder: Path, old: Spec, new: Spec, fresh: int, workers: int) -> Bac
     with as_recorded(folder, old) as recorded:
         described = describe(recorded.make_driver())
     check_differ(described, describe(new.make_driver()))
-    with shown_driving(log, "Driving both versions") as on_event:
+    with CampaignStore.open(folder) as store:
+        drives = 2 * fresh + store.counts().failed
+    with shown_driving(log, "Driving both versions", drives) as on_event:
         how: Any = {"workers": workers, "on_event": on_event}
         with as_recorded(folder, old) as recorded:
             driver = recorded.make_driver()
