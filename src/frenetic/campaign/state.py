@@ -19,8 +19,8 @@ from frenetic.campaign.lock import holder, last_host
 from frenetic.campaign.log import LOG, LogEvent
 from frenetic.campaign.store import LOCK, CampaignStore
 from frenetic.campaign.summary import Summary
+from frenetic.description import PARTS, recorded_part
 from frenetic.errors import CampaignError
-from frenetic.registry import part_name
 from frenetic.spec import Budget, decode_budget
 
 TAIL: Final = 1 << 16
@@ -74,7 +74,7 @@ class CampaignState:
     writer: str
     """Who writes it, or wrote it last: ``process 123``, or a machine; empty if unknown."""
     parts: tuple[str, ...]
-    """Names of its strategy, driver and simulator."""
+    """Its strategy, driver and simulator with their options."""
     seed: Any
     summary: Summary
     news: tuple[News, ...]
@@ -138,7 +138,7 @@ def look(folder: Path) -> CampaignState:
     return CampaignState(
         status=status,
         writer=writer or host or "",
-        parts=tuple(_name_of(config.get(part)) for part in ("strategy", "driver", "simulator")),
+        parts=tuple(printable(recorded_part(config, kind)) for kind in PARTS),
         seed=config.get("seed"),
         summary=summary,
         news=tuple(news[-KEPT:]),
@@ -166,11 +166,3 @@ def stored_budget(store: CampaignStore) -> Budget:
         return decode_budget(store.facts.get("budget", store.config.get("budget")))
     except ValueError as error:
         raise CampaignError(f"{store.folder} has no budget to go on with: {error}") from None
-
-
-def _name_of(part: object) -> str:
-    """The name of a part, with that of the driver under it."""
-    if not isinstance(part, dict):
-        return "unknown"
-    name, inner = printable(part_name(part)), part.get("driver")
-    return name if inner is None else f"{name} over {_name_of(inner)}"

@@ -235,7 +235,7 @@ def _drives(minimised: Minimised) -> str:
     """Drives that the command made, and those of earlier commands for the same road."""
     text = counted(minimised.new_drives, "drive")
     earlier = minimised.drives - minimised.new_drives
-    return f"{text} after {earlier} before" if earlier else text
+    return f"{text} now, {earlier} before" if earlier else text
 
 
 def _as_json(work: Work, minimised: Minimised) -> dict[str, Any]:

@@ -119,7 +119,7 @@ def resume(
     spec = replace(spec, simulator=moved(spec.simulator, simulator, simulator_options))
     the_campaign = make_campaign(spec, campaign, workers)
     tests = counted(counts.tests, "test")
-    text = f"Going on after {tests} with {spec.strategy.name}"
+    text = f"Going on after {tests} with {spec.strategy.word}"
     if is_spent:
         text = f"Finishing after {tests}, which spent the budget"
     search(

@@ -40,7 +40,7 @@ from frenetic.campaign.record import Test
 from frenetic.campaign.repeat import not_repeatable
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import facts_in_words
-from frenetic.description import part_text
+from frenetic.description import PARTS, recorded_part
 from frenetic.errors import CampaignError
 from frenetic.estimate import Estimate
 from frenetic.export.tables import Place, opened
@@ -303,9 +303,7 @@ def headline(store: CampaignStore, clusters: Clusters, counts: Counts, trouble: 
         trouble: a warning for the reader.
     """
     config, facts = store.config, store.facts
-    strategy, driver, simulator = (
-        part_text(config.get(part)) for part in ("strategy", "driver", "simulator")
-    )
+    strategy, driver, simulator = (recorded_part(config, kind) for kind in PARTS)
     criteria, seed = criteria_in_words(store), config.get("seed")
     warnings = [not_repeatable(facts), str(facts.get("notice", "")), caution(store)]
     if facts.get("interrupted"):
