@@ -216,7 +216,10 @@ def test_a_driver_that_breaks_before_it_drives_fails(frenetic: Frenetic, road: P
     # Its campaign holds nothing to start from.
     search = ("run", "--driver", "broken.py:Broken", "--simulations", "12", "--workers", "1")
     crashed = frenetic(*search, "--out", "broken")
-    assert "mend it, then go on: frenetic run broken/campaign.toml --driver" in crashed.err
+    assert (
+        "mend it, then start it anew, with the same seed: frenetic run broken/campaign.toml"
+        in crashed.err
+    )
 
 
 def test_a_test_of_a_rerun_is_driven_in_its_own_conditions(frenetic: Frenetic, road: Path) -> None:

@@ -103,7 +103,7 @@ class Ending(StrEnum):
     MINIMAL = "minimal"
     """No pass finds anything smaller."""
     SPENT = "spent"
-    """The allowed drives are spent."""
+    """The allowed drives or time are spent."""
     STOPPED = "stopped"
     """It was interrupted, or gave up: the same call goes on."""
 
@@ -483,7 +483,8 @@ def _minimised(
             f" {tested.reason}"
         )
     drives = store.counts().simulations
-    ending = Ending.SPENT if drives >= max_drives else Ending.STOPPED
+    is_stopped = trouble is not None or bool(store.facts.get("interrupted"))
+    ending = Ending.STOPPED if is_stopped and drives < max_drives else Ending.SPENT
     return Minimised(
         original=store.test(1),
         passes=dict(strategy.passes),

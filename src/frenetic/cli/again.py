@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from frenetic.cli.console import Log, announced_compilation, counted_progress
+from frenetic.cli.console import Log, announced_compilation, counted_progress, this_command
 from frenetic.cli.options import as_usage_error
 from frenetic.cli.parts import given_options, with_given, without_place
 from frenetic.errors import CampaignError
@@ -39,6 +39,7 @@ def recorded_spec(store: CampaignStore, given: Mapping[str, Any], *, checked: bo
         click.UsageError: another map is given.
     """
     from frenetic.campaign.campaign import STARTED_IN
+    from frenetic.campaign.state import is_told
     from frenetic.campaign.store import DATABASE
 
     if given.get("road_class") is not None:
@@ -57,14 +58,6 @@ def recorded_spec(store: CampaignStore, given: Mapping[str, Any], *, checked: bo
             f" --simulator{elsewhere}"
         )
     return spec
-
-
-def is_told(config: Mapping[str, Any]) -> bool:
-    """Whether a campaign's results are told by whoever drives, see `frenetic.campaign.asktell`."""
-    simulator = config.get("simulator")
-    return isinstance(simulator, Mapping) and str(simulator.get("class")).startswith(
-        "frenetic.campaign.asktell:"
-    )
 
 
 def named_parts(given: Mapping[str, Any]) -> list[str]:
@@ -153,6 +146,6 @@ def shown_driving(
 
 
 def interrupted(log: Log, what: str) -> click.exceptions.Exit:
-    """Prints what is left to do and ends the command."""
-    log.print(f"Interrupted: {what}")
+    """Print what is left to do, and that the same command goes on; end the command."""
+    log.print(f"Interrupted: {what}; the same command goes on: {this_command()}", markup=False)
     return click.exceptions.Exit(130)

@@ -16,7 +16,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from frenetic._support.words import counted, format_duration, rate_words
-from frenetic.cli import silence
+from frenetic.cli import Invocation, silence
 from frenetic.criteria import DRIVER, LANE, quantity
 
 if TYPE_CHECKING:
@@ -357,6 +357,11 @@ def print_facts(facts: Sequence[tuple[str, str]]) -> None:
     width = max([10, *(len(name) for name, _ in facts)]) + 1
     for name, value in facts:
         click.echo(f"{name:<{width}}{value}")
+
+
+def this_command() -> Invocation:
+    """Return the present command line, whose text is for pasting into a shell."""
+    return click.get_current_context().find_root().ensure_object(Invocation)
 
 
 def shell(path: Path | str) -> str:

@@ -97,7 +97,8 @@ def drive(
     """Drive the road of a file or of a campaign's tests, and say what happened.
 
     The tests of a CAMPAIGN are driven as it drove them, and it is said whether they end as they did
-    there; the file of a failing road is driven so, too. Options change that. A ROAD is JSON with
+    there; the file of a failing road is driven so, too. With options that change driver, simulator,
+    rules or conditions nothing is compared. A ROAD is JSON with
     curvatures (1/m) or road_points, a test file of the competition, or OpenDRIVE. A road that lies
     elsewhere is moved into the map; an invalid one is not driven. With --road the roads of a map
     are driven where they lie, valid or not; where the car leaves its lane the drive goes on behind

@@ -19,7 +19,7 @@ from frenetic.cli.again import (
     recorded_spec,
     shown_driving,
 )
-from frenetic.cli.console import Log, print_facts, shell
+from frenetic.cli.console import Log, print_facts, shell, this_command
 from frenetic.cli.options import (
     as_usage_error,
     count_option,
@@ -143,8 +143,12 @@ def minimise(
     if is_interrupted and left:
         which = ", ".join(work.name.removeprefix("Test ") for work in left)
         raise interrupted(log, f"{counted(len(left), 'failure')} not begun: {which}")
-    if is_interrupted:
+    if is_interrupted and not source.is_dir():
+        begin = f"the drives on a ROAD file are not kept; begin again: {this_command()}"
+        log.print(f"Interrupted: {begin}", markup=False)
         raise click.exceptions.Exit(130)
+    if is_interrupted:
+        raise interrupted(log, "smaller roads may be found")
     if failed:
         raise click.exceptions.Exit(2)
 

@@ -239,6 +239,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
             ("objective", in_words(config, objectives(store))),
             *(("starts from", str(earlier)) for earlier in earlier_of(config)),
             ("budget", budget),
+            ("go on", _going_on(store)),
             ("results", counts.in_words()),
             ("known before", still_failing(store)),
             ("search", facts_in_words(facts.get(FACTS))),
@@ -272,6 +273,13 @@ def _budget(store: CampaignStore) -> str:
     if facts.get("interrupted"):
         return f"{budget}, interrupted"
     return budget if "finished_at" in facts else f"{budget}, not finished"
+
+
+def _going_on(store: CampaignStore) -> str:
+    """The command that goes on with an unfinished campaign; empty for a finished or running one."""
+    from frenetic.campaign.state import look
+
+    return look(store.folder).going_on
 
 
 def _conditions(store: CampaignStore) -> Mapping[str, float]:
