@@ -192,9 +192,11 @@ def _search(
                 print_failures(misses, counts, len(listed))
             for note in notes:
                 click.echo(f"Note: {note}")
-        if summary is not None and (summary.interrupted or not as_json):
-            if command_left := _next_command(folder, summary, is_clean=misses is not None):
-                click.echo(f"Go on:       {command_left}", err=as_json)
+        go_on = (
+            None if summary is None else _next_command(folder, summary, is_clean=misses is not None)
+        )
+        if summary is not None and go_on and (summary.interrupted or not as_json):
+            click.echo(f"Go on:       {go_on}", err=as_json)
         if summary is not None and not as_json:
             click.echo(f"Results:     {folder}")
             if is_shortened:
