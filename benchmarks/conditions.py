@@ -26,14 +26,14 @@ import numpy as np
 
 from frenetic import Budget, Campaign, EmbeddedSimulator, Frenetic, Outcome, Planner, RandomSearch
 from frenetic.again.minimise import minimise_test
-from frenetic.analysis.statistics import a12, mann_whitney
+from frenetic.analysis.statistics import a12, mann_whitney, rate_interval
 from frenetic.campaign import CampaignStore, RoadTester
 from frenetic.domain import Domain
 from frenetic.drive import Drive
 from frenetic.drivers import Camera, Controls, Driver, Observation
 from frenetic.drivers.driver import stack_of
 from frenetic.drivers.layers import Delayed, Hasty, LimitedView
-from frenetic.estimate import Draws, Estimate, estimate, rate_interval
+from frenetic.estimate import Draws, Estimate, estimate
 from frenetic.road import Road
 from frenetic.search import Strategy
 from frenetic.vision.appearance import Worn

@@ -49,7 +49,8 @@ SET_UP = ("python3 -m venv", "git clone", ".venv/bin/", ".ci/run")
 ENOUGH = {"simulations": 40, "repeats": 2, "times": 2}
 NUMBER = re.compile(rf"\b({'|'.join(ENOUGH)})([ =])(\d+)\b")
 OF_THE_MACHINE = re.compile(
-    r"in \d+:\d\d(:\d\d)?, [\d.,]+ tests/\w+"  # how long a search took
+    r"in \d+:\d\d(:\d\d)?(, \d+:\d\d of it to start)?, [\d.,]+ tests/\w+"  # of a search
+    r"|\(in \d+:\d\d(:\d\d)?\)|In all: +\d+:\d\d(:\d\d)?"
     r"|\d{4}-\d\d-\d\d[ T]\d\d:\d\d:\d\d[.\d]*(\+\d\d:\d\d)?"
     r"|\b(?=[a-f]*\d)[0-9a-f]{8}\b"  # digests, also of versions
 )

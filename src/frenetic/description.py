@@ -8,12 +8,16 @@ import math
 import re
 import sys
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import asdict, fields, is_dataclass
+from functools import cache
+from importlib import import_module
 from pathlib import Path, PurePath
 from types import FunctionType
 from typing import Any, Final
 
 from frenetic._support.json_value import JSONValue
+from frenetic._support.words import part_word
 from frenetic.errors import describe_error
 from frenetic.recipe import Named
 from frenetic.registry import USER_MODULE, arguments_of, options_of, part_name
@@ -27,7 +31,11 @@ PARTS: Final = ("strategy", "driver", "simulator")
 _ADDRESS: Final = re.compile(r" at 0x[0-9a-fA-F]+")
 _DEEPEST: Final = 3  # nesting of arguments in a record
 _LONGEST: Final = 200  # characters of an argument in a record
-_SHOWN_OPTIONS: Final = 3
+_SHOWN_OPTIONS: Final = 6
+_OF_THE_CAMPAIGN: Final = ("seed", "map_size", "road_class", "domain", "wall_limit")
+"""Options of parts that their campaign says, and that are told beside them."""
+_UNKNOWN: Final = object()
+"""Stands for the value of an option that is not known."""
 
 
 def describe(part: object) -> dict[str, JSONValue]:
@@ -139,24 +147,63 @@ def _plain(value: object, depth: int = 0) -> JSONValue:
     return text[:_LONGEST] + digest
 
 
-def part_text(part: object, recorded: object = None) -> str:
-    """A driver or simulator in words, such as ``planner, delayed (seconds 0.05)``.
+def part_text(part: object, recorded: object = None, *, word: object = None) -> str:
+    """Return a part with its options as the command line writes it: ``planner,aggression=1.2``.
+
+    Layers over a driver follow in words, as in ``planner, delayed (seconds 0.05)``. Options that a
+    built-in part has unasked are left out, and those of a strategy that its campaign says.
 
     Args:
         part: as `describe` gives it; the name is that of the driver under its layers.
         recorded: another one of the same class, whose differing options are added.
+        word: how the command line wrote it, if it is known.
     """
     *layers, inner = over_each_other(part)
-    texts = [part_name(inner)]
-    own = innermost(recorded)
-    if part_name(own) == part_name(inner):
-        theirs = dict(_options_of(own))
-        texts += _in_words({k: v for k, v in _options_of(inner) if theirs.get(k) != v})
+    texts = [word if isinstance(word, str) else _part_word(inner, innermost(recorded))]
     for layer in layers:
-        told = ", ".join(_in_words(dict(_options_of(layer))))
+        options = ", ".join(_in_words(dict(_options_of(layer))))
         name = part_name(layer).lower()
-        texts.append(f"{name} ({told})" if told else name)
+        texts.append(f"{name} ({options})" if options else name)
     return ", ".join(texts)
+
+
+def recorded_part(config: Mapping[str, Any], kind: str) -> str:
+    """Return a part of a campaign's configuration as `part_text` gives it.
+
+    Args:
+        config: the configuration.
+        kind: ``strategy``, ``driver`` or ``simulator``.
+    """
+    run = config.get("run")
+    return part_text(config.get(kind), word=run.get(kind) if isinstance(run, Mapping) else None)
+
+
+def _part_word(part: Mapping[str, Any], recorded: Mapping[str, Any]) -> str:
+    """Name and options of a part without layers, as on a command line."""
+    name, options = part_name(part), dict(_options_of(part))
+    unasked = _unasked_options(str(part.get("class", "")))
+    theirs = dict(_options_of(recorded)) if part_name(recorded) == name else unasked
+    asked = {
+        option: value
+        for option, value in options.items()
+        if option not in _OF_THE_CAMPAIGN
+        and (unasked.get(option, _UNKNOWN) != value or theirs.get(option, _UNKNOWN) != value)
+        and not (isinstance(value, str) and re.split(r"[/\\]", value)[-1] == name)
+    }
+    first = dict(list(asked.items())[:_SHOWN_OPTIONS])
+    return part_word(name, first) + (",…" if len(asked) > len(first) else "")
+
+
+@cache
+def _unasked_options(class_name: str) -> Mapping[str, object]:
+    """Options with which a built-in part is made unasked; empty for others."""
+    module, _, name = class_name.partition(":")
+    if module.partition(".")[0] != "frenetic":
+        return {}
+    for needed in ({}, {"seed": 0}):  # the second for strategies
+        with suppress(Exception):  # an extra that is not installed, or other needed arguments
+            return dict(_options_of(describe(getattr(import_module(module), name)(**needed))))
+    return {}
 
 
 def _options_of(part: Mapping[str, Any], name: str = "options") -> Iterator[tuple[str, object]]:

@@ -2,7 +2,7 @@
 
 Roads and conditions are drawn as the domain distributes them; a search's failures, which are not,
 take no part. Where failures are common, plain drives are counted: with n failures in L km the
-interval is the exact one of a Poisson rate (Garwood 1936), also for n = 0.
+interval is the exact one of a Poisson rate (Garwood 1936), two-sided also for n = 0.
 
 Where they are rare, conditions are drawn from elsewhere and each drive weighs as much as its
 conditions are more probable in the domain (importance sampling): first from a wider distribution,
@@ -11,13 +11,15 @@ heuristic (Veach and Guibas 1995). The interval is that of a weighted sum of Poi
 and Feuer 1997); Garwood's is the case of equal weights.
 
 Where the road decides and not the conditions, that gains nothing: then the rest are plain drives.
+Every drive counts in the figure. As long as few failures carry it, the upper end allows for one
+where drives say least: it falls with the number of drives, wherever they were drawn.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -28,6 +30,7 @@ from msgspec.json import decode as json_decode
 from frenetic._support.arrays import FloatArray
 from frenetic._support.files import read_bounded
 from frenetic._support.words import counted
+from frenetic.analysis.statistics import weighted_interval
 from frenetic.campaign.tester import RoadTester
 from frenetic.domain import Domain
 from frenetic.errors import CampaignError, FreneticError
@@ -50,7 +53,7 @@ _WIDELY: Final = (0.1, 0.1, 0.1)
 """Shares of the other drives in a wider distribution; the first, others until one has failed."""
 _WIDE: Final = 3.0
 """Standard deviation of the first draws from elsewhere, in those of the domain."""
-_SCALES: Final = ((1.0, 0.25), (0.75, 0.3), (0.5, 0.3), (0.25, 0.15))
+_SCALES: Final = ((1.0, 0.2), (0.75, 0.3), (0.5, 0.3), (0.25, 0.1), (0.0, 0.1))
 """Where draws are made around: so far on the way from the usual to a failure, and how often."""
 _CENTRES: Final = 200
 _REGION: Final = 2.0
@@ -82,7 +85,7 @@ class Estimate:
     drives: int
     """All drives."""
     failures: int
-    """Failures among the plain ones."""
+    """Failures among the plain drives."""
     plain: int
     """Plain drives."""
     kilometres: float
@@ -92,6 +95,8 @@ class Estimate:
     seed: int
     note: str = ""
     """What it cannot know."""
+    other_failures: int = 0
+    """Failures among the other drives, in conditions that are drawn more often than they occur."""
 
     @classmethod
     def read(cls, folder: Path) -> Estimate | None:
@@ -114,9 +119,10 @@ class Estimate:
         """The estimate for people."""
         if self.rate is None:
             text = f"fewer than {_two(self.high)} failures per 1,000 km"
+            text += " (upper end of the two-sided 95 % interval)"
         else:
             text = f"about {_two(self.rate)} failures per 1,000 km"
-            text += f" ({_two(self.low)} to {_two(self.high)})"
+            text += f" (two-sided 95 % interval {_two(self.low)} to {_two(self.high)})"
         text += f" in {self.domain}, {self.method if self.rate else 'plain drives'},"
         text += f" {counted(self.drives, 'drive')}"
         return f"{text}; {self.note}" if self.note else text
@@ -124,17 +130,6 @@ class Estimate:
     def as_json(self) -> dict[str, Any]:
         """As JSON."""
         return {**asdict(self), "confidence": CONFIDENCE}
-
-
-def rate_interval(failures: int, exposure: float) -> tuple[float, float]:
-    """The exact 95 % interval of a rate with so many events in an exposure (Garwood 1936)."""
-    from scipy.stats import chi2  # takes its time
-
-    tail = 0.5 * (1.0 - CONFIDENCE)
-    low = float(chi2.ppf(tail, 2 * failures)) / 2.0 if failures else 0.0
-    # Without any event there is no lower end: the whole 5 % lie above.
-    top = 1.0 - (tail if failures else 2.0 * tail)
-    return low / exposure, float(chi2.ppf(top, 2 * failures + 2)) / 2.0 / exposure
 
 
 @dataclass(frozen=True)
@@ -157,7 +152,7 @@ class Draws:
 
     def __init__(self, domain: Domain, tester: RoadTester, rng: np.random.Generator) -> None:
         self.domain, self.rng = domain, rng
-        self.drives = 0
+        self.drives = self.failures = 0
         self._tester = tester
         self._roads = RandomRoads(map_size=tester.map_size, road_class=tester.road_class)
         self._roads.keep_margin(tester.margin)
@@ -183,6 +178,7 @@ class Draws:
                     f"a drive broke, which says nothing of the driver: {result.reason}"
                 )
             failed = result.outcome is Outcome.FAIL
+            self.failures += failed
             way = candidate.length
             if failed and result.finding is not None and result.finding.distance is not None:
                 way = result.finding.distance
@@ -214,11 +210,19 @@ class _Weighted:
     more probable in the domain than among all draws, by the balance heuristic.
     """
 
-    def __init__(self, draws: Draws, plain: list[Point], on_drive: Callable[[], object]) -> None:
+    def __init__(self, draws: Draws, on_drive: Callable[[], object]) -> None:
         self._draws, self._on_drive = draws, on_drive
         self._points: list[Point] = []
         self._sources: list[tuple[int, Callable[[FloatArray], FloatArray]]] = []
-        self._add(plain, lambda points: np.ones(len(points)))
+        self._surely = 0.0  # least number of draws per chance 1 of conditions, wherever they lie
+        self.plain: list[Point] = []
+        """The plain drives."""
+
+    def plainly(self, count: int) -> None:
+        """Draws conditions as the domain distributes them."""
+        start = len(self._points)
+        self._drive([None] * count, lambda points: np.ones(len(points)), least=1.0)
+        self.plain += self._points[start:]
 
     def widely(self, count: int) -> None:
         """Draws each condition from the domain's distribution or from a wider one."""
@@ -232,7 +236,9 @@ class _Weighted:
             ratios: FloatArray = np.prod(0.5 + 0.5 * wider, axis=1)
             return ratios
 
-        self._drive(wide * rng.standard_normal(shape), often)
+        # Each condition is least often drawn where it is the usual one: half of the time as usual.
+        least = (0.5 + 0.5 / _WIDE) ** shape[1]
+        self._drive(wide * rng.standard_normal(shape), often, least=least)
 
     def around_failures(self, count: int) -> None:
         """Draws around the conditions of the failures so far, from the usual ones to them."""
@@ -256,7 +262,8 @@ class _Weighted:
                 total += share * np.exp(0.5 * (squares - far))
             return total
 
-        self._drive(around[which] + rng.standard_normal((count, around.shape[1])), ratios)
+        least = float(often[scales == 0.0].sum())  # those around the usual ones
+        self._drive(around[which] + rng.standard_normal((count, len(around[0]))), ratios, least)
 
     @property
     def carried(self) -> float:
@@ -264,23 +271,32 @@ class _Weighted:
         squares = float(np.sum(self._shares**2))
         return float(np.sum(self._shares)) ** 2 / squares if squares else 0.0
 
+    @property
+    def failures(self) -> int:
+        """Number of failures in all drives."""
+        return len(self._shares)
+
     def interval(self) -> tuple[float, float, float]:
-        """The chance of a failure, and the ends of its interval (Fay and Feuer 1997)."""
-        from scipy.stats import chi2  # takes its time
+        """Return the chance of a failure, and the ends of its two-sided interval.
 
-        tail = 0.5 * (1.0 - CONFIDENCE)
-        chance, variance = float(np.sum(self._shares)), float(np.sum(self._shares**2))
-        most = float(np.max(self._shares))
-        above, wide = chance + most, variance + most**2
-        low = 0.5 * variance / chance * float(chi2.ppf(tail, 2.0 * chance**2 / variance))
-        high = 0.5 * wide / above * float(chi2.ppf(1.0 - tail, 2.0 * above**2 / wide))
-        return chance, low, high
+        Where few failures carry it, the upper end allows for a failure where drives say least.
+        """
+        surely = 1.0 / self._surely
+        largest = float(np.max(self._shares)) if self.carried >= _CARRIED else surely
+        low, high = weighted_interval(self._shares, min(largest, surely), CONFIDENCE)
+        return float(np.sum(self._shares)), low, high
 
-    def _drive(self, conditions: FloatArray, often: Callable[[FloatArray], FloatArray]) -> None:
+    def _drive(
+        self,
+        conditions: Iterable[FloatArray | None],
+        often: Callable[[FloatArray], FloatArray],
+        least: float,
+    ) -> None:
         points = []
         for numbers in conditions:
             points.append(self._draws.drive(numbers))
             self._on_drive()
+        self._surely += least * len(points)
         self._add(points, often)
 
     def _add(self, points: list[Point], often: Callable[[FloatArray], FloatArray]) -> None:
@@ -321,9 +337,9 @@ def estimate(
     Args:
         domain: the domain, whose roads the tester drives.
         tester: drives on its terms.
-        drives: most drives, about.
+        drives: number of drives; refused roads cost none.
         seed: of the draws.
-        on_drive: called after each plain drive and each level, with the drives and failures so far.
+        on_drive: called after each drive, with the drives and failures so far.
 
     Raises:
         FreneticError: its roads do not fit, a drive broke, or simulator or driver cannot have its
@@ -333,71 +349,68 @@ def estimate(
     drives = require_count("drives", drives, least=100)
     check_pair_in(domain.all_at_once(), tester.simulator, tester.driver)
     draws = Draws(domain, tester, np.random.default_rng(seed))
-    found: list[Point] = []
-
-    failures = 0
-
-    def plain(count: int) -> None:
-        nonlocal failures
-        for _ in range(count):
-            found.append(draws.drive())
-            failures += found[-1].failed
-            on_drive(draws.drives, failures)
-
-    plain(round(_PILOT * drives))
-    weighted = _Weighted(draws, found, lambda: on_drive(draws.drives, failures))
-    is_common = failures / len(found) * drives >= _ENOUGH
-    left, gains = drives - len(found), not is_common and domain.dimension > 0
-    for share in _WIDELY:
-        if gains and weighted.carried <= failures:  # none but plain ones
-            weighted.widely(round(share * left))
-    left = drives - draws.drives
-    for stage, share in enumerate(_AROUND):
-        # Else as many plain drives would carry the estimate better, or nothing has failed.
-        plainly = failures / len(found) * draws.drives if stage > 1 else 0.0
-        gains = gains and weighted.carried > plainly
-        if gains:
-            weighted.around_failures(round(share * left))
-    is_weighted = gains and weighted.carried >= _CARRIED
-    if not is_weighted:
-        plain(max(drives - draws.drives, 0))
-    way = math.fsum(point.length for point in found)
+    weighted = _Weighted(draws, lambda: on_drive(draws.drives, draws.failures))
+    _draw_all(weighted, draws, drives)
+    plain = weighted.plain
+    way = math.fsum(point.length for point in plain)
     if not way:
         raise FreneticError(
-            f"the driver broke in each of {len(found)} drives before the car moved, so there is no"
+            f"the driver broke in each of {len(plain)} drives before the car moved, so there is no"
             " distance to count failures over: 'frenetic run' says how it breaks"
         )
-    low, high = rate_interval(failures, way / 1000.0)
-    counted_plainly = Estimate(
+    length = way / len(plain)
+    rate, low, high = (chance * 1000.0 / length for chance in weighted.interval())
+    failures = sum(point.failed for point in plain)
+    method: Method = "plain" if len(plain) == drives else "importance sampling"
+    return Estimate(
         domain=domain.name,
-        method="plain" if failures else "none",
-        rate=failures / way * 1000.0 if failures else None,
+        method=method if weighted.failures else "none",
+        rate=rate if weighted.failures else None,
         low=low,
         high=high,
         drives=draws.drives,
         failures=failures,
-        plain=len(found),
+        plain=len(plain),
         kilometres=way,
-        length=way / len(found),
+        length=length,
         seed=seed,
+        note=_note(method, weighted.carried),
+        other_failures=weighted.failures - failures,
     )
-    if is_weighted:
-        rate, low, high = (
-            chance * 1000.0 / counted_plainly.length for chance in weighted.interval()
+
+
+def _draw_all(weighted: _Weighted, draws: Draws, drives: int) -> None:
+    """Draws plain drives, and others as long as these carry the estimate better."""
+    weighted.plainly(round(_PILOT * drives))
+    failures = weighted.failures
+    pilot = draws.drives
+    is_common = failures / pilot * drives >= _ENOUGH
+    left, gains = drives - pilot, not is_common and draws.domain.dimension > 0
+    for share in _WIDELY:
+        if gains and weighted.carried <= failures:  # none but plain ones
+            weighted.widely(round(share * left))
+    first, left, spent = draws.drives, drives - draws.drives, 0.0
+    for stage, share in enumerate(_AROUND):
+        spent += share
+        # Else as many plain drives would carry the estimate better, or nothing has failed.
+        plainly = failures / pilot * draws.drives if stage > 1 else 0.0
+        gains = gains and weighted.carried > plainly
+        if gains:
+            weighted.around_failures(first + round(spent * left) - draws.drives)
+    if draws.drives < drives:
+        weighted.plainly(drives - draws.drives)
+
+
+def _note(method: Method, carried: float) -> str:
+    """What an estimate cannot know; empty if enough failures carry it."""
+    if carried < _FEW:
+        return "too few failed to say more: give it more --drives"
+    if method == "importance sampling" and carried < _SURE:
+        return (
+            f"few failures carry it, as {carried:.0f} plain ones would, so it may be more: give it"
+            " more --drives"
         )
-        note = ""
-        if weighted.carried < _SURE:
-            note = (
-                f"few failures carry it, as {weighted.carried:.0f} plain ones would, so it may be"
-                " more: give it more --drives"
-            )
-        return replace(
-            counted_plainly, method="importance sampling", rate=rate, low=low, high=high, note=note
-        )
-    if failures < _FEW:
-        note = "too few failed to say more: give it more --drives"
-        return replace(counted_plainly, note=note)
-    return counted_plainly
+    return ""
 
 
 def _two(value: float) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from enum import StrEnum
 from typing import NoReturn
 
@@ -39,3 +40,14 @@ class Outcome(StrEnum):
     def is_test(self) -> bool:
         """Whether the road counts as tested: every outcome but DROPPED."""
         return self is not Outcome.DROPPED
+
+
+def chosen_outcomes(outcomes: Outcome | str | Iterable[Outcome | str]) -> tuple[Outcome, ...]:
+    """Return the outcomes that a caller names: one of them or several; all if it names none.
+
+    Raises:
+        ValueError: there is no such outcome.
+    """
+    if isinstance(outcomes, str) or not isinstance(outcomes, Iterable):
+        return (Outcome(outcomes),)
+    return tuple(Outcome(outcome) for outcome in outcomes) or tuple(Outcome)

@@ -224,16 +224,16 @@ def write_entries(entries: Mapping[str, Any], path: Path, what: str) -> None:
     write_file(path, text, remedy="make room, or let it be written")
 
 
-def next_command(spec: Spec, folder: Path, *, has_drives: bool = True) -> str:
-    """The command for a new campaign that starts from another one, with its parts as they are now.
+def next_campaign(spec: Spec, folder: Path, *, has_drives: bool) -> str:
+    """Return the advice to start another campaign with the parts of one as they are now.
 
-    It names code of the user's own, which no file may. Its seed is another, so that its random
-    roads are, too.
+    The command names code of the user's own, which no file may.
 
     Args:
-        spec: of the other one.
-        folder: of the other one.
-        has_drives: whether it holds any that says something.
+        spec: of the campaign.
+        folder: of the campaign.
+        has_drives: whether it holds a drive that says something of the driver. Then the other one
+            starts from it, with another seed; without, it is the same search with the same seed.
     """
     words = ["frenetic", "run", str(folder / NAME)]
     words += ["--from", str(folder)] if has_drives else []
@@ -243,6 +243,10 @@ def next_command(spec: Spec, folder: Path, *, has_drives: bool = True) -> str:
             words += part.words(kind)
     if REGISTRIES["objective"].is_own(spec.objective):
         words += ["--objective", spec.objective]
+    if not has_drives:
+        return f"start it anew, with the same seed: {shlex.join(words)}"
+    advice = "start a new campaign from this one"
     if isinstance(spec.seed, int):
+        advice += ", with another seed so that its random roads are new"
         words += ["--seed", str(spec.seed + 1)]
-    return shlex.join(words)
+    return f"{advice}: {shlex.join(words)}"

@@ -29,7 +29,7 @@ from frenetic._support.bounds import Count, NotNegative, Positive
 from frenetic._support.files import read_bounded
 from frenetic._support.json_value import JSONValue, plain
 from frenetic._support.scalars import take_numpy_scalars
-from frenetic._support.words import counted, part_word
+from frenetic._support.words import counted, format_duration, part_word
 from frenetic.description import PARTS, describe, sources_of
 from frenetic.drive_entries import COMPETITION, DriveEntries
 from frenetic.errors import CampaignError, FreneticError
@@ -94,6 +94,19 @@ class Budget:
         if self.time is not None and not (is_number(self.time) and self.time > 0.0):
             raise ValueError(f"time is {self.time}: a positive number of seconds is needed")
         take_numpy_scalars(self)
+
+    def __str__(self) -> str:
+        """Return the limits with their units, such as "60 simulations, 17.2 s of time"."""
+        texts = []
+        if self.simulations is not None:
+            texts.append(counted(self.simulations, "simulation"))
+        if self.time is not None:
+            is_short = self.time < 60.0
+            text = f"{self.time:.3g} s" if is_short else format_duration(self.time)
+            texts.append(f"{text} of time")
+        if self.failures is not None:
+            texts.append(counted(self.failures, "failure"))
+        return ", ".join(texts)
 
     def spent(self, simulations: int, seconds: float, failures: int) -> float:
         """Spent share of the budget, 0..1: that of the nearest limit."""

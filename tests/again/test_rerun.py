@@ -30,11 +30,11 @@ from frenetic.again.rerun import (
 from frenetic.again.verdicts import Change
 from frenetic.analysis.failures import Failure
 from frenetic.analysis.segments import segment_of
-from frenetic.campaign import Budget, Campaign, CampaignStore, Summary, Test
+from frenetic.campaign import Budget, Campaign, CampaignStore, Event, Summary, Test
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.store import DATABASE
 from frenetic.drivers import Driver, Planner
-from frenetic.errors import CampaignError
+from frenetic.errors import CampaignError, FreneticError
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.road import Road
@@ -285,13 +285,14 @@ def test_each_thing_to_drive_has_a_folder_and_is_driven_once(campaign: Path) -> 
         assert len(runs[-1].drives) == runs[-1].planned
     driven = [one.driven for one in (usual, icy, slow)]
     assert driven == [24, 6, 6]
-    calls: list[object] = []
+    calls: list[Event] = []
     for ask, run in zip(asked, runs, strict=True):
         found = ask()
         assert results_of(found) == results_of(run)
         assert found.folder == run.folder
     again(campaign, simulator=usual, workers=2, on_event=calls.append)
-    assert calls == [], "a complete one is shown, no simulator starts"
+    kinds = [event.kind for event in calls]
+    assert kinds == ["complete"], "a complete one is shown, no simulator starts"
     assert [one.driven for one in (usual, icy, slow)] == driven
     assert len(folders(campaign)) == len(asked)
     assert len(read_reruns(campaign)) == len(asked)
@@ -409,3 +410,12 @@ def test_a_damaged_run_is_one_line(campaign: Path, change: str, is_own: bool, wo
             read()
         assert str(place) in str(caught.value)
         assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "one", [{"instead": "friction"}, {"tests": 5}, {"vary": Variation("friction", 0.8, 1.0)}]
+)
+def test_a_single_value_in_place_of_a_list_is_refused(campaign: Path, one: dict[str, Any]) -> None:
+    (name,) = one
+    with pytest.raises(FreneticError, match=f"{name} is .*: a list of .* is needed"):
+        rerun(campaign, EmbeddedSimulator(), Planner(), **one)

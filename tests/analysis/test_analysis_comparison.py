@@ -193,10 +193,10 @@ def test_names_say_what_differs_and_no_more(tmp_path: Path) -> None:
         made(tmp_path, "e", driver=DummyDriver()),
     ]
     assert list(group_campaigns(folders)) == [
-        "planner(aggression=1.0, braking=2.2)",
-        "planner(aggression=0.5, braking=3.0)",
-        "Delayed(seconds=0.1) over planner",
-        "Delayed(seconds=0.2) over planner",
+        "planner,aggression=1,braking=2.2",
+        "planner,aggression=0.5,braking=3",
+        "Delayed,seconds=0.1 over planner",
+        "Delayed,seconds=0.2 over planner",
         "DummyDriver",
     ]
     budgets = [folders[0], made(tmp_path, "f", budget=Budget(simulations=3))]

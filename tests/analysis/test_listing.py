@@ -71,3 +71,9 @@ def test_unknown_names_and_ranges_that_hold_nothing_are_refused(drifting: Path) 
             list_tests(store, within={"bends": (3.0, 1.0)})
         with pytest.raises(ValueError, match="'GONE'"):
             list_tests(store, outcomes=["GONE"])
+
+
+def test_a_single_outcome_stands_for_a_list_of_it(drifting: Path) -> None:
+    with CampaignStore.open(drifting) as store:
+        ids = [[test.id for test, _ in list_tests(store, outcomes=o)] for o in ("FAIL", ["FAIL"])]
+    assert ids[0] == ids[1] != []

@@ -22,7 +22,9 @@ from frenetic.analysis.statistics import (
     paired_share_difference,
     proportion_interval,
     quartiles,
+    rate_interval,
     spearman,
+    weighted_interval,
 )
 
 few = st.lists(st.integers(0, 6).map(float), min_size=1, max_size=6)
@@ -194,3 +196,41 @@ def test_holm_by_hand() -> None:
     # 3 * 0.01; then 2 * 0.03; 0.04 itself is less than that, so it is raised to it.
     assert holm([0.04, 0.01, 0.03]) == pytest.approx([0.06, 0.03, 0.06])
     assert holm([0.9, 0.8]) == [1.0, 1.0]
+
+
+@pytest.mark.parametrize("events", [0, 1, 7, 40, 1000])
+@pytest.mark.parametrize("confidence", [0.9, 0.95])
+def test_interval_of_a_rate_is_garwoods_and_two_sided_also_without_events(
+    events: int, confidence: float
+) -> None:
+    low, high = rate_interval(events, 2.0, confidence)
+    tail = 0.5 * (1.0 - confidence)
+    expected = stats.chi2.ppf(tail, 2 * events) / 4.0 if events else 0.0
+    assert low == pytest.approx(expected)
+    assert high == pytest.approx(stats.chi2.ppf(1.0 - tail, 2 * events + 2) / 4.0)
+    assert stats.poisson.cdf(events, 2.0 * high) == pytest.approx(tail)
+
+
+def test_interval_of_no_event_in_1000_drives_is_a_published_one() -> None:
+    low, high = rate_interval(0, 1000.0)
+    assert low == 0.0
+    assert high == pytest.approx(3.689e-3, rel=1e-4)
+
+
+def test_weighted_interval_is_fay_and_feuers() -> None:
+    weights, largest = np.array([0.5, 0.5, 2.0]), 3.0
+    low, high = weighted_interval(weights, largest)
+    total, variance = 3.0, 4.5
+    assert low == pytest.approx(
+        variance / total / 2 * stats.chi2.ppf(0.025, 2 * total**2 / variance)
+    )
+    total, variance = total + largest, variance + largest**2
+    assert high == pytest.approx(
+        variance / total / 2 * stats.chi2.ppf(0.975, 2 * total**2 / variance)
+    )
+
+
+@pytest.mark.parametrize(("events", "exposure"), [(-1, 1.0), (1, 0.0), (0, -2.0), (0, math.nan)])
+def test_interval_of_a_rate_needs_an_exposure(events: int, exposure: float) -> None:
+    with pytest.raises(ValueError, match="a positive exposure"):
+        rate_interval(events, exposure)

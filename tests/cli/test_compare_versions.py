@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import shutil
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -87,8 +88,39 @@ def test_the_same_command_goes_on_after_ctrl_c(
         answer = frenetic("compare", "night", "--driver", stopping_driver(stop), *FEW)
         assert (answer.code, answer.out) == (130, "")
         left.append(int(answer.err.partition("Interrupted: ")[2].split()[0]))
-        assert "drives to go; the same command goes on" in answer.err
+        same = "drives to go; the same command goes on: frenetic compare night --driver"
+        assert f"{same} stopping.py:Stopping --fresh 20\n" in answer.err
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     assert left[1] == left[0] - 2
     whole = frenetic("compare", "night", "--driver", stopping_driver(0), *FEW)
     assert "of 20 fresh roads" in whole.out
+
+
+def shown_progress(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int]]:
+    """The pairs of drives done and drives in all that a command shows."""
+    shown: list[tuple[int, int]] = []
+
+    @contextmanager
+    def record(*_: object) -> Iterator[Callable[[int, int], None]]:
+        yield lambda done, total: shown.append((done, total))
+
+    monkeypatch.setattr("frenetic.cli.again.counted_progress", record)
+    return shown
+
+
+def test_progress_never_exceeds_its_total(
+    frenetic: Frenetic,
+    stopping_driver: Callable[[int], str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Fresh, after Ctrl-C, with fewer fresh roads than are stored, and where all are stored."""
+    failing = frenetic("show", "night", "--json").json["failed"]
+    shown = shown_progress(monkeypatch)
+    for fresh, stop in ((20, 3), (20, 2), (20, 0), (8, 0), (8, 0)):
+        shown.clear()
+        frenetic("compare", "night", "--driver", stopping_driver(stop), "--fresh", str(fresh))
+        total = 2 * fresh + failing
+        assert {whole for _, whole in shown} == {total}
+        done = [drives for drives, _ in shown]
+        assert done == sorted(done)
+        assert (done[-1] == total) == (not stop)

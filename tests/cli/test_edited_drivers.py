@@ -79,7 +79,7 @@ def version(folder: str) -> str:
 def test_show_report_and_export_say_which(frenetic: Frenetic) -> None:
     assert version("old") != version("new")
     for folder in ("old", "new"):
-        assert f"Mpc(comfort=2.0) [{version(folder)}]" in frenetic("show", folder).out
+        assert f"mpc.py:Mpc [{version(folder)}]" in frenetic("show", folder).out
         shown = frenetic("show", folder, "--json").json["config"]["driver"]
         assert (shown["version"], shown["options"]) == (version(folder), {"comfort": 2.0})
         page = Path(folder, "report.html").read_text(encoding="utf-8")
@@ -113,7 +113,11 @@ def test_resume_refuses_an_edited_driver_and_names_what_to_do(
     gains = "gains.py" if folder == "old" else "laws/gains.py"
     refused = frenetic(*more)
     assert refused.refuses(f"{gains} was edited")
-    (command,) = re.findall("start a new campaign from this one: (frenetic .*)", refused.err)
+    (command,) = re.findall(
+        "a new campaign from this one, with another seed so that its random roads are new:"
+        " (frenetic .*)",
+        refused.err,
+    )
     words = shlex.split(command)
     start = ["frenetic", "run", f"{folder}/campaign.toml", "--from", folder]
     assert words == [*start, "--driver", CAMPAIGNS[folder], "--seed", "4"]

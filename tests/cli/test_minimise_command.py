@@ -69,7 +69,10 @@ def test_a_failure_of_a_campaign(frenetic: Frenetic) -> None:
     assert (again["outcome"], again["reason"]) == ("FAIL", stored["description"])
     assert (again["moobd"], again["findings"]) == (stored["moobd"], [stored["departure"]])
     one = ("minimise", "c", str(item["test"]))
-    assert frenetic(*one, "--max-drives", "1", "--json").json == [item], "it is there already"
+    assert frenetic(*one, "--max-drives", "1", "--json").json == [item | {"new_drives": 0}], (
+        "it is there"
+    )
+    assert f", 0 drives now, {item['drives']} before, " in frenetic(*one).out
     assert len(list(Path("c/again").iterdir())) == 1
 
 
@@ -114,7 +117,9 @@ def test_ctrl_c_keeps_the_smallest_road(
     answer = frenetic("minimise", road_file("bend.json"), *driver)
     assert answer.code == 130
     (item,) = answer.json
-    assert (item["ending"], item["drives"]) == ("stopped", 12)
+    begin = "the drives on a ROAD file are not kept; begin again: frenetic minimise bend.json"
+    assert f"Interrupted: {begin} --driver stopping.py:Stopping --json\n" in answer.err
+    assert (item["ending"], item["drives"], item["new_drives"]) == ("stopped", 12, 12)
     assert item["length"] < 130.0
     assert frenetic("drive", item["road"], "--json").json["outcome"] == "FAIL"
 

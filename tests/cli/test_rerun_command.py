@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -72,6 +73,7 @@ def test_ctrl_c_exits_130_and_the_same_command_goes_on(
     assert "Finishing what runs" in answer.err
     left = f"Interrupted: {counted(6 - stop, 'drive')} to go; the same command goes on"
     assert (left in answer.err) is (stop < 6)
+    assert (f"{left}: frenetic {shlex.join(again)}\n" in answer.err) is (stop < 6)
     assert ("up to 2 drives of each" in answer.out) is (stop < 6)
     assert Path("rerun.xml").exists() is (stop == 6), "it would look complete"
     stopping_driver(0)

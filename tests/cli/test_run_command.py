@@ -10,7 +10,9 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +21,7 @@ from pids import LIMIT, until
 
 from frenetic.campaign import CampaignStore
 from frenetic.errors import CampaignError
+from frenetic.spec import Budget
 
 if TYPE_CHECKING:
     from command_line import Answer, Frenetic
@@ -187,7 +190,9 @@ def test_what_it_advises_after_a_crash_works_once_the_driver_is_mended(frenetic:
     search = ("--simulations", "12", "--seed", "1", "--workers", "1", "--out", "c")
     how = ("--driver", "mydriver.py:Raises", "--with", "delay=0.05", "--criteria", "speed_limit=60")
     crashed = frenetic("run", *how, *search)
-    (advice,) = re.findall("mend it, then go on: frenetic (.*)", crashed.err)
+    (advice,) = re.findall(
+        "mend it, then start it anew, with the same seed: frenetic (.*)", crashed.err
+    )
     mended = MY_DRIVER.replace('raise ValueError("lost")', "return frenetic.Controls(0.0, 0.3)")
     write("mydriver.py", mended)
     edited = frenetic("resume", "c")
@@ -195,8 +200,8 @@ def test_what_it_advises_after_a_crash_works_once_the_driver_is_mended(frenetic:
     assert edited.err.rstrip().endswith(f"frenetic {advice}")
     answer = frenetic(*shlex.split(advice), "--out", "d")
     assert answer.code == 0
-    assert "earlier failures driven again still failed" in answer.out
     config = frenetic("show", "d", "--json").json["config"]
+    assert config["seed"] == 1
     assert config["driver"]["options"] == {"seconds": 0.05}
     assert config["rules"]["speed_limit"] == 60.0
     here = Path.cwd()
@@ -290,3 +295,114 @@ def stored_tests(folder: Path) -> int:
             return store.counts().told
     except CampaignError:
         return 0
+
+
+def next_commands(answer: Answer) -> list[str]:
+    """The commands that an answer advises to go on with."""
+    return re.findall(r"[Gg]o on:? +frenetic (.*)", answer.out + answer.err)
+
+
+@pytest.mark.parametrize(
+    "budget", [("--simulations", "12"), ("--time", "10m"), ("--failures", "9")]
+)
+@pytest.mark.parametrize("aggression", ["0.2", "3"])
+@pytest.mark.parametrize("more", [(), ("--json",)])
+def test_ctrl_c_advises_to_resume_to_the_stored_budget(
+    frenetic: Frenetic,
+    stopping_driver: Callable[[int], str],
+    budget: tuple[str, str],
+    aggression: str,
+    more: tuple[str, ...],
+) -> None:
+    """Whether something has failed or not; `show` says the same, and running it says no more."""
+    driver = ("--driver", f"{stopping_driver(4)},aggression={aggression}")
+    out = "my campaign"
+    answer = frenetic("run", *driver, *budget, "--seed", "1", "--workers", "1", "--out", out, *more)
+    assert answer.code == 130
+    advice = "resume 'my campaign'"
+    assert next_commands(answer) == [f"{advice} --workers 1"]
+    assert next_commands(frenetic("show", out)) == [advice]
+    assert next_commands(frenetic("show", out, "--follow")) == [advice]
+    if budget[0] == "--simulations":
+        stopping_driver(0)
+        assert frenetic(*shlex.split(advice)).code == 0
+        assert f"{budget[1]} simulations" in frenetic("show", out).out
+        assert next_commands(frenetic("show", out)) == []
+
+
+def test_ctrl_c_while_the_report_is_written_advises_to_resume(
+    frenetic: Frenetic, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("frenetic.report.html.write_report", interrupt)
+        answer = frenetic("run", "--simulations", "3", "--seed", "1", "--out", "c")
+    assert answer.code == 130
+    assert "frenetic: interrupted; go on: frenetic resume c\n" in answer.err
+    assert "Finishing after 3 tests" in frenetic("resume", "c").err
+
+
+def test_ctrl_c_that_leaves_nothing_gives_the_same_command(
+    frenetic: Frenetic, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    write(
+        "town one.toml", 'roads = "urban-50"\n[conditions]\nfriction = { low = 0.3, high = 1.0 }\n'
+    )
+    monkeypatch.setattr("frenetic.estimate.estimate", interrupt)
+    answer = frenetic("estimate", "--odd", "town one.toml")
+    assert answer.code == 130
+    again = "to run it again: frenetic estimate --odd 'town one.toml'"
+    assert answer.err.strip() == f"frenetic: interrupted; {again}"
+
+
+def test_each_step_has_its_time_and_the_last_line_the_whole(
+    frenetic: Frenetic, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The clock is ten seconds later at each look; a resumed search adds what was waited before."""
+    clock = map(float, count(0, 10))
+    monkeypatch.setattr("frenetic.cli.Invocation.clock", lambda: next(clock))
+    search = ("--simulations", "30", "--seed", "3", "--driver", "aggression=1.3", "--workers", "1")
+    answer = frenetic("run", *search, "--out", "c")
+    lines = answer.out.splitlines()
+    assert lines[0].startswith("30 simulations in 0:20, 0:10 of it to start, ")
+    named = {line.partition(":")[0]: line for line in lines[1:]}
+    assert re.fullmatch(r"Shortened: +\d+ failing roads? \(in 0:10\)", named["Shortened"])
+    assert named["At a glance"].endswith("c/failures/gallery.png (in 0:10)")
+    assert named["Report"].endswith("c/report.html (in 0:10)")
+    assert re.fullmatch(r"In all: +1:30", lines[-1])
+
+
+def test_numbers_of_a_campaign_have_units_and_no_endless_digits(frenetic: Frenetic) -> None:
+    rules = ("--criteria", f"speed_limit={200 / 3}")
+    search = ("--simulations", "2", "--time", "17.150228968000647", "--seed", "1", *rules)
+    assert frenetic("run", *search, "--workers", "1", "--out", "c").code == 0
+    shown = frenetic("show", "c").out
+    assert "budget     2 simulations, 17.2 s of time\n" in shown
+    assert not re.search(r"\d\.\d{5}", shown)
+    assert str(Budget(simulations=1, time=5400.0, failures=2)) == (
+        "1 simulation, 1:30:00 of time, 2 failures"
+    )
+
+
+def test_a_search_tells_its_parts_with_their_options(frenetic: Frenetic) -> None:
+    parts = ("frenetic,random_roads=5", "planner,aggression=1.3", "embedded,friction=0.9")
+    strategy, driver, simulator = parts
+    chosen = ("--strategy", strategy, "--driver", driver, "--simulator", simulator)
+    answer = frenetic("run", *chosen, "--simulations", "3", "--seed", "1", "--out", "c")
+    searching = (
+        f"Searching with {strategy} for roads on which {driver} fails in {simulator}, seed 1"
+    )
+    assert searching in answer.err
+    shown = frenetic("show", "c").out
+    assert all(f" {part} [" in shown for part in parts)
+    assert f"search     {', '.join(parts)}, seed 1\n" in frenetic("show", "c", "--follow").out
+    lead = f"{strategy} searched for roads on which {driver} leaves its lane in {simulator}"
+    assert lead in Path("c/report.html").read_text("utf-8")
+    assert f"Going on after 3 tests with {strategy}" in (
+        frenetic("resume", "c", "--simulations", "1").err
+    )

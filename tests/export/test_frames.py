@@ -188,6 +188,18 @@ def test_only_some_outcomes(campaign: Path) -> None:
         assert list(frame["id"]) == list(whole["id"][whole["outcome"].isin(outcomes)])
 
 
+@pytest.mark.parametrize("outcome", ["FAIL", Outcome.FAIL])
+def test_a_single_outcome_stands_for_a_list_of_it(campaign: Path, outcome: str) -> None:
+    assert data_frame(campaign, outcomes=outcome).equals(data_frame(campaign, outcomes=["FAIL"]))
+
+
+@pytest.mark.parametrize("outcomes", ["FAILED", ["FAILED"], 5, None])
+def test_an_unknown_outcome_is_refused_with_the_known_ones(campaign: Path, outcomes: Any) -> None:
+    known = "one of PASS, FAIL, INVALID, ERROR, DROPPED is needed"
+    with pytest.raises(ValueError, match=f"outcome is .*: {known}"):
+        data_frame(campaign, outcomes=outcomes)
+
+
 def test_several_campaigns_are_one_frame_that_names_their_folders(
     campaign: Path, tmp_path: Path
 ) -> None:

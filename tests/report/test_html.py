@@ -420,7 +420,7 @@ def test_failures_in_other_simulators_are_shown(copied: tuple[Path, list[int]]) 
     assert block_of(page.data, "gallery")["elsewhere"] == [
         {
             "test": one.id,
-            "where": "embedded, friction 0.8",
+            "where": "embedded,friction=0.8",
             "text": f"{one.verdict}: {one.drives[0].reason}",
         }
         for one in there.tests
@@ -500,6 +500,6 @@ def test_a_search_ends_with_a_report_or_loses_nothing(tmp_path: Path, is_possibl
         with CampaignStore.open(folder) as store:
             assert store.counts().simulations == 20
         return
-    assert f"Report:      {folder / 'report.html'}\n" in done.output
+    assert f"Report:      {folder / 'report.html'} (in " in done.output
     invoke("resume", str(folder), "--simulations", "10", "--workers", "1")
     assert page_of(folder / "report.html").texts["title"][0].endswith("in 30 simulations")

@@ -6,14 +6,17 @@ from typing import Any
 
 import pytest
 
-from frenetic.description import describe, part_text
+from frenetic.description import describe, part_text, recorded_part
 from frenetic.drivers import Delayed, LimitedView, Planner
 from frenetic.search import RandomSearch
 from frenetic.simulators import EmbeddedSimulator
 
 USUAL, SLIPPERY = (describe(EmbeddedSimulator(friction=value)) for value in (1.0, 0.8))
 NETWORK = {"class": "frenetic.vision.neural:Network"}
-MANY = {"class": "m:Part", "options": {"a": 1, "b": 2, "c": {"d": 3, "e": 4}}}
+MANY = {
+    "class": "m:Part",
+    "options": {"a": 1, "b": 2, "c": {"d": 3, "e": 4, "f": 5, "g": 6, "h": 7}},
+}
 
 
 def network(model: str) -> dict[str, Any]:
@@ -29,20 +32,22 @@ def network(model: str) -> dict[str, Any]:
             "planner, limitedview (distance 20), delayed (seconds 0.05)",
         ),
         (describe(Planner()), None, "planner"),
-        (SLIPPERY, USUAL, "embedded, friction 0.8"),
+        (SLIPPERY, USUAL, "embedded,friction=0.8"),
         (USUAL, USUAL, "embedded"),
-        (SLIPPERY, {"class": "m:Other"}, "embedded"),
+        (SLIPPERY, {"class": "m:Other"}, "embedded,friction=0.8"),
+        (USUAL, SLIPPERY, "embedded,friction=1.0"),
         (
             describe(Delayed(Planner(aggression=0.8), seconds=0.1)),
             describe(Planner()),
-            "planner, aggression 0.8, delayed (seconds 0.1)",
+            "planner,aggression=0.8, delayed (seconds 0.1)",
         ),
         (describe(RandomSearch(seed=1)), None, "random"),
         ({"class": "mine:RandomSearch"}, None, "RandomSearch"),
         (network("calm.onnx"), {**NETWORK, "options": {"model": "bold.onnx"}}, "calm.onnx, noisy"),
         (network("nets/calm.onnx"), NETWORK, "calm.onnx, noisy"),
         (network("C:\\nets\\calm.onnx"), NETWORK, "calm.onnx, noisy"),
-        (MANY, {"class": "m:Part"}, "Part, a 1, b 2, d 3, …"),
+        (MANY, {"class": "m:Part"}, "Part,a=1,b=2,d=3,e=4,f=5,g=6,…"),
+        (describe(Planner(aggression=1.2)), None, "planner,aggression=1.2"),
     ],
 )
 def test_a_part_has_its_name_and_the_options_that_differ(
@@ -55,3 +60,10 @@ def test_a_part_has_its_name_and_the_options_that_differ(
 def test_what_is_no_description_is_unknown(part: object) -> None:
     assert part_text(part).startswith(("unknown", "None"))
     assert part_text(part, part).startswith(("unknown", "None"))
+
+
+def test_a_campaigns_part_is_as_its_command_line_wrote_it() -> None:
+    config = {"driver": describe(Planner(aggression=1.2)), "run": {"driver": "mine.py:Bold,a=1"}}
+    assert recorded_part(config, "driver") == "mine.py:Bold,a=1"
+    assert recorded_part({**config, "run": None}, "driver") == "planner,aggression=1.2"
+    assert recorded_part({}, "driver") == "unknown"

@@ -14,7 +14,8 @@ from typing import Any, Final, TypedDict
 from msgspec import json
 
 from frenetic._support.json_value import JSONValue, plain
-from frenetic.campaign import Budget, Campaign, CampaignStore, Event, RoadTester
+from frenetic.campaign import Budget, Campaign, CampaignStore, Event, RoadTester, Summary
+from frenetic.campaign.counts import Counts
 from frenetic.campaign.objective import MOOBD
 from frenetic.campaign.state import stored_budget
 from frenetic.campaign.store import DATABASE
@@ -102,10 +103,19 @@ def complete(campaign: Campaign, how: How) -> None:
         return
     with CampaignStore.open(campaign.folder) as store:
         facts, before = store.facts, stored_budget(store).simulations
+        counts = store.counts()
     assert campaign.budget is not None
     is_whole = facts.get("ended") or before == campaign.budget.simulations
     if "finished_at" not in facts or facts.get("interrupted") or not is_whole:
         campaign.resume(on_event=how.get("on_event"))
+    else:
+        say_complete(campaign.folder, counts, how)
+
+
+def say_complete(folder: Path, counts: Counts, how: How) -> None:
+    """Tell ``on_event`` that a campaign holds these drives, and that none is left to be driven."""
+    if on_event := how.get("on_event"):
+        on_event(Event("complete", Summary.over(counts, folder=folder, budget_spent=1.0)))
 
 
 def terms_of(store: CampaignStore) -> Mapping[str, Any]:

@@ -27,7 +27,7 @@ from frenetic.campaign.asking import replay
 from frenetic.campaign.objective import Objective
 from frenetic.campaign.record import Test
 from frenetic.campaign.repeat import Match
-from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.campaign.tester import RoadTester
 from frenetic.criteria import LANE
 from frenetic.drive import Rules
@@ -103,7 +103,7 @@ class Ending(StrEnum):
     MINIMAL = "minimal"
     """No pass finds anything smaller."""
     SPENT = "spent"
-    """The allowed drives are spent."""
+    """The allowed drives or time are spent."""
     STOPPED = "stopped"
     """It was interrupted, or gave up: the same call goes on."""
 
@@ -319,7 +319,9 @@ class Minimised:
     reason: FailureReason
     """Why the drives on both roads failed."""
     drives: int
-    """Number of all drives."""
+    """Number of all drives on the road and smaller ones, also of earlier calls."""
+    new_drives: int
+    """Number of those that this call made."""
     folder: str
     """Name of their campaign's folder in ``again`` of the campaign whose road it is."""
     ending: Ending
@@ -447,6 +449,7 @@ def minimise(
             terms={"minimised": True},
             how=how,
         )
+        before = _simulations(campaign.folder)
         try:
             complete(campaign, how)
         except CampaignError as error:
@@ -457,11 +460,19 @@ def minimise(
             if strategy.shrinker is None:  # nothing was left to be driven
                 strategy = Minimising(start, tester.simulator.rules, conditions, usual)
                 replay(store, strategy, budget, Objective.load(CAUSE))
-            return _minimised(store, strategy, max_drives, trouble)
+            return _minimised(store, strategy, max_drives, trouble, before)
+
+
+def _simulations(folder: Path) -> int:
+    """Return the number of drives that a campaign holds; 0 without one."""
+    if not (folder / DATABASE).is_file():
+        return 0
+    with CampaignStore.open(folder) as store:
+        return store.counts().simulations
 
 
 def _minimised(
-    store: CampaignStore, strategy: Minimising, max_drives: int, trouble: str | None
+    store: CampaignStore, strategy: Minimising, max_drives: int, trouble: str | None, before: int
 ) -> Minimised:
     tested = next(store.tests(), None)
     if tested is None:
@@ -472,13 +483,15 @@ def _minimised(
             f" {tested.reason}"
         )
     drives = store.counts().simulations
-    ending = Ending.SPENT if drives >= max_drives else Ending.STOPPED
+    is_stopped = trouble is not None or bool(store.facts.get("interrupted"))
+    ending = Ending.STOPPED if is_stopped and drives < max_drives else Ending.SPENT
     return Minimised(
         original=store.test(1),
         passes=dict(strategy.passes),
         smallest=store.test(strategy.smallest.id),
         reason=strategy.failure.reason,
         drives=drives,
+        new_drives=drives - before,
         folder=store.folder.name,
         ending=Ending.MINIMAL if strategy.is_minimal else ending,
         trouble=trouble,

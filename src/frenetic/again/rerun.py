@@ -22,6 +22,7 @@ from typing import Any, Unpack
 
 from msgspec import ValidationError, convert, to_builtins
 
+from frenetic._support.files import require_list
 from frenetic._support.json_value import JSONValue
 from frenetic.again.campaigns import How, campaign_again, complete, driven_again, terms_of
 from frenetic.again.conditions import Variation, draw_conditions, own_conditions
@@ -178,13 +179,14 @@ def rerun(
         ValueError: an option is out of range.
     """
     seed = int(seed)  # which may be numpy's
-    instead = sorted(instead)
+    instead = sorted(require_list("instead", instead, "quantities"))
+    vary = require_list("vary", vary, "variations")
     vary = [replace(one, is_usual=one.is_usual and one.quantity not in instead) for one in vary]
     drawn = draw_conditions(vary, times, seed)
     with CampaignStore.open(folder) as store:
         if tests is None:
             tests = [test.id for test in store.tests(Outcome.FAIL, order_by="moobd")]
-        tests = list(tests)
+        tests = require_list("tests", tests, "ids of tests")
         candidates = [store.test(number, with_trajectory=False).candidate for number in tests]
         tester = campaign_tester(store, simulator, driver)
     own = {road.id: without(own_conditions(road, simulator.rules), *instead) for road in candidates}

@@ -7,6 +7,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, ClassVar, Final, TypeAlias
 
+from frenetic._support.files import require_list
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
 from frenetic.quantities import without
@@ -59,6 +60,7 @@ class Again(Strategy):
         with CampaignStore.open(campaign) as store:
             roads = [_driven(store, number) for number in tests]
             made_at = store.fact("created_at")
+        instead = require_list("instead", instead, "quantities")
         instead = sorted(name for name in instead if any(name in one.conditions for one in roads))
         self._campaign = str(campaign)
         self.options: Mapping[str, Any] = {

@@ -22,13 +22,14 @@ from typing import Any, Final, NamedTuple, Unpack
 
 from frenetic._support.json_value import JSONValue
 from frenetic._support.words import counted
-from frenetic.again.campaigns import How, campaign_again, complete
+from frenetic.again.campaigns import How, campaign_again, complete, say_complete
 from frenetic.again.rerun import drive_tests
 from frenetic.again.verdicts import Change
 from frenetic.analysis.causes import in_words
 from frenetic.analysis.failures import Failure
 from frenetic.analysis.statistics import Estimate, median_estimate, paired_share_difference
 from frenetic.campaign.campaign import SOURCES
+from frenetic.campaign.counts import Counts
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.campaign.tester import RoadTester
@@ -313,16 +314,20 @@ def fresh_roads(
     if len(tests) < fresh:
         complete(driving, how)
         tests = _driven(driving.folder)
-    described = describe(driver)
-    return FreshRoads(Path(campaign), driving.folder, fresh, seed, described, tests[:fresh])
+    else:
+        outcomes = Counter(test.outcome for test in tests[:fresh])
+        say_complete(driving.folder, Counts.of(outcomes), how)
+    ids = tuple(test.id for test in tests[:fresh])
+    return FreshRoads(Path(campaign), driving.folder, fresh, seed, describe(driver), ids)
 
 
-def _driven(folder: Path) -> tuple[int, ...]:
-    """Ids of the roads that were driven there."""
+def _driven(folder: Path) -> list[Test]:
+    """Return the tests of a campaign that were driven, by their ids; none without a campaign."""
     if not (folder / DATABASE).exists():
-        return ()
+        return []
     with CampaignStore.open(folder) as store:
-        return tuple(sorted(test.id for test in store.tests() if test.outcome.is_simulated))
+        driven = [test for test in store.tests() if test.outcome.is_simulated]
+        return sorted(driven, key=lambda test: test.id)
 
 
 def compare_versions(

@@ -15,6 +15,7 @@ from frenetic.campaign.earlier import FACT
 from frenetic.campaign.objective import MOOBD
 from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.criteria import Profile
+from frenetic.description import part_text
 from frenetic.domain import Domain
 from frenetic.errors import CampaignError
 from frenetic.registry import part_name
@@ -134,16 +135,17 @@ def _word(part: str, value: Any, others: Sequence[Any]) -> str:
     if part in _NAMED:
         return _named_word(part, value, others)
     if not isinstance(value, dict):
-        return f"{part}={value}"
+        return f"{part}={_text(value)}"
     if "class" not in value:
         return _settings(value, others)
     parts = [one for one in others if isinstance(one, dict) and "class" in one]
     named = [one for one in parts if part_name(one) == part_name(value)]
     alike = [one for one in named if one["class"] == value["class"]]
     own, inner = value.get("options"), value.get("driver")
-    settings = _settings(own, [o.get("options") for o in alike]) if isinstance(own, dict) else ""
+    theirs = [o.get("options") for o in alike]
+    settings = _settings(own, theirs, ",") if isinstance(own, dict) else ""
     word = part_name(value) if named == alike else str(value["class"])
-    word += f"({settings})" if settings else ""
+    word += f",{settings}" if settings else ""
     version = _version(value)
     if any(_version(other) != version for other in alike):
         word += f" [{version}]"
@@ -175,17 +177,22 @@ def _version(part: Mapping[str, Any]) -> str:
     return short_version(part) or "unknown version"
 
 
-def _settings(value: Mapping[str, Any], others: Sequence[Any]) -> str:
+def _settings(value: Mapping[str, Any], others: Sequence[Any], between: str = ", ") -> str:
     """The settings that differ from those of others."""
     told = []
     for name, setting in value.items():
         theirs = [other.get(name) if isinstance(other, dict) else None for other in others]
         if any(setting != one for one in theirs):
             if isinstance(setting, dict):
-                told.append(_settings(setting, theirs))
+                told.append(_settings(setting, theirs, between))
             else:
-                told.append(f"{name}={setting}")
-    return ", ".join(told)
+                told.append(f"{name}={_text(setting)}")
+    return between.join(told)
+
+
+def _text(value: object) -> str:
+    """A setting for people: a number with at most six digits."""
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def differing_parts(configurations: Sequence[Mapping[str, Any]]) -> str:
@@ -213,8 +220,8 @@ def _in_words(part: str, value: Any) -> str:
     if part in _NAMED:
         return str(convert(value, _NAMED[part]).in_words())
     if not isinstance(value, Mapping):
-        return str(value)
+        return _text(value)
     if "class" in value:
-        return _word("", value, [])
+        return part_text(value)
     named = {name: one for name, one in value.items() if one is not None}
     return ", ".join(f"{name} {_in_words(name, one)}" for name, one in named.items())

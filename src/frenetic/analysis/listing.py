@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Final
 
 from frenetic.analysis.features import FEATURES, Features, features_of
@@ -11,7 +11,7 @@ from frenetic.analysis.segments import segment_of
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import UnknownNameError
-from frenetic.outcome import Outcome
+from frenetic.outcome import Outcome, chosen_outcomes
 from frenetic.quantities import quantities, quantity
 
 ORDERS: Final = ("severity", "tested", "duration")
@@ -21,7 +21,7 @@ ORDERS: Final = ("severity", "tested", "duration")
 def list_tests(
     store: CampaignStore,
     *,
-    outcomes: Collection[Outcome | str] = (),
+    outcomes: Outcome | str | Iterable[Outcome | str] = (),
     within: Mapping[str, tuple[float, float]] | None = None,
     sort: str = "severity",
 ) -> list[tuple[Test, Features]]:
@@ -35,7 +35,7 @@ def list_tests(
 
     Args:
         store: the campaign.
-        outcomes: only tests of these; all without any.
+        outcomes: only tests of this outcome, such as ``"FAIL"``, or of these; all without any.
         within: only tests whose features and conditions lie in these ranges, both ends included.
         sort: one of `ORDERS`, or a feature or condition, of which the largest comes first.
 
@@ -45,7 +45,7 @@ def list_tests(
         ValueError: there is no such outcome, or a range ends below its start.
     """
     within = {} if within is None else within
-    wanted = {Outcome(outcome) for outcome in outcomes} or set(Outcome)
+    wanted = chosen_outcomes(outcomes)
     asked = [*within, *([] if sort in ORDERS else [sort])]
     for name in asked:
         if name not in FEATURES and name not in quantities():

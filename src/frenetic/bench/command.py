@@ -99,7 +99,7 @@ def bench(
         return
     if not resume:
         the_bench, of_file = _begun(context, file, out)
-        _run(the_bench, resume, workers or of_file, as_json)
+        _run_advised(the_bench, resume, workers or of_file, as_json)
         return
     from frenetic.bench import open_bench
 
@@ -111,7 +111,7 @@ def bench(
             raise click.UsageError(
                 f"{parameter.opts[0]} cannot be given here: the bench goes on as it was begun"
             )
-    _run(open_bench(out), resume, workers, as_json)
+    _run_advised(open_bench(out), resume, workers, as_json)
 
 
 def _begun(context: click.Context, path: Path | None, out: Path | None) -> tuple[Bench, int | None]:
@@ -140,12 +140,30 @@ def _begun(context: click.Context, path: Path | None, out: Path | None) -> tuple
         return entries.bench(spec, out or new_folder(BENCHES)), entries.workers
 
 
+def _run_advised(the_bench: Bench, resume: bool, workers: int | None, as_json: bool) -> None:
+    """Runs a bench; after Ctrl-C the command that goes on with it is printed."""
+    from frenetic.bench.bench import RECORD
+
+    try:
+        _run(the_bench, resume, workers, as_json)
+    except KeyboardInterrupt:
+        if not (the_bench.folder / RECORD).is_file():
+            raise  # nothing was begun
+        click.echo(f"frenetic: interrupted; go on: {_next_command(the_bench)}", err=True)
+        raise click.exceptions.Exit(130) from None
+
+
+def _next_command(the_bench: Bench) -> str:
+    """The command that goes on with a bench."""
+    return f"frenetic bench --resume --out {shell(the_bench.folder)}"
+
+
 def _run(the_bench: Bench, resume: bool, workers: int | None, as_json: bool) -> None:
     from frenetic.campaign.workers import available_cores
     from frenetic.simulators.capabilities import capabilities
 
     log = Log()
-    again = f"frenetic bench --resume --out {shell(the_bench.folder)}"
+    again = _next_command(the_bench)
 
     def ended(end: RunState) -> None:
         if end.ending is None or end.ending.end not in ("over", "returned"):
@@ -168,25 +186,28 @@ def _run(the_bench: Bench, resume: bool, workers: int | None, as_json: bool) -> 
                     markup=False,
                 )
 
-        def progress(share: float, words: str) -> None:
-            left = (time.monotonic() - start) * (1.0 - share) / max(share, 1e-9)
-            show(share, lambda: f"{words}, {format_duration(left)} left")
+        first: tuple[float, float] | None = None  # moment, and share that was spent before
 
-        start = time.monotonic()
+        def progress(share: float, words: str) -> None:
+            nonlocal first
+            now = time.monotonic()
+            first = first or (now, share)
+            start, before = first
+            if share > before:
+                left = (now - start) * (1.0 - share) / (share - before)
+                words = f"{words}, {format_duration(left)} left"
+            show(share, lambda: words)
+
         usual = capabilities(the_bench.terms.simulator).usual_workers
         with live_line(log) as show:
-            try:
-                ends = the_bench.run(
-                    resume=resume,
-                    workers=workers or usual or available_cores(),
-                    on_start=started,
-                    on_progress=progress,
-                    on_end=ended,
-                    on_interrupt=log.stopping,
-                )
-            except KeyboardInterrupt:
-                click.echo(f"Go on: {again}", err=True)
-                raise
+            ends = the_bench.run(
+                resume=resume,
+                workers=workers or usual or available_cores(),
+                on_start=started,
+                on_progress=progress,
+                on_end=ended,
+                on_interrupt=log.stopping,
+            )
     states = the_bench.states()
     has_drives = _show_results(the_bench, states, log, as_json)
     if missing := sum(state.ending is None for state in states):

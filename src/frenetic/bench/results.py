@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from frenetic._support.words import format_duration
+from frenetic._support.words import format_duration, part_word
 from frenetic.analysis.comparison import Comparison
 from frenetic.bench.bench import Bench
 from frenetic.bench.presets import COLUMNS, measured
@@ -73,6 +73,5 @@ def _terms(bench: Bench) -> dict[str, str]:
     }
     for entrant in bench.entrants:
         kind = "strategy" if entrant.is_strategy else "generator"
-        options = ", ".join(f"{name}={value}" for name, value in entrant.options.items())
-        facts[entrant.name] = f"{kind} {entrant.spec}{' with ' if options else ''}{options}"
+        facts[entrant.name] = f"{kind} {part_word(entrant.spec, entrant.options)}"
     return facts

@@ -43,7 +43,7 @@ from frenetic.campaign.loop import Dispatcher
 from frenetic.campaign.objective import MOOBD, Objective, objectives
 from frenetic.campaign.record import Test
 from frenetic.campaign.repeat import SecondDrive
-from frenetic.campaign.state import stored_budget
+from frenetic.campaign.state import has_judged, stored_budget
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Event, EventKind, Summary
 from frenetic.campaign.tester import RoadTester
@@ -55,7 +55,7 @@ from frenetic.errors import CampaignError, FreneticError, reason_of, traceback_o
 from frenetic.registry import options_of
 from frenetic.road import MAP_SIZE, MARGIN
 from frenetic.road.classes import RoadClass
-from frenetic.run_file import next_command, write_run_file
+from frenetic.run_file import next_campaign, write_run_file
 from frenetic.search.records import Candidate
 from frenetic.search.strategy import Strategy, has_own
 from frenetic.simulators.capabilities import bare, capabilities, check_class
@@ -524,17 +524,17 @@ class Campaign(Shown):
             ]
             raise CampaignError(
                 f"{self.folder} was made with another {' and '.join(found)}:"
-                f" {'; '.join([*edited, *texts])[:1000]}; restore it, or start a new campaign from"
-                f" this one: {self.next_command()}"
+                f" {'; '.join([*edited, *texts])[:1000]}; restore it, or {self.next_campaign()}"
             )
 
-    def next_command(self) -> str:
-        """The command that starts from this campaign with the present parts."""
+    def next_campaign(self) -> str:
+        """Return the advice to start another campaign with the present parts."""
         if self.named is None:
-            return shlex.join(["frenetic", "run", "--from", str(self.folder)])
+            command = shlex.join(["frenetic", "run", "--from", str(self.folder)])
+            return f"start a new campaign from this one: {command}"
         with CampaignStore.open(self.folder) as store:
-            has_drives = store.counts().min_moobd is not None
-        return next_command(self.named, self.folder, has_drives=has_drives)
+            has_drives = has_judged(store)
+        return next_campaign(self.named, self.folder, has_drives=has_drives)
 
     def _sources(self) -> dict[str, JSONValue]:
         """The user's own source of its parts: name of a file -> its text."""

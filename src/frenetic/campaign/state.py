@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Iterator
+import shlex
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
@@ -19,8 +20,9 @@ from frenetic.campaign.lock import holder, last_host
 from frenetic.campaign.log import LOG, LogEvent
 from frenetic.campaign.store import LOCK, CampaignStore
 from frenetic.campaign.summary import Summary
+from frenetic.description import PARTS, recorded_part
 from frenetic.errors import CampaignError
-from frenetic.registry import part_name
+from frenetic.oracle import is_drivers
 from frenetic.spec import Budget, decode_budget
 
 TAIL: Final = 1 << 16
@@ -74,11 +76,13 @@ class CampaignState:
     writer: str
     """Who writes it, or wrote it last: ``process 123``, or a machine; empty if unknown."""
     parts: tuple[str, ...]
-    """Names of its strategy, driver and simulator."""
+    """Its strategy, driver and simulator with their options."""
     seed: Any
     summary: Summary
     news: tuple[News, ...]
     """Its last failures, warnings and errors, the newest last."""
+    going_on: str
+    """The command that goes on with it; empty while it runs, or if it has finished."""
 
     @property
     def seconds_left(self) -> float | None:
@@ -114,7 +118,7 @@ def look(folder: Path) -> CampaignState:
     lines = tuple(_lines(folder / LOG))
     with CampaignStore.open(folder) as store:
         config, facts, counts = store.config, store.facts, store.counts()
-        seconds = store.elapsed()
+        seconds, command = store.elapsed(), going_on(store)
         summary = Summary.over(
             counts,
             seconds=seconds,
@@ -138,10 +142,42 @@ def look(folder: Path) -> CampaignState:
     return CampaignState(
         status=status,
         writer=writer or host or "",
-        parts=tuple(_name_of(config.get(part)) for part in ("strategy", "driver", "simulator")),
+        parts=tuple(printable(recorded_part(config, kind)) for kind in PARTS),
         seed=config.get("seed"),
         summary=summary,
         news=tuple(news[-KEPT:]),
+        going_on=command if status.has_ended and status is not Status.FINISHED else "",
+    )
+
+
+def has_judged(store: CampaignStore) -> bool:
+    """Whether a campaign holds a drive that did not end by a fault of its driver."""
+    tests = (test for test in store.tests() if test.outcome.is_driven)
+    return any(not is_drivers(test.result.fault) for test in tests)
+
+
+def going_on(store: CampaignStore) -> str:
+    """Return the command that goes on with an unfinished campaign; words where there is none.
+
+    Its budget is stored, so the command says none.
+    """
+    config, folder = store.config, store.folder
+    if "entrant" in config:
+        return shlex.join(["frenetic", "bench", "--resume", "--out", str(folder.parent.parent)])
+    if "again" in config:
+        return "the command that began it: 'frenetic rerun', 'minimise' or 'compare'"
+    if is_told(config):
+        return shlex.join(["frenetic", "ask-tell", "--out", str(folder)])
+    if config.get("run") is None:
+        return "from Python, where it was started: Campaign.resume()"
+    return shlex.join(["frenetic", "resume", str(folder)])
+
+
+def is_told(config: Mapping[str, Any]) -> bool:
+    """Whether a campaign's results are told by whoever drives, see `frenetic.campaign.asktell`."""
+    simulator = config.get("simulator")
+    return isinstance(simulator, Mapping) and str(simulator.get("class")).startswith(
+        "frenetic.campaign.asktell:"
     )
 
 
@@ -166,11 +202,3 @@ def stored_budget(store: CampaignStore) -> Budget:
         return decode_budget(store.facts.get("budget", store.config.get("budget")))
     except ValueError as error:
         raise CampaignError(f"{store.folder} has no budget to go on with: {error}") from None
-
-
-def _name_of(part: object) -> str:
-    """The name of a part, with that of the driver under it."""
-    if not isinstance(part, dict):
-        return "unknown"
-    name, inner = printable(part_name(part)), part.get("driver")
-    return name if inner is None else f"{name} over {_name_of(inner)}"

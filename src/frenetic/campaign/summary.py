@@ -16,7 +16,7 @@ from frenetic.campaign.record import Test
 from frenetic.search.records import Evaluation
 from frenetic.spec import Budget
 
-EventKind: TypeAlias = Literal["started", "result", "interrupted"]
+EventKind: TypeAlias = Literal["started", "result", "interrupted", "complete"]
 SLOW: Final = 0.8
 """Least share of the tests' time in the driver's own code that is told."""
 
@@ -146,7 +146,8 @@ class Event:
     kind: EventKind
     """``started``: the folder is made and the simulator has started, the budget's time begins;
     ``result``: a result was stored and told, in the order of telling; ``interrupted``: Ctrl-C was
-    pressed for the first time."""
+    pressed for the first time; ``complete``: nothing was left to be driven, which only what drives
+    roads again says."""
     summary: Summary
     """The campaign so far."""
     read_test: Callable[[], Test] | None = field(default=None, repr=False, compare=False)

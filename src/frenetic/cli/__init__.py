@@ -9,12 +9,13 @@ import gc
 import os
 import re
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final, NoReturn, TextIO
+from typing import Any, ClassVar, Final, NoReturn, TextIO
 
 import click
 
@@ -106,6 +107,32 @@ class CommandTable(click.Group):
             formatter.write_dl(sorted(summaries.items()))
 
 
+class Invocation:
+    """A command line, and the time since it began.
+
+    Args:
+        words: of the command line, without the program's name.
+    """
+
+    clock: ClassVar[Callable[[], float]] = time.monotonic
+    """Time in s."""
+
+    def __init__(self, words: tuple[str, ...] = ()) -> None:
+        self.words = words
+        self._began = Invocation.clock()
+
+    @property
+    def seconds(self) -> float:
+        """Wall time since it began, in s."""
+        return Invocation.clock() - self._began
+
+    def __str__(self) -> str:
+        """Return the command line for pasting into a shell."""
+        from frenetic.cli.console import shell  # slower than help may be
+
+        return " ".join(["frenetic", *map(shell, self.words)])
+
+
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Runs the command line; a user's mistake is one line on stderr and exit code 2."""
     # Numpy reads it when it is imported. Matrices are small here, where threads that wait for each
@@ -113,9 +140,12 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     os.environ.setdefault(BLAS_THREADS, "1")
     # What is imported stays: looking through it again and again takes a tenth of a start-up.
     gc.set_threshold(50_000)
+    asked = Invocation(tuple(sys.argv[1:] if arguments is None else arguments))
     try:
         with ending_in_order():
-            code = cli.main(args=arguments, prog_name="frenetic", standalone_mode=False)
+            code = cli.main(
+                args=[*asked.words], prog_name="frenetic", standalone_mode=False, obj=asked
+            )
     except click.exceptions.Exit as stop:
         code = stop.exit_code
     except click.ClickException as error:
@@ -126,7 +156,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         logging.getLogger(__name__).debug("the error in full", exc_info=True)
         fail(str(error))
     except (KeyboardInterrupt, click.Abort):
-        click.echo("frenetic: interrupted", err=True)
+        click.echo(f"frenetic: interrupted; to run it again: {asked}", err=True)
         code = 130
     except BrokenPipeError:
         # The reader of our output has gone; end quietly.

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from frenetic.cli.console import Log, announced_compilation, counted_progress
+from frenetic.cli.console import Log, announced_compilation, counted_progress, this_command
 from frenetic.cli.options import as_usage_error
 from frenetic.cli.parts import given_options, with_given, without_place
 from frenetic.errors import CampaignError
@@ -38,6 +39,7 @@ def recorded_spec(store: CampaignStore, given: Mapping[str, Any], *, checked: bo
         click.UsageError: another map is given.
     """
     from frenetic.campaign.campaign import STARTED_IN
+    from frenetic.campaign.state import is_told
     from frenetic.campaign.store import DATABASE
 
     if given.get("road_class") is not None:
@@ -56,14 +58,6 @@ def recorded_spec(store: CampaignStore, given: Mapping[str, Any], *, checked: bo
             f" --simulator{elsewhere}"
         )
     return spec
-
-
-def is_told(config: Mapping[str, Any]) -> bool:
-    """Whether a campaign's results are told by whoever drives, see `frenetic.campaign.asktell`."""
-    simulator = config.get("simulator")
-    return isinstance(simulator, Mapping) and str(simulator.get("class")).startswith(
-        "frenetic.campaign.asktell:"
-    )
 
 
 def named_parts(given: Mapping[str, Any]) -> list[str]:
@@ -123,9 +117,9 @@ def shown_driving(
     Args:
         log: the console for progress.
         what: the work, such as "Driving again".
-        total: number of drives of all campaigns; by default that of each one's budget.
+        total: number of drives of all campaigns; by default that of the only one's budget.
     """
-    before = drives = 0  # of the campaigns before this one, and of this one
+    drives: dict[Path, int] = {}  # folder of a campaign -> its drives
 
     with (
         announced_compilation(log) as compiled,
@@ -134,21 +128,24 @@ def shown_driving(
     ):
 
         def on_event(event: Event) -> None:
-            nonlocal before, drives
             if event.kind == "interrupted":
                 log.stopping()
                 return
             if event.kind == "started":
                 compiled()
-                before += drives
-            drives = event.summary.simulations
-            share = event.summary.budget_spent
-            show(before + drives, total or (round(drives / share) if share else 0))
+            now = event.summary
+            drives[now.folder] = now.simulations
+            done = sum(drives.values())
+            whole = total
+            if whole is None and now.budget_spent:  # which is the share of the drives
+                whole = round(now.simulations / now.budget_spent)
+            if whole is not None and done <= whole:  # more may be stored than is wanted now
+                show(done, whole)
 
         yield on_event
 
 
 def interrupted(log: Log, what: str) -> click.exceptions.Exit:
-    """Prints what is left to do and ends the command."""
-    log.print(f"Interrupted: {what}")
+    """Print what is left to do, and that the same command goes on; end the command."""
+    log.print(f"Interrupted: {what}; the same command goes on: {this_command()}", markup=False)
     return click.exceptions.Exit(130)

@@ -16,7 +16,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from frenetic._support.words import counted, format_duration, rate_words
-from frenetic.cli import silence
+from frenetic.cli import Invocation, silence
 from frenetic.criteria import DRIVER, LANE, quantity
 
 if TYPE_CHECKING:
@@ -143,14 +143,21 @@ def counted_progress(log: Console, what: str) -> Iterator[Callable[[int, int], N
         log: the console for it.
         what: the work, such as "Checking".
     """
-    start = time.monotonic()
+    first: tuple[float, int] | None = None  # moment, and work that was done before
 
-    def text(done: int, total: int) -> str:
-        left = (time.monotonic() - start) * (total - done) / max(done, 1)
-        return f"{what}: {done:,} of {total:,}, {format_duration(left)} left"
+    def update(done: int, total: int) -> None:
+        nonlocal first
+        now = time.monotonic()
+        first = first or (now, done)
+        start, before = first
+        text = f"{what}: {done:,} of {total:,}"
+        if done > before:
+            left = (now - start) * (total - done) / (done - before)
+            text += f", {format_duration(left)} left"
+        show(done / max(total, 1), lambda: text)
 
     with live_line(log) as show:
-        yield lambda done, total: show(done / max(total, 1), lambda: text(done, total))
+        yield update
 
 
 def print_table(
@@ -350,6 +357,11 @@ def print_facts(facts: Sequence[tuple[str, str]]) -> None:
     width = max([10, *(len(name) for name, _ in facts)]) + 1
     for name, value in facts:
         click.echo(f"{name:<{width}}{value}")
+
+
+def this_command() -> Invocation:
+    """Return the present command line, whose text is for pasting into a shell."""
+    return click.get_current_context().find_root().ensure_object(Invocation)
 
 
 def shell(path: Path | str) -> str:

@@ -62,6 +62,8 @@ class Asked:
     verdict: Verdict
     test: Test | None = None
     """The campaign's."""
+    campaign: Mapping[str, Any] | None = None
+    """The campaign's configuration."""
     recorded: object = None
     """Its driver, in a road's file."""
     conditions: Mapping[str, float] = field(default_factory=dict)
@@ -101,12 +103,13 @@ def drive(
     """Drive the road of a file or of a campaign's tests, and say what happened.
 
     The tests of a CAMPAIGN are driven as it drove them, and it is said whether they end as they did
-    there; the file of a failing road is driven so, too. Options change that. A ROAD is JSON with
-    curvatures (1/m) or road_points, a test file of the competition, or OpenDRIVE; where it holds a
-    list of tests, ID is the number of one. A road that lies elsewhere is moved into the map; an
-    invalid one is not driven. With --road the roads of a map are driven where they lie, valid or
-    not; where the car leaves its lane the drive goes on behind that place as another one. The exit
-    code is 1 if a road is INVALID or the simulator broke (ERROR).
+    there; the file of a failing road is driven so, too. With options that change driver, simulator,
+    rules or conditions nothing is compared. A ROAD is JSON with curvatures (1/m) or road_points, a
+    test file of the competition, or OpenDRIVE; where it holds a list of tests, ID is the number of
+    one. A road that lies elsewhere is moved into the map; an invalid one is not driven. With --road
+    the roads of a map are driven where they lie, valid or not; where the car leaves its lane the
+    drive goes on behind that place as another one. The exit code is 1 if a road is INVALID or the
+    simulator broke (ERROR).
     """
     if source.is_dir():
         if lane is not None or map_roads is not None:
@@ -154,13 +157,15 @@ def _of_campaign(
     with CampaignStore.open(folder) as store:
         tests = [store.test(number) for number in dict.fromkeys(test_ids)]
         is_made = not dry or any(not test.road.is_plain for test in tests)
+        config = store.config
         spec = recorded_spec(store, given, checked=is_made)
     instead = given_quantities(spec, given)
     roads = []
     for test in tests:
         fitted, verdict = test.road.placed(spec.map_size, spec.margin, spec.road_class)
         name, conditions = f"{folder} {test.id}", without(test.candidate.conditions, *instead)
-        roads.append(Asked(name, fitted or test.road, verdict, test, conditions=conditions))
+        road = fitted or test.road
+        roads.append(Asked(name, road, verdict, test, config, conditions=conditions))
     return spec, roads
 
 
@@ -284,7 +289,7 @@ def _driven(
                 "simulator": describe(simulator),
                 **({"conditions": dict(asked.conditions)} if asked.conditions else {}),
                 **({"notes": list(asked.notes)} if asked.notes else {}),
-                **_compared(asked, result, the_drive, simulator),
+                **_compared(asked, result, the_drive, simulator, driver),
                 **({} if plot is None else {"plot": str(plot)}),
             }
             if the_drive is not None and result.outcome.is_driven and len(the_drive.trajectory):
@@ -301,19 +306,41 @@ def _driven(
 
 
 def _compared(
-    asked: Asked, result: Result, drive: Drive | None, simulator: Simulator
+    asked: Asked, result: Result, drive: Drive | None, simulator: Simulator, driver: Driver
 ) -> dict[str, Any]:
-    """What differs from the campaign's own drive, for JSON; nothing of a road's file."""
+    """What differs from the campaign's own drive, for JSON; empty if it was driven otherwise.
+
+    It was if driver, simulator, rules or conditions are others, and there is none of a road's file.
+    """
     from frenetic.campaign.record import Attempt
     from frenetic.campaign.repeat import other_ending, other_moobd
 
-    if asked.test is None:
+    if asked.test is None or not _is_as_recorded(asked, simulator, driver):
         return {}
     path = None if drive is None else drive.trajectory
     attempt = Attempt(asked.test.id, result, asked.road.pose, path)
     again = replace(asked.test, attempt=attempt)
     differs = other_ending(asked.test, again) or other_moobd(asked.test, again, simulator)
     return {"differs": differs}
+
+
+def _is_as_recorded(asked: Asked, simulator: Simulator, driver: Driver) -> bool:
+    """Whether a campaign's test is driven with the campaign's parts, rules and conditions."""
+    from frenetic.description import describe
+    from frenetic.versions import differences
+
+    test = asked.test
+    if test is None or test.setting is None or asked.campaign is None:
+        return False
+    parts = {"driver": driver, "simulator": simulator}
+    return (
+        simulator.rules == test.setting.rules
+        and dict(asked.conditions) == dict(test.candidate.conditions)
+        and not any(
+            differences(kind, asked.campaign.get(kind), describe(part))
+            for kind, part in parts.items()
+        )
+    )
 
 
 def _cannot_be_driven(driver: Driver, simulator: Simulator, road: Road) -> str:
@@ -328,16 +355,17 @@ def _cannot_be_driven(driver: Driver, simulator: Simulator, road: Road) -> str:
     return ""
 
 
-def _who(recorded: object, document: Mapping[str, Any]) -> Iterator[str]:
+def _who(spec: Spec, recorded: object, document: Mapping[str, Any]) -> Iterator[str]:
     """Who drove, and with what the road's file is recorded if that is another."""
     from frenetic.description import part_text
     from frenetic.versions import other_version
 
     driver = document["driver"]
-    now = part_text(driver, recorded)
-    yield f"{now} in {part_text(document['simulator'])}"
+    now = part_text(driver, recorded, word=spec.driver.word)
+    yield f"{now} in {part_text(document['simulator'], word=spec.simulator.word)}"
     if isinstance(recorded, dict):
-        if (before := part_text(recorded, driver)) != now:
+        before = part_text(recorded, driver)
+        if before != part_text(driver, recorded):
             yield f"recorded with {before}"
         yield from filter(None, [other_version("driver", recorded, driver)])
 
@@ -357,7 +385,7 @@ def _print(spec: Spec, asked: Asked, result: Result, document: Mapping[str, Any]
     print_facts(
         [
             ("road", f"{asked.road.length:.1f} m, {asked.name}"),
-            ("driver", "; ".join(_who(asked.recorded, document))),
+            ("driver", "; ".join(_who(spec, asked.recorded, document))),
             ("limit", _limit(spec, asked)),
             ("conditions", in_words({**spec.conditions, **asked.conditions})),
             *facts_of_drive(result, result.duration if result.outcome.is_driven else None),

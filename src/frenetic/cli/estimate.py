@@ -28,7 +28,7 @@ from frenetic.spec import Spec
 @odd_option
 @part_options
 @criteria_option
-@count_option("--drives", "Drive about N times.", least=100, default=10_000)
+@count_option("--drives", "Drive N times.", least=100, default=10_000)
 @json_option
 @click.pass_context
 def estimate(
@@ -80,8 +80,8 @@ def estimate(
         compiled()
 
         def on_drive(driven: int, failures: int) -> None:
-            share = min(driven / drives, 1.0)
-            show(share, lambda: f"{driven} of about {drives} drives, {failures} failures")
+            text = f"{driven} of {counted(drives, 'drive')}, {counted(failures, 'failure')}"
+            show(driven / drives, lambda: text)
 
         with as_usage_error():
             found = estimated(domain, tester, drives=drives, on_drive=on_drive)
@@ -96,3 +96,8 @@ def estimate(
         f"{found.plain} plain drives over {found.kilometres:.0f} km had"
         f" {counted(found.failures, 'failure')}"
     )
+    if others := found.drives - found.plain:
+        click.echo(
+            f"{counted(others, 'drive')} in conditions drawn more often than they occur had"
+            f" {counted(found.other_failures, 'failure')}, which weigh less"
+        )

@@ -13,7 +13,7 @@ import click
 
 from frenetic._support.words import format_duration
 from frenetic.campaign.state import CampaignState, News, Status, look
-from frenetic.cli.console import Results, live_line, print_facts, progress_text, shell
+from frenetic.cli.console import Results, live_line, print_facts, progress_text
 
 INTERVAL: Final = 1.0
 """Least time between two looks at the campaign, in s."""
@@ -57,8 +57,8 @@ def _facts(state: CampaignState, folder: Path) -> list[tuple[str, str]]:
     summary, status = state.summary, str(state.status)
     if state.status is Status.UNKNOWN:
         status += f": {state.writer} may write it"
-    elif state.status is Status.KILLED:
-        status += f": frenetic resume {shell(folder)} goes on"
+    elif state.going_on:
+        status += f"; go on: {state.going_on}"
     elif state.status is Status.RUNNING:
         status += f" in {state.writer}"
     left = state.seconds_left

@@ -19,7 +19,7 @@ from frenetic.cli.again import (
     recorded_spec,
     shown_driving,
 )
-from frenetic.cli.console import Log, print_facts, shell
+from frenetic.cli.console import Log, print_facts, shell, this_command
 from frenetic.cli.options import (
     as_usage_error,
     count_option,
@@ -143,8 +143,12 @@ def minimise(
     if is_interrupted and left:
         which = ", ".join(work.name.removeprefix("Test ") for work in left)
         raise interrupted(log, f"{counted(len(left), 'failure')} not begun: {which}")
-    if is_interrupted:
+    if is_interrupted and not source.is_dir():
+        begin = f"the drives on a ROAD file are not kept; begin again: {this_command()}"
+        log.print(f"Interrupted: {begin}", markup=False)
         raise click.exceptions.Exit(130)
+    if is_interrupted:
+        raise interrupted(log, "smaller roads may be found")
     if failed:
         raise click.exceptions.Exit(2)
 
@@ -207,7 +211,7 @@ def _print(work: Work, minimised: Minimised) -> None:
     click.echo(
         f"{work.name}: {before.length:.0f} m -> {after.length:.0f} m,"
         f" {counted(before.curves, 'curve')} -> {after.curves},"
-        f" {counted(minimised.drives, 'drive')},"
+        f" {_drives(minimised)},"
         f" {ENDINGS[minimised.ending] if trouble is None else f'gave up: {trouble}'}"
     )
     match = minimised.match
@@ -231,6 +235,13 @@ def _print(work: Work, minimised: Minimised) -> None:
     )
 
 
+def _drives(minimised: Minimised) -> str:
+    """Drives that the command made, and those of earlier commands for the same road."""
+    text = counted(minimised.new_drives, "drive")
+    earlier = minimised.drives - minimised.new_drives
+    return f"{text} now, {earlier} before" if earlier else text
+
+
 def _as_json(work: Work, minimised: Minimised) -> dict[str, Any]:
     before, after = minimised.shapes
     return {
@@ -240,6 +251,7 @@ def _as_json(work: Work, minimised: Minimised) -> dict[str, Any]:
         "length_before": before.length,
         "length": after.length,
         "drives": minimised.drives,
+        "new_drives": minimised.new_drives,
         "ending": str(minimised.ending),
         "trouble": minimised.trouble,
         "match": minimised.match,

@@ -150,7 +150,7 @@ def rerun(
         click.echo(f"Kept in {found.folder}; {see if out is None else 'the same command shows it'}")
     if found.missing:
         left = counted(found.missing, "drive")
-        raise interrupted(log, f"{left} to go; the same command goes on")
+        raise interrupted(log, f"{left} to go")
     is_judged = any(test.judged for test in found.tests)
     if found.tests and (not is_judged or (fail_on_failure and not found.passed)):
         raise click.exceptions.Exit(1)

@@ -9,7 +9,6 @@ from typing import Any
 import click
 
 from frenetic._support.words import counted
-from frenetic.cli.again import is_told
 from frenetic.cli.console import shell
 from frenetic.cli.options import (
     DURATION,
@@ -60,13 +59,15 @@ def resume(
     """
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.campaign import SOURCES, STARTED_IN
+    from frenetic.campaign.state import has_judged, is_told
     from frenetic.campaign.store import DATABASE
-    from frenetic.run_file import next_command
+    from frenetic.run_file import next_campaign
 
     with CampaignStore.open(campaign) as store:
         config, facts, counts = store.config, store.facts, store.counts()
         spent, sources = store.elapsed(), store.fact(SOURCES)
         started_in = str(store.fact(STARTED_IN) or "")
+        has_drives = has_judged(store)
     if "entrant" in config:
         raise click.UsageError(
             f"{campaign} is a run of a bench, which keeps its budget: what a bench lacks is run by"
@@ -103,8 +104,8 @@ def resume(
         spec = Spec.from_json({**config, **recorded}, source=campaign / DATABASE)
         if edited := " and ".join(spec.edited(sources)):
             raise CampaignError(
-                f"{edited} was edited, and {campaign} tests it as it was: restore it, or start a"
-                f" new campaign from this one: {next_command(spec, campaign)}"
+                f"{edited} was edited, and {campaign} tests it as it was: restore it, or"
+                f" {next_campaign(spec, campaign, has_drives=has_drives)}"
             )
         new = f"start a new campaign from this one: frenetic run --from {shell(campaign)}"
         spec.require_trusted(campaign, remedy=f"if you trust it, {new}", started_in=started_in)
@@ -119,7 +120,7 @@ def resume(
     spec = replace(spec, simulator=moved(spec.simulator, simulator, simulator_options))
     the_campaign = make_campaign(spec, campaign, workers)
     tests = counted(counts.tests, "test")
-    text = f"Going on after {tests} with {spec.strategy.name}"
+    text = f"Going on after {tests} with {spec.strategy.word}"
     if is_spent:
         text = f"Finishing after {tests}, which spent the budget"
     search(

@@ -108,8 +108,8 @@ def run(
     spec = _with_search(context, spec)
     campaign = make_campaign(spec, new_folder() if out is None else out, workers)
     text = (
-        f"Searching with {spec.strategy.name} for roads on which {spec.driver.name} fails,"
-        f" seed {spec.seed}; speed limit {_limit(spec)}"
+        f"Searching with {spec.strategy.word} for roads on which {spec.driver.word} fails"
+        f" in {spec.simulator.word}, seed {spec.seed}; speed limit {_limit(spec)}"
     )
     search(campaign, campaign.run, text, as_json, spec.seed, fail_on_failure=fail_on_failure)
 

@@ -22,6 +22,7 @@ from frenetic.cli.console import (
     print_causes,
     print_failures,
     shell,
+    this_command,
 )
 from frenetic.cli.options import Read, as_usage_error, read_workers
 from frenetic.errors import BrokenDriverError, CampaignError, FreneticError
@@ -103,6 +104,24 @@ def search(
         seed: of the strategy.
         fail_on_failure: whether a failure or broken drive ends the command with exit code 1.
     """
+    try:
+        _search(campaign, how, announcement, as_json, seed, fail_on_failure)
+    except KeyboardInterrupt:  # beside the search, which ends in order
+        if not campaign.started:
+            raise
+        click.echo(f"frenetic: interrupted; go on: {_resume_words(campaign.folder)}", err=True)
+        raise click.exceptions.Exit(130) from None
+
+
+def _search(
+    campaign: Campaign,
+    how: Callable[..., Summary],
+    announcement: str,
+    as_json: bool,
+    seed: object,
+    fail_on_failure: bool,
+) -> None:
+    """Run a campaign as `search` does; Ctrl-C beside the search is raised."""
     from frenetic.analysis.failures import caution, representative_failures
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.earlier import still_failing
@@ -111,14 +130,15 @@ def search(
     from frenetic.report.minimised import minimised_drives, minimised_road
 
     folder = campaign.folder
-    log = Log()
+    log, command = Log(), this_command()
+    started: tuple[float, float] | None = None  # time to start, and that of earlier commands
     trouble: FreneticError | None = None
     summary: Summary | None = None
     with announced_compilation(log) as compiled, live_progress(log) as show:
         told = ""
 
         def on_event(event: Event) -> None:
-            nonlocal told
+            nonlocal told, started
             if event.summary.not_repeatable != told:
                 told = event.summary.not_repeatable
                 log.print(f"Note: {told}", markup=False)
@@ -128,6 +148,7 @@ def search(
                 show(event.summary)
             else:
                 compiled()
+                started = command.seconds, event.summary.seconds
                 log.print(f"{announcement}, results in {folder}", markup=False)
                 for note in campaign.notes:
                     log.print(f"Note: {note}", markup=False)
@@ -140,14 +161,18 @@ def search(
             if not campaign.started:
                 raise
             trouble = error
+    times = _search_times(command.seconds, started)
     with _after(trouble, campaign), CampaignStore.open(folder) as store:
         reading = Reading.of(store)
         clusters, misses, counts = reading.clusters, reading.misses, reading.counts
         found = clusters if misses is None else misses
         listed = representative_failures(store, clusters=found)
-        notes = list(filter(None, [caution(store)]))
+        notes, is_shortened = list(filter(None, [caution(store)])), False
+        before = command.seconds
         if summary is not None and len(clusters):
-            notes += _minimise(campaign, clusters, summary, log)
+            is_shortened, more_notes = _minimise(campaign, clusters, summary, log)
+            notes += more_notes
+        shortening = format_duration(command.seconds - before)
         shortened = minimised_drives(store, [test.id for test in listed])
         if summary is not None and as_json:
             more = {
@@ -159,7 +184,7 @@ def search(
             }
             click.echo(json.dumps(summary.as_json() | more))
         elif summary is not None:
-            _print_summary(summary, first_error(store), still_failing(store))
+            _print_summary(summary, times, first_error(store), still_failing(store))
         if not as_json:
             if misses is None:
                 print_causes(clusters, counts, shortened)
@@ -167,24 +192,35 @@ def search(
                 print_failures(misses, counts, len(listed))
             for note in notes:
                 click.echo(f"Note: {note}")
-            if summary is not None and misses is not None and counts.tests:
-                further = 9 * counts.simulations
-                click.echo(f"Go on:       frenetic resume {shell(folder)} --simulations {further}")
+        go_on = (
+            None if summary is None else _next_command(folder, summary, is_clean=misses is not None)
+        )
+        if summary is not None and go_on and (summary.interrupted or not as_json):
+            click.echo(f"Go on:       {go_on}", err=as_json)
         if summary is not None and not as_json:
             click.echo(f"Results:     {folder}")
+            if is_shortened:
+                roads = counted(len(shortened), "failing road")
+                click.echo(f"Shortened:   {roads} (in {shortening})")
         if listed:
             failures = [test for test, _ in reading.failures.values()]
+            before = command.seconds
             with log.status("Drawing them"):
                 write_failures(store, failures, listed, shortened)
+            drawing = format_duration(command.seconds - before)
             if not as_json:
-                click.echo(f"At a glance: {folder / FAILURES / GALLERY}")
+                click.echo(f"At a glance: {folder / FAILURES / GALLERY} (in {drawing})")
                 click.echo(f"Look closer: frenetic show {shell(folder)} {listed[0].candidate.id}")
             if not as_json and listed[0].id in shortened:
                 road = minimised_road(folder, listed[0].id)
                 click.echo(f"Drive it:    frenetic drive {shell(road)}")
+        before = command.seconds
         report = _write_report(log, store, reading) if counts.tests else None
+        writing = format_duration(command.seconds - before)
         if report is not None and not as_json:
-            click.echo(f"Report:      {report}")
+            click.echo(f"Report:      {report} (in {writing})")
+        if summary is not None and not as_json:
+            click.echo(f"In all:      {format_duration(command.seconds)}")
     if summary is not None and summary.interrupted:
         raise click.exceptions.Exit(130)
     if summary is not None and fail_on_failure and (summary.failed or summary.errors):
@@ -193,7 +229,45 @@ def search(
         raise click.exceptions.Exit(1)
 
 
-def _minimise(campaign: Campaign, clusters: Clusters, summary: Summary, log: Log) -> Iterator[str]:
+def _search_times(seconds: float, started: tuple[float, float] | None) -> str:
+    """The time of a search as its user waited for it, and the part before the first drive.
+
+    Args:
+        seconds: since the command began, in s.
+        started: s that the command took to start, and s that earlier commands searched; None if it
+            did not start.
+    """
+    if started is None:
+        return format_duration(seconds)
+    start, earlier = started
+    return f"{format_duration(seconds + earlier)}, {format_duration(start)} of it to start"
+
+
+def _next_command(folder: Path, summary: Summary, *, is_clean: bool) -> str:
+    """The command that goes on with a search; empty if it has ended with failures."""
+    if summary.interrupted:
+        return _resume_words(folder)
+    if is_clean and summary.tests and not summary.ended:
+        return f"frenetic resume {shell(folder)} --simulations {9 * summary.simulations}"
+    return ""
+
+
+def _minimise(
+    campaign: Campaign, clusters: Clusters, summary: Summary, log: Log
+) -> tuple[bool, list[str]]:
+    """Minimise a failure of each cause; return whether, and what the user should know of it."""
+    if summary.interrupted or summary.not_repeatable:
+        return False, []
+    if (
+        campaign.cluster is not None
+        or summary.seconds * campaign.workers > SLOW * summary.simulations
+    ):
+        command = f"frenetic minimise {shell(campaign.folder)} --top 3"
+        return False, [f"shorter roads for the same failures: {command}"]
+    return True, list(_minimised(campaign, clusters, summary, log))
+
+
+def _minimised(campaign: Campaign, clusters: Clusters, summary: Summary, log: Log) -> Iterator[str]:
     """Minimises a failure of each cause; gives what the user should know of it."""
     from frenetic.again.minimise import minimise_causes
     from frenetic.report.minimised import (
@@ -203,15 +277,7 @@ def _minimise(campaign: Campaign, clusters: Clusters, summary: Summary, log: Log
         write_minimised,
     )
 
-    if summary.interrupted or summary.not_repeatable:
-        return
     folder, tester = campaign.folder, campaign.tester
-    if (
-        campaign.cluster is not None
-        or summary.seconds * campaign.workers > SLOW * summary.simulations
-    ):
-        yield f"shorter roads for the same failures: frenetic minimise {shell(folder)} --top 3"
-        return
     drives, seconds = summary.simulations // SHARE, max(LEAST_TIME, summary.seconds / SHARE)
     text = f"Shortening a failing road of each cause, for {seconds:.0f} s at most"
     with log.status(text):
@@ -227,6 +293,9 @@ def _minimise(campaign: Campaign, clusters: Clusters, summary: Summary, log: Log
             except FreneticError as error:
                 yield str(error)
                 return
+            if found.ending == "stopped" and found.trouble is None:
+                command = f"frenetic minimise {shell(folder)} --top 3"
+                yield f"shortening was interrupted; go on: {command}"
 
 
 @contextmanager
@@ -242,7 +311,7 @@ def _after(trouble: FreneticError | None, campaign: Campaign) -> Iterator[None]:
         yield
     words = f"go on: {_resume_words(campaign.folder)}"
     if isinstance(trouble, BrokenDriverError):
-        words = f"mend it, then go on: {campaign.next_command()}"
+        words = f"mend it, then {campaign.next_campaign()}"
     raise CampaignError(f"{trouble}; {words}") from trouble
 
 
@@ -258,13 +327,13 @@ def _write_report(log: Log, store: CampaignStore, reading: Reading) -> Path | No
         return None
 
 
-def _print_summary(summary: Summary, error: str, known: str) -> None:
+def _print_summary(summary: Summary, times: str, error: str, known: str) -> None:
     from frenetic.campaign.summary import facts_in_words
 
     stopped = "Interrupted: " if summary.interrupted else ""
     click.echo(
         f"{stopped}{counted(summary.simulations, 'simulation')} in"
-        f" {format_duration(summary.seconds)}, {rate_words(summary.tests_per_second)}"
+        f" {times}, {rate_words(summary.tests_per_second)}"
         f"{summary.best_in_words}"
     )
     click.echo(summary.in_words())

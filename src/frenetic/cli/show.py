@@ -31,13 +31,13 @@ from frenetic.cli.options import (
     json_option,
     ranges,
 )
-from frenetic.errors import FreneticError
+from frenetic.description import PARTS, recorded_part
+from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.quantities import in_words as conditions_in_words
 from frenetic.quantities import quantity
-from frenetic.registry import part_name
 from frenetic.spec import Spec, earlier_of
-from frenetic.versions import short_version
+from frenetic.versions import innermost, short_version
 
 if TYPE_CHECKING:
     from frenetic.analysis.coverage import DomainCoverage
@@ -219,22 +219,19 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
         }
         click.echo(json.dumps(document))
         return
-    limits, rate = facts.get("budget", config.get("budget")), Estimate.read(store.folder)
-    named = limits.items() if isinstance(limits, Mapping) else ()
-    budget = ", ".join(f"{value} {name}" for name, value in named if value is not None)
-    if facts.get("interrupted") or "finished_at" not in facts:
-        budget += ", interrupted" if facts.get("interrupted") else ", not finished"
+    budget, rate = _budget(store), Estimate.read(store.folder)
     rules, error = setting.rules, first_error(store)
     limit = rules.limit_in_words(class_name=getattr(setting.road_class, "name", ""))
     print_facts(
         [
             ("campaign", str(store.folder)),
-            *((kind, _part(config.get(kind))) for kind in ("strategy", "driver", "simulator")),
+            *((kind, _part(config, kind)) for kind in PARTS),
+            ("seed", "" if config.get("seed") is None else str(config["seed"])),
             ("conditions", conditions_in_words(_conditions(store))),
             (
                 "rules",
-                f"speed limit {limit}, {rules.oob_tolerance} of the car may be out, map of"
-                f" {setting.map_size} m",
+                f"speed limit {limit}, {rules.oob_tolerance:g} of the car may be out, map of"
+                f" {setting.map_size:g} m",
             ),
             ("criteria", criteria_in_words(store)),
             ("roads", "" if setting.road_class is None else setting.road_class.in_words()),
@@ -243,6 +240,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
             ("objective", in_words(config, objectives(store))),
             *(("starts from", str(earlier)) for earlier in earlier_of(config)),
             ("budget", budget),
+            ("go on", _going_on(store)),
             ("results", counts.in_words()),
             ("known before", still_failing(store)),
             ("search", facts_in_words(facts.get(FACTS))),
@@ -262,6 +260,27 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     if found:
         one = clusters.causes[0].example if counts.failed else found[0].most_severe
         click.echo(f"One in full: frenetic show {shell(store.folder)} {one}")
+
+
+def _budget(store: CampaignStore) -> str:
+    """The budget of a campaign, and whether it was spent."""
+    from frenetic.campaign.state import stored_budget
+
+    facts = store.facts
+    try:
+        budget = str(stored_budget(store))
+    except CampaignError:
+        budget = "unknown"
+    if facts.get("interrupted"):
+        return f"{budget}, interrupted"
+    return budget if "finished_at" in facts else f"{budget}, not finished"
+
+
+def _going_on(store: CampaignStore) -> str:
+    """The command that goes on with an unfinished campaign; empty for a finished or running one."""
+    from frenetic.campaign.state import look
+
+    return look(store.folder).going_on
 
 
 def _conditions(store: CampaignStore) -> Mapping[str, float]:
@@ -296,21 +315,10 @@ def _cause(test: Test) -> str:
     return "" if failure is None or failure.cause is None else in_words(*failure.cause)
 
 
-def _part(described: object) -> str:
-    """A part of a campaign's configuration in one line: class, options, what it lies over."""
-    if not isinstance(described, Mapping):
-        return "unknown"
-    options = described.get("options")
-    shown = ", ".join(
-        f"{name}={value}"
-        for name, value in (options.items() if isinstance(options, Mapping) else ())
-        if not isinstance(value, Mapping)
-    )
-    text = part_name(described) + (f"({shown})" if shown else "")
-    version = short_version(described)
-    text += f" [{version}]" if version else ""
-    inner = described.get("driver")
-    return text if inner is None else f"{text} over {_part(inner)}"
+def _part(config: Mapping[str, Any], kind: str) -> str:
+    """A part of a campaign's configuration, with its options and version."""
+    version = short_version(innermost(config.get(kind)))
+    return recorded_part(config, kind) + (f" [{version}]" if version else "")
 
 
 def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
@@ -361,7 +369,7 @@ def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
                 if short is None
                 else f"{short.road.length:.1f} m, {minimised_road(store.folder, test_id)}",
             ),
-            ("driver", _part(store.config.get("driver"))),
+            ("driver", _part(store.config, "driver")),
             *facts_of_drive(test.result, test.result.duration),
             ("objective", "" if value is None else f"{value:.4g} ({objective})"),
             ("curvatures", " ".join(f"{value:.4f}" for value in test.road.curvatures)),

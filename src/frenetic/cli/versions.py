@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from frenetic._support.words import counted
-from frenetic.cli.again import interrupted, is_told, recorded_spec, shown_driving
+from frenetic.cli.again import interrupted, recorded_spec, shown_driving
 from frenetic.cli.console import Log, print_table
 from frenetic.errors import CampaignError
 
@@ -52,6 +52,7 @@ def _specs(folder: Path, given: Mapping[str, Any]) -> tuple[Spec, Spec]:
         FreneticError: it names code that this user has not run.
     """
     from frenetic.campaign import CampaignStore
+    from frenetic.campaign.state import is_told
 
     with CampaignStore.open(folder) as store:
         if store.config.get("run") is None:
@@ -67,6 +68,7 @@ def _specs(folder: Path, given: Mapping[str, Any]) -> tuple[Spec, Spec]:
 def _driven(folder: Path, old: Spec, new: Spec, fresh: int, workers: int) -> BackToBack:
     from frenetic.again.versions import as_recorded, check_differ, fresh_roads
     from frenetic.again.versions import compare_versions as compared
+    from frenetic.campaign import CampaignStore
     from frenetic.description import describe
     from frenetic.simulators.isolated import isolated
 
@@ -75,7 +77,9 @@ def _driven(folder: Path, old: Spec, new: Spec, fresh: int, workers: int) -> Bac
     with as_recorded(folder, old) as recorded:
         described = describe(recorded.make_driver())
     check_differ(described, describe(new.make_driver()))
-    with shown_driving(log, "Driving both versions") as on_event:
+    with CampaignStore.open(folder) as store:
+        drives = 2 * fresh + store.counts().failed
+    with shown_driving(log, "Driving both versions", drives) as on_event:
         how: Any = {"workers": workers, "on_event": on_event}
         with as_recorded(folder, old) as recorded:
             driver = recorded.make_driver()
@@ -86,7 +90,7 @@ def _driven(folder: Path, old: Spec, new: Spec, fresh: int, workers: int) -> Bac
         result = compared(roads, place, driver, **how)
     if result.missing:
         left = counted(result.missing, "drive")
-        raise interrupted(log, f"{left} to go; the same command goes on")
+        raise interrupted(log, f"{left} to go")
     return result
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import glob
 import os
 import shutil
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias, get_args
@@ -16,7 +16,7 @@ from frenetic.campaign.store import CampaignStore
 from frenetic.errors import FreneticError
 from frenetic.export.competition import write_competition_folder
 from frenetic.export.tables import Place, opened, write_tables
-from frenetic.outcome import Outcome
+from frenetic.outcome import Outcome, chosen_outcomes
 
 GROUP: Final = "frenetic.exports"
 Format: TypeAlias = Literal["parquet", "csv", "json", "competition"]
@@ -31,7 +31,7 @@ def export_campaign(
     format: str,  # noqa: A002
     out: Path | str | None = None,
     *,
-    outcomes: Collection[Outcome | str] = (),
+    outcomes: Outcome | str | Iterable[Outcome | str] = (),
     trajectories: Which = "all",
     on_progress: Callable[[int, int], None] | None = None,
 ) -> Path:
@@ -55,7 +55,7 @@ def export_campaign(
         campaign: as `data_frame` takes it; only tables take several.
         format: what to write.
         out: an empty or new folder; by default ``exports/FORMAT`` in the campaign's.
-        outcomes: only tests of these, such as ``["FAIL"]``; all without any.
+        outcomes: only tests of this outcome, such as ``"FAIL"``, or of these; all without any.
         trajectories: which of their trajectories are written.
         on_progress: called now and then with the work done, and the whole work.
 
@@ -74,7 +74,7 @@ def export_campaign(
     ):
         if value not in allowed:
             raise ValueError(f"{name} is {value!r}: one of {', '.join(allowed)} is needed")
-    wanted = tuple(Outcome(outcome) for outcome in outcomes) or tuple(Outcome)
+    wanted = chosen_outcomes(outcomes)
     driven = {
         "all": wanted,
         "failures": tuple(outcome for outcome in wanted if outcome is Outcome.FAIL),
@@ -89,7 +89,10 @@ def export_campaign(
             return target
         with opened(campaign) as store:
             total = sum(store.by_outcome().values())
-            options: dict[str, Any] = {"outcomes": wanted, "on_test": lambda n: notify(n, total)}
+            options: dict[str, Any] = {
+                "outcomes": wanted,
+                "on_test": lambda n: notify(n, max(n, total)),
+            }
             if format == "competition":
                 options |= {"driven": driven or ()}
                 write_competition_folder(folder, store, **options)

@@ -26,7 +26,7 @@ from frenetic.campaign.store import CampaignStore
 from frenetic.drive import Trajectory
 from frenetic.errors import FreneticError
 from frenetic.oracle import Side
-from frenetic.outcome import Outcome
+from frenetic.outcome import Outcome, chosen_outcomes
 from frenetic.quantities import SEED
 from frenetic.road import profile
 
@@ -86,7 +86,7 @@ def data_frame(
     source: Place | Iterable[Path | str],
     table: Table = "tests",
     *,
-    outcomes: Collection[Outcome | str] = (),
+    outcomes: Outcome | str | Iterable[Outcome | str] = (),
 ) -> pd.DataFrame:
     """The tests of campaigns, or the trajectories of their drives, as a pandas data frame.
 
@@ -103,7 +103,7 @@ def data_frame(
             list of folders.
         table: ``tests``, one row per candidate that was told, or ``trajectories``, one row per
             record of a drive: 96 bytes each, 25 kB for an ordinary test.
-        outcomes: only tests of these, such as ``["FAIL"]``; of all without any.
+        outcomes: only tests of this outcome, such as ``"FAIL"``, or of these; of all without any.
 
     Raises:
         FreneticError: pandas or pyarrow is not installed, or a campaign cannot be read.
@@ -111,7 +111,7 @@ def data_frame(
     """
     if table not in TABLES:
         raise ValueError(f"table is {table!r}: one of {', '.join(TABLES)} is needed")
-    wanted = tuple(Outcome(outcome) for outcome in outcomes) or tuple(Outcome)
+    wanted = chosen_outcomes(outcomes)
     _require_extra("a data frame")
     campaigns, named = _campaigns(source)
     rows = _rows(campaigns, wanted, table == "trajectories")
@@ -162,7 +162,7 @@ def write_tables(
                     writers[table] = files.enter_context(writer)
                 writers[table](frame)
             done += len(batch)
-            on_progress(done, total)
+            on_progress(done, max(done, total))  # the campaign may grow meanwhile
             if len(batch) < TESTS_AT_ONCE:
                 return
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, Final, Literal, Self, TypeAlias
 
+from frenetic._support.files import require_list
 from frenetic.drive import Rules
 from frenetic.drivers.driver import Driver, under_layers
 from frenetic.errors import FreneticError
@@ -96,6 +97,7 @@ class Model:
                 bounds do not suit.
         """
         model = cls(driver, dict(driver_options or {}), dict(vehicle or {}))
+        fit = require_list("fit", fit, "parameters")
         if not fit:
             raise FreneticError("nothing is to be fitted: name parameters, such as braking")
         try:

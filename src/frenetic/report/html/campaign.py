@@ -38,9 +38,10 @@ from frenetic.campaign.objective import in_words as objective_in_words
 from frenetic.campaign.objective import objectives
 from frenetic.campaign.record import Test
 from frenetic.campaign.repeat import not_repeatable
+from frenetic.campaign.state import going_on
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import facts_in_words
-from frenetic.description import part_text
+from frenetic.description import PARTS, recorded_part
 from frenetic.errors import CampaignError
 from frenetic.estimate import Estimate
 from frenetic.export.tables import Place, opened
@@ -303,15 +304,14 @@ def headline(store: CampaignStore, clusters: Clusters, counts: Counts, trouble: 
         trouble: a warning for the reader.
     """
     config, facts = store.config, store.facts
-    strategy, driver, simulator = (
-        part_text(config.get(part)) for part in ("strategy", "driver", "simulator")
-    )
+    strategy, driver, simulator = (recorded_part(config, kind) for kind in PARTS)
     criteria, seed = criteria_in_words(store), config.get("seed")
     warnings = [not_repeatable(facts), str(facts.get("notice", "")), caution(store)]
     if facts.get("interrupted"):
-        warnings.insert(0, "interrupted before its budget was spent; 'frenetic resume' goes on")
+        warnings.insert(0, f"interrupted before its budget was spent; go on: {going_on(store)}")
     elif "finished_at" not in facts:
-        warnings.insert(0, "not finished: the campaign was still running, or was killed")
+        killed = f"if it was killed, go on: {going_on(store)}"
+        warnings.insert(0, f"not finished: the campaign was still running, or was killed; {killed}")
     road_class, domain = store.setting.road_class, store.setting.domain
     estimate = None if domain is None else Estimate.read(store.folder)
     version = short_version(innermost(config.get("driver")))
