@@ -25,7 +25,6 @@ from frenetic.analysis.failures import (
     Clusters,
     Failure,
     caution,
-    describe,
     distinct_among,
     nearest_misses,
 )
@@ -102,14 +101,6 @@ class Reading:
     """The tests in the feature map, with their features, see `measure`."""
     failures: Mapping[int, tuple[Test, Segment | None]]
     """The most severe failures, each with its segment, if it has records."""
-
-    @property
-    def examples(self) -> dict[int, str]:
-        """What happens in the example of each cause, if it is among the most severe failures."""
-        examples = (cause.example for cause in self.clusters.causes)
-        drives = [self.failures[one] for one in examples if one in self.failures]
-        found = [Failure.of_segment(segment, test.result, test.id) for test, segment in drives]
-        return {failure.id: describe(failure) for failure in found if failure is not None}
 
     @classmethod
     def of(cls, store: CampaignStore) -> Reading:
@@ -204,9 +195,7 @@ def campaign_report(
         title=title,
         sections=(
             Section("summary", title, (headline(store, clusters, counts, trouble),)),
-            gallery_section(
-                found, reading.examples, tests, drives, counts, own_repeats(reruns), there, config
-            ),
+            gallery_section(found, tests, drives, counts, own_repeats(reruns), there, config),
             timeline_section(tests, clusters),
             *([] if coverage is None else [domain_section(coverage)]),
             map_section({i: features for i, (features, _) in mapped.items()}, tests, cells),

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Final
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
+from frenetic.analysis.failures import describe_drive
 from frenetic.analysis.segments import Segment, segment_of_test
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
@@ -152,6 +153,7 @@ def drive_data(
         "id": id,
         "outcome": result.outcome,
         "reason": result.reason,
+        "happens": describe_drive(segment, result),
         "moobd": _rounded(result.moobd, 2),
         "moobd_distance": _rounded(result.moobd_distance, 2),
         "max_oob_share": _rounded(result.max_oob_share, 2),

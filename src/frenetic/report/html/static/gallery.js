@@ -27,7 +27,7 @@ function card(id, order, { caption = "", small = false } = {}) {
 function isFound(query, cluster, id) {
   const number = query.match(/^#?(\d+)$/);
   if (number !== null) return id === Number(number[1]);
-  const text = `${cluster.cause} ${cluster.description} ${drives.get(id).reason} ${drives.get(id).origin}`.toLowerCase();
+  const text = `${cluster.cause} ${shortest(id).happens} ${drives.get(id).reason} ${drives.get(id).origin}`.toLowerCase();
   return query.split(/\s+/).every((word) => text.includes(word));
 }
 
@@ -98,8 +98,7 @@ function fillGrid(grid, more, items, shown, make) {
 }
 
 function clusterItem(cluster, head, order) {
-  const like = head === cluster.most_severe ? cluster.description : `like test ${cluster.most_severe}, which ${cluster.description}`;
-  const happens = cluster.examples[head] ?? like;
+  const happens = `${shortest(head).happens}${cluster.was_known ? ", known before" : ""}`; // on the road in the picture
   const caption = cluster.cause ? `${cluster.cause}: ${happens}` : happens;
   const item = el("article", { class: "cluster" }, card(head, order, { caption }));
   const others = cluster.shown.filter((id) => id !== head);
