@@ -193,8 +193,8 @@ def test_clusters_come_most_severe_first_with_their_worst_and_their_typical_fail
     assert found[1].spread == pytest.approx(
         math.sqrt((0.4667**2 + 0.0667**2 + 0.5333**2) / 3), rel=0.01
     )
-    assert str(found[1]).endswith("km/h: 3 failures, worst -1.80 m")
-    assert str(found[0]).endswith("km/h: 1 failure, worst -2.50 m")
+    assert str(found[1]).endswith("km/h: 3 failures, at worst 1.80 m outside its lane")
+    assert str(found[0]).endswith("km/h: 1 failure, at worst 2.50 m outside its lane")
 
 
 def test_the_example_of_a_cause_has_it(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -36,6 +37,11 @@ def test_show_check_and_drive_know_them(frenetic: Frenetic, gentle: Path) -> Non
     assert document["failed"] > 0
     assert document["config"]["rules"]["criteria"]["name"] == "after-iso-11270"
     assert frenetic("check", str(gentle)).out.splitlines()[-1].endswith("nothing is wrong")
+    margin = (
+        r"; worst margin to a criterion -[\d.]+: [a-z ]+ [\d.]+ m/s.? \(at most .*\), in test \d+"
+    )
+    assert re.search(margin, shown.out), "the worst value says which criterion it is"
+    assert "best" not in shown.out
     number = str(document["causes"][0]["example"])
     again = frenetic("drive", str(gentle), number)
     assert "as in the campaign" in again.out
@@ -74,6 +80,7 @@ def test_its_file_and_resume_go_on_with_them(
     before = frenetic("show", str(gentle), "--json").json
     assert again.json["failed"] == before["failed"]
     more = frenetic("resume", str(tmp_path / "again"), "--simulations", "4", "--json").json
+    assert (more["objective"], more["worst"] < 0.0) == ("criteria", True)
     assert more["simulations"] == 44
     as_file = frenetic("run", *GENTLE, "--as", file, "--simulations", "3", "--out", "d", "--json")
     config = frenetic("show", as_file.json["folder"], "--json").json["config"]

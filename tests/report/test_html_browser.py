@@ -487,8 +487,8 @@ def test_tests_are_sorted_and_found(page: Page, searched: Path) -> None:
         tests = {test.id: test for test in store.tests()}
     rows, ids = page.locator("#tests tbody tr"), page.locator("#tests tbody th")
     assert ids.all_text_contents() == [str(i) for i in sorted(tests)[:50]]
-    page.get_by_role("button", name="MOOBD (m)").click()
-    head = page.locator("#tests thead th", has_text="MOOBD (m)")
+    page.get_by_role("button", name="MOOBD (m, at most 2.00)").click()
+    head = page.locator("#tests thead th", has_text="MOOBD (m, at most 2.00)")
     expect(head).to_have_attribute("aria-sort", "ascending")
     known = {i: test.moobd for i, test in tests.items() if test.moobd is not None}
     shown = [known[int(text)] for text in ids.all_text_contents()]

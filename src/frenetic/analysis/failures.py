@@ -33,7 +33,7 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.words import counted
+from frenetic._support.words import counted, lane_words
 from frenetic.analysis.causes import Cause, Kind, cause_of, in_words
 from frenetic.analysis.segments import (
     Segment,
@@ -221,7 +221,10 @@ class Cluster:
         return len(self.ids)
 
     def __str__(self) -> str:
-        return f"{self.description}: {counted(len(self), 'failure')}, worst {self.moobd:.2f} m"
+        text = f"{self.description}: {counted(len(self), 'failure')}"
+        if self.failure is None or self.fault is not None:
+            return text
+        return f"{text}, at worst {lane_words(self.moobd, self.failure.lane_width)}"
 
 
 @dataclass(frozen=True)

@@ -390,7 +390,7 @@ class Campaign(Shown):
         facts |= fact_of(taken)
         made = CampaignStore.create(self.folder, self.configuration(), facts)
         with made as store:
-            summary = Summary(seed=self.seed, folder=self.folder)
+            summary = Summary(seed=self.seed, folder=self.folder, lane_width=self.tester.lane_width)
             start(self.strategy, read_earlier(store), summary)
             return self._search(LogEvent.STARTED, store, summary, {}, limit, on_event)
 

@@ -141,7 +141,7 @@ class CampaignLog:
         """Writes how the campaign stands."""
         self.write(
             LogEvent.PROGRESS,
-            f"{summary.in_words()}{summary.best_in_words},"
+            f"{summary.in_words()}{summary.worst_in_words},"
             f" {summary.budget_spent:.1%} of the budget spent",
             **summary.counts_json(),
             **summary.objective_json,

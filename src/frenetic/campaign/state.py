@@ -117,6 +117,7 @@ def look(folder: Path) -> CampaignState:
         seconds = store.elapsed()
         summary = Summary.over(
             counts,
+            lane_width=store.lane_width,
             seconds=seconds,
             budget_spent=stored_budget(store).spent(counts.simulations, seconds, counts.failed),
         )

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from frenetic._support.words import counted, format_duration, rate_words
+from frenetic._support.words import counted, format_duration, lane_words, oob_unit, rate_words
 from frenetic.cli import silence
 from frenetic.criteria import DRIVER, LANE, quantity
 
@@ -89,7 +89,7 @@ def progress_text(progress: Summary) -> str:
     """Progress of a search in one line."""
     left = progress.seconds_left
     return (
-        f"{progress.in_words()}{progress.best_in_words},"
+        f"{progress.in_words()}{progress.worst_in_words},"
         f" {rate_words(progress.tests_per_second)},"
         f" {'?' if left is None else format_duration(left)} left"
     )
@@ -177,7 +177,7 @@ def two_digits(value: float | None) -> str | None:
     return None if value is None else f"{value:.2f}"
 
 
-def print_failures(clusters: Clusters, counts: Counts, listed: int) -> None:
+def print_failures(clusters: Clusters, counts: Counts, listed: int, lane_width: float) -> None:
     """Prints a table of distinct failures or, where nothing failed, of the nearest misses.
 
     `print_causes` has told in the first case what broke, was known and was compared.
@@ -186,6 +186,7 @@ def print_failures(clusters: Clusters, counts: Counts, listed: int) -> None:
         clusters: the distinct failures or near misses.
         counts: of the campaign; possibly with more failures than were compared.
         listed: number of clusters to print.
+        lane_width: m.
     """
     failures = counts.failed
     if counts.broken and not failures:
@@ -203,12 +204,17 @@ def print_failures(clusters: Clusters, counts: Counts, listed: int) -> None:
         if listed < len(clusters):
             title += f", the {listed} most severe"
     Results().print(title, style="bold", markup=False)
+    is_outside = {one.moobd < 0.0 for one in clusters.clusters[:listed] if one.fault is None}
+    if is_outside <= {True}:
+        sign, place = -1.0, "outside (m)"
+    else:
+        sign, place = 1.0, f"{'MOOBD' if True in is_outside else 'inside'} ({oob_unit(lane_width)})"
     print_table(
-        (">test", ">outside (m)" if failures else ">inside (m)", ">tests", heading),
+        (">test", f">{place}", ">tests", heading),
         [
             (
                 one.most_severe,
-                None if one.fault is not None else f"{-one.moobd if failures else one.moobd:.2f}",
+                None if one.fault is not None else f"{sign * one.moobd:.2f}",
                 len(one),
                 f"known before: {one.description}" if one.was_known else one.description,
             )
@@ -291,15 +297,18 @@ def causes_json(clusters: Clusters, shortened: Mapping[int, Test]) -> list[dict[
     ]
 
 
-def facts_of_drive(result: Result, duration: float | None) -> list[tuple[str, str]]:
+def facts_of_drive(
+    result: Result, duration: float | None, lane_width: float
+) -> list[tuple[str, str]]:
     """Facts about a drive, fresh or recorded."""
     facts = []
     if result.moobd is not None and result.moobd_distance is not None:
         facts += [
             (
                 "MOOBD",
-                f"{result.moobd:.3f} m, at {result.moobd_distance:.1f} m: so far was the middle of"
-                f" the car {'out of' if result.moobd < 0.0 else 'from the edge of'} its lane",
+                f"{result.moobd:.3f} m, at {result.moobd_distance:.1f} m: the car's centre"
+                f" {'was' if result.moobd < 0.0 else 'stayed'}"
+                f" {lane_words(result.moobd, lane_width)}",
             ),
             ("oob share", f"{result.max_oob_share:.0%} at most"),
         ]

@@ -317,7 +317,11 @@ def _print(spec: Spec, asked: Asked, result: Result, document: Mapping[str, Any]
             ("road", f"{asked.road.length:.1f} m, {asked.name}"),
             ("driver", "; ".join(_who(asked.recorded, document))),
             ("conditions", in_words({**spec.conditions, **asked.conditions})),
-            *facts_of_drive(result, result.duration if result.outcome.is_driven else None),
+            *facts_of_drive(
+                result,
+                result.duration if result.outcome.is_driven else None,
+                asked.road.lane_width,
+            ),
             ("result", "" if differs is None else words),
             ("picture", document.get("plot", "")),
         ]

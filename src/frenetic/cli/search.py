@@ -106,6 +106,7 @@ def search(
     from frenetic.analysis.failures import caution, representative_failures
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.earlier import still_failing
+    from frenetic.campaign.objective import worst_criterion
     from frenetic.report.failures import FAILURES, GALLERY, write_failures
     from frenetic.report.html.campaign import Reading
     from frenetic.report.minimised import minimised_drives, minimised_road
@@ -159,12 +160,14 @@ def search(
             }
             click.echo(json.dumps(summary.as_json() | more))
         elif summary is not None:
-            _print_summary(summary, first_error(store), still_failing(store))
+            _print_summary(
+                summary, worst_criterion(store), first_error(store), still_failing(store)
+            )
         if not as_json:
             if misses is None:
                 print_causes(clusters, counts, shortened)
             else:
-                print_failures(misses, counts, len(listed))
+                print_failures(misses, counts, len(listed), store.lane_width)
             for note in notes:
                 click.echo(f"Note: {note}")
             if summary is not None and misses is not None and counts.tests:
@@ -258,14 +261,14 @@ def _write_report(log: Log, store: CampaignStore, reading: Reading) -> Path | No
         return None
 
 
-def _print_summary(summary: Summary, error: str, known: str) -> None:
+def _print_summary(summary: Summary, worst: str, error: str, known: str) -> None:
     from frenetic.campaign.summary import facts_in_words
 
     stopped = "Interrupted: " if summary.interrupted else ""
     click.echo(
         f"{stopped}{counted(summary.simulations, 'simulation')} in"
         f" {format_duration(summary.seconds)}, {rate_words(summary.tests_per_second)}"
-        f"{summary.best_in_words}"
+        f"{summary.worst_in_words}{worst}"
     )
     click.echo(summary.in_words())
     if summary.slow_driver:

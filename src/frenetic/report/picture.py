@@ -24,7 +24,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from frenetic._support.words import capitalised, signed
+from frenetic._support.words import capitalised, oob_words, signed
 from frenetic.campaign.record import Test
 from frenetic.criteria import DRIVER, LANE, quantity
 from frenetic.drive import Drive
@@ -195,7 +195,7 @@ def facts_of_drive(road: Road, seen: SeenDrive) -> list[Fact]:
     return [
         (
             "MOOBD",
-            "–" if moobd is None else f"{signed(moobd, 2)} m",
+            oob_words(moobd, road.lane_width),
             "" if where is None else f"at {where:.0f} m",
         ),
         ("Largest oob share", "–" if share is None else f"{share:.0%}".replace("%", " %"), ""),
@@ -346,7 +346,7 @@ def _draw_oob_distance(axes: Axes, road: Road, seen: SeenDrive | None) -> None:
         side, dx, dy = "center", 0.0, -13.0
         side = "left" if share < 0.06 else "right" if share > 0.94 else side
     axes.annotate(
-        f"MOOBD {signed(moobd, 2)} m", (where, max(moobd, -3.0 * half)), (dx, dy),
+        f"MOOBD {oob_words(moobd, road.lane_width)}", (where, max(moobd, -3.0 * half)), (dx, dy),
         textcoords="offset points", ha=side, va="center", size=8.5, weight="bold", zorder=6,
         annotation_clip=False,
     )  # fmt: skip
@@ -478,6 +478,8 @@ def draw_sheet(
             result = seen.result
             moobd = result.moobd
             line = (
-                f"{result.outcome}, {line}" if moobd is None else f"{line}, MOOBD {signed(moobd)} m"
+                f"{result.outcome}, {line}"
+                if moobd is None
+                else f"{line}, MOOBD {oob_words(moobd, road.lane_width)}"
             )
         page.text(x, y + height + 0.33, line, size=8, color=QUIET)

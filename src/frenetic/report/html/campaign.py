@@ -16,7 +16,14 @@ from msgspec.json import encode
 
 from frenetic._support.entry_points import imported, installed
 from frenetic._support.json_value import JSONValue, plain
-from frenetic._support.words import capitalised, counted, format_duration, rate_words, signed
+from frenetic._support.words import (
+    capitalised,
+    counted,
+    format_duration,
+    oob_words,
+    rate_words,
+    signed,
+)
 from frenetic.again.rerun import elsewhere, own_repeats, read_reruns
 from frenetic.analysis.coverage import domain_coverage, varied_axes
 from frenetic.analysis.criteria import criteria_in_words
@@ -34,7 +41,6 @@ from frenetic.campaign.asking import FACTS
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.earlier import still_failing
 from frenetic.campaign.objective import in_words as objective_in_words
-from frenetic.campaign.objective import objectives
 from frenetic.campaign.record import Test
 from frenetic.campaign.repeat import not_repeatable
 from frenetic.campaign.store import CampaignStore
@@ -310,7 +316,7 @@ def headline(store: CampaignStore, clusters: Clusters, counts: Counts, trouble: 
         "domain": "" if domain is None else domain.in_words(),
         "how often it fails": "" if estimate is None else estimate.in_words(),
         "criteria": criteria,
-        "objective": objective_in_words(config, objectives(store)),
+        "objective": objective_in_words(store),
         "starts from": "; ".join(map(str, earlier_of(config))),
         "known before": still_failing(store),
         "search": facts_in_words(facts.get(FACTS)),
@@ -351,7 +357,8 @@ def _tiles(
     yield "causes", str(len(clusters.causes)), "", role
     if least is not None:
         where = "furthest outside" if least < 0.0 else "nearest to the lane's edge"
-        yield where, f"{abs(least):.2f} m", f"MOOBD {signed(least)} m", ""
+        inside = oob_words(least, store.lane_width)
+        yield where, f"{-least:.2f} m" if least < 0.0 else inside, f"MOOBD {signed(least)} m", ""
     if counts.invalid:
         yield (
             "invalid roads",

@@ -11,13 +11,13 @@ function card(id, order, { caption = "", small = false } = {}) {
   const drive = shortest(id);
   const isCut = drive !== drives.get(id);
   const title = `Test ${id}${isCut ? `, cut to ${fixed(roadLength(drive.road), 0, "m")}` : ""}`;
-  const words = `${title}, ${test.outcome}, MOOBD ${fixed(drive.moobd, 2)} m${caption ? `: ${caption}` : ""}`;
+  const words = `${title}, ${test.outcome}, MOOBD ${oobWords(drive.moobd)}${caption ? `: ${caption}` : ""}`;
   const again = repeats.get(id);
   return el(
     "button",
     { type: "button", class: small ? "card small" : "card", "data-test": id, "aria-label": words, on: { click: () => player.open(id, order()) } },
     roadPicture(drive, ""),
-    el("span", { class: "card-line" }, el("b", {}, title), el("span", { class: `number outcome-${test.outcome.toLowerCase()}` }, fixed(drive.moobd, 2, "m"))),
+    el("span", { class: "card-line" }, el("b", {}, title), el("span", { class: `number outcome-${test.outcome.toLowerCase()}` }, oobWords(drive.moobd))),
     again && el("span", { class: `repeats ${again.stability}` }, `${again.stability}: the same in ${percent(again.share)} (${fixed(100 * again.low, 0)}–${fixed(100 * again.high, 0)})`),
     caption ? el("span", { class: "card-text" }, caption) : null,
   );
