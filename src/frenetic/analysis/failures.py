@@ -114,7 +114,7 @@ class Failure:
     cause: Cause | None = None
     """What the driver did wrong; None for a fault or a near miss."""
     criterion: str | None = None
-    """Criterion that the drive broke, see `frenetic.oracle.Finding`; None if it stood still."""
+    """Criterion that the drive exceeded, see `frenetic.oracle.Finding`; None if it stood still."""
 
     @classmethod
     def of(

@@ -60,7 +60,7 @@ class CampaignMeasures:
 
     @property
     def simulations(self) -> int:
-        """Drives, broken ones included."""
+        """Drives, also those in which the simulator broke."""
         return len(self.failures_after) - 1
 
     @property

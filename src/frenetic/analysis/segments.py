@@ -35,7 +35,7 @@ class Segment:
     side: Side | None
     """The side of the lane on which it left, None if it did not."""
     criterion: str | None
-    """What the drive broke there, see `frenetic.oracle.Finding`; None if it broke nothing."""
+    """Criterion that the drive exceeded there, see `frenetic.oracle.Finding`; None without one."""
     start: float
     """Distance along the road, in m."""
     end: float

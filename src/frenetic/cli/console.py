@@ -15,7 +15,14 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from frenetic._support.words import counted, format_duration, lane_words, oob_unit, rate_words
+from frenetic._support.words import (
+    capitalised,
+    counted,
+    format_duration,
+    lane_words,
+    oob_unit,
+    rate_words,
+)
 from frenetic.cli import silence
 from frenetic.criteria import DRIVER, LANE, quantity
 
@@ -180,7 +187,7 @@ def two_digits(value: float | None) -> str | None:
 def print_failures(clusters: Clusters, counts: Counts, listed: int, lane_width: float) -> None:
     """Prints a table of distinct failures or, where nothing failed, of the nearest misses.
 
-    `print_causes` has told in the first case what broke, was known and was compared.
+    `print_causes` says in the first case how often the simulator broke, and what was compared.
 
     Args:
         clusters: the distinct failures or near misses.
@@ -190,7 +197,7 @@ def print_failures(clusters: Clusters, counts: Counts, listed: int, lane_width: 
     """
     failures = counts.failed
     if counts.broken and not failures:
-        Results().print(counts.broken, style="bold", markup=False)
+        Results().print(capitalised(counts.broken), style="bold", markup=False)
     if not clusters:
         return
     heading = "what happens"
@@ -232,7 +239,7 @@ def print_causes(clusters: Clusters, counts: Counts, shortened: Mapping[int, Tes
         shortened: the drives on minimised roads, by their tests.
     """
     if counts.broken:
-        Results().print(counts.broken, style="bold", markup=False)
+        Results().print(capitalised(counts.broken), style="bold", markup=False)
     if not clusters:
         return
     severe = f"the {clusters.failures} most severe of " if clusters.failures < counts.failed else ""
@@ -262,7 +269,7 @@ def _cut(short: Test | None) -> str | None:
 
 
 def first_error(store: CampaignStore) -> str:
-    """Reason of the first test that broke; empty if none did."""
+    """Reason of the first test in which the simulator broke; empty if there is none."""
     from frenetic.outcome import Outcome
 
     return "".join(test.reason for test in store.tests(Outcome.ERROR, limit=1))
@@ -320,7 +327,7 @@ def facts_of_drive(
         if one.criterion not in (LANE, DRIVER):
             what, side = quantity(one.criterion), f" to the {one.side}" if one.side else ""
             text = f"{what.words} {what.told(one.value)}{side} at {one.distance:.1f} m"
-            facts.append(("broke", f"{text} and {one.time:.2f} s, the limit is {one.limit:g}"))
+            facts.append(("exceeded", f"{text} and {one.time:.2f} s, the limit is {one.limit:g}"))
     place = result.departure
     if place is not None:
         facts.append(
@@ -346,7 +353,7 @@ def print_measures(rows: Sequence[Mapping[str, Any]], criteria: Profile) -> None
                 row["unit"],
                 f"{row['distance']:.0f} m{f', {side}' if (side := row['side']) else ''}",
                 None if row["limit"] is None else f"{row['limit']:g}",
-                {None: "", True: "kept", False: "broken"}[row["kept"]],
+                {None: "", True: "kept", False: "exceeded"}[row["kept"]],
             )
             for row in rows
         ],

@@ -48,7 +48,7 @@ workers_option = click.option(
 fail_on_failure_option = click.option(
     "--fail-on-failure",
     is_flag=True,
-    help="End with exit code 1 if a test failed or a drive broke, for CI.",
+    help="End with exit code 1 if a test failed or the simulator broke, for CI.",
 )
 
 
@@ -101,7 +101,7 @@ def search(
         announcement: the first line.
         as_json: whether to print the result as JSON.
         seed: of the strategy.
-        fail_on_failure: whether a failure or broken drive ends the command with exit code 1.
+        fail_on_failure: whether the exit code is 1 if a test failed or the simulator broke.
     """
     from frenetic.analysis.failures import caution, representative_failures
     from frenetic.campaign import CampaignStore

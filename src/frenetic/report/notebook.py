@@ -11,7 +11,7 @@ from typing import Final
 
 import matplotlib as mpl
 
-from frenetic._support.words import counted, format_duration, oob_words
+from frenetic._support.words import capitalised, counted, format_duration, oob_words
 from frenetic.analysis.comparison import Comparison
 from frenetic.analysis.failures import distinct_failures, nearest_misses
 from frenetic.campaign.campaign import Campaign
@@ -89,7 +89,7 @@ def _failures_to_show(store: CampaignStore) -> tuple[str, list[tuple[str, Road, 
     title = f"{counted(len(found), 'distinct failure')} among {among}"
     if not counts.failed:
         found = nearest_misses(store, FAILURES)
-        title = counts.broken or "No failure"
+        title = capitalised(counts.broken) or "No failure"
         title += "; the nearest misses" if found else ""
     items = []
     for cluster in found.clusters[:FAILURES]:

@@ -95,7 +95,7 @@ def draw_drive(
 
     From above: the lanes, the car's path coloured by oob distance, start, end, and where it left
     the lane, again in a close-up. Underneath, along the road: oob distance, curvature and speed. A
-    drive that broke (ERROR) is shown as far as it went.
+    drive in which the simulator broke (ERROR) is shown as far as it went.
 
     Args:
         road: the road that was driven.
@@ -183,15 +183,16 @@ def facts_of_drive(road: Road, seen: SeenDrive) -> list[Fact]:
     """The figures of a drive."""
     result = seen.result
     moobd, share, where = result.moobd, result.max_oob_share, result.moobd_distance
-    left, broke = result.departure, result.finding
+    left, gravest = result.departure, result.finding
     departure = (
         "Departure",
         str(left.side) if left else "none" if result.outcome.is_driven else "–",
         "" if left is None else f"at {left.distance:.0f} m",
     )
-    if broke is not None and broke.criterion not in (LANE, DRIVER):
-        what = quantity(broke.criterion)
-        departure = capitalised(what.words), what.told(broke.value), f"at {broke.distance:.0f} m"
+    if gravest is not None and gravest.criterion not in (LANE, DRIVER):
+        what = quantity(gravest.criterion)
+        place = f"at {gravest.distance:.0f} m"
+        departure = capitalised(what.words), what.told(gravest.value), place
     return [
         (
             "MOOBD",

@@ -278,7 +278,7 @@ def _shell(path: Path) -> str:
 
 def _title(clusters: Clusters, counts: Counts) -> str:
     if counts.errors and not counts.failed:
-        return counts.broken
+        return capitalised(counts.broken)
     found = "No failure"
     if counts.failed:
         distinct = counted(len(clusters), "distinct failure")
@@ -327,7 +327,7 @@ def headline(store: CampaignStore, clusters: Clusters, counts: Counts, trouble: 
         "headline",
         {
             "lead": f"{strategy} searched for roads on which {driver} leaves its lane"
-            f"{' or breaks another criterion' if criteria else ''} in {simulator},"
+            f"{' or exceeds another criterion' if criteria else ''} in {simulator},"
             f" seed {'unknown' if seed is None else seed}.",
             "warning": " ".join([*(f"{capitalised(one)}." for one in warnings if one), trouble]),
             "tiles": list(_tiles(store, clusters, counts)),

@@ -83,7 +83,7 @@ def gallery_section(
     if counts.failed:
         blocks = (_causes(clusters, drives), gallery) if examples else (gallery,)
         return Section("failures", "Failures", blocks, _lead(clusters, counts.failed, data))
-    lead = f"{counts.broken or 'No failure was found'}."
+    lead = f"{capitalised(counts.broken) or 'No failure was found'}."
     if not data:
         return Section("failures", "Failures", (), lead)
     lead += (

@@ -6,7 +6,7 @@ const TEST_COLUMNS = [
   ["outcome", (test) => test.outcome, (test) => el("span", { class: `outcome-${test.outcome.toLowerCase()}` }, test.outcome)],
   [`MOOBD (m, at most ${fixed(report.lane_width / 2, 2)})`, (test) => test.moobd, (test) => fixed(test.moobd, 2)],
   ["side", (test) => test.side],
-  ["broke", (test) => test.broke],
+  ["criterion", (test) => test.criteria],
   ["road (m)", (test) => test.length, (test) => fixed(test.length, 0)],
   ["drive (s)", (test) => test.duration, (test) => fixed(test.duration, 1)],
 ];
