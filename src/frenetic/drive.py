@@ -222,7 +222,7 @@ class Trajectory:
 
 
 class Breakdown(NamedTuple):
-    """The error that broke a drive, in the order of `Drive`'s fields."""
+    """The error that ended a drive, in the order of `Drive`'s fields."""
 
     error: str
     traceback: str
@@ -262,12 +262,12 @@ class Drive:
         breakdown: Breakdown | None = None,
         driver_seconds: float = 0.0,
     ) -> Self:
-        """A drive along a road, which something may have broken."""
+        """A drive along a road, which an error may have ended."""
         error, trace, fault = breakdown or (None, "", None)
         return cls(trajectory, car, rules, error, trace, fault, road, driver_seconds)
 
     def __repr__(self) -> str:
         """The drive at a glance."""
         road = "" if self.road is None else f" on {self.road.length:.0f} m of road"
-        broken = "" if self.error is None else f", broken: {self.error}"
+        broken = "" if self.error is None else f", error: {self.error}"
         return f"<Drive{road}: {repr(self.trajectory)[15:-1]}{broken}>"

@@ -80,7 +80,7 @@ GIVES_NO_CONTROLS: Final = "gives no usable controls"
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault of the driver or the simulator that broke a drive."""
+    """A fault in the code of the driver or the simulator, which ended a drive."""
 
     part: Literal["driver", "simulator"]
     kind: str
@@ -167,7 +167,7 @@ class StrategyError(CampaignError):
 
 
 class DriverError(FreneticError):
-    """A driver that cannot be loaded, or that broke its contract during a drive."""
+    """A driver that cannot be loaded, or that did not keep its contract during a drive."""
 
 
 class ControlsError(DriverError):

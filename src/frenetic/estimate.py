@@ -161,7 +161,7 @@ class Draws:
         """A drive as the domain distributes them, or in these conditions, (d,) normal numbers.
 
         Raises:
-            FreneticError: the drive broke.
+            FreneticError: the simulator broke.
         """
         for _ in range(_REDRAWS):
             point = conditions
@@ -175,7 +175,7 @@ class Draws:
             self.drives += 1
             if result.outcome not in (Outcome.PASS, Outcome.FAIL):
                 raise FreneticError(
-                    f"a drive broke, which says nothing of the driver: {result.reason}"
+                    f"the simulator broke, which says nothing of the driver: {result.reason}"
                 )
             failed = result.outcome is Outcome.FAIL
             self.failures += failed
@@ -342,8 +342,8 @@ def estimate(
         on_drive: called after each drive, with the drives and failures so far.
 
     Raises:
-        FreneticError: its roads do not fit, a drive broke, or simulator or driver cannot have its
-            conditions.
+        FreneticError: its roads do not fit, the simulator broke, or simulator or driver cannot have
+            its conditions.
         ValueError: a number is out of range.
     """
     drives = require_count("drives", drives, least=100)

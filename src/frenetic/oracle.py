@@ -81,7 +81,7 @@ class Result:
     findings: tuple[Finding, ...] = ()
     """Breaches of the criteria, in the order of time."""
     fault: Fault | None = None
-    """The fault that broke the drive: the driver's makes it a FAIL, the simulator's an ERROR."""
+    """The fault that ended the drive: the driver's makes it a FAIL, the simulator's an ERROR."""
 
     @property
     def finding(self) -> Finding | None:

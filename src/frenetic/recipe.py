@@ -93,7 +93,7 @@ class Recipe:
             raise FreneticError(error.reason) from None
         except LostWorkerError as error:
             is_late = time.monotonic() > worker.deadline
-            told = f"took more than {LIMIT:g} s" if is_late else f"broke its process: {error}"
+            told = f"took more than {LIMIT:g} s" if is_late else f"ended its process: {error}"
             raise FreneticError(f"{self.kind} {self.name!r}: {step} it {told}") from None
         finally:
             worker.kill()

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from frenetic._support.words import part_word, read_part
+from frenetic._support.words import lane_words, oob_unit, oob_words, part_word, read_part
 
 
 @pytest.mark.parametrize(
@@ -23,3 +23,18 @@ def test_options_come_back_as_they_were(value: Any) -> None:
     _, options = read_part(part_word("planner", {"option": value}))
     assert options == {"option": value}
     assert type(options["option"]) is type(value)
+
+
+@pytest.mark.parametrize(
+    ("oob", "short", "text"),
+    [
+        (1.744, "1.74 of 1.75 m", "1.74 of 1.75 m inside its lane"),
+        (0.0, "0.00 of 1.75 m", "0.00 of 1.75 m inside its lane"),
+        (-0.52, "−0.52 m", "0.52 m outside its lane"),
+    ],
+)
+def test_metres_inside_the_lane_stand_beside_what_is_possible(
+    oob: float, short: str, text: str
+) -> None:
+    assert (oob_words(oob, 3.5), lane_words(oob, 3.5)) == (short, text)
+    assert (oob_words(None, 3.5), oob_unit(3.5)) == ("–", "m, at most 1.75")

@@ -65,7 +65,7 @@ def test_a_junit_parser_finds_every_road(tmp_path: Path) -> None:
         "failed": "0 of 1",
         "outcome": "PASS",
         "outcome_before": "FAIL",
-        "broke": "",
+        "criteria": "",
         "moobd": "1.2500",
         "moobd_before": "-1.0000",
         "length": "230.0000",

@@ -193,8 +193,8 @@ def test_clusters_come_most_severe_first_with_their_worst_and_their_typical_fail
     assert found[1].spread == pytest.approx(
         math.sqrt((0.4667**2 + 0.0667**2 + 0.5333**2) / 3), rel=0.01
     )
-    assert str(found[1]).endswith("km/h: 3 failures, worst -1.80 m")
-    assert str(found[0]).endswith("km/h: 1 failure, worst -2.50 m")
+    assert str(found[1]).endswith("km/h: 3 failures, at worst 1.80 m outside its lane")
+    assert str(found[0]).endswith("km/h: 1 failure, at worst 2.50 m outside its lane")
 
 
 def test_the_example_of_a_cause_has_it(tmp_path: Path) -> None:
@@ -238,16 +238,22 @@ def test_an_unknown_id_has_no_cluster() -> None:
             "leaves to the left in a left-hand bend of 20 m radius, slowing from 51 to 36 km/h",
         ),
         (
-            [0.0, 0.0, 0.0, 0.0, 0.05, 0.05] + [0.0] * 7,
+            [0.0, 0.0, 0.0, 0.05, 0.05] + [0.0] * 8,
             "right",
             (10.0, 10.0),
             "leaves to the right on a straight, at 36 km/h",
         ),
         (
+            [0.0, 0.0, 0.0, 0.0, 0.05, 0.05] + [0.0] * 7,
+            "right",
+            (10.0, 10.0),
+            "leaves to the right 11 m behind a left-hand bend of 20 m radius, at 36 km/h",
+        ),
+        (
             [0.0, 0.0, 0.0, 0.0, 0.0, 0.05, 0.05] + [0.0] * 6,
             "right",
             (10.0, 10.0),
-            "leaves to the right behind a left-hand bend of 20 m radius, at 36 km/h",
+            "leaves to the right 1 m behind a left-hand bend of 20 m radius, at 36 km/h",
         ),
         (
             [0.0, 0.0, 0.0, 0.0, 0.05, 0.05, -0.05, -0.05, 0.0] + [0.0] * 4,
@@ -260,7 +266,7 @@ def test_an_unknown_id_has_no_cluster() -> None:
             [0.0] * 8 + [0.03] * 5,
             "right",
             (10.0, 10.0),
-            "leaves to the right before a left-hand bend of 33 m radius after a straight,"
+            "leaves to the right 2 m before a left-hand bend of 33 m radius after a straight,"
             " at 36 km/h",
         ),
     ],

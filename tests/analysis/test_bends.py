@@ -1,11 +1,20 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from frenetic.analysis.segments import find_bends
+from frenetic.analysis.segments import (
+    BEFORE,
+    BEHIND,
+    bends_of,
+    find_bends,
+    place_in_words,
+)
 
 PLACES = np.arange(0.0, 70.0, 10.0)
 
@@ -39,3 +48,59 @@ def test_a_bend_turns_ten_degrees_or_more(degrees: float, number: int) -> None:
 
 def test_a_gentle_bend_is_none_however_far_it_turns() -> None:
     assert find_bends(np.array([0.0, 400.0]), np.full(2, 0.0049)) == ()
+
+
+# Places in words
+
+
+def test_a_place_behind_a_bend_is_never_before_the_next_one() -> None:
+    # A left-hand bend of 15 m radius ends at 29.3 m; a right-hand one of 33 m starts at 41.7 m.
+    curvatures = np.array([0.0, 0.0, 1 / 15, 0.0, 0.0, -0.03, -0.03, 0.0])
+    expected = {
+        20.0: "in a left-hand bend of 15 m radius",
+        29.0: "at the end of a left-hand bend of 15 m radius",
+        39.0: "10 m behind a left-hand bend of 15 m radius",
+        41.0: "12 m behind a left-hand bend of 15 m radius",
+        43.0: "entering a right-hand bend of 33 m radius after a left-hand bend",
+    }
+    assert {place: place_in_words(curvatures, 10.0, place) for place in expected} == expected
+
+
+@settings(deadline=None)
+@given(
+    st.lists(st.floats(-0.07, 0.07), min_size=2, max_size=30),
+    st.sampled_from([2.0, 10.0, 25.0]),
+    st.floats(0.0, 1.0),
+)
+def test_a_place_is_described_by_the_bend_in_which_it_lies_or_else_by_the_last_one(
+    curvatures: list[float], step: float, share: float
+) -> None:
+    line, place = np.array(curvatures), share * step * (len(curvatures) - 1)
+    text, bends = place_in_words(line, step, place), bends_of(line, step)
+    if around := [bend for bend in bends if bend.start <= place <= bend.end]:
+        bend, pattern = around[0], "(entering|in|at the end of) a"
+    elif behind := [bend for bend in bends if 0.0 < place - bend.end <= BEHIND]:
+        bend, pattern = behind[-1], r"(just|\d+ m) behind a"
+    elif ahead := [bend for bend in bends if 0.0 < bend.start - place <= BEFORE]:
+        bend, pattern = ahead[0], r"(just|\d+ m) before a"
+    else:
+        assert text == "on a straight"
+        return
+    radius = f"{1.0 / bend.sharpest:.0f}"
+    assert re.match(rf"{pattern} {bend.side}-hand bend of {radius} m radius", text), text
+
+
+def test_a_bend_is_described_whole_however_long_it_is() -> None:
+    curvatures = np.array([0.0, 0.05, *[0.01] * 20, 0.0])
+    text = "in a left-hand bend of 20 m radius"
+    assert [place_in_words(curvatures, 10.0, place) for place in (60.0, 140.0)] == [
+        text,
+        "at the end of a left-hand bend of 20 m radius",
+    ]
+
+
+def test_the_wide_bends_of_a_motorway_are_no_straights() -> None:
+    curvatures = np.array([*[0.0] * 10, *[-0.001] * 20, *[0.0] * 10])
+    places = {50.0: "on a straight", 190.0: "in a right-hand bend of 1000 m radius"}
+    assert {place: place_in_words(curvatures, 10.0, place) for place in places} == places
+    assert place_in_words(np.full(40, 5e-5), 10.0, 200.0) == "on a straight"

@@ -7,7 +7,6 @@ import pytest
 from made_drives import departure, drive
 
 from frenetic.analysis import segment_of, segments_of
-from frenetic.analysis.segments import segment_profile
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.outcome import Outcome
 from frenetic.road import Road
@@ -55,15 +54,6 @@ def test_a_second_passage_does_not_count() -> None:
 def test_a_drive_without_records_has_no_segment() -> None:
     with pytest.raises(ValueError, match="without records"):
         segment_of(STRAIGHT, Drive(Trajectory.empty()), None)
-
-
-def test_profile_is_the_curvature_around_the_place() -> None:
-    road = Road(np.array([0.0, 0.0, 0.04, 0.0, 0.0, 0.0, 0.0]))
-    profile = segment_profile(road, 20.0)
-    assert len(profile) == 31
-    assert profile[15] == 0.04
-    assert profile[10] == road.curvature_at(10.0)
-    assert profile[0] == 0.0  # before the road's start
 
 
 def test_segments_of_a_campaign_are_those_of_its_driven_tests(tmp_path: Path) -> None:

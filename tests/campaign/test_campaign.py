@@ -276,7 +276,7 @@ def test_the_best_test_is_the_worst_for_the_driver(tmp_path: Path) -> None:
     with CampaignStore.open(tmp_path / "b") as store:
         values = objectives(store)
     assert other.best_test is not None
-    assert values[other.best_test.id] == end.best == max(values.values())
+    assert values[other.best_test.id] == end.worst == max(values.values())
 
 
 def test_calls_that_make_no_sense(tmp_path: Path) -> None:

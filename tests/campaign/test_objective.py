@@ -97,17 +97,18 @@ def test_its_values_are_kept_and_named(tmp_path: Path) -> None:
     with CampaignStore.open(folder) as store:
         shares = {t.id: t.result.max_oob_share for t in store.tests() if t.outcome.is_driven}
         values = objectives(store)
-        text = in_words(store.config, values)
+        text = in_words(store)
         assert values == {t.id: t.objective for t in store.tests() if t.objective is not None}
     # Drives are measured as they are stored, which is rounded.
     assert values == pytest.approx(shares, abs=2e-3)
-    best = max(values.values())
-    first = min(one for one, value in values.items() if value == best)
+    worst = max(values.values())
+    first = min(one for one, value in values.items() if value == worst)
     assert text.startswith("oob-share: largest share of the car outside its lane, higher is worse")
-    assert text.endswith(f"; best {best:.3g}, in test {first}")
+    share = f"at most {100.0 * worst:.0f} % of the car outside its lane"
+    assert text.endswith(f"; {share}, in test {first}")
     assert check_campaign(folder).findings == ()
     last = (folder / "campaign.log").read_text(encoding="utf-8").splitlines()[-1]
-    assert json.loads(last)["best"] == best
+    assert json.loads(last)["worst"] == worst
     assert parts_of(folder)["objective"] == "oob-share"
 
 

@@ -51,9 +51,9 @@ DEEDS: Final = {
 """Deed -> its code."""
 WORDS: Final = {
     "exits": "SystemExit: 7 (",
-    "dies": "it broke its process: it ended with exit code 7",
+    "dies": "it ended its process: it ended with exit code 7",
     "hangs": f"it took more than {LIMIT:g} s",
-    "closes all": "it broke its process: it ended with exit code 0",
+    "closes all": "it ended its process: it ended with exit code 0",
 }
 """Deed -> words of the error where nothing is made."""
 MOMENTS: Final = ("importing", "making", "leaving")

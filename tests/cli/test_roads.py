@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -46,6 +47,21 @@ def test_a_search_keeps_the_class(slippery: Path) -> None:
         assert road_class.breach(test.road) == ""
         assert test.road.grade.any()
     assert read_run_file(slippery / NAME)[0].road_class == road_class
+
+
+def test_metres_inside_the_lane_stand_beside_half_of_the_class_lane(frenetic: Frenetic) -> None:
+    calm = ("--driver", "aggression=0.3", "--simulations", "4", "--seed", "3", "--workers", "1")
+    ran = frenetic("run", "--roads", "urban-50", *calm, "--out", "calm")
+    assert re.search(r", at least 1\.\d\d of 1\.62 m inside its lane\n", ran.out)
+    assert "inside (m, at most 1.62)" in ran.out, "of the near misses"
+    stayed = r"m: the car's centre stayed 1\.\d\d of 1\.62 m inside its lane\n"
+    for shown in (("show", "calm", "1"), ("drive", "calm", "1")):
+        assert re.search(stayed, frenetic(*shown).out), shown
+    assert "MOOBD (m, at most 1.62)" in frenetic("show", "calm", "--outcome", "PASS").out
+    frenetic("run", "--roads", "urban-50", *calm, "--strategy", "random", "--out", "other")
+    assert "MOOBD (m, at most 1.62)" in frenetic("compare", "calm", "other").out
+    again = " ".join(frenetic("rerun", "calm", "1").out.split())
+    assert "MOOBD (m, at most 1.62)" in again
 
 
 def test_its_roads_are_driven_again_as_they_were(frenetic: Frenetic, slippery: Path) -> None:

@@ -97,7 +97,11 @@ class Unreliable(DummySimulator):
 
 @pytest.mark.parametrize(
     ("out", "every", "broken"),
-    [(0.0, 1, "6 of 6 drives broke"), (0.0, 2, "3 of 6 drives broke"), (6.0, 3, "2 of 6 drives")],
+    [
+        (0.0, 1, "The simulator broke in 6 of 6 drives"),
+        (0.0, 2, "The simulator broke in 3 of 6 drives"),
+        (6.0, 3, "2 of 6 drives"),
+    ],
 )
 def test_headings_say_how_many_drives_broke(
     frenetic: Frenetic, out: float, every: int, broken: str

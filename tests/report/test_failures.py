@@ -63,7 +63,7 @@ def test_of_many_failures_the_most_severe_are_compared_and_listed(
     assert sorted(i for cluster in clusters for i in cluster.ids) == sorted(severe)
     listed = len(clusters) - 1
     assert listed > 0
-    print_failures(clusters, Counts(failed=30), listed=listed)
+    print_failures(clusters, Counts(failed=30), listed, 4.0)
     title, heading, *rows = capsys.readouterr().out.splitlines()
     assert title == f"{len(clusters)} distinct failures, the {listed} most severe"
     assert heading.split()[:2] == ["test", "outside"]

@@ -25,7 +25,7 @@ from frenetic.again.conditions import Variation
 from frenetic.again.rerun import rerun
 from frenetic.analysis.failures import Cluster, Clusters, distinct_failures, nearest_misses
 from frenetic.analysis.features import FEATURES, features_of
-from frenetic.analysis.segments import segments_of
+from frenetic.analysis.segments import place_in_words, segments_of
 from frenetic.analysis.statistics import proportion_interval
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.store import DATABASE
@@ -404,6 +404,11 @@ def test_minimised_roads_are_shown(copied: tuple[Path, list[int]]) -> None:
     assert short["file"] == small
     assert len(short["drive"]["road"]["curvatures"]) < len(drives[first]["road"]["curvatures"])
     assert short["drive"]["outcome"] == "FAIL"
+    for drive in (drives[first], short["drive"]):
+        line, place = drive["road"], drive["departure"]["distance"]
+        where = place_in_words(np.array(line["curvatures"]), line["step"], place)
+        assert f" {where}, " in drive["happens"], "the text is about the road in the picture"
+    assert drives[first]["happens"] != short["drive"]["happens"]
     assert (drives[second]["minimised"], drives[third]["minimised"]) == (None, None)
     assert (drives[first]["road_file"], drives[second]["road_file"]) == (None, road)
     document = json.loads((folder / small).read_text())

@@ -106,7 +106,7 @@ def test_it_says_that_no_road_comes_near_failing() -> None:
     search = Frenetic(seed=1)
     assert search.notice is None
     searched(search, 40, fails=False)
-    assert "no road has come near failing" in (search.notice or "")
+    assert "nothing close to failing" in (search.notice or "")
     search.tell(drive(search.ask(), -2.0, 50.0))
     assert search.notice is None
 

@@ -37,6 +37,35 @@ def signed(value: float | None, digits: int = 2, none: str = "–") -> str:
     return none if value is None else f"{value:.{digits}f}".replace("-", "−")
 
 
+def oob_words(oob: float | None, lane_width: float) -> str:
+    """An oob distance beside the largest possible one: ``1.74 of 1.75 m``; ``−0.52 m`` outside.
+
+    Args:
+        oob: m; None if it is unknown.
+        lane_width: m; half of it is the oob distance in the middle of the lane.
+    """
+    if oob is None or oob < 0.0:
+        return signed(oob) if oob is None else f"{signed(oob)} m"
+    return f"{oob:.2f} of {0.5 * lane_width:.2f} m"
+
+
+def lane_words(oob: float, lane_width: float) -> str:
+    """Where a car's centre is: ``1.74 of 1.75 m inside its lane``, ``0.52 m outside its lane``.
+
+    Args:
+        oob: oob distance, in m.
+        lane_width: m.
+    """
+    if oob < 0.0:
+        return f"{-oob:.2f} m outside its lane"
+    return f"{oob_words(oob, lane_width)} inside its lane"
+
+
+def oob_unit(lane_width: float) -> str:
+    """The unit of a column of oob distances: ``m, at most 1.75``."""
+    return f"m, at most {0.5 * lane_width:.2f}"
+
+
 def rate_words(rate: float | None) -> str:
     """Tests per second, or per minute or hour where they are few."""
     if rate is None:

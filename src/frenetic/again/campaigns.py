@@ -96,7 +96,7 @@ def complete(campaign: Campaign, how: How) -> None:
     """Drives what is left to be driven of a `campaign_again`.
 
     Raises:
-        CampaignError: nothing can be stored, no worker can be started, or only broken drives come.
+        CampaignError: nothing can be stored, no worker can be started, or no drive can be judged.
     """
     if not (campaign.folder / DATABASE).is_file():
         campaign.run(on_event=how.get("on_event"))

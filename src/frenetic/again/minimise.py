@@ -67,7 +67,7 @@ class FailureReason(StrEnum):
     LEFT_LANE_RIGHT = "left the lane to the right"
     STOOD_STILL = "stood still"
     RAN_OUT_OF_TIME = "ran out of time"
-    BROKE_A_LIMIT = "broke a limit"
+    EXCEEDED_A_LIMIT = "exceeded a limit"
     DRIVER_BROKE = "the driver broke"
 
     @classmethod
@@ -86,12 +86,12 @@ class FailureReason(StrEnum):
             duration: simulated time in s.
             timeout: s that the road's drive may take.
             fault: the driver's, if it ended the drive.
-            criterion: that it broke, if any.
+            criterion: that was exceeded, if any.
         """
         if fault is not None:
             return cls.DRIVER_BROKE
         if criterion not in (None, LANE):
-            return cls.BROKE_A_LIMIT
+            return cls.EXCEEDED_A_LIMIT
         if side is not None:
             return cls.LEFT_LANE_LEFT if side == "left" else cls.LEFT_LANE_RIGHT
         return cls.RAN_OUT_OF_TIME if (duration or 0.0) > timeout else cls.STOOD_STILL

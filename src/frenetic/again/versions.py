@@ -141,7 +141,7 @@ class BackToBack:
     def verdict(self) -> str:
         """The verdict: the whole interval of the difference lies on one side of 0.
 
-        It has to do so whether drives that broke are left out or count as failures.
+        It has to do so whether errors of the simulator are left out or count as failures.
         """
         broken_too = [
             pair
@@ -167,7 +167,7 @@ class BackToBack:
         roads = f"of {counted(len(self.fresh.judged), 'fresh road')}"
         if verdict not in (BETTER, WORSE):
             if verdict == "cannot tell":
-                verdict += " which is better, drives that broke decide"
+                verdict += " which is better, the drives in which the simulator broke decide"
             return f"{verdict}: {roads}, new fails on {new}, old on {old} {rates}"
         time = self.time_difference
         if time is not None and time.sign > 0 and time.value >= SLOWER:
@@ -205,8 +205,8 @@ class BackToBack:
             reasons = Counter(one[i].reason for one in pairs if one[i].outcome is Outcome.ERROR)
             for reason, _ in reasons.most_common(1):
                 yield (
-                    f"{version} broke in {counted(reasons.total(), 'drive')}, which count as"
-                    f" neither passed nor failed, most often: {reason}"
+                    f"the simulator broke in {counted(reasons.total(), 'drive')} with {version},"
+                    f" which count as neither passed nor failed, most often: {reason}"
                 )
         if self.verdict not in (BETTER, WORSE) and self.fresh.judged:
             more = 4 * len(self.fresh.pairs)
@@ -232,7 +232,7 @@ class BackToBack:
 
 
 def _difference(pairs: Sequence[Pair]) -> Estimate | None:
-    """The difference of the failure rates; drives that broke count as failures."""
+    """The difference of the failure rates; errors of the simulator count as failures."""
     if not pairs:
         return None
     old, new = ([pair[i].outcome is not Outcome.PASS for pair in pairs] for i in range(2))

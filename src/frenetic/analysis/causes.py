@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
-from frenetic.analysis.segments import Segment, segment_of
+from frenetic.analysis.segments import Segment, bend_of_place, bends_of, segment_of
 from frenetic.criteria import DRIVER, EDGE_DISTANCE, LANE, quantity
 from frenetic.drive import Drive
 from frenetic.oracle import TIMED_OUT, Side, judge
@@ -49,7 +49,6 @@ _HELD: Final = 0.3  # [s]
 _STRAIGHT_AHEAD: Final = 1e-3  # steering [rad]
 _AHEAD: Final = 15.0  # [m] of road that a car may cut
 _FEWEST: Final = 5  # records
-_STRAIGHT: Final = 1e-4  # [1/m]
 
 
 class Kind(StrEnum):
@@ -104,10 +103,12 @@ def cause_of(segment: Segment) -> Cause:
     """The cause of a failure, from its segment; see this module's text."""
     seen, path = segment.assessment, segment.drive.trajectory
     if segment.criterion not in (None, LANE, DRIVER, EDGE_DISTANCE):
-        curvature = float(segment.road.curvature_at(np.array([segment.place]))[0])
-        bends: Side | None = "left" if curvature > 0.0 else "right"
-        is_bend = abs(curvature) > _STRAIGHT
-        return Cause(Kind.EXCEEDS, bends if is_bend else None, segment.criterion)
+        road_bends = bends_of(segment.road.curvatures, segment.road.step)
+        near = bend_of_place(road_bends, segment.place)
+        is_reached = near is not None and near.start <= segment.place
+        return Cause(
+            Kind.EXCEEDS, near.side if near is not None and is_reached else None, segment.criterion
+        )
     if segment.side is None:
         return Cause(Kind.SLOW if seen.end == TIMED_OUT else Kind.STANDS)
     n = len(seen.distance)

@@ -8,8 +8,8 @@ groups, corrected by Holm where there are several pairs.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations, count
 from pathlib import Path
@@ -20,7 +20,7 @@ import numpy as np
 
 from frenetic._support.files import require_list
 from frenetic._support.notebook import Shown
-from frenetic._support.words import counted
+from frenetic._support.words import counted, oob_unit
 from frenetic.analysis.groups import differing_parts, parts_of, shared_parts
 from frenetic.analysis.metrics import (
     HEADLINE,
@@ -242,13 +242,21 @@ def compare_measured(
     shared: Mapping[str, str] = MappingProxyType({}),
 ) -> Comparison:
     """Compares groups of measured campaigns, as `compare` does."""
-    compared = (_compare_by(measure, groups) for measure in MEASURES.values())
+    widths = {campaign.lane_width for campaigns in groups.values() for campaign in campaigns}
+    compared = (_compare_by(measure, groups) for measure in _measures_on(widths))
     return Comparison(
         groups=groups,
         measures=tuple(one for one in compared if one is not None),
         notes=(*notes, *_weakness(groups)),
         shared=shared,
     )
+
+
+def _measures_on(lane_widths: Collection[float]) -> Iterator[Measure]:
+    """The measures; the unit of the MOOBD says the largest possible one if all lanes are alike."""
+    for measure in MEASURES.values():
+        is_known = measure.name == "min_moobd" and len(lane_widths) == 1
+        yield replace(measure, unit=oob_unit(*lane_widths)) if is_known else measure
 
 
 def _compare_by(

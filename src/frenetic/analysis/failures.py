@@ -33,16 +33,12 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.words import counted
+from frenetic._support.words import counted, lane_words
 from frenetic.analysis.causes import Cause, Kind, cause_of, in_words
 from frenetic.analysis.segments import (
-    PROFILE_SPACING,
-    REACH,
-    Bend,
     Segment,
-    find_bends,
+    place_in_words,
     segment_of_test,
-    segment_profile,
     segments_of,
 )
 from frenetic.campaign.earlier import EarlierTest, read_earlier
@@ -97,7 +93,11 @@ class Failure:
     side: Side | None
     """The side of the lane on which the car left, None if it failed without leaving."""
     curvatures: FloatArray
-    """See `segment_profile`, (31,) in 1/m."""
+    """Curvatures of the whole road, (n,) in 1/m."""
+    step: float
+    """Distance between two of them, in m."""
+    place: float
+    """Place of the departure, in m along the road."""
     road: FloatArray
     """Centre line, (19, 2) in m, every 2.5 m from 30 m before the place to 15 m after it: x ahead,
     y to the left of the road at the place."""
@@ -114,7 +114,7 @@ class Failure:
     cause: Cause | None = None
     """What the driver did wrong; None for a fault or a near miss."""
     criterion: str | None = None
-    """Criterion that the drive broke, see `frenetic.oracle.Finding`; None if it stood still."""
+    """Criterion that the drive exceeded, see `frenetic.oracle.Finding`; None if it stood still."""
 
     @classmethod
     def of(
@@ -138,7 +138,9 @@ class Failure:
             id,
             moobd,
             side,
-            segment_profile(road, place),
+            road.curvatures,
+            road.step,
+            place,
             road_around(road.table, road.sub_step, place),
             *states_before(Trace(seen.distance, seen.lateral_offset, speed), place),
             is_near_miss,
@@ -165,7 +167,7 @@ class Failure:
         if fault is None:
             return None
         line, states = np.zeros((ROAD_SIZE // 2, 2)), np.zeros(STATES)
-        return cls(id, 0.0, None, np.zeros(31), line, states, states, fault=fault)
+        return cls(id, 0.0, None, np.zeros(2), 1.0, 0.0, line, states, states, fault=fault)
 
     @classmethod
     def of_test(cls, record: Test) -> Failure | None:
@@ -219,7 +221,10 @@ class Cluster:
         return len(self.ids)
 
     def __str__(self) -> str:
-        return f"{self.description}: {counted(len(self), 'failure')}, worst {self.moobd:.2f} m"
+        text = f"{self.description}: {counted(len(self), 'failure')}"
+        if self.failure is None or self.fault is not None:
+            return text
+        return f"{text}, at worst {lane_words(self.moobd, self.failure.lane_width)}"
 
 
 @dataclass(frozen=True)
@@ -581,13 +586,24 @@ def _nearest_cluster(
 
 # Describing a failure
 
-_NEAR_BEND: Final = 10.0  # [m] from a bend's end, or to its start, that still belong to it
-_STRAIGHT: Final = 15.0  # [m] that a straight is long at least to be mentioned
 _SLOWS: Final = 3.0  # [m/s] less at the place than before, to be mentioned
 
 
+def describe_drive(segment: Segment, result: Result) -> str:
+    """Description of a drive in one phrase, from its own road; empty unless it passed or failed.
+
+    Args:
+        segment: of the drive.
+        result: the verdict on it.
+    """
+    if result.outcome is Outcome.PASS:
+        return describe(Failure.of(segment, id=0, moobd=result.moobd or 0.0, is_near_miss=True))
+    failure = Failure.of_segment(segment, result) if result.outcome is Outcome.FAIL else None
+    return "" if failure is None else describe(failure)
+
+
 def describe(failure: Failure) -> str:
-    """Description in one phrase: ``leaves to the left at the end of a ..., at 41 km/h``."""
+    """Description in one phrase: ``leaves to the left 10 m behind a ..., at 41 km/h``."""
     if failure.fault is not None:
         return str(failure.fault)
     what = "fails in its lane" if failure.side is None else f"leaves to the {failure.side}"
@@ -603,41 +619,5 @@ def describe(failure: Failure) -> str:
     how = f"at {now:.0f} km/h"
     if fastest - now > _SLOWS * 3.6:
         how = f"slowing from {fastest:.0f} to {now:.0f} km/h"
-    return f"{what} {_where(failure.curvatures)}, {how}"
-
-
-def _where(curvatures: FloatArray) -> str:
-    """Description of the place on the road, from its `segment_profile`."""
-    places = np.linspace(-REACH, REACH, len(curvatures))
-    assert places[1] - places[0] == PROFILE_SPACING
-    found = find_bends(places, curvatures)
-    here = next((b for b in found if b.start <= 0.0 <= b.end), None)
-    if here is not None:
-        turned = np.interp(0.0, *_turned(places, curvatures, here)) / here.turn
-        part = "entering" if turned < 1 / 3 else "in" if turned < 2 / 3 else "at the end of"
-    else:
-        left = next((b for b in reversed(found) if -_NEAR_BEND <= b.end < 0.0), None)
-        coming = next((b for b in found if 0.0 < b.start <= _NEAR_BEND), None)
-        here = left or coming
-        if here is None:
-            return "on a straight"
-        part = "behind" if here is left else "before"
-    text = f"{part} a {here.side}-hand bend of {1.0 / here.sharpest:.0f} m radius"
-    before = [b for b in found if b.end <= here.start]
-    straight = here.start - (before[-1].end if before else -REACH)
-    if straight >= _STRAIGHT:
-        return f"{text} after a straight"
-    if before:
-        return f"{text} after a {before[-1].side}-hand bend"
-    return text
-
-
-def _turned(
-    places: FloatArray, curvatures: FloatArray, bend: Bend
-) -> tuple[FloatArray, FloatArray]:
-    """Places of a profile within a bend, and the angle in rad by which it has turned there."""
-    inside = places[(places > bend.start) & (places < bend.end)]
-    s = np.concatenate([[bend.start], inside, [bend.end]])
-    kappa = np.interp(s, places, curvatures)
-    turned = np.cumsum(0.5 * (kappa[1:] + kappa[:-1]) * np.diff(s))
-    return s, np.concatenate([[0.0], turned])
+    where = place_in_words(failure.curvatures, failure.step, failure.place)
+    return f"{what} {where}, {how}"

@@ -55,10 +55,12 @@ class CampaignMeasures:
     """Failing roads that are unlike each other, see `unlike_lines`."""
     competition_sparseness: float = -math.inf
     """Sparseness in edits, see `largest_distances`; minus infinity below two failures."""
+    lane_width: float = 4.0
+    """m."""
 
     @property
     def simulations(self) -> int:
-        """Drives, broken ones included."""
+        """Drives, also those in which the simulator broke."""
         return len(self.failures_after) - 1
 
     @property
@@ -241,7 +243,7 @@ def measure_campaign(folder: Path | str) -> CampaignMeasures:
             roads.append(test.road.sample(ROAD_SPACING))
             if (cut := failure_segment(test)) is not None:
                 cuts.append(cut)
-        config, facts = store.config, store.facts
+        config, facts, lane_width = store.config, store.facts, store.lane_width
     clusters = cluster_failures(failures)
     distances = largest_distances([cuts[i] for i in evenly(len(cuts), MOST_COMPARED)])
     return CampaignMeasures(
@@ -256,6 +258,7 @@ def measure_campaign(folder: Path | str) -> CampaignMeasures:
         cells=len(cells),
         unlike_roads=unlike_lines(roads),
         competition_sparseness=float(distances.mean()) if len(distances) else -math.inf,
+        lane_width=lane_width,
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby, pairwise
@@ -22,8 +22,6 @@ from frenetic.road import Road
 
 REACH: Final = 30.0
 """Length of a failure's segment before and after its place, in m."""
-PROFILE_SPACING: Final = 2.0
-"""Distance between two values of a `segment_profile`, in m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +35,7 @@ class Segment:
     side: Side | None
     """The side of the lane on which it left, None if it did not."""
     criterion: str | None
-    """What the drive broke there, see `frenetic.oracle.Finding`; None if it broke nothing."""
+    """Criterion that the drive exceeded there, see `frenetic.oracle.Finding`; None without one."""
     start: float
     """Distance along the road, in m."""
     end: float
@@ -169,12 +167,6 @@ def segments_of(
             yield record, segment_of(record.road, record.drive, record.result.finding)
 
 
-def segment_profile(road: Road, place: float) -> FloatArray:
-    """Curvature, (31,) in 1/m, every 2 m from 30 m before to 30 m after ``place`` m of road."""
-    offsets = np.arange(-REACH, REACH + 0.5 * PROFILE_SPACING, PROFILE_SPACING)
-    return road.curvature_at(place + offsets)
-
-
 # Bends
 
 GENTLE: Final = 0.005
@@ -202,16 +194,21 @@ class Bend:
         return "left" if self.turn > 0.0 else "right"
 
 
-def find_bends(distances: FloatArray, curvatures: FloatArray) -> tuple[Bend, ...]:
+def find_bends(
+    distances: FloatArray, curvatures: FloatArray, gentle: float = GENTLE
+) -> tuple[Bend, ...]:
     """The bends of a line, in order.
 
     Args:
         distances: (n,) m, increasing.
         curvatures: (n,) 1/m at these distances, linear in between.
+        gentle: curvature in 1/m below which the line counts as straight. With a tenth of `GENTLE`,
+            a tenth of `LEAST_TURN` makes a bend.
     """
-    s, kappa = _cut(distances, curvatures, (-GENTLE, GENTLE))
+    s, kappa = _cut(distances, curvatures, (-gentle, gentle))
     middle = [0.5 * (one + other) for one, other in pairwise(kappa)]
-    ways = [math.copysign(1.0, one) if abs(one) >= GENTLE else 0.0 for one in middle]
+    ways = [math.copysign(1.0, one) if abs(one) >= gentle else 0.0 for one in middle]
+    least_turn = LEAST_TURN * gentle / GENTLE
     found, last = [], 0
     for way, pieces in groupby(ways):
         first, last = last, last + len(list(pieces))
@@ -219,7 +216,7 @@ def find_bends(distances: FloatArray, curvatures: FloatArray) -> tuple[Bend, ...
             continue
         turn = float(np.sum([middle[i] * (s[i + 1] - s[i]) for i in range(first, last)]))
         # A rounding error must not decide on a bend of exactly this size.
-        if abs(turn) >= LEAST_TURN - 1e-9:
+        if abs(turn) >= least_turn - 1e-9:
             sharpest = max(map(abs, kappa[first : last + 1]))
             found.append(Bend(s[first], s[last], turn, sharpest))
     return tuple(found)
@@ -248,3 +245,89 @@ def _cut(
                 s.insert(i + 1, s[i] + share * (s[i + 1] - s[i]))
                 kappa.insert(i + 1, level)
     return s, kappa
+
+
+# Places in words
+
+BEHIND: Final = 20.0
+"""Distance behind a bend at which a place still belongs to it, in m: a car that a bend throws out
+of its lane has left it up to 13 m behind the bend."""
+BEFORE: Final = 15.0
+"""Distance before a bend at which a place belongs to it, in m: as far ahead as failures are
+compared, see `frenetic.search.approach`."""
+_MENTIONED: Final = 15.0
+"""Length from which on a straight before a bend is mentioned, in m."""
+_STRAIGHT: Final = 1e-4
+"""Curvature below which every road counts as straight, in 1/m: a radius of 10 km."""
+
+
+def bends_of(curvatures: FloatArray, step: float) -> tuple[Bend, ...]:
+    """The bends of a whole road, by which places on it are described.
+
+    On a road without sharp bends, such as a motorway, a bend has at least a quarter of the road's
+    largest curvature.
+
+    Args:
+        curvatures: of the road, (n,) in 1/m.
+        step: m between two of them.
+    """
+    gentle = max(min(GENTLE, 0.25 * float(np.abs(curvatures).max())), _STRAIGHT)
+    return find_bends(np.arange(len(curvatures), dtype=np.float64) * step, curvatures, gentle)
+
+
+def bend_of_place(bends: Sequence[Bend], place: float) -> Bend | None:
+    """The bend to which a place belongs; None for a place on a straight.
+
+    That is the bend in which it lies, else the last one that ended up to `BEHIND` m before the
+    place, else the next one that starts up to `BEFORE` m after it.
+
+    Args:
+        bends: of the road, in order.
+        place: m along the road.
+    """
+    around = [bend for bend in bends if bend.start <= place <= bend.end]
+    behind = [bend for bend in reversed(bends) if 0.0 < place - bend.end <= BEHIND]
+    ahead = [bend for bend in bends if 0.0 < bend.start - place <= BEFORE]
+    return next(iter([*around, *behind, *ahead]), None)
+
+
+def place_in_words(curvatures: FloatArray, step: float, place: float) -> str:
+    """A place of a road in words: ``10 m behind a left-hand bend of 15 m radius``.
+
+    Args:
+        curvatures: of the whole road, (n,) in 1/m.
+        step: m between two of them.
+        place: m along the road.
+    """
+    bends = bends_of(curvatures, step)
+    bend = bend_of_place(bends, place)
+    if bend is None:
+        return "on a straight"
+    if place > bend.end:
+        part = f"{_gap(place - bend.end)} behind"
+    elif place < bend.start:
+        part = f"{_gap(bend.start - place)} before"
+    else:
+        turned = _turn(curvatures, step, bend.start, place) / bend.turn
+        part = "entering" if turned < 1 / 3 else "in" if turned < 2 / 3 else "at the end of"
+    text = f"{part} a {bend.side}-hand bend of {1.0 / bend.sharpest:.0f} m radius"
+    previous = next((other for other in reversed(bends) if other.end <= bend.start), None)
+    straight_start = max(0.0 if previous is None else previous.end, place - REACH)
+    if bend.start - straight_start >= _MENTIONED:
+        return f"{text} after a straight"
+    if previous is not None and previous.end > place - REACH:
+        return f"{text} after a {previous.side}-hand bend"
+    return text
+
+
+def _gap(distance: float) -> str:
+    """A distance from a bend in words."""
+    return "just" if distance < 0.5 else f"{distance:.0f} m"
+
+
+def _turn(curvatures: FloatArray, step: float, start: float, end: float) -> float:
+    """Angle in rad by which a road turns between two places, positive to the left."""
+    samples = np.arange(len(curvatures)) * step
+    places = np.concatenate([[start], samples[(samples > start) & (samples < end)], [end]])
+    kappa = np.interp(places, samples, curvatures)
+    return float(np.sum(0.5 * (kappa[1:] + kappa[:-1]) * np.diff(places)))

@@ -278,7 +278,7 @@ class Link:
         process, self._process = self._process, None
         self._scenario = self._ego = None
         try:
-            # A broken connection need not be closed cleanly.
+            # A lost connection need not be closed cleanly.
             if process is not None and process.poll() is None:
                 with suppress(Exception):
                     self._limit(_QUIT_LIMIT)

@@ -236,7 +236,7 @@ def replay(
             " exactly; start a new campaign"
         )
     require_fresh(strategy)
-    summary = Summary()
+    summary = Summary(lane_width=store.lane_width)
     start(strategy, earlier, summary)
     asked = store.candidates()
     following = next(asked, None)

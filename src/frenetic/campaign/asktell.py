@@ -115,7 +115,7 @@ class Told(Struct, forbid_unknown_fields=True):
 
     id: Count
     outcome: Literal["PASS", "FAIL", "ERROR"]
-    """ERROR if the drive broke, so that nothing is known about the road."""
+    """ERROR if the simulator broke, so that nothing is known about the road."""
     moobd: Measured | None = None
     """Minimum oob distance in m; the search learns nothing from a drive without it."""
     reason: str = ""

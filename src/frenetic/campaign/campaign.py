@@ -363,8 +363,8 @@ class Campaign(Shown):
                 a whole one of at least 1.
             CampaignError: the folder cannot be used or written, it holds another campaign already,
                 the strategy was asked before, an earlier campaign cannot be read or has no road
-                that fits, no worker can be started, or only broken drives or refused roads come.
-                Stored results stay.
+                that fits, no worker can be started, or no road or drive can be judged. Stored
+                results stay.
         """
         limit = self._allow(simulations)
         if not self.started:
@@ -391,7 +391,7 @@ class Campaign(Shown):
         facts |= fact_of(taken)
         made = CampaignStore.create(self.folder, self.configuration(), facts)
         with made as store:
-            summary = Summary(seed=self.seed, folder=self.folder)
+            summary = Summary(seed=self.seed, folder=self.folder, lane_width=self.tester.lane_width)
             start(self.strategy, read_earlier(store), summary)
             return self._search(LogEvent.STARTED, store, summary, {}, limit, on_event)
 
@@ -484,7 +484,7 @@ class Campaign(Shown):
             error = error.__cause__ or error
         if isinstance(error, KeyboardInterrupt):
             return True
-        # A compiler that the second one breaks off may fail in its own way.
+        # A compiler that the second one interrupts may fail in its own way.
         insisted = self._interrupt is not None and self._interrupt.insisted
         return insisted and not isinstance(error, FreneticError)
 

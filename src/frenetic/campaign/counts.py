@@ -59,7 +59,7 @@ class Counts:
 
     @property
     def simulations(self) -> int:
-        """Number of drives, including broken ones."""
+        """Number of drives, including those in which the simulator broke."""
         return self.passed + self.failed + self.errors
 
     @property
@@ -79,10 +79,10 @@ class Counts:
 
     @property
     def broken(self) -> str:
-        """How many drives broke, in words; empty if none did."""
+        """In how many drives the simulator broke, in words; empty if in none."""
         if not self.errors:
             return ""
-        return f"{self.errors} of {counted(self.simulations, 'drive')} broke in the simulator"
+        return f"the simulator broke in {self.errors} of {counted(self.simulations, 'drive')}"
 
     @classmethod
     def total(cls, campaigns: Iterable[Counts]) -> Counts:

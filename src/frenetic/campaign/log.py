@@ -108,7 +108,7 @@ class CampaignLog:
         self._file.handle(logging.makeLogRecord(line))
 
     def result(self, test: Test) -> None:
-        """Writes a line of a test that failed or broke."""
+        """Writes a line of a test that failed, or in which the simulator broke."""
         if test.outcome is Outcome.FAIL:
             text = f"test {test.id} failed: {test.reason}"
             told = {"test": test.id, "moobd": test.moobd, **_traced(test.attempt)}
@@ -116,7 +116,7 @@ class CampaignLog:
         elif test.outcome is Outcome.ERROR:
             self.write(
                 LogEvent.TEST_ERROR,
-                f"test {test.id} broke: {test.reason}",
+                f"the simulator broke in test {test.id}: {test.reason}",
                 level="error",
                 test=test.id,
                 attempts=test.attempts,
@@ -141,7 +141,7 @@ class CampaignLog:
         """Writes how the campaign stands."""
         self.write(
             LogEvent.PROGRESS,
-            f"{summary.in_words()}{summary.best_in_words},"
+            f"{summary.in_words()}{summary.worst_in_words},"
             f" {summary.budget_spent:.1%} of the budget spent",
             **summary.counts_json(),
             **summary.objective_json,

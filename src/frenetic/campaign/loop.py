@@ -37,7 +37,7 @@ from frenetic.spec import Budget
 MAX_ATTEMPTS: Final = 2
 """Most attempts at a candidate whose worker or simulator breaks."""
 MAX_ERRORS_IN_A_ROW: Final = 10
-"""Consecutive broken drives after which a campaign gives up."""
+"""Consecutive drives that could not be judged after which a campaign gives up."""
 MAX_INVALID_IN_A_ROW: Final = 5_000
 """Consecutive refused roads after which a campaign gives up."""
 PROGRESS_INTERVAL: Final = 5.0
@@ -103,8 +103,7 @@ class Dispatcher:
         Yields after every result, which is stored then, the candidate's id and the summary.
 
         Raises:
-            CampaignError: the strategy or all workers broke, or only broken drives or refused roads
-                come.
+            CampaignError: the strategy or all workers broke, or no road or drive could be judged.
         """
         self._start = time.perf_counter() - self._summary.seconds
         self._log_progress()
@@ -339,7 +338,7 @@ class Dispatcher:
             if is_drivers(test.result.fault):
                 what = f"the driver broke on each of the first {self._broken} roads"
                 raise BrokenDriverError(f"{what}, {so}")
-            raise CampaignError(f"the last {self._broken} drives broke, {so}")
+            raise CampaignError(f"none of the last {self._broken} drives could be judged, {so}")
         if self._refused >= MAX_INVALID_IN_A_ROW:
             raise StrategyError(
                 f"the last {self._refused} roads were refused, so the campaign gives up:"

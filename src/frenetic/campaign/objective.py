@@ -17,13 +17,14 @@ is said by the strategy.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Final, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
 from frenetic import trust
+from frenetic._support.words import lane_words
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.criteria import QUANTITIES, quantity
@@ -41,6 +42,10 @@ Measure: TypeAlias = Callable[[Road, Drive], float]
 
 MOOBD: Final = "moobd"
 """Name of the usual objective."""
+CRITERIA: Final = "criteria"
+"""Name of the objective of the least margin to a criterion."""
+OOB_SHARE: Final = "oob-share"
+"""Name of the objective of the largest share of the car outside its lane."""
 
 
 @dataclass(frozen=True)
@@ -104,22 +109,66 @@ class Objective:
         return -value if self.higher_is_worse else value
 
 
-def in_words(config: Mapping[str, Any], values: Mapping[int, float]) -> str:
-    """What a campaign minimised, and its best value.
+def in_words(store: CampaignStore) -> str:
+    """What a campaign minimised, its worst value for the driver, and the test with that value."""
+    name = str(store.config.get("objective", MOOBD))
+    known = OBJECTIVES.built_in.get(name)
+    order = f"{'higher' if _is_higher_worse(store) else 'lower'} is worse"
+    text = f"{name}: {known[1] if known else order}"
+    test, value = _worst_test(store)
+    if value is None:
+        return text
+    return f"{text}; {worst_value(name, value)}{worst_criterion(store)}, in test {test}"
+
+
+def worst_value(name: str, value: float) -> str:
+    """The worst value of an objective among drives, in words; see `value_in_words`."""
+    text = value_in_words(name, value)
+    return text if name in OBJECTIVES.built_in else f"worst {text}"
+
+
+def value_in_words(name: str, value: float) -> str:
+    """An objective's value for a drive, with its unit: ``largest lateral jerk 9.60 m/s³``.
 
     Args:
-        config: of the campaign.
-        values: id of a test -> value, ascending; empty for the MOOBD.
+        name: of the objective, which is not the MOOBD.
+        value: m/s³, say; with the sign of the objective's function.
     """
-    name = str(config.get("objective", MOOBD))
-    is_higher = config.get("higher_is_worse") is True
-    known = OBJECTIVES.built_in.get(name)
-    order = f"{'higher' if is_higher else 'lower'} is worse"
-    text = f"{name}: {known[1] if known else order}"
+    if name == CRITERIA:
+        return f"worst margin to a criterion {value:.3g}"
+    if name == OOB_SHARE:
+        return f"at most {100.0 * value:.0f} % of the car outside its lane"
+    if (row := name.replace("-", "_")) in QUANTITIES:
+        what = quantity(row)
+        return f"{'least' if what.is_least else 'largest'} {what.words} {what.told(value)}"
+    return f"{name} {value:.3g}"
+
+
+def worst_criterion(store: CampaignStore) -> str:
+    """The criterion with a campaign's worst margin: ``: lateral jerk 9.60 m/s³ (at most 5 m/s³)``.
+
+    Empty if the campaign does not minimise the margin to its criteria.
+    """
+    if store.config.get("objective") != CRITERIA:
+        return ""
+    test_id, _ = _worst_test(store)
+    test = None if test_id is None else store.test(test_id)
+    if test is None or test.drive is None:
+        return ""
+    return f": {_nearest(test.road, test.drive).words}"
+
+
+def _worst_test(store: CampaignStore) -> tuple[int | None, float | None]:
+    """The first test with the worst value of a campaign's objective, and that value."""
+    values = objectives(store)
     if not values:
-        return text
-    first = (max if is_higher else min)(values, key=lambda test: values[test])
-    return f"{text}; best {values[first]:.3g}, in test {first}"
+        return None, None
+    test = (max if _is_higher_worse(store) else min)(values, key=lambda one: values[one])
+    return test, values[test]
+
+
+def _is_higher_worse(store: CampaignStore) -> bool:
+    return store.config.get("higher_is_worse") is True
 
 
 def objectives(store: CampaignStore) -> dict[int, float]:
@@ -149,20 +198,32 @@ def criteria(road: Road, drive: Drive) -> float:
 
     The lane counts as one, with the MOOBD in m.
     """
-    return _nearest(road, drive)[0]
+    return _nearest(road, drive).share
 
 
-def _nearest(road: Road, drive: Drive) -> tuple[float, float]:
-    """That distance, and where it is along the road, in m."""
+class _Margin(NamedTuple):
+    """The margin of a drive to a criterion."""
+
+    share: float
+    """Share of the quantity's scale; the MOOBD in m for the lane."""
+    distance: float
+    """Distance along the road, in m."""
+    words: str
+    """The value and its limit."""
+
+
+def _nearest(road: Road, drive: Drive) -> _Margin:
+    """The least margin of a drive to a criterion."""
     seen = assess(road, drive)
     least = int(np.argmin(seen.oob_distance))
-    nearest = float(seen.oob_distance[least]), float(seen.distance[least])
+    moobd, place = float(seen.oob_distance[least]), float(seen.distance[least])
+    nearest = _Margin(moobd, place, f"the car's centre {lane_words(moobd, road.lane_width)}")
     for one in measured(road, drive, drive.rules.criteria.criteria):
-        nearest = min(nearest, (one.share, one.distance))
+        nearest = min(nearest, _Margin(one.share, one.distance, one.told()))
     return nearest
 
 
-criteria.place_of = lambda road, drive: _nearest(road, drive)[1]  # type: ignore[attr-defined]
+criteria.place_of = lambda road, drive: _nearest(road, drive).distance  # type: ignore[attr-defined]
 
 
 class Worst:

@@ -368,7 +368,7 @@ TOLD: Final = (
         "max_oob_share", "attempt.result.max_oob_share", "REAL", "largest share of the car outside"
     ),
     Column("duration", "attempt.result.duration", "REAL", "simulated time of the drive", "s"),
-    Column("fault", "attempt.result.fault", "JSON", "whose fault broke the drive, and where"),
+    Column("fault", "attempt.result.fault", "JSON", "whose code broke, and where"),
     Column("objective", "objective", "REAL", "what the search minimised, if not the MOOBD"),
     Column("seconds", "attempt.seconds", "REAL", "wall time of the test", "s"),
     Column("elapsed", "elapsed", "REAL", "the campaign's time when it was told", "s"),

@@ -37,7 +37,7 @@ class Match(StrEnum):
     """The same place, side and mechanism."""
     OTHER_MECHANISM = "other mechanism"
     """The same place and side, but road, offsets and speeds before it differ by more than
-    `frenetic.search.approach.ALIKE`, or the drives broke other criteria."""
+    `frenetic.search.approach.ALIKE`, or the drives exceeded other criteria."""
     OTHER_SIDE = "other side"
     """The same place, but on the other side of the lane."""
     ELSEWHERE = "elsewhere"

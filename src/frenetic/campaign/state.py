@@ -121,6 +121,7 @@ def look(folder: Path) -> CampaignState:
         seconds, command = store.elapsed(), going_on(store)
         summary = Summary.over(
             counts,
+            lane_width=store.lane_width,
             seconds=seconds,
             budget_spent=stored_budget(store).spent(counts.simulations, seconds, counts.failed),
         )

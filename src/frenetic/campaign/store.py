@@ -276,6 +276,11 @@ class CampaignStore(Shown):
         return self._setting
 
     @property
+    def lane_width(self) -> float:
+        """Width of each lane, in m; the usual one where the configuration lacks the setting."""
+        return 4.0 if isinstance(self._setting, str) else self._setting.lane_width
+
+    @property
     def facts(self) -> Mapping[str, JSONValue]:
         """The other facts of the campaign: ``created_at`` and those that `finish` added."""
         names = [name for (name,) in self._select("SELECT name FROM fact ORDER BY name")]

@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any, Final, Literal, Self, TypeAlias
 
 from frenetic._support.json_value import JSONValue
+from frenetic._support.words import lane_words
 from frenetic.campaign.counts import Counts
-from frenetic.campaign.objective import Objective
+from frenetic.campaign.objective import Objective, worst_value
 from frenetic.campaign.record import Test
 from frenetic.search.records import Evaluation
 from frenetic.spec import Budget
@@ -31,10 +32,12 @@ class Summary(Counts):
     """0..1."""
     told_share: float | None = None
     """The same as whoever drives told it last; None if nobody did."""
+    lane_width: float = 4.0
+    """m."""
     objective: str = ""
     """Name of what is minimised; empty if it is the MOOBD, or before the first drive."""
-    best: float | None = None
-    """Its best value so far, the worst for the driver."""
+    worst: float | None = None
+    """The objective's worst value for the driver so far."""
     strategy_seconds: float = 0.0
     """Time that the strategy took to propose and to learn, in s."""
     drive_seconds: float = 0.0
@@ -76,17 +79,17 @@ class Summary(Counts):
         value = objective.value_of(evaluation)
         if value is not None:
             self.objective = objective.name
-            self.best = value if self.best is None else objective.worse(value, self.best)
+            self.worst = value if self.worst is None else objective.worse(value, self.worst)
 
     @property
-    def best_in_words(self) -> str:
-        """How far the car came out of its lane, and the best value of another objective."""
+    def worst_in_words(self) -> str:
+        """How far the car came out of its lane, and the worst value of another objective."""
         texts, least = [], self.min_moobd
         if least is not None:
-            where = "at most {:.2f} m outside" if least < 0.0 else "at least {:.2f} m inside"
-            texts.append(f"{where.format(abs(least))} its lane")
-        if self.best is not None:
-            texts.append(f"best {self.objective} {self.best:.3g}")
+            most = "at most" if least < 0.0 else "at least"
+            texts.append(f"{most} {lane_words(least, self.lane_width)}")
+        if self.worst is not None:
+            texts.append(worst_value(self.objective, self.worst))
         return "".join(f", {text}" for text in texts)
 
     @property
@@ -97,8 +100,8 @@ class Summary(Counts):
 
     @property
     def objective_json(self) -> dict[str, Any]:
-        """The objective and its best value for JSON; empty if it is the MOOBD."""
-        return {} if self.best is None else {"objective": self.objective, "best": self.best}
+        """The objective and its worst value for JSON; empty if it is the MOOBD."""
+        return {} if self.worst is None else {"objective": self.objective, "worst": self.worst}
 
     @property
     def tests_per_second(self) -> float:

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -15,7 +16,14 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from frenetic._support.words import counted, format_duration, rate_words
+from frenetic._support.words import (
+    capitalised,
+    counted,
+    format_duration,
+    lane_words,
+    oob_unit,
+    rate_words,
+)
 from frenetic.cli import Invocation, silence
 from frenetic.criteria import DRIVER, LANE, quantity
 
@@ -23,8 +31,11 @@ if TYPE_CHECKING:
     from frenetic.analysis import Clusters
     from frenetic.campaign import CampaignStore, Summary, Test
     from frenetic.campaign.counts import Counts
+    from frenetic.campaign.record import Setting
     from frenetic.criteria import Profile
     from frenetic.oracle import Result
+    from frenetic.road import Road
+    from frenetic.spec import Spec
 
 ANNOUNCE_AFTER = 1.5  # s of compiling after which it is mentioned
 LOOK_EVERY = 0.1  # s between two looks whether something is compiled
@@ -89,7 +100,7 @@ def progress_text(progress: Summary) -> str:
     """Progress of a search in one line."""
     left = progress.seconds_left
     return (
-        f"{progress.in_words()}{progress.best_in_words},"
+        f"{progress.in_words()}{progress.worst_in_words},"
         f" {rate_words(progress.tests_per_second)},"
         f" {'?' if left is None else format_duration(left)} left"
     )
@@ -184,19 +195,20 @@ def two_digits(value: float | None) -> str | None:
     return None if value is None else f"{value:.2f}"
 
 
-def print_failures(clusters: Clusters, counts: Counts, listed: int) -> None:
+def print_failures(clusters: Clusters, counts: Counts, listed: int, lane_width: float) -> None:
     """Prints a table of distinct failures or, where nothing failed, of the nearest misses.
 
-    `print_causes` has told in the first case what broke, was known and was compared.
+    `print_causes` says in the first case how often the simulator broke, and what was compared.
 
     Args:
         clusters: the distinct failures or near misses.
         counts: of the campaign; possibly with more failures than were compared.
         listed: number of clusters to print.
+        lane_width: m.
     """
     failures = counts.failed
     if counts.broken and not failures:
-        Results().print(counts.broken, style="bold", markup=False)
+        Results().print(capitalised(counts.broken), style="bold", markup=False)
     if not clusters:
         return
     heading = "what happens"
@@ -210,12 +222,17 @@ def print_failures(clusters: Clusters, counts: Counts, listed: int) -> None:
         if listed < len(clusters):
             title += f", the {listed} most severe"
     Results().print(title, style="bold", markup=False)
+    is_outside = {one.moobd < 0.0 for one in clusters.clusters[:listed] if one.fault is None}
+    if is_outside <= {True}:
+        sign, place = -1.0, "outside (m)"
+    else:
+        sign, place = 1.0, f"{'MOOBD' if True in is_outside else 'inside'} ({oob_unit(lane_width)})"
     print_table(
-        (">test", ">outside (m)" if failures else ">inside (m)", ">tests", heading),
+        (">test", f">{place}", ">tests", heading),
         [
             (
                 one.most_severe,
-                None if one.fault is not None else f"{-one.moobd if failures else one.moobd:.2f}",
+                None if one.fault is not None else f"{sign * one.moobd:.2f}",
                 len(one),
                 f"known before: {one.description}" if one.was_known else one.description,
             )
@@ -233,7 +250,7 @@ def print_causes(clusters: Clusters, counts: Counts, shortened: Mapping[int, Tes
         shortened: the drives on minimised roads, by their tests.
     """
     if counts.broken:
-        Results().print(counts.broken, style="bold", markup=False)
+        Results().print(capitalised(counts.broken), style="bold", markup=False)
     if not clusters:
         return
     severe = f"the {clusters.failures} most severe of " if clusters.failures < counts.failed else ""
@@ -263,7 +280,7 @@ def _cut(short: Test | None) -> str | None:
 
 
 def first_error(store: CampaignStore) -> str:
-    """Reason of the first test that broke; empty if none did."""
+    """Reason of the first test in which the simulator broke; empty if there is none."""
     from frenetic.outcome import Outcome
 
     return "".join(test.reason for test in store.tests(Outcome.ERROR, limit=1))
@@ -298,15 +315,36 @@ def causes_json(clusters: Clusters, shortened: Mapping[int, Test]) -> list[dict[
     ]
 
 
-def facts_of_drive(result: Result, duration: float | None) -> list[tuple[str, str]]:
+def limit_in_words(
+    terms: Setting | Spec,
+    road: Road | None = None,
+    conditions: Mapping[str, float] = MappingProxyType({}),
+) -> str:
+    """The speed limit on a road in some conditions in words, and whence it is.
+
+    Args:
+        terms: on which the road is driven.
+        road: None for the roads of a search.
+        conditions: of the drive.
+    """
+    from frenetic.simulators.worlds import rules_in  # numba takes its time
+
+    class_name = "" if terms.road_class is None else terms.road_class.name
+    return rules_in(conditions, terms.rules).limit_in_words(road, class_name)
+
+
+def facts_of_drive(
+    result: Result, duration: float | None, lane_width: float
+) -> list[tuple[str, str]]:
     """Facts about a drive, fresh or recorded."""
     facts = []
     if result.moobd is not None and result.moobd_distance is not None:
         facts += [
             (
                 "MOOBD",
-                f"{result.moobd:.3f} m, at {result.moobd_distance:.1f} m: so far was the middle of"
-                f" the car {'out of' if result.moobd < 0.0 else 'from the edge of'} its lane",
+                f"{result.moobd:.3f} m, at {result.moobd_distance:.1f} m: the car's centre"
+                f" {'was' if result.moobd < 0.0 else 'stayed'}"
+                f" {lane_words(result.moobd, lane_width)}",
             ),
             ("oob share", f"{result.max_oob_share:.0%} at most"),
         ]
@@ -318,7 +356,7 @@ def facts_of_drive(result: Result, duration: float | None) -> list[tuple[str, st
         if one.criterion not in (LANE, DRIVER):
             what, side = quantity(one.criterion), f" to the {one.side}" if one.side else ""
             text = f"{what.words} {what.told(one.value)}{side} at {one.distance:.1f} m"
-            facts.append(("broke", f"{text} and {one.time:.2f} s, the limit is {one.limit:g}"))
+            facts.append(("exceeded", f"{text} and {one.time:.2f} s, the limit is {one.limit:g}"))
     place = result.departure
     if place is not None:
         facts.append(
@@ -344,7 +382,7 @@ def print_measures(rows: Sequence[Mapping[str, Any]], criteria: Profile) -> None
                 row["unit"],
                 f"{row['distance']:.0f} m{f', {side}' if (side := row['side']) else ''}",
                 None if row["limit"] is None else f"{row['limit']:g}",
-                {None: "", True: "kept", False: "broken"}[row["kept"]],
+                {None: "", True: "kept", False: "exceeded"}[row["kept"]],
             )
             for row in rows
         ],

@@ -17,6 +17,7 @@ from frenetic.cli.console import (
     Log,
     announced_compilation,
     facts_of_drive,
+    limit_in_words,
     print_facts,
     print_measures,
     shell,
@@ -370,14 +371,6 @@ def _who(spec: Spec, recorded: object, document: Mapping[str, Any]) -> Iterator[
         yield from filter(None, [other_version("driver", recorded, driver)])
 
 
-def _limit(spec: Spec, asked: Asked) -> str:
-    """The speed limit on a road in words, and whence it is."""
-    from frenetic.simulators.worlds import rules_in
-
-    class_name = spec.road_class.name if spec.road_class is not None else ""
-    return rules_in(asked.conditions, spec.rules).limit_in_words(asked.road, class_name)
-
-
 def _print(spec: Spec, asked: Asked, result: Result, document: Mapping[str, Any]) -> None:
     differs = document.get("differs")
     words = f"differs from the campaign: {differs}" if differs else "as in the campaign"
@@ -386,9 +379,13 @@ def _print(spec: Spec, asked: Asked, result: Result, document: Mapping[str, Any]
         [
             ("road", f"{asked.road.length:.1f} m, {asked.name}"),
             ("driver", "; ".join(_who(spec, asked.recorded, document))),
-            ("limit", _limit(spec, asked)),
+            ("limit", limit_in_words(spec, asked.road, asked.conditions)),
             ("conditions", in_words({**spec.conditions, **asked.conditions})),
-            *facts_of_drive(result, result.duration if result.outcome.is_driven else None),
+            *facts_of_drive(
+                result,
+                result.duration if result.outcome.is_driven else None,
+                asked.road.lane_width,
+            ),
             ("result", "" if differs is None else words),
             ("picture", document.get("plot", "")),
         ]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from frenetic._support.words import counted
+from frenetic._support.words import counted, oob_unit
 from frenetic.cli.again import (
     chosen_tests,
     interrupted,
@@ -209,7 +209,8 @@ def _print(found: Rerun, times: int, *, is_as_before: bool, with_rows: bool) -> 
         for test, text in zip(tests, conditions, strict=True)
     ]
     told = ["conditions"] if any(conditions) else []
-    print_table((">test", ">MOOBD (m)", *how, *told), rows)
+    moobd = f">MOOBD ({oob_unit(tests[0].recorded.road.lane_width)})" if tests else ">MOOBD (m)"
+    print_table((">test", moobd, *how, *told), rows)
 
 
 def _changed(test: Repeats) -> tuple[object, ...]:

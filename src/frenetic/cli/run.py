@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import click
 
+from frenetic.cli.console import limit_in_words
 from frenetic.cli.options import (
     DURATION,
     as_usage_error,
@@ -116,8 +117,7 @@ def run(
 
 def _limit(spec: Spec) -> str:
     """The speed limit of a search's roads in words, and whence it is."""
-    class_name = spec.road_class.name if spec.road_class is not None else ""
-    limit = spec.rules.limit_in_words(class_name=class_name)
+    limit = limit_in_words(spec)
     if spec.from_roads is None or spec.rules.road_limits == "ignored":
         return limit
     return f"that of each real road; of other roads {limit}"

@@ -49,7 +49,7 @@ workers_option = click.option(
 fail_on_failure_option = click.option(
     "--fail-on-failure",
     is_flag=True,
-    help="End with exit code 1 if a test failed or a drive broke, for CI.",
+    help="End with exit code 1 if a test failed or the simulator broke, for CI.",
 )
 
 
@@ -102,7 +102,7 @@ def search(
         announcement: the first line.
         as_json: whether to print the result as JSON.
         seed: of the strategy.
-        fail_on_failure: whether a failure or broken drive ends the command with exit code 1.
+        fail_on_failure: whether the exit code is 1 if a test failed or the simulator broke.
     """
     try:
         _search(campaign, how, announcement, as_json, seed, fail_on_failure)
@@ -125,6 +125,7 @@ def _search(
     from frenetic.analysis.failures import caution, representative_failures
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.earlier import still_failing
+    from frenetic.campaign.objective import worst_criterion
     from frenetic.report.failures import FAILURES, GALLERY, write_failures
     from frenetic.report.html.campaign import Reading
     from frenetic.report.minimised import minimised_drives, minimised_road
@@ -184,12 +185,13 @@ def _search(
             }
             click.echo(json.dumps(summary.as_json() | more))
         elif summary is not None:
-            _print_summary(summary, times, first_error(store), still_failing(store))
+            worst = worst_criterion(store)
+            _print_summary(summary, times, worst, first_error(store), still_failing(store))
         if not as_json:
             if misses is None:
                 print_causes(clusters, counts, shortened)
             else:
-                print_failures(misses, counts, len(listed))
+                print_failures(misses, counts, len(listed), store.lane_width)
             for note in notes:
                 click.echo(f"Note: {note}")
         go_on = (
@@ -327,14 +329,14 @@ def _write_report(log: Log, store: CampaignStore, reading: Reading) -> Path | No
         return None
 
 
-def _print_summary(summary: Summary, times: str, error: str, known: str) -> None:
+def _print_summary(summary: Summary, times: str, worst: str, error: str, known: str) -> None:
     from frenetic.campaign.summary import facts_in_words
 
     stopped = "Interrupted: " if summary.interrupted else ""
     click.echo(
         f"{stopped}{counted(summary.simulations, 'simulation')} in"
         f" {times}, {rate_words(summary.tests_per_second)}"
-        f"{summary.best_in_words}"
+        f"{summary.worst_in_words}{worst}"
     )
     click.echo(summary.in_words())
     if summary.slow_driver:

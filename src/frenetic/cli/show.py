@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from frenetic._support.words import counted, simulated_time
+from frenetic._support.words import counted, oob_unit, simulated_time
 from frenetic.cli.console import (
     causes_json,
     clusters_json,
     facts_of_drive,
     first_error,
+    limit_in_words,
     print_causes,
     print_facts,
     print_failures,
@@ -164,7 +165,14 @@ def _list_tests(
         f">{name}{f' ({unit})' if unit else ''}" for name, unit in zip(names, units, strict=True)
     ]
     print_table(
-        (">test", "outcome", ">MOOBD (m)", ">time (s)", *headings, "why"),
+        (
+            ">test",
+            "outcome",
+            f">MOOBD ({oob_unit(store.lane_width)})",
+            ">time (s)",
+            *headings,
+            "why",
+        ),
         [
             (
                 row["id"],
@@ -194,7 +202,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     from frenetic.analysis.failures import LISTED, caution, distinct_failures, nearest_misses
     from frenetic.campaign.asking import FACTS
     from frenetic.campaign.earlier import still_failing
-    from frenetic.campaign.objective import in_words, objectives
+    from frenetic.campaign.objective import in_words
     from frenetic.campaign.repeat import not_repeatable
     from frenetic.campaign.summary import facts_in_words
     from frenetic.estimate import Estimate
@@ -221,7 +229,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
         return
     budget, rate = _budget(store), Estimate.read(store.folder)
     rules, error = setting.rules, first_error(store)
-    limit = rules.limit_in_words(class_name=getattr(setting.road_class, "name", ""))
+    limit = limit_in_words(setting)
     print_facts(
         [
             ("campaign", str(store.folder)),
@@ -237,7 +245,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
             ("roads", "" if setting.road_class is None else setting.road_class.in_words()),
             ("domain", "" if setting.domain is None else setting.domain.in_words()),
             ("how often", "" if rate is None else rate.in_words()),
-            ("objective", in_words(config, objectives(store))),
+            ("objective", in_words(store)),
             *(("starts from", str(earlier)) for earlier in earlier_of(config)),
             ("budget", budget),
             ("go on", _going_on(store)),
@@ -253,7 +261,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     if counts.failed:
         print_causes(clusters, counts, shortened)
         click.echo()
-    print_failures(found, counts, min(LISTED, len(found)))
+    print_failures(found, counts, min(LISTED, len(found)), setting.lane_width)
     if coverage is not None:
         click.echo(f"\nCells of {coverage.name}: failures/drives, and what was never reached")
         print_facts(list(_coverage(coverage)))
@@ -323,6 +331,7 @@ def _part(config: Mapping[str, Any], kind: str) -> str:
 
 def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
     from frenetic.campaign.earlier import driven_again, stored_earlier
+    from frenetic.campaign.objective import value_in_words
     from frenetic.report.failures import FAILURES, PICTURES, file_stem, road_document
     from frenetic.report.minimised import minimised_drives, minimised_road
     from frenetic.report.picture import draw_test
@@ -351,7 +360,7 @@ def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
     if GIVEN in notes:
         source += f", {notes[GIVEN]}"
     short = minimised_drives(store, [test_id]).get(test_id)
-    value, objective = test.objective, store.config.get("objective")
+    value, objective = test.objective, str(store.config.get("objective"))
     print_facts(
         [
             ("test", f"{test_id}" if test.told == test_id else f"{test_id}, result {test.told}"),
@@ -363,6 +372,7 @@ def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
                 conditions_in_words({**_conditions(store), **test.candidate.conditions}),
             ),
             ("road", test.road.in_words()),
+            ("limit", limit_in_words(store.setting, test.road, test.candidate.conditions)),
             (
                 "minimised",
                 ""
@@ -370,8 +380,8 @@ def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
                 else f"{short.road.length:.1f} m, {minimised_road(store.folder, test_id)}",
             ),
             ("driver", _part(store.config, "driver")),
-            *facts_of_drive(test.result, test.result.duration),
-            ("objective", "" if value is None else f"{value:.4g} ({objective})"),
+            *facts_of_drive(test.result, test.result.duration, test.road.lane_width),
+            ("objective", "" if value is None else value_in_words(objective, value)),
             ("curvatures", " ".join(f"{value:.4f}" for value in test.road.curvatures)),
             ("picture", drawn),
         ]

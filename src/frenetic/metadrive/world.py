@@ -309,7 +309,7 @@ def _drawing(camera: Camera, region: int) -> dict[str, Any]:
 
 
 def map_data(road: Road) -> dict[str, dict[str, Any]]:
-    """The road in MetaDrive's terms: two lanes, solid edges, a broken line in between."""
+    """The road in MetaDrive's terms: two lanes, solid edges, a dashed line in between."""
     x, y, _ = road.pose
 
     def line(offset: float) -> Any:

@@ -11,7 +11,7 @@ from typing import Final
 
 import matplotlib as mpl
 
-from frenetic._support.words import counted, format_duration, signed
+from frenetic._support.words import capitalised, counted, format_duration, oob_words
 from frenetic.analysis.comparison import Comparison
 from frenetic.analysis.failures import distinct_failures, nearest_misses
 from frenetic.campaign.campaign import Campaign
@@ -54,7 +54,8 @@ def _test(test: Test) -> str:
         if drive is not None:
             facts = [*facts_of_drive(road, look(road, test)), *facts]
         else:
-            read = [] if moobd is None else [("MOOBD", f"{signed(moobd)} m", "read without drive")]
+            words = oob_words(moobd, road.lane_width)
+            read = [] if moobd is None else [("MOOBD", words, "read without drive")]
             facts = [*read, *facts_of_road(road), *facts]
         picture = _sheet([("", road, test)], 4.6, title)
     return _card(title, test.reason, picture, facts)
@@ -68,7 +69,7 @@ def _campaign(campaign: Campaign | CampaignStore) -> str:
         title, items = _failures_to_show(store)
         picture = _sheet(items, 2.0 * min(len(items), 3), title) if items else ""
         counts, time = store.counts(), format_duration(store.elapsed())
-    moobd = "–" if counts.min_moobd is None else f"{signed(counts.min_moobd)} m"
+        moobd = oob_words(counts.min_moobd, store.lane_width)
     facts = [
         ("simulations", str(counts.simulations), ""),
         ("failures", str(counts.failed), ""),
@@ -88,7 +89,7 @@ def _failures_to_show(store: CampaignStore) -> tuple[str, list[tuple[str, Road, 
     title = f"{counted(len(found), 'distinct failure')} among {among}"
     if not counts.failed:
         found = nearest_misses(store, FAILURES)
-        title = counts.broken or "No failure"
+        title = capitalised(counts.broken) or "No failure"
         title += "; the nearest misses" if found else ""
     items = []
     for cluster in found.clusters[:FAILURES]:

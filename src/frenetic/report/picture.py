@@ -24,7 +24,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from frenetic._support.words import capitalised, signed
+from frenetic._support.words import capitalised, oob_words, signed
 from frenetic.campaign.record import Test
 from frenetic.criteria import DRIVER, LANE, quantity
 from frenetic.drive import Drive
@@ -95,7 +95,7 @@ def draw_drive(
 
     From above: the lanes, the car's path coloured by oob distance, start, end, and where it left
     the lane, again in a close-up. Underneath, along the road: oob distance, curvature and speed. A
-    drive that broke (ERROR) is shown as far as it went.
+    drive in which the simulator broke (ERROR) is shown as far as it went.
 
     Args:
         road: the road that was driven.
@@ -183,19 +183,20 @@ def facts_of_drive(road: Road, seen: SeenDrive) -> list[Fact]:
     """The figures of a drive."""
     result = seen.result
     moobd, share, where = result.moobd, result.max_oob_share, result.moobd_distance
-    left, broke = result.departure, result.finding
+    left, gravest = result.departure, result.finding
     departure = (
         "Departure",
         str(left.side) if left else "none" if result.outcome.is_driven else "–",
         "" if left is None else f"at {left.distance:.0f} m",
     )
-    if broke is not None and broke.criterion not in (LANE, DRIVER):
-        what = quantity(broke.criterion)
-        departure = capitalised(what.words), what.told(broke.value), f"at {broke.distance:.0f} m"
+    if gravest is not None and gravest.criterion not in (LANE, DRIVER):
+        what = quantity(gravest.criterion)
+        place = f"at {gravest.distance:.0f} m"
+        departure = capitalised(what.words), what.told(gravest.value), place
     return [
         (
             "MOOBD",
-            "–" if moobd is None else f"{signed(moobd, 2)} m",
+            oob_words(moobd, road.lane_width),
             "" if where is None else f"at {where:.0f} m",
         ),
         ("Largest oob share", "–" if share is None else f"{share:.0%}".replace("%", " %"), ""),
@@ -346,7 +347,7 @@ def _draw_oob_distance(axes: Axes, road: Road, seen: SeenDrive | None) -> None:
         side, dx, dy = "center", 0.0, -13.0
         side = "left" if share < 0.06 else "right" if share > 0.94 else side
     axes.annotate(
-        f"MOOBD {signed(moobd, 2)} m", (where, max(moobd, -3.0 * half)), (dx, dy),
+        f"MOOBD {oob_words(moobd, road.lane_width)}", (where, max(moobd, -3.0 * half)), (dx, dy),
         textcoords="offset points", ha=side, va="center", size=8.5, weight="bold", zorder=6,
         annotation_clip=False,
     )  # fmt: skip
@@ -483,6 +484,8 @@ def draw_sheet(
             result = seen.result
             moobd = result.moobd
             line = (
-                f"{result.outcome}, {line}" if moobd is None else f"{line}, MOOBD {signed(moobd)} m"
+                f"{result.outcome}, {line}"
+                if moobd is None
+                else f"{line}, MOOBD {oob_words(moobd, road.lane_width)}"
             )
         page.text(x, y + height + 0.33, line, size=8, color=QUIET)

@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from frenetic._support.words import counted, signed
+from frenetic._support.words import counted, oob_words
 from frenetic.analysis.comparison import Comparison
 from frenetic.analysis.failures import distinct_failures
 from frenetic.campaign.record import Test
@@ -111,7 +111,8 @@ def _plot_above(road: Road, seen: SeenDrive | None, ax: Axes | None) -> Axes:
     axes.set_ylabel("y (m)")
     if seen is not None:
         moobd = seen.result.moobd
-        title = f"{seen.result.outcome}{'' if moobd is None else f', MOOBD {signed(moobd)} m'}"
+        title = str(seen.result.outcome)
+        title += "" if moobd is None else f", MOOBD {oob_words(moobd, road.lane_width)}"
     axes.set_title(title, loc="left", fontsize=9.0)
     return axes
 

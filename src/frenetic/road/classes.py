@@ -284,11 +284,11 @@ class RoadClass:
     # Judging
 
     def breach(self, road: Road) -> str:
-        """The first rule that a road breaks, in words; empty if it keeps them."""
+        """The first rule that a road does not keep, in words; empty if it keeps all."""
         return next(self._breaches(road), "")
 
     def verdict(self, road: Road) -> Verdict:
-        """Whether a road keeps the rules, and if not, the first that it breaks."""
+        """Whether a road keeps the rules, and if not, the first that it does not keep."""
         text = self.breach(road)
         return Verdict(not text, text)
 
@@ -359,7 +359,7 @@ class RoadClass:
 
 
 def _places(broken: npt.NDArray[np.bool_]) -> list[int]:
-    """Indices at which a rule is broken."""
+    """Indices at which a rule is not kept."""
     return np.flatnonzero(broken).tolist()
 
 

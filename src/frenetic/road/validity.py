@@ -64,7 +64,7 @@ class Verdict:
 
     valid: bool
     message: str
-    """The first rule that the road breaks, in the competition's words; empty when valid."""
+    """The first rule that the road does not keep, in the competition's words; empty when valid."""
 
     def __bool__(self) -> bool:
         return self.valid
@@ -103,14 +103,14 @@ _VERDICTS: Final = tuple(
 
 
 def check_validity(points: npt.ArrayLike, map_size: float = MAP_SIZE) -> Verdict:
-    """Return the competition's verdict on a road; the message names the first rule it breaks.
+    """Return the competition's verdict on a road; its message names the first rule not kept.
 
     In this order: 2 to 500 points, no two consecutive ones the same; the 8 m wide road around the
     interpolated points (see `interpolate`) strictly inside the map; no quadrilateral of that road
     twisted, meeting one that is not its neighbour, or sharing more than an edge with its
     neighbour; more than 20 m long; nowhere sharper than a radius of 47 ft (see `min_radius`).
 
-    Two cases are ours, because the competition's code breaks on them: it crashes on consecutive
+    Two cases are ours, because the competition's code cannot go on: it crashes on consecutive
     points that are the same (here: invalid, with a message of its own), and it takes a perfectly
     straight road for infinitely sharp (here: it passes).
 
@@ -232,7 +232,7 @@ def as_points(points: npt.ArrayLike) -> FloatArray:
 
 @njit()
 def _check(points: FloatArray, map_size: float) -> int:
-    """Return the code of the first rule that is broken, _VALID if none is."""
+    """Return the code of the first rule that is not kept, _VALID if all are."""
     if len(points) < 2:
         return _TOO_FEW
     if len(points) > _MAX_POINTS:

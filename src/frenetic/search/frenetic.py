@@ -362,8 +362,8 @@ class Frenetic(Strategy):
         if not self._is_moobd or self._lowest < 0.0:
             return None
         return (
-            f"no road has come near failing yet, the lowest MOOBD is {self._lowest:.2f} m: the"
-            " search follows the lowest"
+            "nothing close to failing yet: the search follows the roads on which the car comes"
+            " nearest to its lane's edge"
         )
 
     @property

@@ -180,7 +180,7 @@ class Evaluation:
     fault: Fault | None = None
     """Fault of the driver that ended the drive."""
     criterion: str | None = None
-    """Name of the criterion that it broke; None if it broke none, or stood still."""
+    """Name of the criterion that it exceeded; None if it exceeded none, or stood still."""
     objective: float | None = None
     """Value to be minimised, if the campaign has another objective than the MOOBD."""
     read_trace: Callable[[], Trace | None] = field(default=_no_trace, compare=False, repr=False)

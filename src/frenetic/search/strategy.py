@@ -57,7 +57,7 @@ class Strategy(ABC):
     road_class: RoadClass | None = None
     """Class whose rules its roads keep; None for the competition's. A campaign with a class gives
     it to a strategy whose ``__init__`` has an argument of this name; any other one's roads that
-    break a rule are INVALID."""
+    do not keep a rule are INVALID."""
 
     domain: Domain | None = None
     """Domain whose conditions its candidates have; None for the usual ones. A campaign with a

@@ -1,4 +1,4 @@
-"""A simulator in a process of its own, so that no driver can break the one that searches."""
+"""A simulator in a process of its own, so that no driver can end the one that searches."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ logger = logging.getLogger(__name__)
 
 
 class BrokenDriveError(FreneticError):
-    """A drive that broke the simulator or its process; the message says who did what."""
+    """A drive in which the simulator or its process broke; the message says who did what."""
 
     def __init__(self, reason: str, traceback: str = "", fault: Fault | None = None) -> None:
         super().__init__(reason)
@@ -30,7 +30,7 @@ class BrokenDriveError(FreneticError):
 
     @classmethod
     def of(cls, error: LostWorkerError) -> Self:
-        """The drive that a lost process broke."""
+        """The drive that ended with its process."""
         reason = error.reason if error.traceback else lost_process(error)
         return cls(reason, error.traceback, error.fault)
 
@@ -74,7 +74,7 @@ class IsolatedSimulator:
     """A simulator in a process of its own, with a copy of the driver.
 
     A driver that kills the process, hangs, closes its files or moves to another folder harms
-    nothing else: its drive is a broken one with a reason, and the next drive has a new process. All
+    nothing else: its drive has an error with a reason, and the next drive has a new process. All
     else is as in the simulator itself, whose attributes it has; the same drives come out. A driver
     is copied before its first drive, so changing it later has no effect.
 
@@ -148,7 +148,7 @@ class IsolatedSimulator:
         """One drive of the driver along the road.
 
         Raises:
-            BrokenDriveError: the driver or the simulator broke the process.
+            BrokenDriveError: the driver or the simulator ended the process.
             FreneticError: the driver cannot be copied, or the simulator does not start again.
         """
         if self._worker is None:
@@ -197,7 +197,7 @@ class _Held:
         self._driver, self._own = unpack(driver, known=self._own)
 
     def drive(self, road: Road, values: dict[str, Any]) -> Drive | Breakdown:
-        """The drive, or what broke it."""
+        """The drive, or the error that ended it."""
         assert self._driver is not None
         for name, value in values.items():
             if getattr(self._simulator, name) != value:

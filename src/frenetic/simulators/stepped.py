@@ -38,7 +38,7 @@ class Motion(NamedTuple):
 class SteppedSimulator(StartingPlace, Ready):
     """Base of simulators that say where their car starts and how it moves on: `start` and `step`.
 
-    It asks the driver, records, ends drives by the rules, and blames who broke them. Override
+    It asks the driver, records, ends drives by the rules, and blames whose code broke. Override
     `__enter__` and `__exit__` to start and end parts, and what is said of the car if it has other
     sizes and limits.
 

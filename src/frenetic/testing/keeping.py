@@ -257,7 +257,7 @@ class _Check:
             with CampaignStore.open(folder) as store:
                 counts = store.counts()
                 if counts.errors and not counts.failed:
-                    raise FreneticError(f"the simulator broke: {counts.broken}")
+                    raise FreneticError(counts.broken)
                 if not counts.failed:
                     if is_cut:
                         self._notice(

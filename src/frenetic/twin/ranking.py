@@ -51,6 +51,8 @@ class Prospect:
     """The side of the lane there."""
     approach: FloatArray | None = None
     """Approach to that place, (64,) in m, see `frenetic.search.approach`."""
+    lane_width: float = 4.0
+    """m."""
 
     def is_like(self, other: Prospect) -> bool:
         """Whether both promise the same problem."""
@@ -127,6 +129,7 @@ class Twin:
             segment.place,
             failure.side,
             failure.vector(),
+            road.lane_width,
         )
 
 

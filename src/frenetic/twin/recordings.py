@@ -92,7 +92,7 @@ class Recordings:
     drives: list[RecordedDrive]
     terms: Terms
     skipped: int
-    """Number of tests that were not driven, broke, or have no trajectory."""
+    """Number of tests that were not driven to an end, or have no trajectory."""
 
     @property
     def runs(self) -> list[str]:
@@ -221,7 +221,7 @@ class Row(RoadEntries):
 
 
 def _drive_of(text: bytes, where: str, run: str, terms: Terms) -> RecordedDrive | None:
-    """The drive of a test file or row; None if it broke, or has no trajectory.
+    """The drive of a test file or row; None if it has no end, or no trajectory.
 
     Args:
         text: the file or row.

@@ -60,7 +60,7 @@ logger = logging.getLogger(__name__)
 class InProcessWorker(Workers):
     """Tests one candidate after the other, within `wait`.
 
-    A broken simulator is started again for the next candidate.
+    A simulator that broke is started again for the next candidate.
 
     Nothing is copied, so driver and simulator may be any objects. A simulator or driver that kills
     the process kills the campaign, which can then be resumed; in a process of its own, see
@@ -101,7 +101,7 @@ class InProcessWorker(Workers):
         except KeyboardInterrupt:
             raise
         except BaseException as error:
-            logger.debug("a test broke", exc_info=True)
+            logger.debug("the simulator broke", exc_info=True)
             seconds = time.perf_counter() - start
             reason, trace = reason_of(error), traceback_of(error)
             attempt = Attempt.lost(candidate.id, NAME, seconds, reason, trace)

@@ -16,7 +16,14 @@ from msgspec.json import encode
 
 from frenetic._support.entry_points import imported, installed
 from frenetic._support.json_value import JSONValue, plain
-from frenetic._support.words import capitalised, counted, format_duration, rate_words, signed
+from frenetic._support.words import (
+    capitalised,
+    counted,
+    format_duration,
+    oob_words,
+    rate_words,
+    signed,
+)
 from frenetic.again.rerun import elsewhere, own_repeats, read_reruns
 from frenetic.analysis.coverage import domain_coverage, varied_axes
 from frenetic.analysis.criteria import criteria_in_words
@@ -25,7 +32,6 @@ from frenetic.analysis.failures import (
     Clusters,
     Failure,
     caution,
-    describe,
     distinct_among,
     nearest_misses,
 )
@@ -35,7 +41,6 @@ from frenetic.campaign.asking import FACTS
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.earlier import still_failing
 from frenetic.campaign.objective import in_words as objective_in_words
-from frenetic.campaign.objective import objectives
 from frenetic.campaign.record import Test
 from frenetic.campaign.repeat import not_repeatable
 from frenetic.campaign.state import going_on
@@ -103,14 +108,6 @@ class Reading:
     """The tests in the feature map, with their features, see `measure`."""
     failures: Mapping[int, tuple[Test, Segment | None]]
     """The most severe failures, each with its segment, if it has records."""
-
-    @property
-    def examples(self) -> dict[int, str]:
-        """What happens in the example of each cause, if it is among the most severe failures."""
-        examples = (cause.example for cause in self.clusters.causes)
-        drives = [self.failures[one] for one in examples if one in self.failures]
-        found = [Failure.of_segment(segment, test.result, test.id) for test, segment in drives]
-        return {failure.id: describe(failure) for failure in found if failure is not None}
 
     @classmethod
     def of(cls, store: CampaignStore) -> Reading:
@@ -205,9 +202,7 @@ def campaign_report(
         title=title,
         sections=(
             Section("summary", title, (headline(store, clusters, counts, trouble),)),
-            gallery_section(
-                found, reading.examples, tests, drives, counts, own_repeats(reruns), there, config
-            ),
+            gallery_section(found, tests, drives, counts, own_repeats(reruns), there, config),
             timeline_section(tests, clusters),
             *([] if coverage is None else [domain_section(coverage)]),
             map_section({i: features for i, (features, _) in mapped.items()}, tests, cells),
@@ -284,7 +279,7 @@ def _shell(path: Path) -> str:
 
 def _title(clusters: Clusters, counts: Counts) -> str:
     if counts.errors and not counts.failed:
-        return counts.broken
+        return capitalised(counts.broken)
     found = "No failure"
     if counts.failed:
         distinct = counted(len(clusters), "distinct failure")
@@ -321,7 +316,7 @@ def headline(store: CampaignStore, clusters: Clusters, counts: Counts, trouble: 
         "domain": "" if domain is None else domain.in_words(),
         "how often it fails": "" if estimate is None else estimate.in_words(),
         "criteria": criteria,
-        "objective": objective_in_words(config, objectives(store)),
+        "objective": objective_in_words(store),
         "starts from": "; ".join(map(str, earlier_of(config))),
         "known before": still_failing(store),
         "search": facts_in_words(facts.get(FACTS)),
@@ -332,7 +327,7 @@ def headline(store: CampaignStore, clusters: Clusters, counts: Counts, trouble: 
         "headline",
         {
             "lead": f"{strategy} searched for roads on which {driver} leaves its lane"
-            f"{' or breaks another criterion' if criteria else ''} in {simulator},"
+            f"{' or exceeds another criterion' if criteria else ''} in {simulator},"
             f" seed {'unknown' if seed is None else seed}.",
             "warning": " ".join([*(f"{capitalised(one)}." for one in warnings if one), trouble]),
             "tiles": list(_tiles(store, clusters, counts)),
@@ -362,7 +357,8 @@ def _tiles(
     yield "causes", str(len(clusters.causes)), "", role
     if least is not None:
         where = "furthest outside" if least < 0.0 else "nearest to the lane's edge"
-        yield where, f"{abs(least):.2f} m", f"MOOBD {signed(least)} m", ""
+        inside = oob_words(least, store.lane_width)
+        yield where, f"{-least:.2f} m" if least < 0.0 else inside, f"MOOBD {signed(least)} m", ""
     if counts.invalid:
         yield (
             "invalid roads",

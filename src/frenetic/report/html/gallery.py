@@ -17,7 +17,6 @@ from frenetic.report.html.tests import TestSummary
 
 def gallery_section(
     clusters: Clusters,
-    described: Mapping[int, str],
     tests: Sequence[TestSummary],
     drives: Sequence[Mapping[str, Any]],
     counts: Counts,
@@ -29,7 +28,6 @@ def gallery_section(
 
     Args:
         clusters: the distinct failures, or misses; an example of each cause comes first.
-        described: what happens in such an example.
         tests: all of the campaign.
         drives: in the page, see `drive_data`.
         counts: of all tests.
@@ -56,8 +54,7 @@ def gallery_section(
             "first": min(one.ids),
             "group": causes[one.ids].words if one.ids in causes else "",
             "cause": "" if one.cause is None else in_words(*one.cause),
-            "description": f"{one.description}{', known before' if one.was_known else ''}",
-            "examples": {id: text for id, text in described.items() if id in one.ids},  # noqa: A001
+            "was_known": one.was_known is True,
         }
         for one in dict.fromkeys([*first, *clusters])
     ]
@@ -86,7 +83,7 @@ def gallery_section(
     if counts.failed:
         blocks = (_causes(clusters, drives), gallery) if examples else (gallery,)
         return Section("failures", "Failures", blocks, _lead(clusters, counts.failed, data))
-    lead = f"{counts.broken or 'No failure was found'}."
+    lead = f"{capitalised(counts.broken) or 'No failure was found'}."
     if not data:
         return Section("failures", "Failures", (), lead)
     lead += (

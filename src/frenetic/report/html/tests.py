@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Final
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
+from frenetic.analysis.failures import describe_drive
 from frenetic.analysis.segments import Segment, segment_of_test
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
@@ -61,8 +62,8 @@ class TestSummary:
     conditions: Mapping[str, float]
     side: Side | None = None
     """Side on which the car left its lane; None if it did not."""
-    broke: str | None = None
-    """What it broke in words, see `frenetic.oracle.Finding`; None if nothing."""
+    criteria: str | None = None
+    """The criteria by which it failed, see `frenetic.oracle.Finding`; None without one."""
     length: float = 0.0
     """Length of the road, in m."""
     duration: float | None = None
@@ -93,7 +94,7 @@ def table_of(tests: Iterable[TestSummary]) -> dict[str, list[Any]]:
         "outcome": [test.outcome for test in rows],
         "moobd": [_rounded(test.moobd, 2) for test in rows],
         "side": [test.side for test in rows],
-        "broke": [test.broke for test in rows],
+        "criteria": [test.criteria for test in rows],
         "length": [round(test.length) for test in rows],
         "duration": [_rounded(test.duration, 1) for test in rows],
     }
@@ -152,6 +153,7 @@ def drive_data(
         "id": id,
         "outcome": result.outcome,
         "reason": result.reason,
+        "happens": describe_drive(segment, result),
         "moobd": _rounded(result.moobd, 2),
         "moobd_distance": _rounded(result.moobd_distance, 2),
         "max_oob_share": _rounded(result.max_oob_share, 2),
@@ -191,9 +193,9 @@ def _kept(result: Result, segment: Segment) -> list[str]:
     """The criteria that a drive kept, with the worst values, in words."""
     if not result.outcome.is_driven:
         return []
-    broken = {one.criterion for one in result.findings}
+    exceeded = {one.criterion for one in result.findings}
     criteria = segment.drive.rules.criteria.criteria
-    kept = [one for one in criteria if one.quantity not in broken]
+    kept = [one for one in criteria if one.quantity not in exceeded]
     measured = [measure(one, segment.seen) for one in kept]
     return [found.told() for found in measured if found is not None]
 

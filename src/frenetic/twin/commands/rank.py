@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from frenetic._support.words import counted
+from frenetic._support.words import counted, oob_words
 from frenetic.cli import complain
 from frenetic.cli.console import Log, announced_compilation, counted_progress, print_table
 from frenetic.cli.options import (
@@ -152,7 +152,7 @@ def _row(number: int, one: Prospect, like: int | None) -> tuple[object, ...]:
     if one.score is None:
         return number, one.outcome, *[None] * 5, f"{one.name}: {one.reason}"
     share, moobd = one.score[0], -one.score[1]
-    place = f"{share:.0%}", f"{moobd:.2f} m", f"{one.distance:.0f} m"
+    place = f"{share:.0%}", oob_words(moobd, one.lane_width), f"{one.distance:.0f} m"
     return number, one.outcome, *place, one.side, like, one.name
 
 

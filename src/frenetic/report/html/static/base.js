@@ -55,6 +55,11 @@ function fixed(value, digits, unit = "") {
   return sign + text.replace("-", "") + (unit && unit !== "°" ? "\u00a0" : "") + unit;
 }
 
+/** An oob distance beside the largest possible one, as `frenetic._support.words.oob_words` says it. */
+function oobWords(oob) {
+  return oob === null || oob < 0 ? fixed(oob, 2, "m") : `${fixed(oob, 2)} of ${fixed(report.lane_width / 2, 2, "m")}`;
+}
+
 function percent(share, digits = 0) {
   return share === null ? "–" : `${fixed(100 * share, digits)}\u00a0%`;
 }

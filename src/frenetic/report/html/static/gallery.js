@@ -11,13 +11,13 @@ function card(id, order, { caption = "", small = false } = {}) {
   const drive = shortest(id);
   const isCut = drive !== drives.get(id);
   const title = `Test ${id}${isCut ? `, cut to ${fixed(roadLength(drive.road), 0, "m")}` : ""}`;
-  const words = `${title}, ${test.outcome}, MOOBD ${fixed(drive.moobd, 2)} m${caption ? `: ${caption}` : ""}`;
+  const words = `${title}, ${test.outcome}, MOOBD ${oobWords(drive.moobd)}${caption ? `: ${caption}` : ""}`;
   const again = repeats.get(id);
   return el(
     "button",
     { type: "button", class: small ? "card small" : "card", "data-test": id, "aria-label": words, on: { click: () => player.open(id, order()) } },
     roadPicture(drive, ""),
-    el("span", { class: "card-line" }, el("b", {}, title), el("span", { class: `number outcome-${test.outcome.toLowerCase()}` }, fixed(drive.moobd, 2, "m"))),
+    el("span", { class: "card-line" }, el("b", {}, title), el("span", { class: `number outcome-${test.outcome.toLowerCase()}` }, oobWords(drive.moobd))),
     again && el("span", { class: `repeats ${again.stability}` }, `${again.stability}: the same in ${percent(again.share)} (${fixed(100 * again.low, 0)}–${fixed(100 * again.high, 0)})`),
     caption ? el("span", { class: "card-text" }, caption) : null,
   );
@@ -27,7 +27,7 @@ function card(id, order, { caption = "", small = false } = {}) {
 function isFound(query, cluster, id) {
   const number = query.match(/^#?(\d+)$/);
   if (number !== null) return id === Number(number[1]);
-  const text = `${cluster.cause} ${cluster.description} ${drives.get(id).reason} ${drives.get(id).origin}`.toLowerCase();
+  const text = `${cluster.cause} ${shortest(id).happens} ${drives.get(id).reason} ${drives.get(id).origin}`.toLowerCase();
   return query.split(/\s+/).every((word) => text.includes(word));
 }
 
@@ -101,8 +101,7 @@ function fillGrid(grid, more, items, shown, make) {
 }
 
 function clusterItem(cluster, head, order) {
-  const like = head === cluster.most_severe ? cluster.description : `like test ${cluster.most_severe}, which ${cluster.description}`;
-  const happens = cluster.examples[head] ?? like;
+  const happens = `${shortest(head).happens}${cluster.was_known ? ", known before" : ""}`; // on the road in the picture
   const caption = cluster.cause ? `${cluster.cause}: ${happens}` : happens;
   const item = el("article", { class: "cluster" }, card(head, order, { caption }));
   const others = cluster.shown.filter((id) => id !== head);

@@ -121,7 +121,7 @@ function mapGrid(block, xAxis, yAxis, shade, panel) {
       "figcaption",
       {},
       `Failures in ${block.all_failures ? "" : "at least "}${found.length} of ${cells.length} cells; ${block.all_driven ? "" : "at least "}${covered} were reached. `,
-      ...(found.length ? [shadeKey(shade, shade === "count" ? ["1 failure", String(mostFailed)] : [`MOOBD ${fixed(most, 2)} m`, `${fixed(least, 2)} m`])] : []),
+      ...(found.length ? [shadeKey(shade, shade === "count" ? ["1 failure", String(mostFailed)] : [`MOOBD ${oobWords(most)}`, oobWords(least)])] : []),
       el("span", { class: "key" }, el("i", { class: "covered" }), block.all_failures ? " driven without failure" : " no failure among those mapped"),
     ),
   );

@@ -444,10 +444,10 @@ function badge(outcome) {
 
 function factsOf(drive) {
   const facts = [
-    ["MOOBD", `${fixed(drive.moobd, 2, "m")}${drive.moobd_distance === null ? "" : `, at ${fixed(drive.moobd_distance, 0, "m")}`}`],
+    ["MOOBD", `${oobWords(drive.moobd)}${drive.moobd_distance === null ? "" : `, at ${fixed(drive.moobd_distance, 0, "m")}`}`],
     ["Largest oob share", percent(drive.max_oob_share)],
     ["Left its lane", drive.departure === null ? "no" : `to the ${drive.departure.side}, at ${fixed(drive.departure.distance, 0, "m")} after ${fixed(drive.departure.time, 1, "s")}`],
-    ...drive.breaches.map((breach) => ["Broke a limit", breach.words]),
+    ...drive.breaches.map((breach) => ["Exceeded a limit", breach.words]),
     ...drive.kept.map((words) => ["Kept", words]),
     ["Duration", fixed(drive.duration, 1, "s")],
     ["Road", drive.road.words],

@@ -4,9 +4,9 @@ const ROWS = 50; // that are shown at first
 const TEST_COLUMNS = [
   ["test", (test) => test.id, (test) => el("a", { href: `#test-${test.id}` }, String(test.id))],
   ["outcome", (test) => test.outcome, (test) => el("span", { class: `outcome-${test.outcome.toLowerCase()}` }, test.outcome)],
-  ["MOOBD (m)", (test) => test.moobd, (test) => fixed(test.moobd, 2)],
+  [`MOOBD (m, at most ${fixed(report.lane_width / 2, 2)})`, (test) => test.moobd, (test) => fixed(test.moobd, 2)],
   ["side", (test) => test.side],
-  ["broke", (test) => test.broke],
+  ["criterion", (test) => test.criteria],
   ["road (m)", (test) => test.length, (test) => fixed(test.length, 0)],
   ["drive (s)", (test) => test.duration, (test) => fixed(test.duration, 1)],
 ];
