@@ -53,7 +53,7 @@ WORDS: Final = {
     "exits": "SystemExit: 7 (",
     "dies": "it broke its process: it ended with exit code 7",
     "hangs": f"it took more than {LIMIT:g} s",
-    "closes all": "it broke its process: it ended with exit code 0",
+    "closes all": "it broke its process: the descriptors of its process were closed",
 }
 """Deed -> words of the error where nothing is made."""
 MOMENTS: Final = ("importing", "making", "leaving")
