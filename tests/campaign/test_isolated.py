@@ -440,7 +440,7 @@ def test_a_process_that_is_killed_once_changes_no_result(
         assert sorted(test.attempts for test in store.tests()) == [1, 1, 2]
 
 
-CHILDREN: Final = {
+CHILDREN: Final[dict[str, dict[str, Any]]] = {
     "with a session of its own": {"start_new_session": True},
     "with all descriptors": {"close_fds": False},
     "without an environment": {"start_new_session": True, "env": {}},
@@ -462,7 +462,7 @@ class Parent(PythonPlanner):
                 f"import subprocess; print(subprocess.Popen({sleeping}, start_new_session=True,"
                 " stdout=subprocess.DEVNULL).pid)"
             )
-            options: dict[str, Any] = CHILDREN[self.kind]
+            options = CHILDREN[self.kind]
             child = subprocess.Popen(
                 [sys.executable, "-c", code], stdout=subprocess.PIPE, **options
             )

@@ -1,16 +1,19 @@
-"""Drivers and simulators that misbehave where they are imported, made and thrown away."""
+"""Drivers and simulators that misbehave where they are imported, made, driven, thrown away."""
 
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import pytest
+from pids import is_running
 
 from frenetic import recipe
 from frenetic.campaign import CampaignStore
+from frenetic.outcome import Outcome
 
 if TYPE_CHECKING:
     from command_line import Frenetic
@@ -128,3 +131,93 @@ def test_no_part_harms_the_command(
     else:
         assert answer.code == 0, answer.err
         assert results() == usual
+
+
+# Drives
+
+DRIVER: Final = """
+import os
+import struct
+import subprocess
+import sys
+from pathlib import Path
+from frenetic import Controls, Planner
+
+def write():
+    for descriptor in range(3, 256):
+        try:
+            os.set_blocking(descriptor, False)
+            os.write(descriptor, b"\\xff" * 4 + struct.pack("!Q", 2**62))
+        except OSError:
+            pass
+
+def start():
+    code = "import time; time.sleep(600)"
+    child = subprocess.Popen([sys.executable, "-c", code], start_new_session=True)
+    Path("child").write_text(str(child.pid))
+
+def raise_(error):
+    raise error
+
+class Hostile(Planner):
+    def act(self, observation):
+        if observation.time == 0.0:
+            road = str(hash(tuple(observation.curvature_ahead)))
+            Path("roads", road).touch()
+            if len(list(Path("roads").iterdir())) >= 3:
+                try:
+                    os.symlink(road, "victim")
+                except FileExistsError:
+                    pass
+            self.is_victim = os.path.lexists("victim") and os.readlink("victim") == road
+        if self.is_victim:
+            answer = {deed}
+            if isinstance(answer, Controls):
+                return answer
+        return super().act(observation)
+"""
+"""A driver that does its deed on the third road, or the fourth of two workers."""
+FAULTS: Final = {
+    "write()": "breaks into its process's descriptors",
+    "os.closerange(3, 256)": "breaks into its process's descriptors",
+    "raise_(GeneratorExit())": "raises GeneratorExit at hostile.py:",
+    "raise_(BaseException('x' * 10**7))": "raises BaseException at hostile.py:",
+    "Controls(1e300, 0.0, 0.0)": "gives no usable controls",
+    "os._exit(0)": "ends its process",
+    "start()": "",
+}
+"""Deed -> the fault of its test."""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="by Linux's means")
+@pytest.mark.parametrize("workers", ["1", "2"])
+@pytest.mark.parametrize("deed", FAULTS)
+def test_a_drive_that_a_driver_breaks_fails_and_the_others_are_as_usual(
+    frenetic: Frenetic,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    deed: str,
+    workers: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("roads").mkdir()
+    Path("hostile.py").write_text(DRIVER.replace("{deed}", deed), encoding="utf-8")
+    run = ("run", "--simulations", "6", "--seed", "1", "--strategy", "random", "--out", "results")
+    assert frenetic(*run, "--workers", workers, "--driver", "hostile.py:Hostile").code == 0
+    with CampaignStore.open("results") as store:
+        tests = list(store.tests())
+    faults = [str(test.result.fault) for test in tests if test.result.fault is not None]
+    assert [test.outcome for test in tests if test.result.fault] == [Outcome.FAIL] * len(faults)
+    assert all(test.outcome is not Outcome.ERROR for test in tests)
+    if FAULTS[deed]:
+        (fault,) = faults
+        assert fault.startswith(FAULTS[deed])
+    else:
+        assert faults == []
+        assert not is_running(int(Path("child").read_text()))
+    frenetic(*run[:-1], "others", "--workers", "1", "--driver", "planner")
+    with CampaignStore.open("others") as store:
+        others = {test.id: (test.outcome, test.moobd) for test in store.tests()}
+    for test in tests:
+        if not test.result.fault:
+            assert (test.outcome, test.moobd) == others[test.id]
