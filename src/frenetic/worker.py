@@ -32,6 +32,7 @@ from typing import Annotated, Any, Final, NamedTuple
 from msgspec import Meta
 
 from frenetic._support.child_processes import (
+    END_LIMIT,
     SharedFlag,
     ending_of,
     kill_process,
@@ -208,8 +209,7 @@ class Worker:
             LostWorkerError: it has died, the call raised, took too long, or was not answered by
                 what it may answer.
         """
-        if self._loss is not None:
-            raise self._loss
+        self._raise_loss()
         assert self._process is not None
         try:
             data = self._channel.receive()
@@ -225,8 +225,7 @@ class Worker:
             self._loss = error
         if answers:
             return answers
-        if self._loss is not None:
-            raise self._loss
+        self._raise_loss()
         if not data and not self._process.is_alive():
             raise self._ended()
         if time.monotonic() > self.deadline:
@@ -235,10 +234,19 @@ class Worker:
             raise self._lost(reason, Loss.LATE)
         return answers
 
+    def _raise_loss(self) -> None:
+        """Raise what was found after the answers that were given; it holds no frames afterwards."""
+        loss, self._loss = self._loss, None
+        try:
+            if loss is not None:
+                raise loss
+        finally:
+            del loss
+
     def _ended(self) -> LostWorkerError:
         """The error for a process that has ended, or is no longer connected."""
         assert self._process is not None
-        self._process.join(_LEAVING_LIMIT)
+        self._process.join(END_LIMIT + _LEAVING_LIMIT)
         exit_code = self._process.exitcode
         if exit_code in (None, _CUT_OFF):
             return self._lost("the descriptors of its process were closed", Loss.BROKE_PROTOCOL)
@@ -478,7 +486,8 @@ def _attach_log(send: Callable[[int, object], None]) -> None:
         def emit(self, record: logging.LogRecord) -> None:
             name = record.name.removeprefix(_LIBRARY)[:200]
             level = min(max(record.levelno, logging.NOTSET), _MOST_LEVEL)
-            send(_LOGGED, _Logged(level, name, record.getMessage()[:_MOST_LOGGED]))
+            text = record.getMessage()[:_MOST_LOGGED].encode(errors="replace").decode()
+            send(_LOGGED, _Logged(level, name, text))
 
     library = logging.getLogger(_LIBRARY)
     library.addHandler(Passing(logging.INFO))

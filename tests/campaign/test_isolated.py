@@ -43,6 +43,7 @@ from frenetic.description import describe
 from frenetic.drivers import (
     Controls,
     Delayed,
+    Driver,
     DriveSetup,
     LimitedView,
     Noisy,
@@ -61,10 +62,11 @@ from frenetic.errors import (
 from frenetic.outcome import Outcome
 from frenetic.registry import DRIVERS
 from frenetic.road import Road
-from frenetic.simulators import EmbeddedSimulator
-from frenetic.simulators.isolated import BrokenDriveError, IsolatedSimulator, isolated
+from frenetic.simulators import EmbeddedSimulator, Simulator
+from frenetic.simulators.isolated import Blame, BrokenDriveError, IsolatedSimulator, isolated
 from frenetic.simulators.worlds import in_conditions
 from frenetic.testing import DummyDriver, DummySimulator
+from frenetic.worker import Loss, LostWorkerError
 
 ROAD = Road([0.0, 0.03, 0.05, 0.0, -0.05, -0.04, 0.0, 0.0])
 
@@ -438,6 +440,27 @@ def test_a_process_that_is_killed_once_changes_no_result(
     assert search.run().passed == 3
     with CampaignStore.open(tmp_path / "c") as store:
         assert sorted(test.attempts for test in store.tests()) == [1, 1, 2]
+
+
+@pytest.mark.parametrize(
+    ("simulator", "driver", "loss", "is_asked", "is_drivers"),
+    [
+        (EmbeddedSimulator(), PythonPlanner(), Loss.ENDED, False, True),
+        (EmbeddedSimulator(), PythonPlanner(), Loss.BROKE_PROTOCOL, False, True),
+        (EmbeddedSimulator(), Noisy(PythonPlanner()), Loss.LATE, False, True),
+        (EmbeddedSimulator(), PythonPlanner(), Loss.RAISED, True, False),
+        (EmbeddedSimulator(), Planner(), Loss.KILLED, False, False),
+        (FaultySimulator(), PythonPlanner(), Loss.ENDED, False, False),
+        (FaultySimulator(), PythonPlanner(), Loss.LATE, True, True),
+        (FaultySimulator(), PythonPlanner(), Loss.BROKE_PROTOCOL, True, False),
+    ],
+)
+def test_whose_a_lost_process_is_follows_from_what_is_foreign_in_it(
+    simulator: Simulator, driver: Driver, loss: Loss, is_asked: bool, is_drivers: bool
+) -> None:
+    error = LostWorkerError("it was lost", loss, is_drivers_turn=is_asked)
+    fault = Blame.of(simulator, driver).fault(error)
+    assert (fault is not None) is is_drivers
 
 
 CHILDREN: Final[dict[str, dict[str, Any]]] = {
