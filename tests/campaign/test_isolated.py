@@ -396,7 +396,7 @@ def test_each_way_to_break_a_drive_is_a_failure_of_the_driver(
     ways = [way for way in WAYS if workers == 1 or way != "SIGKILL"]  # whose road is driven again
     search = campaign(
         tmp_path / "c",
-        len(ways) + 4,
+        len(ways) + 16,  # more than a worker has ahead while another hangs
         simulator=EmbeddedSimulator(wall_limit=2.0),
         driver=Wayward(marks.folder, ways, moment),
         strategy=strategy,

@@ -159,24 +159,28 @@ def start():
 def raise_(error):
     raise error
 
+def road_of(observation):
+    return str(hash(tuple(observation.curvature_ahead)))
+
+class Recording(Planner):
+    def act(self, observation):
+        if observation.time == 0.0:
+            with Path("roads").open("a") as file:
+                print(road_of(observation), file=file)
+        return super().act(observation)
+
 class Hostile(Planner):
     def act(self, observation):
         if observation.time == 0.0:
-            road = str(hash(tuple(observation.curvature_ahead)))
-            Path("roads", road).touch()
-            if len(list(Path("roads").iterdir())) >= 3:
-                try:
-                    os.symlink(road, "victim")
-                except FileExistsError:
-                    pass
-            self.is_victim = os.path.lexists("victim") and os.readlink("victim") == road
-        if self.is_victim:
+            third = list(dict.fromkeys(Path("roads").read_text().split()))[2]
+            self.is_third = road_of(observation) == third
+        if self.is_third:
             answer = {deed}
             if isinstance(answer, Controls):
                 return answer
         return super().act(observation)
 """
-"""A driver that does its deed on the third road, or the fourth of two workers."""
+"""A driver that tells its roads apart, and one that does its deed on the third of them."""
 FAULTS: Final = {
     "write()": "breaks into its process's descriptors",
     "os.closerange(3, 256)": "breaks into its process's descriptors",
@@ -186,7 +190,7 @@ FAULTS: Final = {
     "os._exit(0)": "ends its process",
     "start()": "",
 }
-"""Deed -> the fault of its test."""
+"""Deed -> the fault of the third test."""
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="by Linux's means")
@@ -200,24 +204,22 @@ def test_a_drive_that_a_driver_breaks_fails_and_the_others_are_as_usual(
     workers: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    Path("roads").mkdir()
     Path("hostile.py").write_text(DRIVER.replace("{deed}", deed), encoding="utf-8")
-    run = ("run", "--simulations", "6", "--seed", "1", "--strategy", "random", "--out", "results")
-    assert frenetic(*run, "--workers", workers, "--driver", "hostile.py:Hostile").code == 0
-    with CampaignStore.open("results") as store:
-        tests = list(store.tests())
-    faults = [str(test.result.fault) for test in tests if test.result.fault is not None]
-    assert [test.outcome for test in tests if test.result.fault] == [Outcome.FAIL] * len(faults)
-    assert all(test.outcome is not Outcome.ERROR for test in tests)
+    run = ("run", "--simulations", "6", "--seed", "1", "--strategy", "random", "--workers")
+    for name, count in (("Recording", "1"), ("Hostile", workers)):
+        answer = frenetic(*run, count, "--driver", f"hostile.py:{name}", "--out", name)
+        assert answer.code == 0, answer.err
+    with CampaignStore.open("Recording") as store:
+        usual = {test.id: (test.outcome, test.moobd) for test in store.tests()}
+    with CampaignStore.open("Hostile") as store:
+        tests = {test.id: test for test in store.tests()}
+    third = tests.pop(3)
     if FAULTS[deed]:
-        (fault,) = faults
-        assert fault.startswith(FAULTS[deed])
+        assert third.outcome is Outcome.FAIL
+        assert str(third.result.fault).startswith(FAULTS[deed])
     else:
-        assert faults == []
+        assert third.result.fault is None
         assert not is_running(int(Path("child").read_text()))
-    frenetic(*run[:-1], "others", "--workers", "1", "--driver", "planner")
-    with CampaignStore.open("others") as store:
-        others = {test.id: (test.outcome, test.moobd) for test in store.tests()}
-    for test in tests:
-        if not test.result.fault:
-            assert (test.outcome, test.moobd) == others[test.id]
+    assert {i: (test.outcome, test.moobd) for i, test in tests.items()} == {
+        i: result for i, result in usual.items() if i != 3
+    }
