@@ -12,7 +12,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import check
 from frenetic._support.scalars import take_numpy_scalars
 from frenetic.criteria import JUDGED_BY_LANE, Profile
-from frenetic.errors import Fault, traceback_of
+from frenetic.errors import Fault, reason_of, traceback_of
 
 if TYPE_CHECKING:
     from frenetic.road import Road
@@ -231,7 +231,7 @@ class Breakdown(NamedTuple):
     @classmethod
     def of(cls, error: BaseException, part: Literal["driver", "simulator"] = "driver") -> Breakdown:
         """The breakdown that an error of a part tells of."""
-        return cls(str(error), traceback_of(error), Fault.of(part, error))
+        return cls(reason_of(error), traceback_of(error), Fault.of(part, error))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 _MOST = 450  # characters of a line about an error
+_MOST_OF_OURS = 2_000  # characters of an error of ours, which a driver may raise, too
 _MOST_SOURCE = 80  # characters of a line of source
 _MOST_TRACEBACK = 20_000  # characters of a traceback, whose middle is cut
 _OURS = f"{Path(__file__).parent}{os.sep}"
@@ -32,11 +33,34 @@ def describe_raised(error: BaseException) -> str:
 
 
 def _described(error: BaseException) -> str:
+    name = _class_name(error)
+    text = " ".join(_text_of(error, _MOST_OF_OURS).split())
+    return f"{name}: {text}" if text else name
+
+
+def _class_name(error: BaseException) -> str:
+    """Name of an error's class, of at most 100 characters, whatever its class does."""
+    name: str = vars(type)["__name__"].__get__(type(error))
+    return _encodable(name[:100])
+
+
+def _cause_of(error: BaseException) -> BaseException | None:
+    """The error that this one was raised from, whatever its class says."""
+    cause: BaseException | None = vars(BaseException)["__cause__"].__get__(error)
+    return cause
+
+
+def _text_of(error: BaseException, most: int) -> str:
+    """The text of an error, of at most so many characters, whatever its class does."""
     try:
-        text = " ".join(str(error).split())
-    except Exception:
-        text = "an error without a readable text"
-    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+        return _encodable(str.__str__(str(error)[:most]))
+    except BaseException:  # foreign code may raise anything here
+        return "an error without a readable text"
+
+
+def _encodable(text: str) -> str:
+    """A text that files and databases take, without halves of characters."""
+    return text.encode(errors="backslashreplace").decode()
 
 
 def place_of(error: BaseException) -> str:
@@ -60,7 +84,7 @@ def _call_of(error: BaseException) -> tuple[str, int] | None:
     """File and line at which the user's code raised, see `place_of`."""
     calls = [
         (frame.f_code.co_filename, line)
-        for frame, line in traceback.walk_tb(error.__traceback__)
+        for frame, line in traceback.walk_tb(vars(BaseException)["__traceback__"].__get__(error))
         if _is_foreign(frame.f_code.co_filename)
     ]
     if not calls:
@@ -74,8 +98,15 @@ HANGS: Final = "hangs"
 """Kind of the fault of a driver that takes too long."""
 ENDS_ITS_PROCESS: Final = "ends its process"
 """Kind of the fault of a driver whose process dies while it is asked."""
+IS_KILLED: Final = "is killed"
+"""Kind of the fault of a driver whose process is killed on a road in each of two drives: once, it
+may have been the system."""
+BREAKS_PROTOCOL: Final = "breaks into its process's descriptors"
+"""Kind of the fault of a driver that writes to descriptors that are not its own, or closes them."""
 GIVES_NO_CONTROLS: Final = "gives no usable controls"
 """Kind of the fault of a driver that returns what is none, or no finite numbers."""
+OWN_KINDS: Final = (HANGS, ENDS_ITS_PROCESS, IS_KILLED, BREAKS_PROTOCOL, GIVES_NO_CONTROLS)
+"""Kinds of faults that are no error's class."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +115,7 @@ class Fault:
 
     part: Literal["driver", "simulator"]
     kind: str
-    """Name of the error's class; `HANGS`, `ENDS_ITS_PROCESS` or `GIVES_NO_CONTROLS`."""
+    """Name of the error's class, or one of `OWN_KINDS`."""
     file: str = ""
     """File in which the user's code raised, see `place_of`; empty if unknown."""
     line: int = 0
@@ -93,15 +124,14 @@ class Fault:
     @classmethod
     def of(cls, part: Literal["driver", "simulator"], error: BaseException) -> Fault:
         """The fault that an error tells of; one of ours tells of its cause."""
-        if isinstance(error, FreneticError) and error.__cause__ is not None:
-            error = error.__cause__
+        if issubclass(type(error), FreneticError) and (cause := _cause_of(error)) is not None:
+            error = cause
         file, line = _call_of(error) or ("", 0)
-        kind = GIVES_NO_CONTROLS if isinstance(error, ControlsError) else type(error).__name__
+        kind = GIVES_NO_CONTROLS if issubclass(type(error), ControlsError) else _class_name(error)
         return cls(part, kind, file and _short(file)[-100:], line)
 
     def __str__(self) -> str:
-        own = self.kind in (HANGS, ENDS_ITS_PROCESS, GIVES_NO_CONTROLS)
-        what = self.kind if own else f"raises {self.kind}"
+        what = self.kind if self.kind in OWN_KINDS else f"raises {self.kind}"
         return f"{what} at {self.file}:{self.line}" if self.file else what
 
     def is_like(self, other: Fault | None) -> bool:
@@ -133,11 +163,15 @@ def _short(file: str) -> str:
 
 def traceback_of(error: BaseException) -> str:
     """The whole traceback of an error; that of its cause if we raised it to describe that."""
-    if isinstance(error, FreneticError):
-        if error.__cause__ is None:
+    if issubclass(type(error), FreneticError):
+        if (cause := _cause_of(error)) is None:
             return ""
-        error = error.__cause__
-    text = "".join(traceback.format_exception(type(error), error, error.__traceback__))
+        error = cause
+    try:
+        lines = traceback.format_exception(type(error), error, error.__traceback__)
+        text = _encodable("".join(lines))
+    except BaseException:  # foreign code may raise anything here
+        text = f"{describe_error(error)}, without a readable traceback"
     half = _MOST_TRACEBACK // 2
     return text if len(text) <= _MOST_TRACEBACK else f"{text[:half]}\n...\n{text[-half:]}"
 
@@ -180,4 +214,6 @@ class UnknownNameError(FreneticError, LookupError):
 
 def reason_of(error: BaseException) -> str:
     """One line about an error of a simulator or driver; our own errors stay as they are."""
-    return str(error) if isinstance(error, FreneticError) else describe_raised(error)
+    if issubclass(type(error), FreneticError):
+        return _text_of(error, _MOST_OF_OURS)
+    return describe_raised(error)

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, Final, NamedTuple, NoReturn
+from typing import Any, ClassVar, Final, Generic, NoReturn, TypeVar
 
 from frenetic._support.interrupt import catch_interrupt
 from frenetic.errors import DriverError, FreneticError
@@ -59,6 +59,7 @@ class Recipe:
         self,
         question: Callable[..., Any],
         *arguments: object,
+        answer: Any = None,
         preloads: Sequence[str] = (),
         meanwhile: Callable[[], None] = lambda: None,
     ) -> Any:
@@ -67,6 +68,7 @@ class Recipe:
         Args:
             question: a function of a module, called there with the part as a `Guest`.
             arguments: its other arguments.
+            answer: type of the answer.
             preloads: modules that the server of processes imports beside the usual ones.
             meanwhile: called here while the process starts.
 
@@ -87,7 +89,7 @@ class Recipe:
             step = "importing"
             worker.call("load", limit=LIMIT)
             step = "making"
-            return worker.call("answer", limit=LIMIT)
+            return worker.call("answer", limit=LIMIT, answer=answer)
         except RaisedError as error:
             logger.debug("%s", error.traceback)
             raise FreneticError(error.reason) from None
@@ -129,27 +131,34 @@ class Guest:
         return self._question(self, *self._arguments)
 
 
-class Told(NamedTuple):
+Attributes = TypeVar("Attributes")
+
+
+@dataclass(frozen=True)
+class Told(Generic[Attributes]):
     """What a part tells of itself."""
 
-    described: Mapping[str, Any]
+    described: dict[str, Any]
     """As `frenetic.description.describe` gives it."""
-    sources: Mapping[str, str]
+    sources: dict[str, str]
     """As `frenetic.description.sources_of` gives them."""
-    attributes: Mapping[str, Any]
-    """What is read of it where it is not made."""
+    attributes: Attributes
+    """What is read of it where it is not made, a dataclass."""
 
 
 class Named(StandIn):
     """A user's own part by its name."""
 
-    def __init__(self, recipe: Recipe, told: Told) -> None:
+    attributes_type: ClassVar[type]
+    """Dataclass of its `Told.attributes`."""
+
+    def __init__(self, recipe: Recipe, told: Told[Any]) -> None:
         self.recipe = recipe
         self.told = told
-        vars(self).update(told.attributes)
+        vars(self).update(vars(told.attributes))
 
     @staticmethod
-    def attributes_of(part: Any) -> dict[str, Any]:
+    def attributes_of(part: Any) -> Any:
         """The attributes of the part that it has, too."""
         raise NotImplementedError
 

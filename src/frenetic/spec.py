@@ -549,7 +549,9 @@ def drive_record(
 def usual_of(simulator: str) -> Usual:
     """What the class of the simulator of that name declares before one is made."""
     if SIMULATORS.is_own(simulator):
-        declared: Usual = Recipe("simulator", simulator).ask(_usual_of_guest)
+        from frenetic.simulators.capabilities import Usual as Answer  # numba takes its time
+
+        declared: Usual = Recipe("simulator", simulator).ask(_usual_of_guest, answer=Answer)
         return declared
     return _usual_of_class(SIMULATORS.load(simulator))
 
@@ -678,11 +680,12 @@ def _part_of(recipe: Recipe, kind: type[Named], preloads: Sequence[str] = ()) ->
         return recipe.make()
     from frenetic.simulators.embedded import compile_kernels  # numba takes its time
 
-    told = recipe.ask(_told, kind, preloads=preloads, meanwhile=compile_kernels)
+    answer = Told[kind.attributes_type]  # type: ignore[name-defined]
+    told = recipe.ask(_told, kind, answer=answer, preloads=preloads, meanwhile=compile_kernels)
     return kind(recipe, told)
 
 
-def _told(guest: Guest, kind: type[Named]) -> Told:
+def _told(guest: Guest, kind: type[Named]) -> Told[Any]:
     part = guest.part
     return Told(describe(part), sources_of(part), kind.attributes_of(part))
 

@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 import gc
+import logging
+import math
+import os
+import signal
+import struct
+import subprocess
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, Final, NoReturn
 
 import numpy as np
 import pytest
@@ -17,13 +26,15 @@ from faulty import (
     FaultyDriver,
     FaultySimulator,
     Marks,
+    OddError,
     Straight,
     hang_in_c,
+    kill,
     leave,
     refuse_connection,
 )
 from numba.core.registry import CPUDispatcher
-from pids import until_gone
+from pids import LIMIT, is_running, until_gone
 
 from frenetic.analysis.failures import distinct_failures
 from frenetic.campaign import CampaignStore
@@ -32,20 +43,30 @@ from frenetic.description import describe
 from frenetic.drivers import (
     Controls,
     Delayed,
+    Driver,
     DriveSetup,
     LimitedView,
     Noisy,
     Observation,
     Planner,
 )
-from frenetic.errors import ENDS_ITS_PROCESS, HANGS, FreneticError
+from frenetic.errors import (
+    BREAKS_PROTOCOL,
+    ENDS_ITS_PROCESS,
+    GIVES_NO_CONTROLS,
+    HANGS,
+    IS_KILLED,
+    DriverError,
+    FreneticError,
+)
 from frenetic.outcome import Outcome
 from frenetic.registry import DRIVERS
 from frenetic.road import Road
-from frenetic.simulators import EmbeddedSimulator
-from frenetic.simulators.isolated import BrokenDriveError, IsolatedSimulator, isolated
+from frenetic.simulators import EmbeddedSimulator, Simulator
+from frenetic.simulators.isolated import Blame, BrokenDriveError, IsolatedSimulator, isolated
 from frenetic.simulators.worlds import in_conditions
 from frenetic.testing import DummyDriver, DummySimulator
+from frenetic.worker import Loss, LostWorkerError
 
 ROAD = Road([0.0, 0.03, 0.05, 0.0, -0.05, -0.04, 0.0, 0.0])
 
@@ -213,6 +234,281 @@ def test_what_a_driver_does_to_its_process_is_its_failure(
         assert test.result.fault.part == "driver"
     assert check_campaign(tmp_path / "c").findings == ()
     until_gone(marks.pids())
+
+
+# Each way to break a drive
+
+
+class UnreadableError(Exception):
+    def __str__(self) -> str:
+        raise GeneratorExit
+
+
+class UnmakeableError(Exception):
+    def __reduce__(self) -> Any:
+        os._exit(9)
+
+
+class NoNumber:
+    def __float__(self) -> float:
+        raise OddError("no number")
+
+    def __repr__(self) -> str:
+        raise OddError("no words")
+
+
+def to_descriptors(data: bytes) -> None:
+    for descriptor in range(3, 256):
+        with suppress(OSError):
+            os.set_blocking(descriptor, False)
+            os.write(descriptor, data)
+
+
+def raise_(error: BaseException) -> NoReturn:
+    raise error
+
+
+def steer(value: Any) -> Controls:
+    return Controls(value, 0.0, 0.0)
+
+
+def kill_myself() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def kill_group() -> None:
+    os.killpg(0, signal.SIGTERM)
+
+
+def stop_myself() -> None:
+    os.kill(os.getpid(), signal.SIGSTOP)
+
+
+def close_and_go_on() -> None:
+    """With files of its own in place of what was there."""
+    os.closerange(3, 256)
+    for _ in range(30):
+        os.open(os.devnull, os.O_RDWR)
+
+
+def cut_files() -> None:
+    for descriptor in range(3, 256):
+        with suppress(OSError):
+            os.ftruncate(descriptor, 0)
+    os._exit(7)
+
+
+def flood_log() -> NoReturn:
+    """With messages that are well formed."""
+    while True:
+        logging.getLogger("frenetic.driver").warning("the road is wet")
+
+
+def raised(kind: str, text: str = "") -> tuple[str, str]:
+    return kind, f"the driver raised {kind}{text}"
+
+
+NOTHING_USABLE = GIVES_NO_CONTROLS, "the driver returned steering = "
+NOT_A_MESSAGE = BREAKS_PROTOCOL, f"{LOST}it broke the protocol: it is no message"
+CLOSED = BREAKS_PROTOCOL, f"{LOST}the descriptors of its process were closed"
+LATE = HANGS, "the driver did not finish its drive within 2 s"
+WAYS: Final[dict[str, tuple[Callable[[], Any], tuple[str, str]]]] = {
+    "a byte": (lambda: to_descriptors(b"x"), NOT_A_MESSAGE),
+    "zeros": (lambda: to_descriptors(bytes(100_000)), NOT_A_MESSAGE),
+    "a length of 2^62": (
+        lambda: to_descriptors(b"\xff" * 4 + struct.pack("!Q", 2**62)),
+        NOT_A_MESSAGE,
+    ),
+    "a long frame": (
+        lambda: to_descriptors(b"\xf7Frn" + struct.pack("<BIII", 1, 2, 2**32 - 1, 0)),
+        (BREAKS_PROTOCOL, f"{LOST}it broke the protocol: it claims 4294967295 bytes"),
+    ),
+    "closed 3 to 255": (lambda: os.closerange(3, 256), CLOSED),
+    "closed 0 to 255": (lambda: os.closerange(0, 256), CLOSED),
+    "closed and replaced": (close_and_go_on, CLOSED),
+    "cut files": (cut_files, (ENDS_ITS_PROCESS, f"{LOST}it ended with exit code 7")),
+    "BaseException": (lambda: raise_(BaseException("base")), raised("BaseException", ": base (")),
+    "OddError": (lambda: raise_(OddError("so odd")), raised("OddError", ": so odd (")),
+    "GeneratorExit": (lambda: raise_(GeneratorExit()), raised("GeneratorExit")),
+    "StopIteration": (lambda: raise_(StopIteration()), raised("StopIteration")),
+    "KeyboardInterrupt": (lambda: raise_(KeyboardInterrupt()), raised("KeyboardInterrupt")),
+    "SystemExit": (lambda: sys.exit(0), raised("SystemExit", ": 0 (")),
+    "an unreadable error": (
+        lambda: raise_(UnreadableError()),
+        raised("UnreadableError", ": an error without a readable text ("),
+    ),
+    "a long error": (lambda: raise_(ValueError("x" * 10_000_000)), raised("ValueError", ": xxx")),
+    "our long error": (lambda: raise_(DriverError("x" * 10_000_000)), ("DriverError", "xxx")),
+    "half a character": (lambda: raise_(ValueError("\ud800")), raised("ValueError", ": \\ud800 (")),
+    "an error like a bomb": (lambda: raise_(UnmakeableError()), raised("UnmakeableError")),
+    "1e300": (lambda: steer(1e300), NOTHING_USABLE),
+    "nan": (lambda: steer(math.nan), NOTHING_USABLE),
+    "inf": (lambda: steer(-math.inf), NOTHING_USABLE),
+    "a huge number": (lambda: steer(10**5000), NOTHING_USABLE),
+    "a text": (lambda: steer("0.0"), NOTHING_USABLE),
+    "no number": (lambda: steer(NoNumber()), raised("OddError", ": no number (")),
+    "no controls": (NoNumber, (GIVES_NO_CONTROLS, "the driver returned NoNumber instead")),
+    "_exit": (lambda: os._exit(0), (ENDS_ITS_PROCESS, f"{LOST}it ended with exit code 0")),
+    "SIGTERM": (kill_group, (ENDS_ITS_PROCESS, f"{LOST}it was killed by SIGTERM")),
+    "SIGKILL": (kill_myself, (IS_KILLED, f"{LOST}it was killed by SIGKILL, by itself or")),
+    "sleeps": (lambda: time.sleep(LIMIT), LATE),
+    "logs for ever": (flood_log, LATE),
+    "SIGSTOP": (stop_myself, (HANGS, f"{LOST}its drive took more than 4 s")),
+    "no memory": (lambda: bytearray(2**62), raised("MemoryError")),
+}
+"""What a driver does -> the function, and kind and reason of its failure."""
+
+
+class Wayward(PythonPlanner):
+    """Does one thing after the other: each in a drive of its own, in `reset` or `act`.
+
+    What may have been the system it does in a second drive, too.
+    """
+
+    def __init__(self, folder: Path, ways: Sequence[str], moment: str) -> None:
+        super().__init__()
+        self.marks, self.ways, self.moment = Marks(folder), ways, moment
+
+    def reset(self, setup: DriveSetup) -> None:
+        super().reset(setup)
+        twice = [
+            f"{way}{again}" for way in self.ways for again in ("", "~")[: 1 + (way == "SIGKILL")]
+        ]
+        self.way = next((way for way in twice if self.marks.make(way)), "").rstrip("~")
+        if self.way and self.moment == "reset":
+            WAYS[self.way][0]()
+
+    def act(self, observation: Observation) -> Controls:
+        if self.way and observation.time > 0.4:
+            answer: Controls = WAYS[self.way][0]()
+            return answer
+        return super().act(observation)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="by POSIX means")
+@pytest.mark.parametrize(("moment", "workers"), [("act", 1), ("act", 2), ("reset", 1)])
+def test_each_way_to_break_a_drive_is_a_failure_of_the_driver(
+    marks: Marks, tmp_path: Path, moment: str, workers: int
+) -> None:
+    """The campaign goes on, and its other drives are as they always are."""
+    strategy = Straight(8)
+    strategy.expects_failures = True  # type: ignore[misc]  # so none is driven a second time
+    ways = [way for way in WAYS if workers == 1 or way != "SIGKILL"]  # whose road is driven again
+    search = campaign(
+        tmp_path / "c",
+        len(ways) + 16,  # more than a worker has ahead while another hangs
+        simulator=EmbeddedSimulator(wall_limit=2.0),
+        driver=Wayward(marks.folder, ways, moment),
+        strategy=strategy,
+        workers=workers,
+        drive_limit=4.0,
+    )
+    search.isolate = True
+    summary = search.run()
+    with CampaignStore.open(tmp_path / "c") as store:
+        tests = list(store.tests())
+    failures = [test for test in tests if test.outcome is Outcome.FAIL]
+    assert summary.errors == 0, [test.reason for test in tests if test.outcome is Outcome.ERROR]
+    faults = [(test.result.fault.kind, test.reason) for test in failures if test.result.fault]
+    for name in ways:
+        _, (kind, text) = WAYS[name]
+        match = next((f for f in faults if f[0] == kind and f[1].startswith(text)), None)
+        assert match is not None, (name, faults)
+        assert len(match[1]) < 3000
+        faults.remove(match)
+    assert faults == []
+    assert sorted({test.attempts for test in failures}) == ([1, 2] if workers == 1 else [1])
+    assert len({test.moobd for test in tests if test.outcome is Outcome.PASS}) == 1
+    assert check_campaign(tmp_path / "c").findings == ()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="by POSIX means")
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_process_that_is_killed_once_changes_no_result(
+    marks: Marks, tmp_path: Path, workers: int
+) -> None:
+    """The system may have killed it, so the road is driven again."""
+    search = campaign(
+        tmp_path / "c",
+        3,
+        simulator=EmbeddedSimulator(),
+        driver=Faulty([Fault(kill, marks.folder, times=1)]),
+        strategy=Straight(8),
+        workers=workers,
+    )
+    search.isolate = True
+    assert search.run().passed == 3
+    with CampaignStore.open(tmp_path / "c") as store:
+        assert sorted(test.attempts for test in store.tests()) == [1, 1, 2]
+
+
+@pytest.mark.parametrize(
+    ("simulator", "driver", "loss", "is_asked", "is_drivers"),
+    [
+        (EmbeddedSimulator(), PythonPlanner(), Loss.ENDED, False, True),
+        (EmbeddedSimulator(), PythonPlanner(), Loss.BROKE_PROTOCOL, False, True),
+        (EmbeddedSimulator(), Noisy(PythonPlanner()), Loss.LATE, False, True),
+        (EmbeddedSimulator(), PythonPlanner(), Loss.RAISED, True, False),
+        (EmbeddedSimulator(), Planner(), Loss.KILLED, False, False),
+        (FaultySimulator(), PythonPlanner(), Loss.ENDED, False, False),
+        (FaultySimulator(), PythonPlanner(), Loss.LATE, True, True),
+        (FaultySimulator(), PythonPlanner(), Loss.BROKE_PROTOCOL, True, False),
+    ],
+)
+def test_whose_a_lost_process_is_follows_from_what_is_foreign_in_it(
+    simulator: Simulator, driver: Driver, loss: Loss, is_asked: bool, is_drivers: bool
+) -> None:
+    error = LostWorkerError("it was lost", loss, is_drivers_turn=is_asked)
+    fault = Blame.of(simulator, driver).fault(error)
+    assert (fault is not None) is is_drivers
+
+
+CHILDREN: Final[dict[str, dict[str, Any]]] = {
+    "with a session of its own": {"start_new_session": True},
+    "with all descriptors": {"close_fds": False},
+    "without an environment": {"start_new_session": True, "env": {}},
+}
+
+
+class Parent(PythonPlanner):
+    """Starts a child in its first drive, whose own child outlives it, and may leave afterwards."""
+
+    def __init__(self, folder: Path, kind: str, leaves: bool) -> None:
+        super().__init__()
+        self.marks, self.kind, self.leaves = Marks(folder), kind, leaves
+
+    def reset(self, setup: DriveSetup) -> None:
+        super().reset(setup)
+        if self.marks.make("child"):
+            sleeping = [sys.executable, "-c", f"import time; time.sleep({10 * LIMIT})"]
+            code = (
+                f"import subprocess; print(subprocess.Popen({sleeping}, start_new_session=True,"
+                " stdout=subprocess.DEVNULL).pid)"
+            )
+            options = CHILDREN[self.kind]
+            child = subprocess.Popen(
+                [sys.executable, "-c", code], stdout=subprocess.PIPE, **options
+            )
+            assert child.stdout is not None
+            self.marks.make(f"pid-{int(child.stdout.readline())}")
+            child.wait()
+            if self.leaves:
+                os._exit(7)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="by Linux's ways to find descendants")
+@pytest.mark.parametrize("leaves", [False, True])
+@pytest.mark.parametrize("kind", CHILDREN)
+def test_what_a_driver_starts_ends_with_its_process(marks: Marks, kind: str, leaves: bool) -> None:
+    with IsolatedSimulator(EmbeddedSimulator()) as simulator:
+        driver = Parent(marks.folder, kind, leaves)
+        if leaves:
+            with refused("it ended with exit code 7", BrokenDriveError):
+                simulator.drive(ROAD, driver)
+            assert not any(is_running(pid) for pid in marks.pids())
+        assert simulator.drive(ROAD, driver).error is None
+    assert len(marks.pids()) == 1
+    assert not any(is_running(pid) for pid in marks.pids())
 
 
 class Uncopied(DummyDriver):

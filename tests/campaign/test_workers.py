@@ -47,6 +47,7 @@ from faulty import (
     refuse_connection,
     roads,
     sys_exit,
+    write_nonsense,
 )
 from pids import LIMIT, children, until, until_gone
 from user_modules import own_modules
@@ -62,7 +63,7 @@ from frenetic.registry import DRIVERS
 from frenetic.simulators import Simulator
 from frenetic.simulators.isolated import IsolatedSimulator
 from frenetic.testing import DummyDriver, DummySimulator
-from frenetic.worker import Worker
+from frenetic.worker import Loss, LostWorkerError, Worker, pack, ready
 
 pytest_plugins = ["campaign_fixtures"]
 
@@ -203,6 +204,54 @@ def test_nonsense_of_a_simulator_is_a_failed_attempt(tmp_path: Path, simulator: 
         for attempt in drive_all(workers, [8, 9]).values():
             assert attempt.failure is not None
             assert attempt.result.outcome is Outcome.ERROR
+
+
+class Rubbish:
+    """What a worker holds: answers once, then writes nonsense."""
+
+    def __init__(self, marks: Marks) -> None:
+        self.marks = marks
+
+    def start(self) -> None: ...
+
+    def answer(self) -> int:
+        return 7
+
+    def spoil(self) -> None:
+        write_nonsense(self.marks)
+        self.marks.make("spoilt")
+
+
+@posix_only
+def test_what_was_answered_before_nonsense_came_stands(marks: Marks) -> None:
+    spoiling = Worker("it", pack(Rubbish(marks)))
+    spoiling.start()
+    spoiling.answer()
+    try:
+        spoiling.send("answer", limit=LIMIT, answer=int)
+        spoiling.send("spoil", limit=LIMIT)
+        until(lambda: marks.are_there("spoilt"), "both were called")
+        assert spoiling.receive() == [7]
+        assert ready([spoiling]) == [spoiling]
+        with pytest.raises(
+            LostWorkerError, match="it broke the protocol: it is no message"
+        ) as error:
+            spoiling.receive()
+        assert error.value.loss is Loss.BROKE_PROTOCOL
+    finally:
+        spoiling.kill()
+
+
+@posix_only
+def test_an_answer_of_another_type_breaks_the_protocol(marks: Marks) -> None:
+    other = Worker("it", pack(Rubbish(marks)))
+    other.start()
+    other.answer()
+    try:
+        with pytest.raises(LostWorkerError, match="not what was asked for: Expected `str`"):
+            other.call("answer", limit=LIMIT, answer=str)
+    finally:
+        other.kill()
 
 
 # How processes are replaced

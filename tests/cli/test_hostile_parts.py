@@ -1,16 +1,19 @@
-"""Drivers and simulators that misbehave where they are imported, made and thrown away."""
+"""Drivers and simulators that misbehave where they are imported, made, driven, thrown away."""
 
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import pytest
+from pids import is_running
 
 from frenetic import recipe
 from frenetic.campaign import CampaignStore
+from frenetic.outcome import Outcome
 
 if TYPE_CHECKING:
     from command_line import Frenetic
@@ -53,7 +56,7 @@ WORDS: Final = {
     "exits": "SystemExit: 7 (",
     "dies": "it ended its process: it ended with exit code 7",
     "hangs": f"it took more than {LIMIT:g} s",
-    "closes all": "it ended its process: it ended with exit code 0",
+    "closes all": "it ended its process: the descriptors of its process were closed",
 }
 """Deed -> words of the error where nothing is made."""
 MOMENTS: Final = ("importing", "making", "leaving")
@@ -128,3 +131,95 @@ def test_no_part_harms_the_command(
     else:
         assert answer.code == 0, answer.err
         assert results() == usual
+
+
+# Drives
+
+DRIVER: Final = """
+import os
+import struct
+import subprocess
+import sys
+from pathlib import Path
+from frenetic import Controls, Planner
+
+def write():
+    for descriptor in range(3, 256):
+        try:
+            os.set_blocking(descriptor, False)
+            os.write(descriptor, b"\\xff" * 4 + struct.pack("!Q", 2**62))
+        except OSError:
+            pass
+
+def start():
+    code = "import time; time.sleep(600)"
+    child = subprocess.Popen([sys.executable, "-c", code], start_new_session=True)
+    Path("child").write_text(str(child.pid))
+
+def raise_(error):
+    raise error
+
+def road_of(observation):
+    return str(hash(tuple(observation.curvature_ahead)))
+
+class Recording(Planner):
+    def act(self, observation):
+        if observation.time == 0.0:
+            with Path("roads").open("a") as file:
+                print(road_of(observation), file=file)
+        return super().act(observation)
+
+class Hostile(Planner):
+    def act(self, observation):
+        if observation.time == 0.0:
+            third = list(dict.fromkeys(Path("roads").read_text().split()))[2]
+            self.is_third = road_of(observation) == third
+        if self.is_third:
+            answer = {deed}
+            if isinstance(answer, Controls):
+                return answer
+        return super().act(observation)
+"""
+"""A driver that tells its roads apart, and one that does its deed on the third of them."""
+FAULTS: Final = {
+    "write()": "breaks into its process's descriptors",
+    "os.closerange(3, 256)": "breaks into its process's descriptors",
+    "raise_(GeneratorExit())": "raises GeneratorExit at hostile.py:",
+    "raise_(BaseException('x' * 10**7))": "raises BaseException at hostile.py:",
+    "Controls(1e300, 0.0, 0.0)": "gives no usable controls",
+    "os._exit(0)": "ends its process",
+    "start()": "",
+}
+"""Deed -> the fault of the third test."""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="by Linux's means")
+@pytest.mark.parametrize("workers", ["1", "2"])
+@pytest.mark.parametrize("deed", FAULTS)
+def test_a_drive_that_a_driver_breaks_fails_and_the_others_are_as_usual(
+    frenetic: Frenetic,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    deed: str,
+    workers: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("hostile.py").write_text(DRIVER.replace("{deed}", deed), encoding="utf-8")
+    run = ("run", "--simulations", "6", "--seed", "1", "--strategy", "random", "--workers")
+    for name, count in (("Recording", "1"), ("Hostile", workers)):
+        answer = frenetic(*run, count, "--driver", f"hostile.py:{name}", "--out", name)
+        assert answer.code == 0, answer.err
+    with CampaignStore.open("Recording") as store:
+        usual = {test.id: (test.outcome, test.moobd) for test in store.tests()}
+    with CampaignStore.open("Hostile") as store:
+        tests = {test.id: test for test in store.tests()}
+    third = tests.pop(3)
+    if FAULTS[deed]:
+        assert third.outcome is Outcome.FAIL
+        assert str(third.result.fault).startswith(FAULTS[deed])
+    else:
+        assert third.result.fault is None
+        assert not is_running(int(Path("child").read_text()))
+    assert {i: (test.outcome, test.moobd) for i, test in tests.items()} == {
+        i: result for i, result in usual.items() if i != 3
+    }

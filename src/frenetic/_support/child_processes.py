@@ -1,27 +1,32 @@
 """Processes that work for this one: their start, their end, and whose a process is.
 
 A child is killed with all that it has started. It leaves Ctrl-C to its parent and ends with it.
+On Linux it runs under a keeper, a process without foreign code between it and its parent: what the
+child starts stays the keeper's descendant, whatever session it makes for itself, and is killed when
+the child or the parent ends.
 """
 
 from __future__ import annotations
 
+import ctypes
+import mmap
 import multiprocessing
 import os
 import platform
+import select
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
-from multiprocessing import parent_process
+from multiprocessing import parent_process, reduction
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
-
-if sys.platform == "linux":
-    import fcntl
+from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 if TYPE_CHECKING:
     from multiprocessing.context import (  # type: ignore[attr-defined, unused-ignore]
@@ -29,6 +34,8 @@ if TYPE_CHECKING:
         SpawnContext,
     )
 
+END_LIMIT: Final = 5.0
+"""Time that a child's keeper has to kill all that the child has started, in s."""
 LOST_PARENT: Final = 1
 """Exit code of a child whose parent is gone."""
 FORKED: Final = 82
@@ -65,7 +72,9 @@ def process_context(preloaded: Sequence[str] = ()) -> ForkServerContext | SpawnC
 def start_process(
     context: Any, target: Callable[..., None], *args: object, name: str
 ) -> tuple[BaseProcess, Connection]:
-    """A new process that calls ``target(connection, *args)``, and our end of the connection.
+    """A new process that stands alone and calls ``target(connection, *args)``, and our end.
+
+    It is killed by `kill_process`.
 
     Raises:
         OSError: there are too many processes.
@@ -84,7 +93,7 @@ def start_process(
         sparing = nullcontext()  # it takes a while now, and children get it from their server
     ours, theirs = context.Pipe()
     try:
-        process = context.Process(target=target, args=(theirs, *args), name=name)
+        process = context.Process(target=_run_alone, args=(theirs, target, *args), name=name)
         with sparing:
             process.start()
     except BaseException:
@@ -109,8 +118,13 @@ def _without_ctrl_c() -> Iterator[None]:
 
 
 def kill_process(process: BaseProcess | subprocess.Popen[bytes]) -> None:
-    """Kills a child with all that it has started."""
+    """Kill a child with all that it has started."""
     assert process.pid is not None
+    if sys.platform == "linux" and isinstance(process, BaseProcess):
+        process.terminate()  # its keeper kills the others
+        with suppress(OSError):  # it has ended
+            os.kill(process.pid, signal.SIGCONT)  # a driver may have stopped it
+        process.join(END_LIMIT)
     kill_tree(process.pid)
     process.kill()
 
@@ -118,8 +132,8 @@ def kill_process(process: BaseProcess | subprocess.Popen[bytes]) -> None:
 def kill_tree(process_id: int) -> None:
     """Kills a process with all that it has started.
 
-    On POSIX these are the group that it heads, on Windows its children, theirs and so on, as long
-    as it lives.
+    On POSIX these are the group that it heads: who leaves the group is not killed. On Windows they
+    are its children, theirs and so on, as long as it lives.
     """
     if sys.platform == "win32":
         tool = Path(os.environ.get("SYSTEMROOT", r"C:\Windows"), "System32", "taskkill.exe")
@@ -143,44 +157,218 @@ def ending_of(exit_code: int | None) -> str:
     return f"ended with exit code {exit_code}"
 
 
+class SharedFlag:
+    """A flag that a child sets and this process reads; it is given to a child as an argument.
+
+    The child's copy is a number, see `open_flag`. This process reads the flag without a map of its
+    own: a driver may cut off the file under one.
+    """
+
+    def __init__(self) -> None:
+        if sys.platform == "win32":
+            self._name = f"frenetic-{os.getpid()}-{id(self)}"
+            self._map = mmap.mmap(-1, 1, tagname=self._name)
+        else:
+            self._file = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115 - see close
+            self._file.write(b"\0")
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any]]:
+        if sys.platform == "win32":
+            return open_flag, (self._name,)
+        return open_flag, (reduction.DupFd(self._file.fileno()),)
+
+    @property
+    def is_set(self) -> bool:
+        """Whether it is not 0; also when its file is damaged."""
+        if sys.platform == "win32":
+            return self._map[0] != 0
+        return os.pread(self._file.fileno(), 1, 0) != b"\0"
+
+    def close(self) -> None:
+        """Close it here."""
+        if sys.platform == "win32":
+            self._map.close()
+        else:
+            self._file.close()
+
+
 # In the child
 
 
-def stand_alone() -> None:
-    """Makes this process leave Ctrl-C to its parent and end with it.
+def open_flag(place: Any) -> Any:
+    """Return the child's copy of a `SharedFlag`, whose ``value`` it sets."""
+    if sys.platform == "win32":
+        memory = mmap.mmap(-1, 1, tagname=place)
+    else:
+        descriptor = place.detach()
+        memory = mmap.mmap(descriptor, 1)
+        os.close(descriptor)
+    return ctypes.c_byte.from_buffer(memory)
 
-    It becomes the head of a group, which can be ended as a whole. What it prints goes to stderr:
-    stdout is for the parent's results.
+
+def _run_alone(connection: Connection, target: Callable[..., None], *args: object) -> None:
+    """Call the target in a process that leaves Ctrl-C to its parent and ends with it.
+
+    What it prints goes to stderr: stdout is for the parent's results.
     """
     with suppress(OSError):  # there is none
         os.dup2(2, 1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if hasattr(os, "setsid"):
+    _lead_group()
+    _leave_servers()
+    if sys.platform == "linux":
+        _fork_under_keeper(connection)
+    else:
+        threading.Thread(target=_die_with_parent, name="die-with-parent", daemon=True).start()
+    target(connection, *args)
+
+
+def _lead_group() -> None:
+    """Make this process the head of a group, which can be killed as a whole."""
+    if sys.platform != "win32":
         with suppress(OSError):  # it is the head of one already
             os.setsid()
-    threading.Thread(target=_die_with_parent, name="die-with-parent", daemon=True).start()
+
+
+def _leave_servers() -> None:
+    """Close the pipes to the parent's servers of processes and resources.
+
+    The child needs neither, and nonsense that a driver writes there would end the servers. Who
+    starts processes here gets servers of this process.
+    """
+    if sys.platform != "win32":
+        from multiprocessing import forkserver, resource_tracker  # not on Windows
+
+        servers: tuple[tuple[Any, str], ...] = (
+            (resource_tracker._resource_tracker, "_fd"),
+            (forkserver._forkserver, "_forkserver_alive_fd"),
+        )
+        for server, name in servers:
+            if (descriptor := getattr(server, name, None)) is not None:
+                setattr(server, name, None)
+                with suppress(OSError):
+                    os.close(descriptor)
 
 
 def _die_with_parent() -> None:
-    """Ends this process, and all that it started, when its parent has ended."""
+    """End this process, and all that it started, when its parent has ended."""
     parent = parent_process()
     if parent is not None:
-        _die_with(parent.sentinel)
         wait([parent.sentinel])
         kill_tree(os.getpid())
         os._exit(LOST_PARENT)
 
 
-def _die_with(pipe: int) -> None:
-    """Linux: lets the kernel kill the group when the pipe's other end is closed.
+# The keeper of a child, on Linux
 
-    So it ends even if a driver's compiled code blocks every thread of this process.
-    """
-    if sys.platform == "linux":
-        with suppress(OSError):  # it is the pipe of an emulation, say
-            fcntl.fcntl(pipe, fcntl.F_SETOWN, -os.getpid())
-            fcntl.fcntl(pipe, fcntl.F_SETSIG, signal.SIGKILL)
-            fcntl.fcntl(pipe, fcntl.F_SETFL, fcntl.fcntl(pipe, fcntl.F_GETFL) | os.O_ASYNC)
+if sys.platform == "linux":
+    _SET_PARENT_DEATH_SIGNAL: Final = 1  # PR_SET_PDEATHSIG of linux/prctl.h
+    _SET_CHILD_SUBREAPER: Final = 36  # PR_SET_CHILD_SUBREAPER of linux/prctl.h
+    _LOOK_INTERVAL: Final = 0.02  # [s] between two looks at what is left to kill
+    _FIRST_TO_KILL: Final = "500"  # of -1000..1000, where memory is short: rather than the parent
+
+    def _fork_under_keeper(connection: Connection) -> None:
+        """Return in a child process; this one becomes its keeper and never returns."""
+        parent = parent_process()
+        assert parent is not None
+        _prctl(_SET_CHILD_SUBREAPER, 1)
+        reading, writing = os.pipe()
+        os.set_blocking(writing, False)
+        signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
+        for number in (signal.SIGCHLD, signal.SIGTERM):
+            signal.signal(number, lambda *_: None)  # the pipe tells of it
+        keeper = os.getpid()
+        child = os.fork()
+        if child:
+            try:
+                connection.close()
+                _keep(child, parent.sentinel, reading)
+            finally:
+                os._exit(LOST_PARENT)
+        signal.set_wakeup_fd(-1)
+        for number in (signal.SIGCHLD, signal.SIGTERM):
+            signal.signal(number, signal.SIG_DFL)
+        for descriptor in (reading, writing):
+            os.close(descriptor)
+        _prctl(_SET_PARENT_DEATH_SIGNAL, signal.SIGKILL)
+        if os.getppid() != keeper:
+            os._exit(LOST_PARENT)
+        _lead_group()
+        with suppress(OSError):
+            Path("/proc/self/oom_score_adj").write_text(_FIRST_TO_KILL, encoding="ascii")
+
+    def _prctl(option: int, value: int) -> None:
+        """Set an attribute of this process; without effect where the kernel refuses."""
+        ctypes.CDLL(None).prctl(option, ctypes.c_ulong(value), *(ctypes.c_ulong(0),) * 3)
+
+    def _keep(child: int, sentinel: int, signals: int) -> NoReturn:
+        """Wait for the end of the child or the parent, kill all that is left, end as the child did.
+
+        Args:
+            child: process id.
+            sentinel: descriptor that is readable when the parent has ended.
+            signals: descriptor from which the numbers of signals are read.
+        """
+        poller = select.poll()
+        for descriptor in (sentinel, signals):
+            poller.register(descriptor, select.POLLIN)
+        status = None
+        while status is None:
+            ready = {descriptor for descriptor, _ in poller.poll()}
+            received = os.read(signals, 512) if signals in ready else b""
+            if sentinel in ready or signal.SIGTERM in received:
+                break
+            status = _reaped(child)
+        _kill_descendants(child, signals)
+        _end_as(LOST_PARENT if status is None else os.waitstatus_to_exitcode(status))
+
+    def _reaped(child: int) -> int | None:
+        """Ask for all children that have ended; return the status of this one, None if it runs."""
+        status = None
+        with suppress(ChildProcessError):
+            while (ended := os.waitpid(-1, os.WNOHANG))[0]:
+                if ended[0] == child:
+                    status = ended[1]
+        return status
+
+    def _kill_descendants(child: int, signals: int) -> None:
+        """Kill the child's group, and all children of this process until there are none.
+
+        Those that a killed process leaves become this process's, since it is their subreaper.
+        """
+        deadline = time.monotonic() + END_LIMIT
+        kill_tree(child)
+        while time.monotonic() < deadline:
+            for pid in _children():
+                with suppress(OSError):
+                    os.kill(pid, signal.SIGKILL)
+            try:
+                while os.waitpid(-1, os.WNOHANG)[0]:
+                    pass
+            except ChildProcessError:
+                return
+            if select.select([signals], [], [], _LOOK_INTERVAL)[0]:  # one has ended
+                os.read(signals, 512)
+
+    def _children() -> list[int]:
+        """Ids of this process's children; empty where the kernel does not list them."""
+        try:
+            listing = Path(f"/proc/self/task/{os.getpid()}/children").read_text(encoding="ascii")
+        except OSError:
+            return []
+        return [int(pid) for pid in listing.split()]
+
+    def _end_as(exit_code: int) -> NoReturn:
+        """End this process with an exit code, or by the signal of a negative one."""
+        if exit_code < 0:
+            import resource  # not on Windows
+
+            resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+            with suppress(OSError):  # some cannot be handled
+                signal.signal(-exit_code, signal.SIG_DFL)
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, {-exit_code})
+            os.kill(os.getpid(), -exit_code)
+        os._exit(exit_code if exit_code >= 0 else LOST_PARENT)
 
 
 # In both

@@ -31,7 +31,15 @@ from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.campaign.tester import RoadTester
 from frenetic.criteria import LANE
 from frenetic.drive import Rules
-from frenetic.errors import ENDS_ITS_PROCESS, HANGS, CampaignError, Fault, FreneticError
+from frenetic.errors import (
+    BREAKS_PROTOCOL,
+    ENDS_ITS_PROCESS,
+    HANGS,
+    IS_KILLED,
+    CampaignError,
+    Fault,
+    FreneticError,
+)
 from frenetic.outcome import Outcome
 from frenetic.quantities import in_words, named, quantity, without
 from frenetic.road import Road, profile
@@ -524,7 +532,7 @@ def minimise_causes(
     Yields:
         Id of a test, and the minimised road or why there is none: it does not fail again, say.
     """
-    lasting = HANGS, ENDS_ITS_PROCESS
+    lasting = HANGS, ENDS_ITS_PROCESS, IS_KILLED, BREAKS_PROTOCOL
     causes = [one for one in clusters.causes if not (one.fault and one.fault.kind in lasting)]
     chosen = causes[: max(1, drives // LEAST_EACH)]
     if not chosen:

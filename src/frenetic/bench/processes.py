@@ -7,12 +7,15 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable
+from dataclasses import asdict, dataclass
 from typing import Final
 
 from threadpoolctl import threadpool_limits
 
 from frenetic._support.interrupt import catch_interrupt
 from frenetic.bench.runs import Run, RunState, Terms, run_entrant
+from frenetic.bench.strategy import Ending
+from frenetic.campaign.counts import Counts
 from frenetic.campaign.summary import Summary
 from frenetic.worker import MOST_WORKERS, LostWorkerError, Worker, pack, ready, report
 
@@ -50,7 +53,7 @@ def run_all(
                     worker = Worker(run.name, held, RUNS_PRELOADED)
                     at_work[worker] = run
                     worker.start()
-                    worker.send("run", run, limit=math.inf)
+                    worker.send("run", run, limit=math.inf, answer=Ending, report=_Progress)
                 for worker in ready(at_work, _POLL):
                     run = at_work[worker]
                     try:
@@ -59,13 +62,23 @@ def run_all(
                         logger.debug("%s: %s\n%s", run.name, error.reason, error.traceback)
                         messages = [RunState(run, None, error.reason)]
                     for message in filter(None, messages):
-                        if isinstance(message, RunState):
-                            worker.kill()
-                            del at_work[worker]
-                        yield run, message
+                        if isinstance(message, _Progress):
+                            yield run, Summary(**asdict(message))
+                            continue
+                        worker.kill()
+                        del at_work[worker]
+                        ended = isinstance(message, Ending)
+                        yield run, RunState(run, message) if ended else message
         finally:
             for worker in at_work:
                 worker.kill()
+
+
+@dataclass
+class _Progress(Counts):
+    """What a run's process reports of a `Summary`."""
+
+    budget_spent: float = 0.0
 
 
 class _Runner:
@@ -78,7 +91,7 @@ class _Runner:
         """Leaves the other cores to the other runs."""
         threadpool_limits(1)
 
-    def run(self, run: Run) -> RunState:
+    def run(self, run: Run) -> Ending:
         """Runs an entrant and reports its progress."""
         said = 0.0
 
@@ -88,4 +101,4 @@ class _Runner:
                 said = time.monotonic()
                 report(progress)
 
-        return RunState(run, run_entrant(run, self._terms, say))
+        return run_entrant(run, self._terms, say)

@@ -22,7 +22,7 @@ from frenetic._support.notebook import Shown
 from frenetic.campaign.trajectory_codec import decode, encode, rounded
 from frenetic.domain import Domain
 from frenetic.drive import CarBody, Drive, Rules, Trajectory
-from frenetic.errors import CampaignError, Fault
+from frenetic.errors import IS_KILLED, CampaignError, Fault
 from frenetic.oracle import Finding, Result, broken
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
@@ -90,10 +90,15 @@ class Attempt:
 
     @property
     def failure(self) -> str | None:
-        """Reason for another attempt; None if this one stands, as a driver's own fault does."""
+        """Reason for another attempt; None if this one stands, as a driver's own fault does.
+
+        A process that was killed gets another: the system may have done it.
+        """
+        fault = self.result.fault
         is_error = self.result.outcome is Outcome.ERROR
+        is_doubtful = is_error or (fault is not None and fault.kind == IS_KILLED)
         broke = self.simulator_broke or self.worker_lost
-        return self.result.reason if broke and is_error else None
+        return self.result.reason if broke and is_doubtful else None
 
     def pack(self, *, keep: bool = False) -> Self:
         """The same with a packed trajectory, in place of the exact one unless that is kept."""

@@ -30,6 +30,8 @@ DRAG_FADE_SPEED: Final = 0.5
 stop."""
 PERIODS: Final = (0.01, 0.2)
 """Shortest and longest `Driver` period of its own, in s."""
+MOST_STEERING: Final = 1e9
+"""Largest angle that a driver may ask for, in rad: a campaign's database holds it."""
 MOST_LANE_POINTS: Final = 100_000
 """Points of the longest `Observation.lane`."""
 
@@ -388,7 +390,7 @@ def blaming_driver() -> Iterator[None]:
         yield
     except DriverError:
         raise
-    except (Exception, SystemExit, KeyboardInterrupt) as error:
+    except BaseException as error:
         is_driver = signal.getsignal(signal.SIGINT) is signal.SIG_IGN
         if isinstance(error, KeyboardInterrupt) and not is_driver:
             raise
@@ -409,7 +411,8 @@ def checked_controls(controls: Any) -> tuple[float, float, float]:
     """(steering, throttle, brake) of what a driver returned, pedals cut to 0..1.
 
     Raises:
-        ControlsError: it is not `Controls`, or a value is not a finite number.
+        ControlsError: it is not `Controls`, a value is not a finite number, or the steering is more
+            than `MOST_STEERING`.
     """
     if not isinstance(controls, Controls):
         raise ControlsError(
@@ -418,10 +421,19 @@ def checked_controls(controls: Any) -> tuple[float, float, float]:
     steering, throttle, brake = controls.steering, controls.throttle, controls.brake
     if not (
         type(steering) is type(throttle) is type(brake) is float
-        and math.isfinite(steering + throttle + brake)
+        and math.isfinite(throttle + brake)
+        and -MOST_STEERING <= steering <= MOST_STEERING
     ):
         steering, throttle, brake = _numbers(controls)
     return steering, min(max(throttle, 0.0), 1.0), min(max(brake, 0.0), 1.0)
+
+
+def _short_repr(value: object) -> str:
+    """The beginning of a value's repr, or its class where it has none."""
+    try:
+        return repr(value)[:40]
+    except Exception:  # a whole number may be too long, and foreign code may raise anything
+        return f"<{type(value).__name__}>"
 
 
 def _numbers(controls: Controls) -> tuple[float, float, float]:
@@ -434,8 +446,13 @@ def _numbers(controls: Controls) -> tuple[float, float, float]:
             number = math.nan
         if not math.isfinite(number):
             raise ControlsError(
-                f"the driver returned {name} = {repr(value)[:40]}, not a finite number"
+                f"the driver returned {name} = {_short_repr(value)}, not a finite number"
             )
         values.append(number)
     steering, throttle, brake = values
+    if abs(steering) > MOST_STEERING:
+        raise ControlsError(
+            f"the driver returned steering = {steering:g}: an angle of at most"
+            f" {MOST_STEERING:g} rad is needed"
+        )
     return steering, throttle, brake

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
+from frenetic.drivers.camera import Camera
 from frenetic.drivers.driver import (
     Controls,
     Driver,
@@ -15,17 +17,26 @@ from frenetic.drivers.driver import (
 from frenetic.recipe import Guest, Named
 
 
+@dataclass(frozen=True)
+class DriverAttributes:
+    """A driver's camera and period, and whether it refuses simulators."""
+
+    is_selective: bool
+    camera: Camera | None
+    period: Any
+
+
 class NamedDriver(Named):
     """A user's own driver by its name."""
 
+    attributes_type: ClassVar[type] = DriverAttributes
     is_selective: bool
 
     @staticmethod
-    def attributes_of(part: Driver) -> dict[str, Any]:
+    def attributes_of(part: Driver) -> DriverAttributes:
         """Its camera and its period, and whether it refuses simulators."""
-        asked = {"camera": camera_of(part), "period": getattr(part, "period", None)}
-        known = {name: value for name, value in asked.items() if value is not None}
-        return {"is_selective": isinstance(part, SelectiveDriver), **known}
+        period = getattr(part, "period", None)
+        return DriverAttributes(isinstance(part, SelectiveDriver), camera_of(part), period)
 
     def reset(self, setup: DriveSetup) -> None:  # noqa: ARG002
         """Raises a `DriverError`."""

@@ -91,15 +91,19 @@ def follow(
         start = perf_counter()
         try:
             answer = getattr(driver, method)(given)
+            if method == "act":
+                answer = checked_controls(answer)
         finally:
             driver_seconds += perf_counter() - start
         waits = turn.value = False
         return answer
 
     def loop() -> None:
+        nonlocal waits
         controls = (0.0, 0.0, 0.0)
         period = setup.period
         if driver is not None:
+            waits = turn.value = True
             period = period_of(driver, period_step) or period
             ask("reset", replace(setup, period=period))
         # In equal steps of whole milliseconds, in which records and decisions have their places.
@@ -122,7 +126,7 @@ def follow(
                 seen = observer.observation(
                     speed, yaw_rate, steering, car.picture(), lateral_speed=lateral_speed
                 )
-                controls = checked_controls(ask("act", seen))
+                controls = ask("act", seen)
                 if is_record:
                     motion[-len(controls) :] = controls
             car.advance(*controls, step / 1e3)
@@ -131,6 +135,8 @@ def follow(
         with wall_limit(limit):
             try:
                 loop()
+            except WallLimitExceeded:
+                raise
             except BaseException:
                 if waits:
                     with blaming_driver():

@@ -3,19 +3,40 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import dataclass, field
 from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Any, Final, Literal, Self
 
-from frenetic.drive import Breakdown, CarBody, Drive
-from frenetic.drivers.driver import Driver, is_of_driver, under_layers
-from frenetic.errors import CampaignError, Fault, FreneticError, describe_raised, traceback_of
+from frenetic.drive import Breakdown, CarBody, Drive, Rules, Trajectory
+from frenetic.drivers.driver import Driver, is_of_driver, stack_of, under_layers
+from frenetic.errors import (
+    BREAKS_PROTOCOL,
+    ENDS_ITS_PROCESS,
+    HANGS,
+    IS_KILLED,
+    CampaignError,
+    Fault,
+    FreneticError,
+    describe_raised,
+    traceback_of,
+)
 from frenetic.quantities import attributes
 from frenetic.recipe import Named
 from frenetic.road import Road
-from frenetic.simulators.capabilities import capabilities
+from frenetic.simulators.capabilities import bare, capabilities
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.simulator import Simulator
-from frenetic.worker import START_LIMIT, LostWorkerError, Worker, pack, unpack
+from frenetic.worker import START_LIMIT, Loss, LostWorkerError, Worker, pack, unpack
+
+_FAULTS: Final = {
+    Loss.LATE: HANGS,
+    Loss.ENDED: ENDS_ITS_PROCESS,
+    Loss.KILLED: IS_KILLED,
+    Loss.BROKE_PROTOCOL: BREAKS_PROTOCOL,
+}
+"""How a process was lost during a drive -> kind of the fault of the driver that did it."""
+_OUR_PURE_SIMULATORS: Final = ("frenetic.simulators.", "frenetic.testing.")
+"""Begins the modules of simulators that run no code but ours."""
 
 logger = logging.getLogger(__name__)
 
@@ -29,10 +50,10 @@ class BrokenDriveError(FreneticError):
         self.fault = fault
 
     @classmethod
-    def of(cls, error: LostWorkerError) -> Self:
-        """The drive that ended with its process."""
+    def of(cls, error: LostWorkerError, fault: Fault | None = None) -> Self:
+        """The drive that ended with its process, which may be a fault."""
         reason = error.reason if error.traceback else lost_process(error)
-        return cls(reason, error.traceback, error.fault)
+        return cls(reason, error.traceback, fault)
 
 
 def raised(error: BaseException, driver: Driver) -> Breakdown:
@@ -43,9 +64,44 @@ def raised(error: BaseException, driver: Driver) -> Breakdown:
     return Breakdown(text, traceback_of(error), Fault.of(part, error))
 
 
+@dataclass(frozen=True)
+class Blame:
+    """Which losses of a process during a drive are the driver's doing, even if it was not asked.
+
+    A process that ends or hangs while the driver is asked does so by the driver; at other times,
+    where the simulator is code of ours alone and the driver is not. A process breaks the protocol
+    by the only code in it that is not ours.
+    """
+
+    losses: frozenset[Loss]
+
+    @classmethod
+    def of(cls, simulator: Simulator, driver: Driver) -> Self:
+        """The driver's doings in the process of a simulator."""
+        simulator = bare(simulator)
+        home = "" if isinstance(simulator, Named) else type(simulator).__module__
+        if all(_is_ours(part) for part in stack_of(driver)) or not home.startswith("frenetic."):
+            return cls(frozenset())
+        if home.startswith(_OUR_PURE_SIMULATORS):
+            return cls(frozenset(_FAULTS))
+        return cls(frozenset({Loss.BROKE_PROTOCOL}))
+
+    def fault(self, error: LostWorkerError) -> Fault | None:
+        """The driver's fault, if the process was lost by what the driver did."""
+        kind = _FAULTS.get(error.loss)
+        was_asked = error.is_drivers_turn and error.loss is not Loss.BROKE_PROTOCOL
+        is_drivers = was_asked or error.loss in self.losses
+        return Fault("driver", kind) if kind is not None and is_drivers else None
+
+
+def _is_ours(part: object) -> bool:
+    return not isinstance(part, Named) and type(part).__module__.partition(".")[0] == "frenetic"
+
+
 def lost_process(error: LostWorkerError) -> str:
     """Reason of a drive whose process was lost."""
-    return f"the driver's process was lost: {error.reason}"
+    doubt = ", by itself or by the system, as where memory is short"
+    return f"the driver's process was lost: {error.reason}{doubt * (error.loss is Loss.KILLED)}"
 
 
 def isolated(simulator: Simulator, driver: Driver, drive_limit: float | None = None) -> Simulator:
@@ -117,7 +173,7 @@ class IsolatedSimulator:
         )
         self._last = self._own = None
         try:
-            self._worker.start()
+            self._worker.start(CarBody)
             compile_kernels()  # meanwhile: roads are checked here
             car: CarBody = self._worker.answer()
         except LostWorkerError as error:
@@ -164,20 +220,62 @@ class IsolatedSimulator:
         try:
             if packed:
                 self._worker.call("take", packed, limit=START_LIMIT)
-            drive: Drive | Breakdown = self._worker.call(
-                "drive", road, values, limit=self._drive_limit
+            answer: _DriveAnswer = self._worker.call(
+                "drive", road, values, limit=self._drive_limit, answer=_DriveAnswer
             )
         except LostWorkerError as error:
             self._kill()
-            raise BrokenDriveError.of(error) from None
-        if isinstance(drive, Drive):
-            return drive
-        raise BrokenDriveError(*drive)
+            fault = Blame.of(self.simulator_inside, driver).fault(error)
+            raise BrokenDriveError.of(error, fault) from None
+        if answer.trajectory is None:
+            raise BrokenDriveError(answer.error or "", answer.traceback, answer.fault)
+        return answer.drive(answer.trajectory, road)
 
     def _kill(self) -> None:
         worker, self._worker = self._worker, None
         if worker is not None:
             worker.kill()
+
+
+@dataclass(frozen=True, kw_only=True)
+class _DriveAnswer:
+    """A `Drive` on its way from the process, or only what broke it."""
+
+    trajectory: Trajectory | None = None
+    car: CarBody = field(default_factory=CarBody)
+    rules: Rules = field(default_factory=Rules)
+    error: str | None = None
+    traceback: str = ""
+    fault: Fault | None = None
+    has_road: bool = False
+    driver_seconds: float = 0.0
+
+    @classmethod
+    def of(cls, drive: Drive) -> Self:
+        """The answer with a drive."""
+        return cls(
+            trajectory=drive.trajectory,
+            car=drive.car,
+            rules=drive.rules,
+            error=drive.error,
+            traceback=drive.traceback,
+            fault=drive.fault,
+            has_road=drive.road is not None,
+            driver_seconds=drive.driver_seconds,
+        )
+
+    def drive(self, trajectory: Trajectory, road: Road) -> Drive:
+        """The drive along the road."""
+        return Drive(
+            trajectory,
+            self.car,
+            self.rules,
+            self.error,
+            self.traceback,
+            self.fault,
+            road if self.has_road else None,
+            self.driver_seconds,
+        )
 
 
 class _Held:
@@ -196,16 +294,20 @@ class _Held:
         """Makes the driver of the next drives."""
         self._driver, self._own = unpack(driver, known=self._own)
 
-    def drive(self, road: Road, values: dict[str, Any]) -> Drive | Breakdown:
+    def drive(self, road: Road, values: dict[str, Any]) -> _DriveAnswer:
         """The drive, or the error that ended it."""
         assert self._driver is not None
         for name, value in values.items():
             if getattr(self._simulator, name) != value:
                 setattr(self._simulator, name, value)
         try:
-            return self._simulator.drive(road, self._driver)
+            drive = self._simulator.drive(road, self._driver)
+            if not isinstance(drive, Drive):
+                raise TypeError(f"drive returned {type(drive).__name__} instead of a Drive")
         except BaseException as error:  # a SystemExit, say
-            return raised(error, self._driver)
+            text, trace, fault = raised(error, self._driver)
+            return _DriveAnswer(error=text, traceback=trace, fault=fault)
+        return _DriveAnswer.of(drive)
 
     def close(self) -> None:
         self._simulator.__exit__(None, None, None)

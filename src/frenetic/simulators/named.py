@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final, Self
+from typing import Any, ClassVar, Final, Self
 
+from frenetic._support.bounds import Count, Positive
 from frenetic.drive import CarBody, Drive, Rules
 from frenetic.drivers.driver import Driver
-from frenetic.recipe import Guest, Named
+from frenetic.recipe import Guest, Named, Recipe, Told
 from frenetic.road import Road
 from frenetic.simulators.capabilities import capabilities
 from frenetic.simulators.simulator import Ready, Simulator
@@ -20,24 +22,58 @@ _VALUES: Final = (
 _METHODS: Final = ("prepare", "check_driver")
 
 
-class NamedSimulator(Named, Ready):
-    """A user's own simulator by its name; what `frenetic.quantities` names may be set here."""
+@dataclass(frozen=True)
+class SimulatorAttributes:
+    """A simulator's rules, its car, what may vary, and its capabilities that are values."""
 
     rules: Rules
     car: CarBody
     declared: frozenset[str]
     """The methods of `Capabilities` that it has."""
-    varies: frozenset[str]
-    """Which of these attributes it has."""
+    amounts: dict[str, bool | int | float | str | None]
+    """Its attributes that may vary beside its rules."""
+    place_options: tuple[str, ...]
+    preloads: tuple[str, ...]
+    usual_wall_limit: Positive
+    usual_workers: Count | None
+    wall_limit: Positive
+    workers_at_most: Count | None
+    period_step: Positive | None
+    draws: bool
+    lays_slopes: bool
+
+
+class NamedSimulator(Named, Ready):
+    """A user's own simulator by its name; what `frenetic.quantities` names may be set here."""
+
+    attributes_type: ClassVar[type] = SimulatorAttributes
+    rules: Rules
+    car: CarBody
+    declared: frozenset[str]
+    """The methods of `Capabilities` that it has."""
+    amounts: Mapping[str, Any]
+    """Its attributes that may vary beside its rules, as they were when it was made."""
+
+    def __init__(self, recipe: Recipe, told: Told[SimulatorAttributes]) -> None:
+        super().__init__(recipe, told)
+        vars(self).update(self.amounts)
 
     @staticmethod
-    def attributes_of(part: Simulator) -> dict[str, Any]:
+    def attributes_of(part: Simulator) -> SimulatorAttributes:
         """Its rules, its car, what may vary, and its capabilities that are values."""
         able = capabilities(part)
-        values = {name: getattr(able, name) for name in _VALUES}
-        values["varies"] = able.variable
-        values["declared"] = frozenset(name for name in _METHODS if hasattr(part, name))
-        return values | {name: getattr(part, name) for name in ("rules", "car", *able.variable)}
+        return SimulatorAttributes(
+            rules=part.rules,
+            car=part.car,
+            declared=frozenset(name for name in _METHODS if hasattr(part, name)),
+            amounts={name: getattr(part, name) for name in able.variable - {"rules"}},
+            **{name: getattr(able, name) for name in _VALUES},
+        )
+
+    @property
+    def varies(self) -> frozenset[str]:
+        """Names of its attributes that may vary."""
+        return frozenset({*self.amounts, "rules"})
 
     @property
     def maker(self) -> Callable[[], Any]:
@@ -47,7 +83,7 @@ class NamedSimulator(Named, Ready):
     def prepare(self) -> None:
         """Finds out its `car` where that takes starting it."""
         if "prepare" in self.declared:
-            self.car = self.recipe.ask(_prepared)
+            self.car = self.recipe.ask(_prepared, answer=CarBody)
 
     def check_driver(self, driver: Driver) -> None:
         """Raises an error if a driver cannot drive in it."""

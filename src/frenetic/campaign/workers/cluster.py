@@ -36,6 +36,7 @@ from frenetic.errors import CampaignError, FreneticError, describe_error, reason
 from frenetic.recipe import Guest, Named
 from frenetic.registry import USER_MODULE, user_files
 from frenetic.search.records import Candidate
+from frenetic.simulators.isolated import Blame
 from frenetic.worker import LostWorkerError, Worker
 
 try:
@@ -75,6 +76,7 @@ class ClusterWorkers(Workers):
         self, tester: RoadTester, address: str, *, drive_limit: float, log: CampaignLog
     ) -> None:
         self._parcel = pack(tester)
+        self._blame = Blame.of(tester.simulator, tester.driver)
         self._address = address
         self._drive_limit = drive_limit
         self._log = log
@@ -181,7 +183,9 @@ class ClusterWorkers(Workers):
         self._client = _connect(self._address)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # a network makes a large task
-            self._seats = self._client.submit(_Seats, self._parcel, self._drive_limit, pure=False)
+            self._seats = self._client.submit(
+                _Seats, self._parcel, self._drive_limit, self._blame, pure=False
+            )
         self._last_seen = time.monotonic()
         return self
 
@@ -220,15 +224,16 @@ class _NoStartError(Exception):
 class _Seats:
     """The seats of a Dask worker for one campaign: processes that end when this is forgotten."""
 
-    def __init__(self, parcel: bytes, drive_limit: float) -> None:
+    def __init__(self, parcel: bytes, drive_limit: float, blame: Blame) -> None:
         self.parcel = parcel
         self.drive_limit = drive_limit
+        self.blame = blame
         self.idle: list[Worker] = []
         finalize(self, lambda idle: threading.Thread(target=_end, args=(idle,)).start(), self.idle)
 
-    def __reduce__(self) -> tuple[Callable[..., Any], tuple[bytes, float]]:
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[bytes, float, Blame]]:
         """Gives each Dask worker seats of its own."""
-        return _Seats, (self.parcel, self.drive_limit)
+        return _Seats, (self.parcel, self.drive_limit, self.blame)
 
 
 def _end(seats: list[Worker]) -> None:
@@ -250,10 +255,11 @@ def _test(seats: _Seats, candidate: Candidate) -> Attempt:
     seat = seats.idle.pop() if seats.idle else _started(Worker(name, seats.parcel))
     start = time.monotonic()
     try:
-        attempt: Attempt = seat.call("test", candidate, limit=seats.drive_limit)
+        attempt: Attempt = seat.call("test", candidate, limit=seats.drive_limit, answer=Attempt)
     except LostWorkerError as error:
         seat.kill()
-        return lost_attempt(candidate.id, name, error, time.monotonic() - start)
+        seconds = time.monotonic() - start
+        return lost_attempt(candidate.id, name, error, seats.blame.fault(error), seconds)
     if attempt.simulator_broke:
         seat.kill()
     else:
@@ -310,7 +316,7 @@ class _Pickler(cloudpickle.Pickler):  # type: ignore[misc]  # it has no types
 
     def reducer_override(self, part: object) -> Any:
         if isinstance(part, Named):
-            return pickle.loads, (part.recipe.ask(_parcel_of_guest),)
+            return pickle.loads, (part.recipe.ask(_parcel_of_guest, answer=bytes),)
         return super().reducer_override(part)
 
 

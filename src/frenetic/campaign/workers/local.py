@@ -13,10 +13,10 @@ from frenetic._support.json_value import JSONValue
 from frenetic.campaign.log import CampaignLog, LogEvent
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import RoadTester
-from frenetic.errors import CampaignError, describe_error
+from frenetic.errors import CampaignError, Fault, describe_error
 from frenetic.search.records import Candidate
 from frenetic.simulators.capabilities import capabilities
-from frenetic.simulators.isolated import lost_process
+from frenetic.simulators.isolated import Blame, lost_process
 from frenetic.worker import MOST_WORKERS, LostWorkerError, Worker, pack, ready
 
 STARTS: Final = 3
@@ -63,10 +63,12 @@ class Seat:
             self._tester.simulator.__exit__(None, None, None)
 
 
-def lost_attempt(number: int, worker: str, error: LostWorkerError, seconds: float) -> Attempt:
-    """The attempt at a candidate whose process was lost after so many s."""
-    loss = f"{worker} was lost: {error.reason}" if error.fault is None else lost_process(error)
-    return Attempt.lost(number, worker, seconds, loss, error.traceback, error.fault)
+def lost_attempt(
+    number: int, worker: str, error: LostWorkerError, fault: Fault | None, seconds: float
+) -> Attempt:
+    """The attempt at a candidate whose process was lost after so many s, which may be a fault."""
+    loss = f"{worker} was lost: {error.reason}" if fault is None else lost_process(error)
+    return Attempt.lost(number, worker, seconds, loss, error.traceback, fault)
 
 
 class LocalWorkers:
@@ -103,6 +105,7 @@ class LocalWorkers:
             )
         if count > MOST_WORKERS:
             raise CampaignError(f"{count} workers are too many: Windows allows {MOST_WORKERS}")
+        self._blame = Blame.of(tester.simulator, tester.driver)
         held = pack(Seat(tester))
         self._seats = [
             _Seat(Worker(f"worker {number}", held, able.preloads)) for number in range(1, count + 1)
@@ -128,7 +131,7 @@ class LocalWorkers:
         free = [seat for seat in self._seats if self._room(seat)]
         seat = min(free, key=lambda seat: len(seat.candidates))
         seat.candidates.append(candidate)
-        seat.worker.send("test", candidate, limit=self._drive_limit)
+        seat.worker.send("test", candidate, limit=self._drive_limit, answer=Attempt)
 
     def wait(self, timeout: float) -> Sequence[Attempt]:
         """Waits until something happens, for at most so many s; returns finished attempts.
@@ -221,7 +224,8 @@ class LocalWorkers:
             lost = seat.candidates.popleft().id
             self._note_loss(seat, error.reason, test=lost)
             seconds = time.monotonic() - seat.worker.since
-            attempts.append(lost_attempt(lost, seat.worker.name, error, seconds))
+            fault = self._blame.fault(error)
+            attempts.append(lost_attempt(lost, seat.worker.name, error, fault, seconds))
         else:
             self._note_loss(seat, error.reason)
             seat.failed_starts += 1
