@@ -64,7 +64,6 @@ CALLS: Final = {
     "bench --strategy random --simulations 3 --repeats 1 --workers 1 --out b": (
         "groups measures notes order runs"
     ),
-    "rank bend.json": "rank road length outcome reason max_oob_share moobd distance side like",
     "list": "drivers objectives quantities simulators strategies",
     "list simulators": "name target origin summary lays",
     "doctor --simulator embedded": "simulator health checks note",
@@ -76,7 +75,6 @@ MISTAKES: Final = [
     ("fly", "No such command 'fly'"),
     ("bench --simulations 0", "simulations"),
     ("calibrate nowhere --driver planner --fit braking", "nowhere"),
-    ("rank nowhere.json", "nowhere.json"),
     ("report nowhere", "nowhere does not exist"),
     ("list nowhere", "nowhere"),
     ("init no-module.py", "no-module.py is no name"),
