@@ -85,6 +85,7 @@ MISTAKES: Final = [
     ("run --no-such-option", "No such option"),
     ("run --driver plannr", "unknown driver 'plannr'", "did you mean 'planner'?"),
     ("run --driver no.py:Driver", "there is no file 'no.py'"),
+    ("run --driver strange.py:A", "'strange.py:A'", "SystemExit: it ran"),
     ("run --driver mine.py", "mine.py names no class in the file: add it, mine.py:Class"),
     ("run --with delay=0.1 --with delay=0.2", "delay is there twice"),
     ("run --with friction=0.5 --simulator friction=0.7", "friction is there twice, in --with"),
