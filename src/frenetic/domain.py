@@ -143,6 +143,8 @@ class Domain:
         data = read_bounded(path)
         try:
             return cls.made(path.stem, tomllib.loads(data.decode("utf-8")))
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise FreneticError(f"{path} is no TOML file: {error}") from None
         except (ValueError, RecursionError, FreneticError) as error:
             raise FreneticError(f"{path} does not say a domain: {error}") from None
 
