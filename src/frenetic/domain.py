@@ -201,22 +201,6 @@ class Domain:
         """Number of shares of a point."""
         return len(self.axes)
 
-    def holds(self, conditions: Mapping[str, float]) -> bool:
-        """Whether conditions lie inside it, its ends included.
-
-        A quantity that is missing has its usual amount, which is inside where the domain gives it a
-        ``chance``, or where it is no number: the simulator's own, or a view without an end. What
-        the domain does not name is not limited.
-        """
-        for name, of in self.conditions.items():
-            usual = quantity(name).nothing
-            amount = conditions.get(name, usual)
-            if amount is None or math.isinf(amount) or (of.chance < 1.0 and amount == usual):
-                continue
-            if not of.low <= amount <= of.high:
-                return False
-        return True
-
     def at(self, shares: FloatArray, length: float) -> dict[str, float]:
         """The conditions at a point, on a road of a length in m."""
         found: dict[str, float] = {}
