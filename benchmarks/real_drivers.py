@@ -7,8 +7,9 @@ All drivers get the same roads: of each seed some that are random, and those of 
 our own `stanley` comes nearest to its lane's edge. They keep the speed limit, bends or not, if they
 can be told a speed. The first speed of a ladder at which one of the roads fails is found by
 bisection; a cell has the median over the seeds for each lag. A car leaves its lane when more than
-95 % of it is outside. Drivers that need an environment of their own are driven there with
-``--out``, and shown with the others with ``--add``.
+95 % of it is outside. Scenic and donkeycar need an environment of their own, and the files
+of ``docs/real-drivers.md`` in this folder: they are driven there with ``--out``, and shown with
+the others with ``--add``.
 """
 
 from __future__ import annotations
@@ -60,8 +61,8 @@ DRIVERS_OF: dict[str, tuple[str, dict[str, Any], type | None, str]] = {
         "fiss_planner",
     ),
     "metadrive-expert": ("metadrive-expert", {}, None, "metadrive"),
-    "scenic": ("scenic", STEADY, None, "scenic"),
-    "donkeycar": ("donkeycar", STEADY, None, "donkeycar"),
+    "scenic": ("scenic_pid.py:Scenic", STEADY, None, "scenic"),
+    "donkeycar": ("line_follower.py:Donkeycar", STEADY, None, "donkeycar"),
 }
 """Name -> driver, options, its package's own car, module that it needs."""
 CARS = ("embedded", "commonroad", "own")

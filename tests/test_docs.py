@@ -39,7 +39,7 @@ LINK = re.compile(r"\]\((?!https?:)([^)#]+)")
 
 # Blocks of these kinds are shown, not run: a fragment of a user's own file, benchmarks, which take
 # data or time that a test does not have, and Python (py) that needs what tests do not install.
-SHOWN = {"toml", "yaml", "console", "py"}
+SHOWN = {"toml", "console", "py"}
 OUTPUT = "text"
 """Kind of a block with what the last command, or the code, of the block before it prints."""
 # What a page may ask the reader to do beside running Frenetic: setting up. `.ci/run` does that.
@@ -83,7 +83,7 @@ def run_page(page: Path, interpreter: Interpreter, folder: Path, made: Made | No
                 printed = run_commands(code, interpreter, folder, made, drawn)
         else:
             assert kind in SHOWN, f"{page.name}: nobody runs a block of kind {kind!r}"
-            if name := re.match(r"# file: (\S+\.(?:toml|yaml))\n", code):
+            if name := re.match(r"# file: (\S+\.toml)\n", code):
                 (folder / name[1]).write_text(code, encoding="utf-8")
         return block[0]
 

@@ -68,7 +68,8 @@ def test_a_file_says_a_domain(path: Path) -> None:
         ("conditions = 3", "conditions are names"),
         ("roads = 'rural-81'", "there is no road class 'rural-81'"),
         ("roads = 3", "no road class"),
-        ("x = ", "town.toml does not say a domain"),
+        ("x = ", "town.toml is no TOML file: Invalid value"),
+        ("TAXONOMY:\n  friction: float", "town.toml is no TOML file"),
     ],
 )
 def test_a_wrong_file_is_one_line(path: Path, text: str, said: str) -> None:

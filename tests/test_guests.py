@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-GUESTS = ("beamng", "bench", "commonroad", "metadrive", "openodd", "shelf", "twin", "vision")
+GUESTS = ("beamng", "bench", "commonroad", "metadrive", "shelf", "twin", "vision")
 STRANGER = Path(__file__).parent / "stranger"
 
 WITHOUT = """

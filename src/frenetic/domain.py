@@ -15,9 +15,6 @@ Names and units are those of `frenetic.quantities`. An amount is drawn evenly fr
 from a normal distribution cut at its ends; with a ``chance``, only in that share of the drives.
 What is placed on the road, such as a gust, is so anywhere along it. Quantities are independent of
 each other.
-
-A package reads other files by an entry point in the group ``frenetic.domains`` that is called like
-the end of their names, such as ``.yaml``: a function of the path that returns these entries.
 """
 
 from __future__ import annotations
@@ -36,13 +33,11 @@ from msgspec import ValidationError, convert
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Finite, Positive, Share, check
-from frenetic._support.entry_points import imported, installed
 from frenetic._support.files import read_bounded
 from frenetic.errors import FreneticError
 from frenetic.quantities import SEED, quantities, quantity
 from frenetic.road.classes import RoadClass, class_of
 
-GROUP: Final = "frenetic.domains"
 _SEEDS: Final = 2**31
 _DIGITS: Final = 4
 """Significant digits of an amount that is drawn."""
@@ -126,8 +121,6 @@ class Domain:
     """Class of its roads; None for the competition's."""
     conditions: Mapping[str, Distribution] = field(default_factory=dict)
     """Name of a quantity -> its distribution."""
-    left_out: str = ""
-    """What Frenetic cannot lay of what it limits."""
 
     def __post_init__(self) -> None:
         for name, found in self.conditions.items():
@@ -147,12 +140,11 @@ class Domain:
             FreneticError: there is no such file, or it is wrong; the message names the place.
         """
         path = Path(path)
-        data, suffix = read_bounded(path), path.suffix.lower()
-        targets = [entry.target for entry in installed(GROUP) if entry.name == suffix]
-        read = imported(targets[0]) if targets else None
+        data = read_bounded(path)
         try:
-            text = data.decode("utf-8")
-            return cls.made(path.stem, tomllib.loads(text) if read is None else read(path))
+            return cls.made(path.stem, tomllib.loads(data.decode("utf-8")))
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise FreneticError(f"{path} is no TOML file: {error}") from None
         except (ValueError, RecursionError, FreneticError) as error:
             raise FreneticError(f"{path} does not say a domain: {error}") from None
 
@@ -164,7 +156,7 @@ class Domain:
             ValueError: one is wrong.
             FreneticError: there is no such quantity or road class.
         """
-        known = {"name", "about", "roads", "conditions", "left_out"}
+        known = {"name", "about", "roads", "conditions"}
         if unknown := sorted(entries.keys() - known):
             raise ValueError(f"there is no entry {unknown[0]}: about, roads and conditions are")
         conditions, roads = entries.get("conditions", {}), entries.get("roads")
@@ -183,7 +175,6 @@ class Domain:
             about=str(entries.get("about", "")),
             road_class=None if roads is None else class_of(roads),
             conditions=found,
-            left_out=str(entries.get("left_out", "")),
         )
 
     def entries(self) -> dict[str, Any]:
@@ -193,8 +184,6 @@ class Domain:
             told = asdict(found).items()
             conditions[name] = {key: value for key, value in told if value is not None}
         entries: dict[str, Any] = {"name": self.name, "about": self.about}
-        if self.left_out:
-            entries["left_out"] = self.left_out
         if self.road_class is not None:
             entries["roads"] = self.road_class.as_json()
         return entries | {"conditions": conditions}
@@ -211,22 +200,6 @@ class Domain:
     def dimension(self) -> int:
         """Number of shares of a point."""
         return len(self.axes)
-
-    def holds(self, conditions: Mapping[str, float]) -> bool:
-        """Whether conditions lie inside it, its ends included.
-
-        A quantity that is missing has its usual amount, which is inside where the domain gives it a
-        ``chance``, or where it is no number: the simulator's own, or a view without an end. What
-        the domain does not name is not limited.
-        """
-        for name, of in self.conditions.items():
-            usual = quantity(name).nothing
-            amount = conditions.get(name, usual)
-            if amount is None or math.isinf(amount) or (of.chance < 1.0 and amount == usual):
-                continue
-            if not of.low <= amount <= of.high:
-                return False
-        return True
 
     def at(self, shares: FloatArray, length: float) -> dict[str, float]:
         """The conditions at a point, on a road of a length in m."""
@@ -278,5 +251,4 @@ class Domain:
             if found.chance < 1.0:
                 text += f" in {100.0 * found.chance:g} %"
             texts.append(text)
-        left_out = f"; left out: {self.left_out}" if self.left_out else ""
-        return f"{self.name}: {', '.join(texts) or 'roads alone'}{left_out}"
+        return f"{self.name}: {', '.join(texts) or 'roads alone'}"

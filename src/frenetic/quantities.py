@@ -62,8 +62,6 @@ class Quantity:
     """Whether only a driver with a camera can have the layer."""
     place_of: str = ""
     """Quantity whose place along the road it is, in m; it is drawn wherever that one varies."""
-    taxon: str = "dynamic_elements.subject_vehicle"
-    """Branch of ISO 34503's taxonomy that it belongs to."""
     words: tuple[str, str] | None = None
     """Words for a smaller and for a larger amount; None for "less" and "more" of its name."""
 
@@ -128,7 +126,6 @@ _OWN: Final = (
         usual=(0.8, 1.2),
         is_relative=True,
         attribute="friction",
-        taxon="scenery.drivable_area.surface",
     ),
     Quantity(
         name="wet",
@@ -138,7 +135,6 @@ _OWN: Final = (
         usual=(0.4, 1.0),
         nothing=1.0,
         attribute="wet",
-        taxon="scenery.drivable_area.surface",
         words=("a wetter stretch", "a drier stretch"),
     ),
     Quantity(
@@ -150,7 +146,6 @@ _OWN: Final = (
         usual=(0.0, 200.0),
         attribute="wet_at",
         place_of="wet",
-        taxon="scenery.drivable_area.surface",
         words=("an earlier wet stretch", "a later wet stretch"),
     ),
     Quantity(
@@ -162,7 +157,6 @@ _OWN: Final = (
         usual=(-15.0, 15.0),
         nothing=0.0,
         attribute="gust",
-        taxon="environmental_conditions.weather.wind",
         words=("more gust to the right", "more gust to the left"),
     ),
     Quantity(
@@ -174,7 +168,6 @@ _OWN: Final = (
         usual=(0.0, 200.0),
         attribute="gust_at",
         place_of="gust",
-        taxon="environmental_conditions.weather.wind",
         words=("an earlier gust", "a later gust"),
     ),
     Quantity(
@@ -206,7 +199,6 @@ _OWN: Final = (
         usual=(0.9, 1.1),
         is_relative=True,
         attribute="rules",
-        taxon="scenery.drivable_area",
         words=("a lower speed limit", "a higher speed limit"),
     ),
     Quantity(

@@ -160,7 +160,7 @@ def test_published_generators_are_listed_with_what_they_need(frenetic: Frenetic)
         (["--generator", "optangle-2024"], ["say where its files are", "branch tools24"]),
         (["--generator", "crag-2024,path=.,copy=."], ["say where its files are, no more"]),
         (["nothing.toml"], ["there is no file nothing.toml"]),
-        (["--preset", "sbst2023"], ["no preset 'sbst2023'", "did you mean", "sbft2024"]),
+        (["--preset", "sbst2023"], ["no preset 'sbst2023'", "did you mean", "sbft2023"]),
         (["--resume"], ["--resume needs the folder of a bench"]),
         (["--resume", "--out", "nothing"], ["holds no bench"]),
         (["--out", "full"], ["is not empty", "place with --out"]),

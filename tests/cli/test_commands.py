@@ -64,7 +64,6 @@ CALLS: Final = {
     "bench --strategy random --simulations 3 --repeats 1 --workers 1 --out b": (
         "groups measures notes order runs"
     ),
-    "rank bend.json": "rank road length outcome reason max_oob_share moobd distance side like",
     "list": "drivers objectives quantities simulators strategies",
     "list simulators": "name target origin summary lays",
     "doctor --simulator embedded": "simulator health checks note",
@@ -76,7 +75,6 @@ MISTAKES: Final = [
     ("fly", "No such command 'fly'"),
     ("bench --simulations 0", "simulations"),
     ("calibrate nowhere --driver planner --fit braking", "nowhere"),
-    ("rank nowhere.json", "nowhere.json"),
     ("report nowhere", "nowhere does not exist"),
     ("list nowhere", "nowhere"),
     ("init no-module.py", "no-module.py is no name"),
@@ -87,6 +85,7 @@ MISTAKES: Final = [
     ("run --no-such-option", "No such option"),
     ("run --driver plannr", "unknown driver 'plannr'", "did you mean 'planner'?"),
     ("run --driver no.py:Driver", "there is no file 'no.py'"),
+    ("run --driver strange.py:A", "'strange.py:A'", "SystemExit: it ran"),
     ("run --driver mine.py", "mine.py names no class in the file: add it, mine.py:Class"),
     ("run --with delay=0.1 --with delay=0.2", "delay is there twice"),
     ("run --with friction=0.5 --simulator friction=0.7", "friction is there twice, in --with"),

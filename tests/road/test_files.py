@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from frenetic.errors import RoadError
 from frenetic.export import ExportedRoad, write_road
 from frenetic.road import Road, profile
-from frenetic.road.files import MAX_BYTES, read_road
+from frenetic.road.files import MAX_BYTES, find_roads, read_road
 from frenetic.road.opendrive import to_opendrive
 
 if TYPE_CHECKING:
@@ -124,6 +124,25 @@ def test_every_bad_file_gets_one_line_that_names_it(
     assert message.startswith(str(path))
     assert "\n" not in message
     assert len(message) < len(str(path)) + 150
+
+
+def test_folders_are_searched_and_what_holds_no_road_is_skipped(tmp_path: Path) -> None:
+    (folder := tmp_path / "roads" / "deeper").mkdir(parents=True)
+    bend = write(folder, POINTS)
+    road = write(folder.parent, {"curvatures": [0.0, 0.01, 0.0]})
+    (settings := folder.parent / "settings.json").write_text("{}")
+    (folder.parent / "notes.txt").write_text("none")
+    found = find_roads([folder.parent])
+    assert list(found.roads) == [str(bend), str(road)]
+    (skipped,) = found.skipped
+    assert skipped.startswith(f"{settings} has neither")
+
+
+def test_a_named_file_without_a_road_is_refused(tmp_path: Path) -> None:
+    road, missing = write(tmp_path, POINTS), tmp_path / "missing.json"
+    with pytest.raises(RoadError) as caught:
+        find_roads([road, missing])
+    assert str(caught.value) == f"there is no file {missing}"
 
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:

@@ -23,8 +23,6 @@ MODULES = {
     "opendbc": "opendbc",
     "rox-control": "rox_control",
     "fiss-planner": "fiss_planner",
-    "scenic": "scenic",
-    "donkeycar": "donkeycar",
 }
 """Driver, and so extra -> module of its package."""
 CARS: dict[str, type[OwnCar]] = {
@@ -38,8 +36,6 @@ KEEPS = {
     "opendbc": 0.15,
     "rox-control": 0.1,
     "fiss-planner": 0.1,
-    "scenic": 0.3,
-    "donkeycar": 0.35,
 }
 """Distance from the lane's centre that it keeps on all these roads, in m."""
 
@@ -58,7 +54,7 @@ def among(names: Any) -> list[Any]:
 
 
 class TestContract(TrackerContract):
-    """In its own package's car, in the embedded simulator's where the package has none."""
+    """In its own package's car."""
 
     @pytest.fixture(autouse=True, params=among(MODULES))
     def _named(self, request: pytest.FixtureRequest) -> None:
@@ -70,8 +66,7 @@ class TestContract(TrackerContract):
         return driver
 
     def simulator(self) -> Simulator:
-        kind: type[OwnCar | EmbeddedSimulator] = CARS.get(self.name, EmbeddedSimulator)
-        return kind(rules=Rules(speed_limit=36.0))
+        return CARS[self.name](rules=Rules(speed_limit=36.0))
 
 
 @pytest.mark.parametrize("name", among(MODULES))
@@ -95,8 +90,6 @@ def test_without_its_package_it_says_what_to_install(
     for module in [m for m in sys.modules if m.partition(".")[0] == MODULES[name]]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, MODULES[name], None)
-    if name == "donkeycar":
-        monkeypatch.setitem(sys.modules, "simple_pid", None)
     with pytest.raises(FreneticError, match=rf"{name} needs the package .*\[{name}\]"):
         DRIVERS.make(name)
 

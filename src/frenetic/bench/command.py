@@ -63,7 +63,7 @@ _ENTRIES: Final = ("generator", "strategy", "simulations", "repeats", "seed", "p
     "--preset",
     metavar="EDITION",
     help="Setting of a competition's edition, as far as we can have it, beside its published"
-    " figures: sbst2021, sbst2022, sbft2023 or sbft2024. FILE.toml and other options win.",
+    " figures: sbst2021 or sbft2023. FILE.toml and other options win.",
 )
 @count_option("--simulations", "Budget of each run, in drives. [default: 200]")
 @count_option("--repeats", "Runs of each. [default: 10]")
@@ -257,17 +257,14 @@ def _print_published(the_bench: Bench, comparison: Comparison) -> None:
     if (preset := the_bench.preset) is None:
         return
     click.echo(f"Setting of {preset.title}: {preset.setting}")
-    if not preset.published:
-        click.echo("No figures of this edition are known to us.")
-    else:
-        print_table(
-            ("", *(f">{title}" for title in COLUMNS), "from"),
-            [
-                (one.tool, *one.cells, one.source)
-                for one in (*measured(comparison), *preset.published)
-            ],
-            title=f"Means of a run, here and in {preset.title}",
-        )
+    print_table(
+        ("", *(f">{title}" for title in COLUMNS), "from"),
+        [
+            (figures.tool, *figures.cells, figures.source)
+            for figures in (*measured(comparison), *preset.published)
+        ],
+        title=f"Means of a run, here and in {preset.title}",
+    )
     for name, difference in preset.differences(the_bench.entries()).items():
         click.echo(f"Differs in {name}: {difference}")
     for name, place in preset.sources.items():

@@ -12,7 +12,7 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any, Final
 
-from msgspec import Struct, convert, field
+from msgspec import Struct, convert
 
 from frenetic.analysis.comparison import Comparison
 from frenetic.errors import UnknownNameError
@@ -68,9 +68,9 @@ class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     bench: dict[str, Any]
     """Entries of a bench's file."""
     differs: dict[str, str]
-    """Name of an entry -> how its value differs from the edition's, or why it is a guess."""
-    published: tuple[Figures, ...] = ()
-    sources: dict[str, str] = field(default_factory=dict)
+    """Name of an entry -> how its value differs from the edition's."""
+    published: tuple[Figures, ...]
+    sources: dict[str, str]
     """Name -> where figures were published."""
 
     def differences(self, entries: Mapping[str, Any]) -> dict[str, str]:

@@ -43,24 +43,18 @@ def _published(bench: Bench, comparison: Comparison) -> Iterator[Section]:
     """The figures of a bench's preset beside those of its entrants."""
     if (preset := bench.preset) is None:
         return
-    blocks: list[Block] = []
-    if preset.published:
-        columns = ("", *COLUMNS, "from")
-        figures = (*measured(comparison), *preset.published)
-        blocks.append(
-            Table(
-                tuple(f">{title}" if title in COLUMNS else title for title in columns),
-                tuple(
-                    (one.tool, *(cell or "–" for cell in one.cells), one.source) for one in figures
-                ),
-                caption="Means of a run",
-            )
-        )
-    differences = preset.differences(bench.entries())
-    for title, facts in (("What differs", differences), ("Sources", preset.sources)):
-        blocks.append(Facts(facts, title))
-    none = "" if preset.published else ". No figures of this edition are known to us"
-    yield Section("published", f"Beside {preset.title}", tuple(blocks), f"{preset.setting}{none}.")
+    columns = ("", *COLUMNS, "from")
+    figures = (*measured(comparison), *preset.published)
+    blocks: tuple[Block, ...] = (
+        Table(
+            tuple(f">{title}" if title in COLUMNS else title for title in columns),
+            tuple((one.tool, *(cell or "–" for cell in one.cells), one.source) for one in figures),
+            caption="Means of a run",
+        ),
+        Facts(preset.differences(bench.entries()), "What differs"),
+        Facts(preset.sources, "Sources"),
+    )
+    yield Section("published", f"Beside {preset.title}", blocks, f"{preset.setting}.")
 
 
 def _terms(bench: Bench) -> dict[str, str]:

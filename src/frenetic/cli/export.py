@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from frenetic._support.entry_points import installed
 from frenetic._support.words import read_part
 from frenetic.cli.console import Log, counted_progress, shell
 from frenetic.cli.options import (
@@ -36,7 +35,6 @@ TABLES: Final[Mapping[str, tuple[str, ...]]] = {
     "csv": ("trajectories",),
     "json": ("trajectories",),
     "competition": ("trajectories",),
-    **{entry.name: () for entry in installed("frenetic.exports")},
 }
 ROADS: Final[Mapping[str, tuple[str, ...]]] = {
     "opendrive": ("origin",),

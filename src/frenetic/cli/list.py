@@ -88,7 +88,6 @@ def _documents(kind: str) -> list[dict[str, Any]]:
             "unit": row.unit,
             "range": [row.low, row.high],
             "usual": list(row.usual),
-            "taxon": row.taxon,
             "needs_camera": row.needs_camera,
             "about": row.about,
         }

@@ -131,7 +131,7 @@ odd_option: Final = click.option(
     "domain",
     type=_entry("file", "read_domain"),
     metavar="FILE",
-    help="Domain (TOML, OpenODD): roads, conditions to search.",
+    help="Domain (TOML): roads, conditions to search.",
 )
 map_size_option: Final = click.option(
     "--map-size", type=float, help="m, side of the map. [default: 200]"

@@ -8,9 +8,8 @@ import shutil
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final, Literal, TypeAlias, get_args
+from typing import Final, Literal, TypeAlias, get_args
 
-from frenetic._support.entry_points import imported, installed
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import FreneticError
@@ -18,7 +17,6 @@ from frenetic.export.competition import write_competition_folder
 from frenetic.export.tables import Place, opened, write_tables
 from frenetic.outcome import Outcome, chosen_outcomes
 
-GROUP: Final = "frenetic.exports"
 Format: TypeAlias = Literal["parquet", "csv", "json", "competition"]
 Which: TypeAlias = Literal["all", "failures", "none"]
 """Choice of tests whose trajectories are exported."""
@@ -44,10 +42,6 @@ def export_campaign(
     | json | ``tests.jsonl``, ``trajectories.jsonl``: one object per line | pandas, DuckDB, jq |
     | competition | ``test.NNNN.json`` and its tables | the competition's tools |
 
-    A package adds a format by an entry point in the group ``frenetic.exports``: a function of an
-    empty folder and the store, with the keywords ``outcomes``, and ``on_test``, which is called
-    with the number of tests so far.
-
     `frenetic.export.TABLES` lists the tables' columns. Memory does not grow with the campaign,
     which may be running: later results are left out.
 
@@ -67,9 +61,8 @@ def export_campaign(
             pandas and pyarrow are missing.
         ValueError: there is no such format, outcome or choice of trajectories.
     """
-    guests = {entry.name: entry.target for entry in installed(GROUP)}
     for name, value, allowed in (
-        ("format", format, (*get_args(Format), *guests)),
+        ("format", format, get_args(Format)),
         ("trajectories", trajectories, get_args(Which)),
     ):
         if value not in allowed:
@@ -89,15 +82,13 @@ def export_campaign(
             return target
         with opened(campaign) as store:
             total = sum(store.by_outcome().values())
-            options: dict[str, Any] = {
-                "outcomes": wanted,
-                "on_test": lambda n: notify(n, max(n, total)),
-            }
-            if format == "competition":
-                options |= {"driven": driven or ()}
-                write_competition_folder(folder, store, **options)
-            else:
-                imported(guests[format])(folder, store, **options)
+            write_competition_folder(
+                folder,
+                store,
+                outcomes=wanted,
+                driven=driven or (),
+                on_test=lambda n: notify(n, max(n, total)),
+            )
     return target
 
 

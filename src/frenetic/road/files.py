@@ -388,8 +388,6 @@ class FoundRoads:
 
     roads: Mapping[str, Road]
     """Name of a file -> its road."""
-    faults: tuple[str, ...]
-    """Files that were named and hold no road, each in one line."""
     skipped: tuple[str, ...]
     """JSON and OpenDRIVE files within folders that hold none, then roads of maps that cannot be
     read, each in one line."""
@@ -406,10 +404,10 @@ def find_roads(places: Iterable[Path | str]) -> FoundRoads:
         places: files and folders.
 
     Raises:
-        RoadError: no file holds a road, or a folder cannot be read.
+        RoadError: a named file or all files of the folders hold no road, or a folder cannot be
+            read.
     """
     roads: dict[str, Road] = {}
-    faults: list[str] = []
     skipped: list[str] = []
     unread: list[str] = []
     places = require_list("places", places, "files and folders")
@@ -422,15 +420,17 @@ def find_roads(places: Iterable[Path | str]) -> FoundRoads:
                 else:
                     roads[str(path)] = read_road(path).road()
             except RoadError as error:
-                (skipped if is_folder else faults).append(str(error))
+                if not is_folder:
+                    raise
+                skipped.append(str(error))
     if not roads:
         looked = ", ".join(map(str, places))
         nothing = (
             f"no road in {looked}: files with curvatures or road_points (.json) or OpenDRIVE"
             " (.xodr) are needed"
         )
-        raise RoadError([*faults, *skipped, *unread, nothing][0])
-    return FoundRoads(roads, tuple(faults), (*skipped, *unread))
+        raise RoadError([*skipped, *unread, nothing][0])
+    return FoundRoads(roads, (*skipped, *unread))
 
 
 def _add_map(roads: dict[str, Road], path: Path) -> list[str]:

@@ -12,8 +12,7 @@ from frenetic._support.public_names import lazy_names
 if TYPE_CHECKING:
     from frenetic.twin.foresight import foresight
     from frenetic.twin.profile import Profile
-    from frenetic.twin.ranking import Prospect, Twin, rank
 
 __getattr__ = lazy_names(__name__)
 
-__all__ = ["Profile", "Prospect", "Twin", "foresight", "rank"]
+__all__ = ["Profile", "foresight"]

@@ -21,7 +21,6 @@ SCENE: Final = Quantity(
     nothing=0.0,
     layer=f"{_LAYERS}:Elsewhere",
     needs_camera=True,
-    taxon="scenery",
     words=("a scene of a lower seed", "a scene of a higher seed"),
 )
 WEAR: Final = Quantity(
@@ -33,7 +32,6 @@ WEAR: Final = Quantity(
     nothing=0.0,
     layer=f"{_LAYERS}:Worn",
     needs_camera=True,
-    taxon="scenery.drivable_area.lane_specification",
 )
 FOG: Final = Quantity(
     name="fog",
@@ -45,7 +43,6 @@ FOG: Final = Quantity(
     nothing=math.inf,
     layer=f"{_LAYERS}:Foggy",
     needs_camera=True,
-    taxon="environmental_conditions.particulates",
     words=("thicker fog", "thinner fog"),
 )
 RAIN: Final = Quantity(
@@ -59,7 +56,6 @@ RAIN: Final = Quantity(
     layer=f"{_LAYERS}:Rainy",
     needs_camera=True,
     is_seeded=True,
-    taxon="environmental_conditions.weather.rainfall",
 )
 BLUR: Final = Quantity(
     name="blur",
@@ -81,7 +77,6 @@ LIGHT: Final = Quantity(
     nothing=1.0,
     layer=f"{_LAYERS}:Lit",
     needs_camera=True,
-    taxon="environmental_conditions.illumination",
 )
 GRAIN: Final = Quantity(
     name="grain",

@@ -1,1 +1,1 @@
-"""The commands of twins: calibrate, rank."""
+"""The commands of twins: calibrate."""
