@@ -105,8 +105,9 @@ class Frenetic2021(Strategy):
     no more are asked and the outstanding ones are unwanted. Asked and told one by one, the strategy
     follows Listing 1.
 
-    Our deviation is off by default: `max_redraws`, which draws again what `is_valid` refuses. So is
-    rotation, future work in the paper: whoever drives the roads turns them to fit the map.
+    Our deviation is off by default: `max_redraws`, which draws again what `is_valid` refuses. The
+    map is ours, too: a road that does not fit when it is moved is turned, which the paper leaves to
+    future work.
 
     The strategy remembers only roads below the threshold that can still become parents, and the
     `cross_num` best.

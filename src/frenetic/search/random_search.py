@@ -1,4 +1,4 @@
-"""Random roads: the first phase of both Frenetic searches, and the baseline that a search has to beat."""
+"""Random roads: how both Frenetic searches begin, and the baseline that a search has to beat."""
 
 from __future__ import annotations
 
