@@ -128,6 +128,7 @@ class CampaignStore(Shown):
         self._held: dict[str, list[tuple[Any, ...]]] = {  # for the next transaction
             statement: [] for statement in (_INSERT, _UPDATE, _INSERT_FINDING)
         }
+        self._repeats: tuple[int, frozenset[int]] | None = None  # of so many results
         ((self._last_asked, self._told),) = self._select(
             "SELECT coalesce(max(id), 0), count(told) FROM test"
         )
@@ -567,26 +568,33 @@ class CampaignStore(Shown):
         return counts
 
     def repeats(self) -> frozenset[int]:
-        """The ids of the tests that repeat an earlier one, see `frenetic.campaign.FirstTests`.
+        """The ids of the tests that repeat an earlier one.
 
-        Reads the roads of all tests.
+        See `frenetic.campaign.counts.FirstTests`. Reads the roads of all tests, again only after
+        further results.
 
         Raises:
             CampaignError: a test is damaged.
         """
-        first = FirstTests()
-        return frozenset(
-            number
-            for number, outcome, road, conditions, profiles in self._keys()
-            if not first.add_key(outcome, road, conditions, profiles)
-        )
+        self.write()
+        ((stored,),) = self._select("SELECT count(told) FROM test")
+        if self._repeats is None or self._repeats[0] != stored:
+            first = FirstTests()
+            repeats = frozenset(
+                number
+                for number, outcome, road, conditions, profiles in self._keys()
+                if not first.add_key(outcome, road, conditions, profiles)
+            )
+            self._repeats = stored, repeats
+        return self._repeats[1]
 
     def _keys(self) -> Iterator[tuple[int, Outcome, int, dict[str, Any], list[bytes | None]]]:
         """The id of each test in the order of telling, and what `FirstTests.add_key` takes."""
         for number, outcome, conditions, step, curvatures, points, *profiles in self.rows(_KEYS):
             with self._reading(f"test {number}"):
                 road = road_key(step, curvatures, points)
-                told, amounts = Outcome(outcome), dict(json.loads(conditions or "{}"))
+                told = Outcome(outcome)
+                amounts = {} if conditions == "{}" else dict(json.loads(conditions))
             yield number, told, road, amounts, profiles
 
     def _count_by_outcome(self) -> tuple[dict[Outcome, int], float | None]:
