@@ -164,7 +164,7 @@ def test_what_broke_is_not_judged_however_many_break_in_a_row(campaign: Path) ->
 
 
 def test_the_same_failure_is_at_the_same_place_with_the_same_mechanism(campaign: Path) -> None:
-    found = rerun(campaign, EmbeddedSimulator(friction=0.97), Planner())
+    found = rerun(campaign, EmbeddedSimulator(friction=0.99), Planner())
     for one in found.drives:
         vectors, places = [], []
         for test in (one.recorded, one.test):

@@ -42,11 +42,11 @@ def search(
 def store_of(
     folder: Path, outcomes: Sequence[Outcome], elapsed: float = 0.0, **facts: JSONValue
 ) -> Path:
-    """A campaign with these outcomes, one after the other, without trajectories."""
+    """A campaign with these outcomes on different roads, without trajectories."""
     config: dict[str, JSONValue] = {"seed": 1, "lane_width": 4.0, "rules": {}, "car": {}}
     with CampaignStore.create(folder, config) as store:
         for told, outcome in enumerate(outcomes, start=1):
-            candidate = Candidate(told, np.zeros(5), 10.0, Origin("random"))
+            candidate = Candidate(told, np.full(5, 1e-4 * told), 10.0, Origin("random"))
             store.asked(candidate)
             store.told(
                 Test(

@@ -24,7 +24,7 @@ from frenetic.outcome import Outcome
 from frenetic.search import Frenetic2021, RandomSearch
 from frenetic.testing import DummyDriver, DummySimulator
 
-SIMULATIONS = 110
+SIMULATIONS = 160
 
 
 @pytest.fixture(scope="module")

@@ -140,6 +140,18 @@ def test_cells_counted_by_hand() -> None:
     assert document["axes"][2]["cells"][4]["high"] is None
 
 
+def test_a_repeated_road_counts_once_in_its_conditions() -> None:
+    tests = [
+        made(Outcome.PASS, 14.3, gust=-10.0),
+        made(Outcome.FAIL, 17.9, gust=-5.0, delay=0.05),
+        made(Outcome.FAIL, 17.9, gust=4.0, delay=0.05),
+        made(Outcome.FAIL, 9.0),
+    ]
+    found = covered(GUSTY, [*tests, *tests[1:], tests[1]])
+    assert (found.drives, found.failures, found.outside) == (3, 2, 1)
+    assert found.as_json() == covered(GUSTY, tests).as_json()
+
+
 def test_roads_of_a_class_have_its_bounds() -> None:
     domain = Domain.made("town", {"roads": "urban-50,length=400"})
     found = covered(domain, [made(Outcome.FAIL, 86.0, grade=-0.08)])

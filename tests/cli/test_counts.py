@@ -62,12 +62,12 @@ SEARCH = (
     *("run", "--strategy", "parts.py:Mixed", "--simulator", "parts.py:Moody"),
     *("--simulations", "50", "--seed", "1", "--workers", "1"),
 )
-WORDS = (
-    "7 tests of 4 different roads: 2 passed, 2 failed, 2 invalid, 1 error, 1 dropped"  # of 8 asked
-)
+WORDS = "7 tests of 4 different roads: 2 passed, 2 failed (1 repeat), 2 invalid, 1 error, 1 dropped"
 NUMBERS = {
     "tests": 7,
     "roads": 4,
+    "repeats": 3,
+    "failures": 1,
     "simulations": 5,
     "passed": 2,
     "failed": 2,

@@ -22,6 +22,7 @@ from frenetic.search.operators import MutationOptions
 
 PASS, FAIL, INVALID, ERROR, DROPPED = Outcome
 PAPER = MutationOptions(0.07, 0.05, 1, 5, 1.1, 1.2)
+"""Values of Section I-B of the paper."""
 
 
 # The operators of Listing 1 once more, on one value after the other.
@@ -94,13 +95,13 @@ class Row:
 
 @dataclass
 class Twin:
-    """Listing 1 as it stands in the paper: it looks through the table of all roads each time."""
+    """Listing 1 of the paper: it looks through the table of all roads each time."""
 
     seed: int
-    random_budget: float = 0.2
-    threshold: float = -0.5
-    cross_freq: int = 40
-    cross_num: int = 20
+    random_budget: float = 0.2  # ours
+    threshold: float = -0.5  # the paper's, Section I-B
+    cross_freq: int = 40  # the published code's
+    cross_num: int = 20  # the published code's
     mutation: MutationOptions = PAPER
     usual_length: int = 20
     is_valid: Callable[[FloatArray, float], bool] = lambda curvatures, step: True
@@ -122,10 +123,11 @@ class Twin:
             else:
                 parent.visited = True
                 yield from self.mutants(parent)
-            pool = self.below()[: self.cross_num]
-            if self.ran > self.cross_freq and len(pool) >= 2:
+            if self.ran > self.cross_freq:
                 self.ran = 0
-                yield from self.crossover(pool)
+                pool = self.below()[: self.cross_num]
+                if len(pool) > 4 or len(pool) == self.cross_num:
+                    yield from self.crossover(pool)
 
     def random_road(self) -> Row:
         def draw() -> FloatArray:
@@ -154,7 +156,7 @@ class Twin:
 
     def crossover(self, pool: list[Row]) -> Iterator[Row]:
         missing = self.cross_num
-        while missing:
+        while missing > 0:
             name, parents, children = self.children(pool)
             for _ in range(self.max_redraws):
                 accepted = [child for child in children if self.accepts(child)]
@@ -162,7 +164,7 @@ class Twin:
                     children = accepted
                     break
                 name, parents, children = self.children(pool)
-            for child in children[:missing]:
+            for child in children:
                 yield self.add(name, child, *parents)
                 missing -= 1
 
@@ -205,7 +207,7 @@ class Twin:
     def tell(self, evaluation: Evaluation) -> None:
         row = self.table[evaluation.candidate.id - 1]
         row.outcome, row.severity = evaluation.outcome, evaluation.severity
-        if row.outcome in (PASS, FAIL) and row.operator not in ("C1", "C2"):
+        if row.outcome is not DROPPED and row.operator not in ("F1", "C1", "C2"):
             self.ran += self.spent >= self.random_budget
         self.spent = max(self.spent, evaluation.budget_spent)
 
@@ -310,12 +312,40 @@ def test_it_proposes_and_wants_what_listing_1_does(
     follow(search, twin, 250, result, outstanding, objective)
 
 
-def test_the_defaults_are_those_of_the_paper() -> None:
+def test_the_defaults_are_those_of_the_paper_the_published_code_and_ours() -> None:
     rng = np.random.default_rng(5)
     operators = follow(
         Frenetic2021(seed=1), Twin(1), 400, lambda: (PASS, float(rng.uniform(-2.0, 2.0)))
     )
     assert {"P1", "P6", "C1", "C2"} <= set(operators)
+
+
+@pytest.mark.parametrize(("parents", "has_children"), [(4, False), (5, True)])
+def test_a_crossover_needs_five_parents(parents: int, has_children: bool) -> None:
+    search = Frenetic2021(seed=1, random_budget=0.0, cross_freq=10)
+    operators = set()
+    for number in range(200):
+        candidate = search.ask()
+        moobd = -1.0 if number < parents else 1.0
+        operators.add(candidate.origin.operator)
+        # Nothing but the first roads is below the threshold; F1 .. F4 have no mutants.
+        search.tell(Evaluation(candidate, FAIL, moobd, 0.5))
+    assert ({"C1", "C2"} <= operators) is has_children
+
+
+def test_with_fewer_parents_the_count_of_tests_begins_anew() -> None:
+    search = Frenetic2021(seed=1, random_budget=0.0, cross_freq=9)
+    operators = []
+    for number in range(22):
+        candidate = search.ask()
+        operators.append(candidate.origin.operator)
+        # Every parent has one mutant, which fails at once. Ten results know four parents.
+        is_parent = number in (0, 2, 4, 6, 10)
+        outcome, moobd = (PASS, -1.0) if is_parent else (FAIL, 1.0)
+        search.tell(Evaluation(candidate, outcome, moobd, 0.5))
+    assert operators[:12] == ["random", "P1"] * 4 + ["random", "random", "random", "P1"]
+    assert {"C1", "C2"}.isdisjoint(operators[:20])
+    assert operators[20] in ("C1", "C2")
 
 
 def test_what_is_refused_by_default_is_what_the_competition_calls_invalid() -> None:

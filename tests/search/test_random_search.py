@@ -9,7 +9,7 @@ import pytest
 
 from frenetic._support.arrays import FloatArray
 from frenetic.road import MARGIN, Road
-from frenetic.search import RandomSearch
+from frenetic.search import Frenetic, Frenetic2021, RandomSearch
 from frenetic.search.random_search import RandomRoads
 
 
@@ -43,6 +43,18 @@ def test_roads_are_valid_on_the_map_by_default() -> None:
             for one in (search, plain)
         ]
         assert sum(valid[0]) >= 29 > sum(valid[1])
+
+
+def test_random_roads_are_187_m_long_in_the_mean_and_those_of_frenetic_275_m() -> None:
+    searches = RandomSearch(seed=1), Frenetic(seed=1, random_roads=500)
+    lengths = [[search.ask().length for _ in range(500)] for search in searches]
+    assert np.mean(lengths, axis=1) == pytest.approx([187.0, 275.0], abs=3.0)
+
+
+def test_random_roads_are_those_of_frenetic_2021_that_draws_invalid_ones_again() -> None:
+    search, other = RandomSearch(seed=3), Frenetic2021(seed=3, max_redraws=10)
+    for _ in range(50):
+        np.testing.assert_array_equal(search.ask().curvatures, other.ask().curvatures)
 
 
 @pytest.mark.parametrize(("accept_every", "max_redraws"), [(4, 10), (99, 0), (99, 1), (99, 10)])

@@ -185,7 +185,8 @@ def rerun(
     drawn = draw_conditions(vary, times, seed)
     with CampaignStore.open(folder) as store:
         if tests is None:
-            tests = [test.id for test in store.tests(Outcome.FAIL, order_by="moobd")]
+            failed = store.tests(Outcome.FAIL, order_by="moobd", with_repeats=False)
+            tests = [test.id for test in failed]
         tests = require_list("tests", tests, "ids of tests")
         candidates = [store.test(number, with_trajectory=False).candidate for number in tests]
         tester = campaign_tester(store, simulator, driver)

@@ -347,7 +347,8 @@ def compare_versions(
     check_differ(roads.driver, describe(driver))
     with CampaignStore.open(roads.campaign) as store:
         setting = store.setting
-        failing = tuple(sorted(test.id for test in store.tests(Outcome.FAIL)))
+        failed = store.tests(Outcome.FAIL, with_repeats=False)
+        failing = tuple(sorted(test.id for test in failed))
     tester = RoadTester.on(setting, simulator, driver)
     missing = roads.count - len(roads.tests)
     sets: list[PairedRoads] = []

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
+from frenetic.campaign.counts import FirstTests
 from frenetic.campaign.record import Setting, Test
 from frenetic.domain import Domain
 from frenetic.outcome import Outcome
@@ -354,7 +355,8 @@ def domain_coverage(setting: Setting, tests: Iterable[Test]) -> DomainCoverage |
     """What of a campaign's domain its tests drove; None without a domain.
 
     Shares of conditions follow from their distributions, those of roads from `ROADS` random ones.
-    All axes are independent of each other.
+    All axes are independent of each other. A road that was driven again in the same conditions
+    counts once.
 
     Args:
         setting: of the campaign, ``store.setting``.
@@ -364,9 +366,9 @@ def domain_coverage(setting: Setting, tests: Iterable[Test]) -> DomainCoverage |
         return None
     domain = replace(setting.domain, road_class=setting.road_class)
     axes = axes_of(domain)
-    rows, failed, outside = [], [], 0
+    rows, failed, outside, first = [], [], 0, FirstTests()
     for test in tests:
-        if not test.outcome.is_driven:
+        if not (test.outcome.is_driven and first.add(test.candidate, test.outcome)):
             continue
         row = [axis.find(test.candidate) for axis in axes]
         if None in row:

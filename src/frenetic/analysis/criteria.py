@@ -17,7 +17,7 @@ def criteria_in_words(store: CampaignStore) -> str:
     if not profile:
         return ""
     time, speeds, sharpest = 0.0, [np.inf, 0.0], 0.0
-    for test in store.tests(with_trajectory=True):
+    for test in store.tests(with_trajectory=True, with_repeats=False):
         if test.outcome.is_driven and test.trajectory is not None and len(test.trajectory):
             time += test.result.duration or 0.0
             # The slowest behind the start, where each drive stands.

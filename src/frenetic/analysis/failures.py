@@ -327,10 +327,12 @@ def _cause_words(clusters: list[Cluster]) -> str:
 def failures_of(store: CampaignStore, limit: int | None = None) -> list[Failure]:
     """The failures of a campaign, the most severe first, at most ``limit`` of them.
 
+    A repeated road counts once, see `CampaignStore.repeats`.
+
     Raises:
         CampaignError: the campaign is damaged.
     """
-    records = store.tests(Outcome.FAIL, "moobd", limit, with_trajectory=True)
+    records = store.tests(Outcome.FAIL, "moobd", limit, with_trajectory=True, with_repeats=False)
     return [failure for failure in map(Failure.of_test, records) if failure is not None]
 
 
@@ -396,7 +398,7 @@ def nearest_misses(store: CampaignStore, number: int = NEAR_MISSES) -> Clusters:
     """
     found = Clusters((), THRESHOLD)
     for limit in _PASSES_COMPARED:
-        passes = segments_of(store, Outcome.PASS, order_by="moobd", limit=limit)
+        passes = segments_of(store, Outcome.PASS, order_by="moobd", limit=limit, with_repeats=False)
         found = cluster_failures(
             Failure.of(segment, id=record.id, moobd=record.moobd or 0.0, is_near_miss=True)
             for record, segment in passes
@@ -446,7 +448,9 @@ def _of_little_time(store: CampaignStore) -> str:
     needed = criteria.get("driven_time", 0.0)
     if not needed or store.by_outcome()[Outcome.FAIL]:
         return ""
-    ((driven,),) = store.rows("SELECT TOTAL(duration) FROM test WHERE outcome = 'PASS'")
+    rows = store.rows("SELECT id, duration FROM test WHERE outcome = 'PASS'")
+    repeats = store.repeats()
+    driven = sum(duration or 0.0 for number, duration in rows if number not in repeats)
     if driven >= needed:
         return ""
     return f"{driven:.0f} s were driven, and {criteria['name']} asks for {needed:.0f} s"
@@ -454,11 +458,12 @@ def _of_little_time(store: CampaignStore) -> str:
 
 def _of_random_roads(store: CampaignStore) -> str:
     rows = store.rows(
-        "SELECT outcome, COUNT(*) FROM test WHERE operator = 'random' AND fault IS NULL AND outcome"
-        " IN ('PASS', 'FAIL') GROUP BY outcome"
+        "SELECT id, outcome FROM test WHERE operator = 'random' AND fault IS NULL AND outcome IN"
+        " ('PASS', 'FAIL')"
     )
-    counts = dict(rows)
-    failed, driven = counts.get("FAIL", 0), sum(counts.values())
+    repeats = store.repeats()
+    counts = Counter(outcome for number, outcome in rows if number not in repeats)
+    failed, driven = counts["FAIL"], counts.total()
     if driven < _FEWEST:
         return ""
     if not store.by_outcome()[Outcome.FAIL]:

@@ -44,7 +44,7 @@ class CampaignMeasures:
     """Seed of its strategy."""
     counts: Counts
     failures_after: IntArray
-    """(simulations + 1,) failures found by each number of simulations."""
+    """(simulations + 1,) failures found by each number of simulations, a repeated road once."""
     distinct_after: IntArray
     """(simulations + 1,) distinct failures, each counted from the first of those alike."""
     is_finished: bool
@@ -65,7 +65,7 @@ class CampaignMeasures:
 
     @property
     def failures(self) -> int:
-        """FAIL outcomes."""
+        """FAIL outcomes; a repeated road counts once."""
         return int(self.failures_after[-1])
 
     @property
@@ -85,9 +85,13 @@ class CampaignMeasures:
 
     @property
     def valid_share(self) -> float:
-        """Share 0..1 of the tested roads that were valid; 1 if none was tested."""
-        tests = self.simulations + self.counts.invalid
-        return self.simulations / tests if tests else 1.0
+        """Share 0..1 of the tested roads that were valid; 1 if none was tested.
+
+        A repeated road counts once.
+        """
+        invalid = self.counts.invalid - self.counts.invalid_repeats
+        valid = self.simulations - (self.counts.repeats - self.counts.invalid_repeats)
+        return valid / (valid + invalid) if valid + invalid else 1.0
 
 
 @dataclass(frozen=True)
@@ -152,7 +156,8 @@ MEASURES: Final[Mapping[str, Measure]] = MappingProxyType(
             Measure(
                 "failures",
                 "failures",
-                "FAIL outcomes.",
+                "FAIL outcomes. A road that was driven again in the same conditions counts once, in"
+                " this and every other measure.",
                 "failures",
             ),
             Measure(
@@ -221,19 +226,20 @@ def measure_campaign(folder: Path | str) -> CampaignMeasures:
     with CampaignStore.open(folder) as store:
         found = [0]
         found_at: dict[int, int] = {}  # id of a failure -> simulations up to and with it
-        counts = Counts()
+        counts, repeats = Counts(), store.repeats()
         for test in store.tests():
             outcome = test.outcome
             counts.add(test.candidate, outcome, test.moobd)
             if outcome.is_simulated:
-                found.append(found[-1] + (outcome is Outcome.FAIL))
-                if outcome is Outcome.FAIL:
+                is_new = outcome is Outcome.FAIL and test.id not in repeats
+                found.append(found[-1] + is_new)
+                if is_new:
                     found_at[test.id] = len(found) - 1
         failures: list[Failure] = []
         cells, roads, cuts = set(), [], []
         for test in store.tests(Outcome.FAIL, with_trajectory=True):
             if test.id not in found_at:
-                continue  # of a campaign that goes on
+                continue  # a repeat, or of a campaign that goes on
             segment = segment_of_test(test)
             failures += filter(None, [Failure.of_segment(segment, test.result, test.id)])
             if segment is None:

@@ -150,6 +150,7 @@ def segments_of(
     *,
     order_by: Order = "told",
     limit: int | None = None,
+    with_repeats: bool = True,
 ) -> Iterator[tuple[Test, Segment]]:
     """The driven tests of a campaign, one by one, each with its segment.
 
@@ -158,11 +159,13 @@ def segments_of(
         outcome: PASS or FAIL to get only these.
         order_by: as for `CampaignStore.tests`.
         limit: most tests to read.
+        with_repeats: as for `CampaignStore.tests`.
 
     Raises:
         CampaignError: the campaign is damaged.
     """
-    for record in store.tests(outcome, order_by, limit, with_trajectory=True):
+    records = store.tests(outcome, order_by, limit, with_trajectory=True, with_repeats=with_repeats)
+    for record in records:
         if record.outcome.is_driven and record.drive is not None:
             yield record, segment_of(record.road, record.drive, record.result.finding)
 

@@ -184,7 +184,7 @@ class Bench:
                 whole = done + len(ends)
                 begun = sum(p.budget_spent for f, p in progress.items() if f not in ends)
                 simulations = sum(one.simulations for one in progress.values())
-                failures = sum(one.failed for one in progress.values())
+                failures = sum(one.failures for one in progress.values())
                 on_progress(
                     (whole + begun) / len(states),
                     f"runs {whole} of {len(states)}, simulations {simulations},"

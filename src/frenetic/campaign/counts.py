@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final, Self
 
+import numpy as np
+
+from frenetic._support.arrays import FloatArray
 from frenetic._support.words import counted
 from frenetic.outcome import Outcome
+from frenetic.road import profile
 from frenetic.search.records import Candidate
 
 _NAMES: Final[Mapping[Outcome, str]] = {
@@ -19,6 +23,8 @@ _NAMES: Final[Mapping[Outcome, str]] = {
     Outcome.DROPPED: "dropped",
 }
 """Outcome -> name of its number, here and in JSON."""
+_SUMMED: Final = (*_NAMES.values(), "roads", "repeats", "failing_repeats", "invalid_repeats")
+"""Names of the numbers of several campaigns that add up."""
 
 
 @dataclass
@@ -35,17 +41,22 @@ class Counts:
     """Lowest MOOBD of all drives, in m; None before the first."""
     roads: int = 0
     """Number of different roads among the tests: a repeated one counts once."""
+    repeats: int = 0
+    """Number of tests that repeat an earlier one, see `FirstTests`."""
+    failing_repeats: int = 0
+    """Number of those that failed."""
+    invalid_repeats: int = 0
+    """Number of those whose road was refused."""
 
     def __post_init__(self) -> None:
         self._keys: set[int] = set()  # of the roads that were added
+        self._first = FirstTests()
 
     @classmethod
-    def of(
-        cls, by_outcome: Mapping[Outcome, int], min_moobd: float | None = None, roads: int = 0
-    ) -> Self:
+    def of(cls, by_outcome: Mapping[Outcome, int], min_moobd: float | None = None) -> Self:
         """The counts of a number per outcome."""
         numbers = {name: by_outcome[outcome] for outcome, name in _NAMES.items()}
-        return cls(**numbers, min_moobd=min_moobd, roads=roads)
+        return cls(**numbers, min_moobd=min_moobd)
 
     def add(self, candidate: Candidate, outcome: Outcome, moobd: float | None) -> None:
         """Counts one more result."""
@@ -54,8 +65,21 @@ class Counts:
         if outcome.is_test:
             self._keys.add(key_of(candidate))
             self.roads = len(self._keys)
+            if not self._first.add(candidate, outcome):
+                self.add_repeat(outcome)
         if moobd is not None:
             self.min_moobd = moobd if self.min_moobd is None else min(self.min_moobd, moobd)
+
+    def add_repeat(self, outcome: Outcome) -> None:
+        """Notes that a test with this outcome, which is counted already, repeats an earlier one."""
+        self.repeats += 1
+        self.failing_repeats += outcome is Outcome.FAIL
+        self.invalid_repeats += outcome is Outcome.INVALID
+
+    @property
+    def failures(self) -> int:
+        """Number of failures; a repeated road counts once."""
+        return self.failed - self.failing_repeats
 
     @property
     def simulations(self) -> int:
@@ -90,9 +114,8 @@ class Counts:
         several = list(campaigns)
         moobds = [one.min_moobd for one in several if one.min_moobd is not None]
         return Counts(
-            **{name: sum(getattr(one, name) for one in several) for name in _NAMES.values()},
+            **{name: sum(getattr(one, name) for one in several) for name in _SUMMED},
             min_moobd=min(moobds, default=None),
-            roads=sum(one.roads for one in several),
         )
 
     def counts_json(self) -> dict[str, Any]:
@@ -100,44 +123,88 @@ class Counts:
         return {
             "tests": self.tests,
             "roads": self.roads,
+            "repeats": self.repeats,
+            "failures": self.failures,
             "simulations": self.simulations,
             **{name: getattr(self, name) for name in _NAMES.values()},
             "min_moobd": self.min_moobd,
         }
 
     def in_words(self) -> str:
-        """The counts in a line: ``90 tests of 88 different roads: 70 passed, 20 failed``."""
+        """The counts in a line: ``90 tests of 88 different roads: 70 passed, 20 failed``.
+
+        Of failed tests that repeat earlier ones it says how many: ``20 failed (2 repeats)``.
+        """
         rest = {
             f"{self.invalid} invalid": self.invalid,
             counted(self.errors, "error"): self.errors,
             f"{self.dropped} dropped": self.dropped,
         }
+        again = counted(self.failing_repeats, "repeat")
         return ", ".join(
             [
                 f"{counted(self.tests, 'test')} of {counted(self.roads, 'different road')}:"
                 f" {self.passed} passed",
-                f"{self.failed} failed",
+                f"{self.failed} failed{f' ({again})' if self.failing_repeats else ''}",
                 *(text for text, number in rest.items() if number),
             ]
         )
 
 
-def road_key(step: object, curvatures: object, points: object) -> int:
+class FirstTests:
+    """Tells the first tests of roads from their repeats, which no measure counts.
+
+    A test repeats an earlier one with the same road, conditions and outcome. So a failure of a road
+    that passed before is no repeat, where drives do not repeat.
+    """
+
+    def __init__(self) -> None:
+        self._keys: set[int] = set()
+
+    def add(self, candidate: Candidate, outcome: Outcome) -> bool:
+        """Returns whether a test is the first; a candidate that was dropped always is."""
+        profiles = [_bytes_of(getattr(candidate, name)) for name in profile.NAMES]
+        return self.add_key(outcome, key_of(candidate), candidate.conditions, profiles)
+
+    def add_key(
+        self,
+        outcome: Outcome,
+        road: int,
+        conditions: Mapping[str, float],
+        profiles: Sequence[bytes | None],
+    ) -> bool:
+        """Returns likewise whether a test is the first.
+
+        Args:
+            outcome: of the test.
+            road: its `road_key`.
+            conditions: of the drive.
+            profiles: those of `profile.NAMES`, float64 as bytes.
+        """
+        if not outcome.is_test:
+            return True
+        before = len(self._keys)
+        self._keys.add(hash((outcome, road, *sorted(conditions.items()), *profiles)))
+        return len(self._keys) > before
+
+
+def road_key(step: object, curvatures: bytes, points: object) -> int:
     """A number that is the same for the same road, within this process.
 
     Args:
         step: m between curvatures.
-        curvatures: float64 as bytes.
+        curvatures: float64 as bytes; 0 and -0 are the same.
         points: likewise, None if the road was not proposed as points.
     """
-    return hash((step, curvatures, points))
+    values = np.frombuffer(curvatures, "<f8") + 0.0
+    return hash((step, values.tobytes(), points))
 
 
 def key_of(candidate: Candidate) -> int:
     """The `road_key` of a candidate."""
-    points = candidate.points
-    return road_key(
-        float(candidate.step),
-        candidate.curvatures.astype("<f8", copy=False).tobytes(),
-        None if points is None else points.astype("<f8", copy=False).tobytes(),
-    )
+    curvatures = candidate.curvatures.astype("<f8", copy=False).tobytes()
+    return road_key(float(candidate.step), curvatures, _bytes_of(candidate.points))
+
+
+def _bytes_of(values: FloatArray | None) -> bytes | None:
+    return None if values is None else values.astype("<f8", copy=False).tobytes()

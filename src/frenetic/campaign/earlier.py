@@ -21,7 +21,6 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Finite, Index, NotNegative, Positive
 from frenetic._support.json_value import JSONValue
 from frenetic._support.words import counted
-from frenetic.campaign.counts import Counts
 from frenetic.campaign.objective import Objective, evaluation_of
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester, fitted
@@ -157,9 +156,9 @@ def take_earlier(
                     if is_known and _is_new(told, near):
                         taken += 1
                         tests.append(_kept(number, record.id, told, len(tests) + 1))
-            counts = Counts.of(store.by_outcome())
+            counts = store.counts()
         campaigns.append(
-            EarlierCampaign(str(folder), counts.simulations, counts.failed, taken, left_out)
+            EarlierCampaign(str(folder), counts.simulations, counts.failures, taken, left_out)
         )
     if folders and not tests:
         raise CampaignError(
@@ -228,8 +227,12 @@ def still_failing(store: CampaignStore) -> str:
     Raises:
         CampaignError: the campaign is damaged.
     """
-    again = driven_again(store)
-    had_failed = [one for one, test in again.items() if test.evaluation.outcome is Outcome.FAIL]
+    again, repeats = driven_again(store), store.repeats()
+    had_failed = [
+        one
+        for one, test in again.items()
+        if test.evaluation.outcome is Outcome.FAIL and one not in repeats
+    ]
     if not had_failed:
         return ""
     failing = {one for (one,) in store.rows("SELECT id FROM test WHERE outcome = 'FAIL'")}

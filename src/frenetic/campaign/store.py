@@ -36,7 +36,7 @@ from frenetic._support.files import flush
 from frenetic._support.json_value import JSONValue, plain
 from frenetic._support.notebook import Shown
 from frenetic._support.words import present_moment
-from frenetic.campaign.counts import Counts, road_key
+from frenetic.campaign.counts import Counts, FirstTests, road_key
 from frenetic.campaign.lock import lock_file
 from frenetic.campaign.record import (
     ASKED,
@@ -53,6 +53,7 @@ from frenetic.campaign.trajectory_codec import decode
 from frenetic.drive import Trajectory
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
+from frenetic.road import profile
 from frenetic.search.records import Candidate
 
 DATABASE: Final = "campaign.sqlite"
@@ -98,6 +99,10 @@ _INSERT_FINDING: Final = f"INSERT INTO finding VALUES ({_sql('?' * (len(FINDING)
 _REPLACE_FACT: Final = "INSERT OR REPLACE INTO fact VALUES (?, ?)"
 _SELECT: Final = f"SELECT {_sql([column.name for column in FINISHED])} FROM test WHERE id IN "  # noqa: S608
 _SELECT_FINDINGS: Final = f"SELECT test, {_FINDING} FROM finding WHERE test IN "  # noqa: S608
+_KEYS: Final = (
+    f"SELECT id, outcome, conditions, step, curvatures, points, {_sql(profile.NAMES)} FROM test"  # noqa: S608
+    " WHERE told IS NOT NULL AND outcome <> 'DROPPED' ORDER BY told"
+)
 _ORDERS: Final = {"told": "told", "moobd": "moobd IS NULL, moobd, told"}
 
 
@@ -123,6 +128,7 @@ class CampaignStore(Shown):
         self._held: dict[str, list[tuple[Any, ...]]] = {  # for the next transaction
             statement: [] for statement in (_INSERT, _UPDATE, _INSERT_FINDING)
         }
+        self._repeats: tuple[int, frozenset[int]] | None = None  # of so many results
         ((self._last_asked, self._told),) = self._select(
             "SELECT coalesce(max(id), 0), count(told) FROM test"
         )
@@ -428,6 +434,8 @@ class CampaignStore(Shown):
         order_by: Order = "told",
         limit: int | None = None,
         with_trajectory: bool | Container[int] = False,
+        *,
+        with_repeats: bool = True,
     ) -> Iterator[Test]:
         """The tests that are stored at this moment; later ones do not show up.
 
@@ -436,6 +444,8 @@ class CampaignStore(Shown):
             order_by: the order of telling, or ``moobd``: lowest first, those without one last.
             limit: most tests.
             with_trajectory: whether they come with their trajectories, or the ids of those that do.
+            with_repeats: whether tests come, too, that repeat an earlier one, see `repeats`; what
+                is measured goes without.
 
         Raises:
             CampaignError: a test is damaged or missing.
@@ -444,10 +454,13 @@ class CampaignStore(Shown):
         self.write()
         # A stored test never changes, so the ids are a snapshot, and no transaction stays open
         # between two tests.
+        repeats = frozenset[int]() if with_repeats else self.repeats()
+        most = -1 if limit is None else limit + len(repeats)
         ids = self._ids(
             f"SELECT id FROM test WHERE told IS NOT NULL {only} ORDER BY {_ORDERS[order_by]}"  # noqa: S608
-            f" LIMIT {-1 if limit is None else limit:d}"
+            f" LIMIT {most:d}"
         )
+        ids = [number for number in ids if number not in repeats][:limit]
         return (
             test
             for start in range(0, len(ids), _AT_ONCE)
@@ -550,9 +563,44 @@ class CampaignStore(Shown):
         Reads the roads of all tests: where numbers are enough, `by_outcome` is faster.
         """
         by_outcome, min_moobd = self._count_by_outcome()
-        select = "SELECT step, curvatures, points FROM test WHERE outcome <> 'DROPPED'"
-        roads = {road_key(*row) for row in self.rows(select)}
-        return Counts.of(by_outcome, min_moobd, len(roads))
+        counts = Counts.of(by_outcome, min_moobd)
+        roads, first = set(), FirstTests()
+        for _, outcome, road, conditions, profiles in self._keys():
+            roads.add(road)
+            if not first.add_key(outcome, road, conditions, profiles):
+                counts.add_repeat(outcome)
+        counts.roads = len(roads)
+        return counts
+
+    def repeats(self) -> frozenset[int]:
+        """The ids of the tests that repeat an earlier one.
+
+        See `frenetic.campaign.counts.FirstTests`. Reads the roads of all tests, again only after
+        further results.
+
+        Raises:
+            CampaignError: a test is damaged.
+        """
+        self.write()
+        ((stored,),) = self._select("SELECT count(told) FROM test")
+        if self._repeats is None or self._repeats[0] != stored:
+            first = FirstTests()
+            repeats = frozenset(
+                number
+                for number, outcome, road, conditions, profiles in self._keys()
+                if not first.add_key(outcome, road, conditions, profiles)
+            )
+            self._repeats = stored, repeats
+        return self._repeats[1]
+
+    def _keys(self) -> Iterator[tuple[int, Outcome, int, dict[str, Any], list[bytes | None]]]:
+        """The id of each test in the order of telling, and what `FirstTests.add_key` takes."""
+        for number, outcome, conditions, step, curvatures, points, *profiles in self.rows(_KEYS):
+            with self._reading(f"test {number}"):
+                road = road_key(step, curvatures, points)
+                told = Outcome(outcome)
+                amounts = {} if conditions == "{}" else dict(json.loads(conditions))
+            yield number, told, road, amounts, profiles
 
     def _count_by_outcome(self) -> tuple[dict[Outcome, int], float | None]:
         """The number of results per outcome, and the lowest MOOBD in m."""

@@ -11,7 +11,7 @@ from typing import Any, Final, Literal, Self, TypeAlias
 
 from frenetic._support.json_value import JSONValue
 from frenetic._support.words import lane_words
-from frenetic.campaign.counts import Counts
+from frenetic.campaign.counts import Counts, FirstTests
 from frenetic.campaign.objective import Objective, worst_value
 from frenetic.campaign.record import Test
 from frenetic.search.records import Evaluation
@@ -65,7 +65,7 @@ class Summary(Counts):
     def now(self, seconds: float) -> Self:
         """A copy for others, so many s after the start."""
         copied = copy(self)
-        copied.seconds, copied._keys = seconds, set()
+        copied.seconds, copied._keys, copied._first = seconds, set(), FirstTests()
         return copied
 
     def spend(self, budget: Budget, seconds: float, told: float | None = None) -> None:

@@ -206,7 +206,7 @@ def print_failures(clusters: Clusters, counts: Counts, listed: int, lane_width: 
         listed: number of clusters to print.
         lane_width: m.
     """
-    failures = counts.failed
+    failures = counts.failures
     if counts.broken and not failures:
         Results().print(capitalised(counts.broken), style="bold", markup=False)
     if not clusters:
@@ -253,9 +253,11 @@ def print_causes(clusters: Clusters, counts: Counts, shortened: Mapping[int, Tes
         Results().print(capitalised(counts.broken), style="bold", markup=False)
     if not clusters:
         return
-    severe = f"the {clusters.failures} most severe of " if clusters.failures < counts.failed else ""
+    severe = (
+        f"the {clusters.failures} most severe of " if clusters.failures < counts.failures else ""
+    )
     title = f"{counted(len(clusters.causes), 'cause')} of {severe}"
-    title += f"{counted(counts.failed, 'failure')}, {len(clusters)} of them distinct"
+    title += f"{counted(counts.failures, 'failure')}, {len(clusters)} of them distinct"
     if clusters.known:
         title += f", {clusters.known} known before"
     Results().print(title, style="bold", markup=False)

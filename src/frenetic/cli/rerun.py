@@ -157,7 +157,7 @@ def rerun(
 
 
 def _driven_tests(store: CampaignStore) -> list[int]:
-    return [test.id for test in store.tests() if test.outcome.is_driven]
+    return [test.id for test in store.tests(with_repeats=False) if test.outcome.is_driven]
 
 
 def _print(found: Rerun, times: int, *, is_as_before: bool, with_rows: bool) -> None:

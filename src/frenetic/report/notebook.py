@@ -72,7 +72,7 @@ def _campaign(campaign: Campaign | CampaignStore) -> str:
         moobd = oob_words(counts.min_moobd, store.lane_width)
     facts = [
         ("simulations", str(counts.simulations), ""),
-        ("failures", str(counts.failed), ""),
+        ("failures", str(counts.failures), ""),
         ("lowest MOOBD", moobd, ""),
         ("wall time", time, ""),
     ]
@@ -83,8 +83,8 @@ def _failures_to_show(store: CampaignStore) -> tuple[str, list[tuple[str, Road, 
     """A title, and the most severe distinct failures with their captions; else near misses."""
     counts = store.counts()
     found = distinct_failures(store, COMPARED)
-    among = counted(counts.failed, "failure")
-    if found.failures < counts.failed:
+    among = counted(counts.failures, "failure")
+    if found.failures < counts.failures:
         among = f"the {found.failures} most severe of {among}"
     title = f"{counted(len(found), 'distinct failure')} among {among}"
     if not counts.failed:

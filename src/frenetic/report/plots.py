@@ -139,7 +139,9 @@ def plot_progress(campaign: Place, ax: Axes | None = None) -> Axes:
         CampaignError: there is no campaign, or it is damaged.
     """
     with opened(campaign) as store:
-        chart = timeline_of([*map(TestSummary.of, store.tests())], distinct_failures(store))
+        repeats = store.repeats()
+        tests = [TestSummary.of(test, is_repeat=test.id in repeats) for test in store.tests()]
+        chart = timeline_of(tests, distinct_failures(store))
     with mpl.rc_context(STYLE):
         axes = _new_axes(_WIDE, 3.2)[0] if ax is None else ax
         if chart is not None:

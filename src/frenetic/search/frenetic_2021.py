@@ -40,6 +40,10 @@ from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.strategy import Ledger, Strategy, options_of
 
 _MIX, _SPLICE = "C1", "C2"
+_UNCOUNTED = frozenset({"F1", _MIX, _SPLICE})
+"""Operators whose roads do not bring the next crossover nearer, as in the published code."""
+_LEAST_PARENTS = 5
+"""Least number of parents of a crossover, as in the published code."""
 
 
 class _Scored(NamedTuple):
@@ -63,25 +67,47 @@ class Frenetic2021(Strategy):
        than `cross_freq` tests ran since the last one, the `cross_num` candidates of lowest MOOBD
        below `threshold`, visited or not, have `cross_num` children.
 
-    Where the paper leaves room:
+    Section I-B of the paper gives the threshold of -0.5 m, steps of 10 m, at most 30 ± 5 values,
+    the bound of 0.07, the change of 0.05, 1 to 5 changed values and the scale of 1.1 to 1.2. It
+    gives no value of `random_budget`, `cross_freq` and `cross_num`. The published code
+    (github.com/ERATOMMSD/frenetic-sbst21, class ``Frenetic``) has 40 and 20 for the last two. Its
+    random phase takes an hour, which a comment there calls 20 % of the time; 20 % of any budget is
+    ours.
 
-    - The threshold is strict. Equal MOOBDs go to the candidate asked first.
-    - Tests that ran are those told PASS or FAIL after the random phase; the children of crossover
-      are part of it and not counted. So the first crossover comes after more than `cross_freq`
-      tests of the main loop, and each one equally long after the last child of the one before.
-    - With fewer than two candidates below the threshold there is no crossover; the count goes on.
-    - Exactly `cross_num` children are proposed: of a last C2 that would exceed them, the first.
-    - INVALID and ERROR count neither as failures, nor as parents, nor as tests that ran.
+    Where the paper leaves room, as the published code does:
+
+    - A crossover needs five candidates below the threshold, or `cross_num` if that is less: with
+      two or three it would propose the same children again and again. With fewer there is none,
+      and the count of tests begins anew.
+    - Tests that ran are those told after the random phase, valid or not. Roads of F1 and the
+      children of crossover are not counted. So the first crossover comes after more than
+      `cross_freq` such tests of the main loop, and each one equally long after the last child of
+      the one before.
+    - A last C2 has both its children: a crossover has `cross_num` of them, or one more.
+    - Two different candidates are the parents of a child.
+    - P6 has one factor for all values.
+    - The first value of a random road is drawn relative to 0.
+    - A road that was tested before may be proposed again; `frenetic.campaign.counts` tells it.
+
+    Where the paper leaves room, ours:
+
+    - The threshold is strict ("lower than a threshold", Section I-B, where Listing 1 calls it
+      ``candidates_with_min_oob_gt``). Equal MOOBDs go to the candidate asked first.
+    - INVALID and ERROR count neither as failures nor as parents.
     - Removing leaves at least two values; a parent of two values skips P2, P3 and P4.
     - Where the value before a new one lies further than `max_change` outside the bound, because it
       was scaled, P1 and P5 put the new one on the bound.
+    - F3, which the paper tells among the mutations that undo themselves, does so for an even number
+      of values only. Its mutants are visited from the start for any number.
 
     With several candidates outstanding, each decision follows from the results told by then: a
     parent's next mutants may be asked before the earlier ones are told. Once a failing one is told,
     no more are asked and the outstanding ones are unwanted. Asked and told one by one, the strategy
-    is exactly Listing 1.
+    follows Listing 1.
 
-    Our deviation is off by default: `max_redraws`, which draws again what `is_valid` refuses.
+    Our deviation is off by default: `max_redraws`, which draws again what `is_valid` refuses. The
+    map is ours, too: a road that does not fit when it is moved is turned, which the paper leaves to
+    future work.
 
     The strategy remembers only roads below the threshold that can still become parents, and the
     `cross_num` best.
@@ -89,10 +115,11 @@ class Frenetic2021(Strategy):
     Args:
         seed: A whole number of at least 0.
         map_size: m, side of the square map.
-        random_budget: Share of the budget spent on random roads, 0..1.
+        random_budget: Share of the budget spent on random roads, 0..1; 0.2 is ours.
         threshold: m, only roads with a MOOBD below this have offspring.
-        cross_freq: Number of tests between two crossovers that must be exceeded.
-        cross_num: Number of parents and of children of a crossover.
+        cross_freq: Number of tests between two crossovers that must be exceeded; 40 is the
+            published code's.
+        cross_num: Number of parents and of children of a crossover; 20 is the published code's.
         curvature_bound: 1/m, largest absolute value of new curvatures.
         max_change: 1/m, largest difference of a new curvature to the one before it.
         step: m between two curvature values.
@@ -107,7 +134,8 @@ class Frenetic2021(Strategy):
             Random roads, the mutants P1 .. P6 and children of crossover that it refuses are drawn
             again (for a child: parents and operator, too). F1 .. F4 have nothing to draw: their
             mutants are always proposed. So is the last draw when all were refused.
-        max_redraws: How often a refused road is drawn again; by default 0, as in the paper.
+        max_redraws: How often a refused road is drawn again; by default 0: the paper checks no
+            road (Section II).
         road_class: Class of the roads, see `Strategy.road_class`; it takes the place of bound,
             change, step and lengths, and what an operator makes is bent to keep its rules.
 
@@ -116,7 +144,7 @@ class Frenetic2021(Strategy):
 
     """
 
-    BEHAVIOUR: ClassVar[int] = 1
+    BEHAVIOUR: ClassVar[int] = 2
     """Raised when its proposals change; campaigns record it."""
     usual_lookahead: ClassVar[int] = 1
     """Candidates outstanding of `frenetic run`: Listing 1 knows a result before it goes on."""
@@ -208,7 +236,8 @@ class Frenetic2021(Strategy):
         candidate = self._ledger.settle(evaluation)
         self._rests.see(candidate, evaluation)
         siblings = self._failed_siblings.pop(candidate.id, None)
-        ran_in_main_loop = not self._in_random_phase
+        if self._counts(evaluation):
+            self._tests_since_crossover += 1
         self._budget_spent = max(self._budget_spent, evaluation.budget_spent)
         if not evaluation.outcome.is_driven:
             return
@@ -216,8 +245,6 @@ class Frenetic2021(Strategy):
         severity = evaluation.severity
         if siblings is not None and evaluation.outcome is Outcome.FAIL:
             siblings.append(candidate.id)
-        if ran_in_main_loop and candidate.origin.operator not in (_MIX, _SPLICE):
-            self._tests_since_crossover += 1
         if severity is not None and severity < self._threshold:
             self._remember(_Scored(severity, candidate.id, evaluation.outcome, candidate))
 
@@ -239,6 +266,11 @@ class Frenetic2021(Strategy):
     def _in_random_phase(self) -> bool:
         return self._budget_spent < self._random_budget
 
+    def _counts(self, evaluation: Evaluation) -> bool:
+        """Return whether a result brings the next crossover nearer."""
+        is_counted = evaluation.candidate.origin.operator not in _UNCOUNTED
+        return is_counted and evaluation.outcome.is_test and not self._in_random_phase
+
     def _remember(self, scored: _Scored) -> None:
         if scored.candidate.origin.operator not in FAIL_OPERATORS:
             heapq.heappush(self._unvisited, scored)
@@ -254,8 +286,10 @@ class Frenetic2021(Strategy):
                 yield from self._mutants(heapq.heappop(self._unvisited))
             else:
                 yield self._roads.issue(self._rng, self._ledger)
-            if self._tests_since_crossover > self._cross_freq and len(self._best) >= 2:
-                yield from self._crossover()
+            if self._tests_since_crossover > self._cross_freq:
+                self._tests_since_crossover = 0
+                if len(self._best) >= min(_LEAST_PARENTS, self._cross_num):
+                    yield from self._crossover()
 
     def _mutants(self, parent: _Scored) -> Iterator[Candidate]:
         failed: list[int] = []
@@ -282,14 +316,13 @@ class Frenetic2021(Strategy):
         return None if made is None else self._roads.kept(made)
 
     def _crossover(self) -> Iterator[Candidate]:
-        self._tests_since_crossover = 0
         pool = self._best.copy()
         missing = self._cross_num
-        while missing:
+        while missing > 0:
             name, parents, children = self._children(pool)
-            for curvatures in children[:missing]:
+            for curvatures in children:
                 yield self._issue(curvatures, name, *parents)
-                missing -= 1
+            missing -= len(children)
 
     def _children(
         self, pool: list[_Scored]

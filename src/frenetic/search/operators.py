@@ -1,6 +1,6 @@
 """Operators that draw, mutate and cross roads: pure functions on curvature values.
 
-They are the operators of Listing 1 in Castellano et al., "Frenetic at the SBST 2021 Tool
+They are the operators of Section I-B in Castellano et al., "Frenetic at the SBST 2021 Tool
 Competition"; `DOES` lists the names that an `Origin` carries, and what each operator does, those
 of `frenetic.search.variation` too.
 
@@ -24,14 +24,14 @@ from frenetic._support.arrays import FloatArray
 if TYPE_CHECKING:
     from typing import TypeAlias
 
-CURVATURE_BOUND = 0.07  # 1/m
-MAX_CHANGE = 0.05  # 1/m from one value to the next
+CURVATURE_BOUND = 0.07  # [1/m], the paper's Section I-B
+MAX_CHANGE = 0.05  # [1/m] from one value to the next, the paper's Section I-B
 MIN_VALUES = 2  # fewer do not describe a road
 
 
 @dataclass(frozen=True)
 class MutationOptions:
-    """Strength of the mutations P1 .. P6; the defaults are the paper's."""
+    """Strength of the mutations P1 .. P6; the defaults are those of the paper's Section I-B."""
 
     bound: float = CURVATURE_BOUND
     """1/m; new values lie within ± this."""
@@ -48,7 +48,7 @@ class MutationOptions:
 
 
 LISTING_1 = MutationOptions()
-"""The options of the paper."""
+"""The options of the paper's Section I-B."""
 
 
 def next_curvature(previous: float, u: float, *, bound: float, max_change: float) -> float:
@@ -72,7 +72,8 @@ def random_curvatures(
 ) -> FloatArray:
     """Return (n,) values, 1/m, each drawn relative to the one before it; the first relative to 0.
 
-    See `next_curvature` for the distribution.
+    See `next_curvature` for the distribution. The paper does not say what the first one is relative
+    to, its published code takes 0.
     """
     return _continued(rng, 0.0, n, bound, max_change)
 
@@ -145,7 +146,10 @@ def replace_random(
 def scale(
     rng: np.random.Generator, curvatures: FloatArray, options: MutationOptions = LISTING_1
 ) -> FloatArray:
-    """P6: return all values times one factor that is uniform in 1.1..1.2."""
+    """P6: return all values times one factor that is uniform in 1.1..1.2.
+
+    The paper says by how much values grow, not that all have one factor; its published code has.
+    """
     return curvatures * rng.uniform(options.min_scale, options.max_scale)
 
 
@@ -163,7 +167,10 @@ def reverse_values(curvatures: FloatArray) -> FloatArray:
 
 
 def swap_halves(curvatures: FloatArray) -> FloatArray:
-    """F3: return κ_{floor(N/2)} .. κ_{N-1}, κ_0 .. κ_{floor(N/2)-1}."""
+    """F3: return κ_{floor(N/2)} .. κ_{N-1}, κ_0 .. κ_{floor(N/2)-1}.
+
+    It undoes itself for even N only.
+    """
     half = len(curvatures) // 2
     return np.concatenate((curvatures[half:], curvatures[:half]))
 

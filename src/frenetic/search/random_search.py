@@ -1,4 +1,4 @@
-"""Random roads: the first phase of Frenetic, and the baseline that a search has to beat."""
+"""Random roads: how both Frenetic searches begin, and the baseline that a search has to beat."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from frenetic.search.operators import CURVATURE_BOUND, MAX_CHANGE, MIN_VALUES, r
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.strategy import Ledger, Strategy, options_of
 
-STEP = 10.0  # m
-LENGTH_JITTER = 5
-MAX_LENGTH = 30
-MAX_REDRAWS = 10
+STEP = 10.0  # [m] between two values, the paper's Section I-B
+LENGTH_JITTER = 5  # values, the paper's Section I-B
+MAX_LENGTH = 30  # values, before the jitter, the paper's Section I-B
+MAX_REDRAWS = 10  # ours
 _MOST_REFUSED = 1000  # roads in a row
 TO_GO_ON = 10.0
 """s of driving at the design speed that the rest of a road has to last."""
@@ -97,8 +97,9 @@ class RandomRoads:
     least 2, each drawn as `operators.next_curvature` says. In a class it is about as long as the
     class says, of clothoids and arcs that keep its rules.
 
-    The paper sends every road to the simulator and so wastes more than a quarter of its tests on
-    invalid ones. Our deviation, which ``max_redraws=0`` turns off: a road that `is_valid` refuses
+    The paper moves a road that sticks out of the map, and discards it if it still does not fit
+    (Section I-B). It does not check whether a road is valid before it sends it to the pipeline
+    (Section II). Our deviation, which ``max_redraws=0`` turns off: a road that `is_valid` refuses
     is drawn again, up to `max_redraws` times; the last draw is always returned.
 
     Args:
@@ -110,7 +111,7 @@ class RandomRoads:
         max_change: 1/m, largest difference of neighbouring values.
         is_valid: Refuses roads that are not worth a test; by default those that do not fit the map
             or that the competition calls invalid.
-        max_redraws: How often a refused road is drawn again; 0 is the paper's behaviour.
+        max_redraws: How often a refused road is drawn again; the paper checks none.
         road_class: Takes the place of step, lengths and limits of curvature.
 
     Raises:
@@ -314,8 +315,10 @@ class Rests:
 class RandomSearch(Strategy):
     """A `Strategy` that proposes random roads and learns nothing.
 
-    With the same seed and options, its roads are those of Frenetic's random phase. In a road class
-    it goes on with the `Rests` of failing roads.
+    Its roads are those of `RandomRoads`: 187 m long in the mean on the map of 200 m. With the same
+    seed they are those of the random phase of ``Frenetic2021(max_redraws=10)``. The random roads of
+    `Frenetic` are longer, 275 m in the mean. In a road class the search goes on with the `Rests` of
+    failing roads.
 
     Args:
         seed: A whole number of at least 0.
@@ -323,7 +326,7 @@ class RandomSearch(Strategy):
         step: m between two curvature values.
         max_length: Largest usual number of values; a road has up to five more or fewer.
         is_valid: Refuses roads that are not worth a test, see `RandomRoads`.
-        max_redraws: How often a refused road is drawn again; 0 is the paper's behaviour.
+        max_redraws: How often a refused road is drawn again; the paper checks none.
         road_class: Class of the roads, see `Strategy.road_class`.
         domain: Domain from which roads and conditions are drawn, see `Strategy.domain`.
 

@@ -2,8 +2,8 @@
 
 Each makes a child's curvatures, (n,) 1/m, in a buffer, from a parent's and from uniform random
 numbers, and says by how many values the place has moved along the road. The *site* is the value of
-the parent just before the place. New values are drawn as in Listing 1, each relative to the one
-before it; changed ones are kept within the bound.
+the parent just before the place. New values are drawn as in Section I-B of the paper, each relative
+to the one before it; changed ones are kept within the bound.
 """
 
 from __future__ import annotations

@@ -266,7 +266,7 @@ class _Check:
                         )
                     return ""
                 found = list(self._remembered(store, tester))
-            failures = counted(counts.failed, "failure")
+            failures = counted(counts.failures, "failure")
             title = f"{failures} in {counted(counts.simulations, 'simulation')}"
             return self._text(title, found, note)
 

@@ -119,7 +119,12 @@ class Reading:
         rows = store.rows(
             "SELECT id, outcome, moobd FROM test WHERE told IS NOT NULL ORDER BY told"
         )
-        told = [(int(id), str(outcome), moobd) for id, outcome, moobd in rows]  # noqa: A001
+        repeats = store.repeats()
+        told = [
+            (int(id), str(outcome), moobd)
+            for id, outcome, moobd in rows  # noqa: A001
+            if id not in repeats
+        ]
         failed = [row for row in told if row[1] == Outcome.FAIL]
         failed.sort(key=lambda row: math.inf if row[2] is None else row[2])
         chosen = choose_mapped(told)
@@ -128,7 +133,7 @@ class Reading:
         failures: list[Failure] = []
         mapped, severe = {}, {}
         for record in store.tests(with_trajectory=chosen | compared):
-            tests.append(TestSummary.of(record))
+            tests.append(TestSummary.of(record, is_repeat=record.id in repeats))
             counts.add(record.candidate, record.outcome, record.moobd)
             segment = segment_of_test(record)
             if record.id in compared:
@@ -262,7 +267,7 @@ def _to_show(
     examples = [cause.example for cause in clusters.causes]
     heads = [i for cluster in clusters for i in (cluster.most_severe, cluster.typical)]
     failed = sorted(
-        (test for test in tests if test.outcome is Outcome.FAIL),
+        (test for test in tests if test.outcome is Outcome.FAIL and not test.is_repeat),
         key=lambda test: (test.moobd or 0.0, test.id),
     )
     return list(dict.fromkeys([*examples, *heads, *elsewhere, *(test.id for test in failed)]))
@@ -283,7 +288,7 @@ def _title(clusters: Clusters, counts: Counts) -> str:
     found = "No failure"
     if counts.failed:
         distinct = counted(len(clusters), "distinct failure")
-        least = "at least " if clusters.failures < counts.failed else ""
+        least = "at least " if clusters.failures < counts.failures else ""
         found = f"{counted(len(clusters.causes), 'cause')} of {least}{distinct}"
     broken = f"; {counts.broken}" if counts.errors else ""
     return f"{found} in {counted(counts.simulations, 'simulation')}{broken}"
@@ -340,12 +345,14 @@ def _tiles(
     store: CampaignStore, clusters: Clusters, counts: Counts
 ) -> Iterator[tuple[str, str, str, str]]:
     """Headline numbers: name, value, note, and what its colour means, if it has one."""
-    failures, tests, least = counts.failed, counts.tests, counts.min_moobd
+    failures, tests, least = counts.failures, counts.tests, counts.min_moobd
     seconds: Any = store.facts.get("seconds", store.elapsed())
     rate = rate_words(tests / seconds) if tests and seconds > 0.0 else ""
     yield "simulations", str(counts.simulations), rate, ""
-    share = f"{percent(failures / counts.simulations)} of simulations" if failures else ""
-    yield "failures", str(failures), share, "fail" if failures else ""
+    note = f"{percent(failures / counts.simulations)} of simulations" if failures else ""
+    if counts.failing_repeats:
+        note += f", and {counted(counts.failing_repeats, 'repeat')}"
+    yield "failures", str(failures), note, "fail" if failures else ""
     notes = [f"{clusters.known} known before"] if earlier_of(store.config) else []
     if len(clusters):
         late = sum(one.ids[0] > _LATE * tests for one in clusters)

@@ -82,7 +82,7 @@ def gallery_section(
     gallery = Part("gallery", {"clusters": data, "repeats": repeats, "elsewhere": elsewhere})
     if counts.failed:
         blocks = (_causes(clusters, drives), gallery) if examples else (gallery,)
-        return Section("failures", "Failures", blocks, _lead(clusters, counts.failed, data))
+        return Section("failures", "Failures", blocks, _lead(clusters, counts.failures, data))
     lead = f"{capitalised(counts.broken) or 'No failure was found'}."
     if not data:
         return Section("failures", "Failures", (), lead)

@@ -68,9 +68,11 @@ class TestSummary:
     """Length of the road, in m."""
     duration: float | None = None
     """Simulated time of the drive, in s; None without one."""
+    is_repeat: bool = False
+    """Whether it repeats an earlier test, and so counts in no measure."""
 
     @classmethod
-    def of(cls, record: Test) -> TestSummary:
+    def of(cls, record: Test, *, is_repeat: bool = False) -> TestSummary:
         """The summary of a stored test."""
         candidate, departure = record.candidate, record.departure
         return cls(
@@ -83,6 +85,7 @@ class TestSummary:
             ", ".join(one.criterion.replace("_", " ") for one in record.result.findings) or None,
             candidate.step * (len(candidate.curvatures) - 1),
             record.result.duration if record.outcome.is_driven else None,
+            is_repeat,
         )
 
 

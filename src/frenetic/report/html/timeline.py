@@ -35,7 +35,8 @@ def timeline_of(tests: Sequence[TestSummary], clusters: Clusters) -> Chart | Non
     if not tested:
         return None
     shown = evenly(len(tested), POINTS)
-    failed = np.array([test.outcome is Outcome.FAIL for test in tested])
+    is_first = np.array([not test.is_repeat for test in tested])
+    failed = is_first & np.array([test.outcome is Outcome.FAIL for test in tested])
     driven = np.array([test.outcome is not Outcome.INVALID for test in tested])
     random = np.array([test.is_random for test in tested])
     place = {test.id: i for i, test in enumerate(tested)}
@@ -45,7 +46,7 @@ def timeline_of(tests: Sequence[TestSummary], clusters: Clusters) -> Chart | Non
         if places := [place[i] for i in cluster.ids if i in place]:
             first[min(places)] += 1
     failures, distinct = np.cumsum(failed)[shown], np.cumsum(first)[shown]
-    latest = [None, *(test.id for test in tested if test.outcome is Outcome.FAIL)]
+    latest = [None, *(test.id for test, counts in zip(tested, failed, strict=True) if counts)]
     simulations = np.cumsum(driven)[shown]
     across = _floats(simulations)
     # Where no failure is like another, one line lies on the other.
@@ -60,7 +61,7 @@ def timeline_of(tests: Sequence[TestSummary], clusters: Clusters) -> Chart | Non
     )
     if clusters.failures < failed.sum():
         caption += f" Compared were the {clusters.failures} most severe of {failed.sum()} failures."
-    if drawn := int((driven & random).sum()):
+    if drawn := int((driven & random & is_first).sum()):
         found = int((failed & random).sum())
         low, high = proportion_interval(found, drawn)
         middle, least, most = (_floats(s * simulations, 2) for s in (found / drawn, low, high))

@@ -1,0 +1,235 @@
+"""A repeated road counts once in every measure: a campaign with repeats measures as one without."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from made_campaigns import search
+
+from frenetic._support.arrays import FloatArray
+from frenetic.again.rerun import rerun
+from frenetic.analysis import features_of, segments_of
+from frenetic.analysis.criteria import criteria_in_words
+from frenetic.analysis.failures import (
+    Clusters,
+    caution,
+    distinct_failures,
+    nearest_misses,
+    representative_failures,
+)
+from frenetic.analysis.metrics import MEASURES, measure_campaign
+from frenetic.campaign import CampaignStore
+from frenetic.campaign.counts import Counts, FirstTests
+from frenetic.criteria import profiles
+from frenetic.drive import Rules
+from frenetic.drivers import Planner
+from frenetic.outcome import Outcome
+from frenetic.report.html.campaign import Reading, campaign_report
+from frenetic.report.html.timeline import timeline_of
+from frenetic.search import Candidate, Evaluation, Frenetic, Origin, Strategy
+from frenetic.search.strategy import Ledger
+from frenetic.simulators import EmbeddedSimulator
+
+SIMULATIONS = 70
+
+
+class Listed(Strategy):
+    """Proposes the roads of a list."""
+
+    def __init__(self, roads: Sequence[FloatArray]) -> None:
+        self.roads, self.ledger = iter(roads), Ledger()
+
+    def ask(self) -> Candidate:
+        return self.ledger.issue(next(self.roads), 10.0, Origin("random"))
+
+    def tell(self, evaluation: Evaluation) -> None:
+        self.ledger.settle(evaluation)
+
+
+def drive(folder: Path, roads: Sequence[FloatArray]) -> Path:
+    return search(folder, Listed(roads), len(roads))
+
+
+@pytest.fixture(scope="module")
+def roads(tmp_path_factory: pytest.TempPathFactory) -> list[FloatArray]:
+    """Different roads of a search, of which many fail."""
+    folder = search(tmp_path_factory.mktemp("searched") / "c", Frenetic(seed=4), SIMULATIONS)
+    with CampaignStore.open(folder) as store:
+        return [test.candidate.curvatures for test in store.tests()]
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory, roads: list[FloatArray]) -> Path:
+    return drive(tmp_path_factory.mktemp("plain") / "c", roads)
+
+
+@pytest.fixture(scope="module")
+def repeated(tmp_path_factory: pytest.TempPathFactory, roads: list[FloatArray]) -> Path:
+    """The same roads, then half of them again, and some of those once more."""
+    again = [*roads, *roads[::2], *roads[::10]]
+    return drive(tmp_path_factory.mktemp("repeated") / "c", again)
+
+
+@pytest.fixture(scope="module")
+def mixed(tmp_path_factory: pytest.TempPathFactory, roads: list[FloatArray]) -> Path:
+    """The same roads, each third of them followed by one from before it."""
+    again = [
+        road
+        for i, now in enumerate(roads)
+        for road in ((now, roads[i // 2]) if i % 3 == 0 else (now,))
+    ]
+    return drive(tmp_path_factory.mktemp("mixed") / "c", again)
+
+
+def sizes(clusters: Clusters) -> list[tuple[Any, ...]]:
+    """Everything of distinct failures but the numbers of their tests."""
+    return [
+        (len(one), one.moobd, one.side, one.spread, one.description, one.cause) for one in clusters
+    ]
+
+
+def test_a_campaign_with_repeats_has_the_measures_of_one_without(
+    plain: Path, repeated: Path, mixed: Path
+) -> None:
+    expected = measure_campaign(plain)
+    assert expected.failures > 20
+    assert expected.distinct_failures > 10
+    for folder in (repeated, mixed):
+        measured = measure_campaign(folder)
+        assert measured.simulations > SIMULATIONS
+        assert measured.counts.failed > measured.failures
+        for name, measure in MEASURES.items():
+            if folder is repeated or name != "simulations_to_failure":  # which counts simulations
+                assert measure.of(measured) == measure.of(expected), name
+
+
+def test_distinct_failures_causes_and_near_misses_are_those_without_repeats(
+    plain: Path, repeated: Path, mixed: Path
+) -> None:
+    with CampaignStore.open(plain) as store:
+        clusters, misses = distinct_failures(store), nearest_misses(store)
+        examples = [test.id for test in representative_failures(store)]
+    causes = [(cause.words, cause.failures, len(cause.clusters)) for cause in clusters.causes]
+    for folder in (repeated, mixed):
+        with CampaignStore.open(folder) as store:
+            found = distinct_failures(store)
+            assert sizes(found) == sizes(clusters)
+            assert sizes(nearest_misses(store)) == sizes(misses)
+            assert causes == [(one.words, one.failures, len(one.clusters)) for one in found.causes]
+            if folder is repeated:
+                assert found == clusters
+                assert [test.id for test in representative_failures(store)] == examples
+
+
+def test_cautions_and_feature_maps_are_those_without_repeats(
+    plain: Path, repeated: Path, mixed: Path
+) -> None:
+    def told(folder: Path) -> tuple[Any, ...]:
+        with CampaignStore.open(folder) as store:
+            segments = segments_of(store, Outcome.FAIL, with_repeats=False)
+            features = [features_of(segment) for _, segment in segments]
+            return caution(store), features
+
+    assert told(plain) == told(repeated) == told(mixed)
+
+
+def test_what_criteria_say_was_driven_does_not_grow_with_repeats(
+    tmp_path: Path, roads: list[FloatArray]
+) -> None:
+    simulator = EmbeddedSimulator(rules=Rules(criteria=profiles()["after-un-r157"]))
+    texts = []
+    for name, driven in (("plain", roads[:2]), ("repeated", roads[:2] * 20)):
+        slow = Planner(lateral_acceleration=2.0)
+        folder = search(
+            tmp_path / name, Listed(driven), len(driven), simulator=simulator, driver=slow
+        )
+        with CampaignStore.open(folder) as store:
+            texts.append((criteria_in_words(store), caution(store)))
+    assert "asks for 300 s" in texts[0][1]
+    assert texts[0] == texts[1]
+
+
+def test_the_report_shows_what_it_shows_without_repeats(plain: Path, repeated: Path) -> None:
+    readings, sections, titles = [], [], []
+    for folder in (plain, repeated):
+        with CampaignStore.open(folder) as store:
+            reading = Reading.of(store)
+            report = campaign_report(store, reading=reading)
+        readings.append(reading)
+        sections.append({section.id: section for section in report.sections})
+        titles.append(report.title.partition(" in ")[0])
+    one, other = readings
+    assert one.mapped.keys() == other.mapped.keys()
+    assert one.failures.keys() == other.failures.keys()
+    assert one.counts.failures == other.counts.failures
+    assert titles[0] == titles[1]
+    for name in ("failures", "map"):
+        assert sections[0][name].lead == sections[1][name].lead
+        assert sections[0][name].blocks == sections[1][name].blocks
+    curves = [timeline_of(reading.tests, reading.clusters) for reading in readings]
+    assert curves[0] is not None
+    assert curves[1] is not None
+    for line, its_twin in zip(curves[0].series[:2], curves[1].series[:2], strict=True):
+        assert line.y[-1] == its_twin.y[-1]
+        assert its_twin.x[-1] > line.x[-1]  # simulations stay what they are
+    assert "random roads that were driven failed" in curves[0].caption
+    assert curves[0].caption == curves[1].caption
+
+
+def test_a_rerun_drives_each_failing_road_once(plain: Path, repeated: Path) -> None:
+    driven = [
+        [test.id for test in rerun(folder, EmbeddedSimulator(), Planner()).tests]
+        for folder in (plain, repeated)
+    ]
+    assert driven[0] == driven[1]
+
+
+def test_repeats_are_told_where_tests_are_counted(
+    plain: Path, repeated: Path, roads: list[FloatArray]
+) -> None:
+    with CampaignStore.open(plain) as store:
+        assert (store.repeats(), store.counts().repeats) == (frozenset(), 0)
+        assert "repeat" not in store.counts().in_words()
+        failed = {test.id for test in store.tests(Outcome.FAIL)}
+    again = [*range(1, len(roads) + 1, 2), *range(1, len(roads) + 1, 10)]
+    failing = sum(number in failed for number in again)
+    with CampaignStore.open(repeated) as store:
+        counts, first = store.counts(), len(roads) + 1
+        assert store.repeats() == set(range(first, first + len(again)))
+        assert [test.id for test in store.tests(with_repeats=False)] == [*range(1, first)]
+        assert [t.id for t in store.tests(limit=3, with_repeats=False)] == [1, 2, 3]
+        added = Counts()
+        for test in store.tests():
+            added.add(test.candidate, test.outcome, test.moobd)
+    assert added == counts
+    assert (counts.repeats, counts.failing_repeats) == (len(again), failing)
+    assert counts.failures == len(failed)
+    assert f"{counts.failed} failed ({failing} repeats)" in counts.in_words()
+
+
+def candidate(**other: Any) -> Candidate:
+    return Candidate(1, np.array([0.0, 0.01, 0.0]), 10.0, Origin("random"), **other)
+
+
+def test_a_repeat_has_the_road_the_conditions_and_the_outcome_of_an_earlier_test() -> None:
+    first, flat = FirstTests(), np.array([[0.0, 0.0]])
+    assert first.add(candidate(), Outcome.PASS)
+    assert not first.add(candidate(), Outcome.PASS)
+    assert not first.add(candidate(repeat=1), Outcome.PASS)
+    # Where drives do not repeat, no failure is hidden.
+    assert first.add(candidate(), Outcome.FAIL)
+    assert first.add(candidate(conditions={"friction": 0.5, "noise": 0.1}), Outcome.PASS)
+    assert not first.add(candidate(conditions={"noise": 0.1, "friction": 0.5}), Outcome.PASS)
+    assert first.add(candidate(grade=flat), Outcome.PASS)
+    assert first.add(candidate(superelevation=flat), Outcome.PASS)
+    mirrored = Candidate(9, -candidate().curvatures, 10.0, Origin("F4"))
+    assert first.add(mirrored, Outcome.PASS)
+    straight = Candidate(1, np.zeros(3), 10.0, Origin("random"))
+    assert first.add(straight, Outcome.PASS)
+    assert not first.add(Candidate(2, -np.zeros(3), 10.0, Origin("F4")), Outcome.PASS)
+    assert first.add(Candidate(2, np.zeros(3), 5.0, Origin("random")), Outcome.PASS)
+    assert [first.add(candidate(), Outcome.DROPPED) for _ in range(2)] == [True, True]
