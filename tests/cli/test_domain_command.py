@@ -120,8 +120,7 @@ def test_a_condition_goes_where_it_belongs(frenetic: Frenetic) -> None:
     assert done.code == 0
     config = frenetic("show", "c", "--json").json["config"]["run"]
     assert config["simulator"] == "embedded,friction=0.5"
-    assert config["with"] == {"delay": 0.1}
-    assert config["speed_limit"] == 60.0
+    assert config["with"] == {"delay": 0.1, "speed": 60.0}
 
 
 def test_a_strategy_without_conditions_is_refused(frenetic: Frenetic, path: Path) -> None:
