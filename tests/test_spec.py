@@ -148,7 +148,7 @@ BARE = Part("planner", {"aggression": 1.2})  # of which nothing is made
         ),
         (
             {"layers": {"speed": 60.0}},
-            {"rules": Rules(speed_limit=60.0, stuck_time=5.0, road_limits="scaled")},
+            {"rules": RECORDED.rules.with_speed(60.0)},
         ),
     ],
 )

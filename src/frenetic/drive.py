@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, Self
 
 import numpy as np
 
@@ -40,6 +40,18 @@ class CarBody:
         return np.array([self.length, self.width, self.centre_ahead])
 
 
+class HasLimits(Protocol):
+    """A road or candidate, as far as its speed limits go."""
+
+    @property
+    def speed_limits(self) -> FloatArray | None:
+        """Speed limits, (k, 2) in m and km/h, as a `Road` has them; None for none."""
+
+    @property
+    def length(self) -> float:
+        """Length in m."""
+
+
 @dataclass(frozen=True)
 class Rules:
     """Rules for the end of a drive and for failing it."""
@@ -63,13 +75,16 @@ class Rules:
     road_limits: Literal["kept", "scaled", "ignored"] = "kept"
     """Whether a road's own speed limits are kept, scaled until the highest is `speed_limit`, or
     ignored, so that `speed_limit` holds everywhere."""
+    scaled_from: float | None = None
+    """Speed limit before limits were scaled, in km/h, which a road has where it has none of its
+    own; None if they are not scaled."""
 
     def __post_init__(self) -> None:
         take_numpy_scalars(self)
         check({"road_limits": self.road_limits}, Rules)
         for item in fields(self):
             value = getattr(self, item.name)
-            if item.name in ("criteria", "road_limits"):
+            if item.name in ("criteria", "road_limits") or value is None:
                 continue
             if not (np.isfinite(value) and value > 0.0):
                 raise ValueError(f"{item.name} is {value}: a positive number is needed")
@@ -82,22 +97,22 @@ class Rules:
         """Its fields, for JSON."""
         return asdict(self) | {"criteria": self.criteria.as_json()}
 
-    def speed_limits_on(self, road: Road) -> FloatArray:
+    def speed_limits_on(self, road: HasLimits) -> FloatArray:
         """Return the speed limits that hold along a road, (k, 2) in m and km/h, k >= 1.
 
-        Each holds from its station on, the first from 0 m.
+        Each holds from its station on, the first from 0 m. Stations beyond the road's end are left
+        out.
         """
         from frenetic.road.profile import LIMITS, merged, piece_of  # numba takes its time
 
         limits = road.speed_limits
-        if self.road_limits == "ignored" or not len(limits):
+        if self.road_limits == "ignored" or limits is None or not len(limits):
             return np.array([[0.0, self.speed_limit]])
-        limits = piece_of(LIMITS, limits, 0.0)
-        values = limits[:, 1]
+        stations, values = piece_of(LIMITS, limits, 0.0, road.length).T
+        values = np.where(values > 0.0, values, self.scaled_from or self.speed_limit)
         if self.road_limits == "scaled":
             values = values * (self.speed_limit / values.max())
-        values = np.where(values > 0.0, values, self.speed_limit)
-        return merged(np.column_stack([limits[:, 0], values]))
+        return merged(np.column_stack([stations, values]))
 
     def start_limit_on(self, road: Road) -> float:
         """Return the speed limit at a road's start, in m/s."""
@@ -105,8 +120,10 @@ class Rules:
 
     def with_speed(self, amount: float) -> Rules:
         """Return the rules with another speed limit in km/h, to which a road's own are scaled."""
-        is_ignored = self.road_limits == "ignored"
-        return replace(self, speed_limit=amount, road_limits="ignored" if is_ignored else "scaled")
+        if self.road_limits == "ignored":
+            return replace(self, speed_limit=amount)
+        base = self.scaled_from or self.speed_limit
+        return replace(self, speed_limit=amount, road_limits="scaled", scaled_from=base)
 
     def limit_in_words(self, road: Road | None = None, class_name: str = "") -> str:
         """Return which speed limit holds, and whence.
@@ -115,25 +132,33 @@ class Rules:
             road: on it; None for the roads of a search.
             class_name: name of the road class to which `speed_limit` belongs, if it does.
         """
+        from frenetic.road.profile import LIMITS, piece_of  # numba takes its time
+
         otherwise = f"{self.speed_limit:.4g} km/h"
         if self.road_limits == "kept":
             otherwise += f", of {class_name}" if class_name else ", assumed"
         else:
             otherwise += ", as given"
-        if road is None or not len(road.speed_limits) or self.road_limits == "ignored":
+        if road is None or self.road_limits == "ignored":
             return otherwise
-        values = self.speed_limits_on(road)[:, 1]
-        text = f"{values.min():.4g} to {values.max():.4g}" if np.ptp(values) else f"{values[0]:.4g}"
+        limits = piece_of(LIMITS, road.speed_limits, 0.0, road.length)[:, 1]
+        if not limits.any():
+            return otherwise
         if self.road_limits == "scaled":
-            return f"{text} km/h, the road's own, scaled" if np.ptp(values) else otherwise
-        where = (
-            f"; where it has none, {otherwise}" if (road.speed_limits[:, 1] == 0.0).any() else ""
-        )
-        return f"{text} km/h, of the road{where}"
+            values = self.speed_limits_on(road)[:, 1]
+            return f"{_range(values)}, the road's own, scaled" if np.ptp(values) else otherwise
+        where = "" if limits.all() else f"; where it has none, {otherwise}"
+        return f"{_range(limits[limits > 0.0])}, of the road{where}"
 
     def timeout(self, road_length: float) -> float:
         """Simulated seconds after which a drive on a road of `road_length` m has failed."""
         return self.timeout_base + road_length / self.timeout_speed
+
+
+def _range(limits: FloatArray) -> str:
+    """Speed limits in km/h in words, such as ``30 to 70 km/h``."""
+    low, high = float(limits.min()), float(limits.max())
+    return f"{low:.4g} to {high:.4g} km/h" if low < high else f"{low:.4g} km/h"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

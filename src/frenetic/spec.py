@@ -371,7 +371,7 @@ class Spec:
             driven = _convert(entries, DriveEntries).given()
             rules = {
                 name: getattr(other.rules, name)
-                for name in ("criteria", "speed_limit", "road_limits")
+                for name in ("criteria", "speed_limit", "road_limits", "scaled_from")
             }
             spec = spec.replaced({**driven, **rules})
         return spec.replaced(asked)
@@ -619,7 +619,7 @@ def _placed(
         if row is None or row.layer:
             layers[name] = amount
         elif row.attribute == "rules":
-            placed |= {"speed_limit": amount, "road_limits": "scaled"}
+            placed[SPEED] = amount
         elif amount != row.nothing or row.attribute in {*options, *recorded}:
             options[row.attribute] = amount
     if "layers" in given:
@@ -644,7 +644,8 @@ def _with_rules(rules: Rules, given: Mapping[str, Any]) -> Rules:
     """The rules, replaced by given ones."""
     known = {item.name for item in fields(rules)}
     try:
-        return replace(rules, **{k: v for k, v in given.items() if k in known and v is not None})
+        rules = replace(rules, **{k: v for k, v in given.items() if k in known and v is not None})
+        return rules.with_speed(given[SPEED]) if SPEED in given else rules
     except ValueError as error:
         raise FreneticError(str(error)) from None
 

@@ -523,8 +523,8 @@ def foreign_database(path: Path, application_id: int, version: int) -> bytes:
     [
         ((0, 0), "is not a campaign's database"),
         ((42, FORMAT), "is not a campaign's database"),
-        ((APPLICATION_ID, FORMAT - 1), "has format 4, .* reads format 5: use the version"),
-        ((APPLICATION_ID, FORMAT + 1), "has format 6, .* reads format 5: use the version"),
+        ((APPLICATION_ID, FORMAT - 1), "has format 5, .* reads format 6: use the version"),
+        ((APPLICATION_ID, FORMAT + 1), "has format 7, .* reads format 6: use the version"),
         (b"no database at all" * 500, "is not a database"),
         (b"", "is not a campaign's database"),
         (b"SQLite format 3\0" + b"x" * 84, "is not a"),

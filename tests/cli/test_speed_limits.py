@@ -116,6 +116,56 @@ def test_scenario_changes_its_speed_with_the_limit(frenetic: Frenetic, tmp_path:
     assert re.findall(r'TraveledDistanceCondition value="([^"]*)"', scenario) == ["147.5", "247.5"]
 
 
+@pytest.mark.parametrize(
+    ("limits", "speeds", "places"),
+    [
+        # From 20 m/s the car cannot brake to 8 1/3 m/s in 10 m, so it never drives 100 km/h.
+        ([(0, 70), (50, 100), (60, 30)], ["19.444444", "11.377365", "8.333333"], ["7.124", "47.5"]),
+        ([(0, 70), (2, 30)], ["8.333333"], []),
+    ],
+)
+def test_scenario_brakes_to_a_limit_behind_a_short_stretch(
+    frenetic: Frenetic,
+    tmp_path: Path,
+    limits: list[tuple[float, float]],
+    speeds: list[str],
+    places: list[str],
+) -> None:
+    (tmp_path / "road.json").write_text(
+        json.dumps(entries_of(Road(np.zeros(15), speed_limits=limits)))
+    )
+    out = tmp_path / "o.xodr"
+    frenetic("export", tmp_path / "road.json", "--format", "opendrive", "--out", out)
+    scenario = out.with_suffix(".xosc").read_text()
+    assert re.findall(r'AbsoluteTargetSpeed value="([^"]*)"', scenario) == ["0.0", *speeds]
+    found = [float(s) for s in re.findall(r'TraveledDistanceCondition value="([^"]*)"', scenario)]
+    assert found == sorted(found)
+    assert len(found) == len(places)
+
+
+def test_minimising_begins_with_the_road_as_it_is(frenetic: Frenetic, tmp_path: Path) -> None:
+    """The limit begins between two samples."""
+    road = Road([0, 0, 0.03, 0.03], 40.0, speed_limits=[(0, 20), (41, 100)])
+    (tmp_path / "q.json").write_text(json.dumps(entries_of(road)))
+    slippery = ("--simulator", "embedded,friction=0.25")
+    assert frenetic("drive", tmp_path / "q.json", *slippery).out.startswith("FAIL")
+    assert frenetic("minimise", tmp_path / "q.json", *slippery, "--max-drives", 20).code == 0
+
+
+def test_speed_varies_around_the_highest_limit_of_the_drive(
+    frenetic: Frenetic, tmp_path: Path
+) -> None:
+    """Where a road has no limit, that of the class or the usual one is scaled with the others."""
+    (tmp_path / "roads").mkdir()
+    road = Road(0.01 * np.sin(np.arange(12)), speed_limits=[(0, 30), (30, 0)])
+    (tmp_path / "roads" / "a.json").write_text(json.dumps(entries_of(road)))
+    run = ("run", "--from-roads", tmp_path / "roads", "--roads", "competition", "--seed", 1)
+    assert frenetic(*run, "--simulations", 1, "--out", tmp_path / "f").code == 0
+    answer = frenetic("rerun", tmp_path / "f", 1, "--times", 4, "--vary", "speed", "--json")
+    drawn = [drive["conditions"]["speed"] for drive in answer.json["tests"][0]["drives"]]
+    assert all(63.0 <= speed <= 77.0 for speed in drawn)
+
+
 def test_search_from_real_roads_drives_each_at_its_own_limit(
     frenetic: Frenetic, tmp_path: Path
 ) -> None:

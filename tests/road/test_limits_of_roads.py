@@ -47,6 +47,7 @@ def type_of(s: float, speed: str) -> str:
     ("speed", "limit"),
     [
         ('<speed max="50" unit="km/h"/>', 50.0),
+        ('<speed max="50" unit="KM/H"/>', 50.0),
         ('<speed max="30" unit="mph"/>', 48.28032),
         ('<speed max="10" unit="m/s"/>', 36.0),
         ('<speed max="10"/>', 36.0),  # the standard's own unit
@@ -64,7 +65,7 @@ def test_limit_of_a_map_is_read_in_its_unit_and_written_in_kmh(speed: str, limit
     assert text.count(f'max="{limit!r}" unit="km/h"') == 3  # the road's type, and both lanes
 
 
-@pytest.mark.parametrize("text", ["no limit", "undefined", "0"])
+@pytest.mark.parametrize("text", ["no limit", "undefined", "0", "-1", "999", "1e-9"])
 def test_road_has_no_limit_where_its_map_says_none(text: str) -> None:
     road = road_map(type_of(0, f'<speed max="{text}" unit="km/h"/>')).road()
     assert len(road.speed_limits) == 0
@@ -74,9 +75,7 @@ def test_road_has_no_limit_where_its_map_says_none(text: str) -> None:
 @pytest.mark.parametrize(
     ("speed", "words"),
     [
-        ('<speed max="50" unit="knots"/>', "unit='knots': km/h, mph, m/s are known"),
-        ('<speed max="-3" unit="km/h"/>', "max='-3': 0 to 500 km/h are needed"),
-        ('<speed max="400" unit="mph"/>', "max='400': 0 to 500 km/h are needed"),
+        ('<speed max="50" unit="knots"/>', "unit='knots': km/h, kmh, kph, mph, m/s are known"),
         ('<speed max="fast"/>', "max='fast'"),
         ('<speed max="nan"/>', "max='nan'"),
     ],
@@ -148,6 +147,7 @@ def test_limits_that_a_road_cannot_have_are_refused() -> None:
     for limits, words in (
         ([(0, 600)], "at most 500"),
         ([(0, -5)], "speed_limits is -5 km/h: at least 0"),
+        ([(0, 0.5)], "speed_limits is 0.5 km/h: at least 1 is needed, or 0"),
         ([(10, 50), (0, 30)], "ascend"),
         ([50, 30], "shape"),
     ):
@@ -156,13 +156,34 @@ def test_limits_that_a_road_cannot_have_are_refused() -> None:
 
 
 def test_rules_keep_scale_or_ignore_the_limits_of_a_road() -> None:
-    road = Road(np.zeros(21), speed_limits=[(20, 50), (100, 100), (150, 0)])
+    road = Road(np.zeros(21), speed_limits=[(20, 50), (100, 100), (150, 0), (200, 5), (900, 300)])
     kept = Rules(speed_limit=80.0)
     assert kept.speed_limits_on(road).tolist() == [[0, 80], [20, 50], [100, 100], [150, 80]]
     scaled = kept.with_speed(60.0)
-    assert scaled.speed_limits_on(road).tolist() == [[0, 60], [20, 30], [100, 60]]
+    assert scaled.speed_limits_on(road).tolist() == [[0, 48], [20, 30], [100, 60], [150, 48]]
+    assert np.allclose(
+        scaled.with_speed(80.0).speed_limits_on(road), [[0, 64], [20, 40], [100, 80], [150, 64]]
+    )
     ignored = Rules(speed_limit=60.0, road_limits="ignored")
     assert ignored.speed_limits_on(road).tolist() == [[0, 60]]
     assert ignored.with_speed(40.0).speed_limits_on(road).tolist() == [[0, 40]]
     with pytest.raises(ValueError, match="road_limits is 'no'"):
         Rules(road_limits="no")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("limits", "text"),
+    [
+        ([], "70 km/h, assumed"),
+        ([(0, 0)], "70 km/h, assumed"),
+        ([(0, 30)], "30 km/h, of the road"),
+        ([(0, 30), (500, 120)], "30 km/h, of the road"),
+        ([(0, 30), (500, 0)], "30 km/h, of the road"),
+        ([(0, 30), (60, 90)], "30 to 90 km/h, of the road"),
+        ([(60, 30)], "30 km/h, of the road; where it has none, 70 km/h, assumed"),
+    ],
+)
+def test_words_name_the_limits_that_a_car_meets(
+    limits: list[tuple[float, float]], text: str
+) -> None:
+    assert Rules().limit_in_words(Road(np.zeros(15), speed_limits=limits)) == text

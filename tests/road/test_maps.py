@@ -247,6 +247,27 @@ def test_roads_that_just_miss_each_other_are_joined_and_it_is_said(
     assert np.abs(stretch.road.curvatures).max() < 1.0 / 140.0
 
 
+def test_short_road_between_two_joints_is_judged_as_the_map_has_it() -> None:
+    """The blend of the first joint moves its end, which is no gap of the second one."""
+    heading = math.radians(1.9)
+    end = 100.0 + 0.5 * math.cos(heading), 0.5 * math.sin(heading)
+    third = road(3, end[0], heading, 100.0).replace('y="0"', f'y="{end[1]}"')
+    roads = road(1, 0.0, 0.0, 100.0), road(2, 100.0, heading, 0.5), third
+    (stretch,) = RoadMap(foreign(*roads)).stretches("1,2,3")
+    assert stretch.notes == (
+        "road 2 begins 0.0 cm and 1.9 degrees off the end of road 1: joined by a blend over 10 m",
+    )
+    assert stretch.road.length == pytest.approx(200.5, abs=0.02)
+    steps = np.hypot(*np.diff(stretch.road.points, axis=0).T)
+    assert steps == pytest.approx(np.full(len(steps), stretch.road.step), rel=1e-3)
+
+
+@pytest.mark.parametrize("gap", [0.05, -0.05])
+def test_gap_of_five_centimetres_is_joined(gap: float) -> None:
+    (stretch,) = joined_map(gap, 0.0, 0.0).stretches("1,2")
+    assert "joined by a blend" in stretch.notes[0]
+
+
 @pytest.mark.parametrize(("gap", "turn"), [(0.06, 0.0), (0.0, 2.1), (160.0, 0.0)])
 def test_linked_roads_that_do_not_meet_are_driven_apart_and_it_is_said(
     gap: float, turn: float

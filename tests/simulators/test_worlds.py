@@ -65,7 +65,9 @@ def test_the_simulator_is_as_before_afterwards_even_if_the_drive_broke() -> None
     def break_there() -> None:
         with in_conditions(world, simulator, Planner()):
             assert simulator.friction == 0.5
-            assert simulator.rules == Rules(stuck_time=7.0, speed_limit=30.0, road_limits="scaled")
+            assert simulator.rules == Rules(
+                stuck_time=7.0, speed_limit=30.0, road_limits="scaled", scaled_from=70.0
+            )
             raise RuntimeError
 
     with pytest.raises(RuntimeError):

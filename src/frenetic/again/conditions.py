@@ -82,10 +82,9 @@ class Variation:
 
 def own_conditions(road: Candidate, rules: Rules) -> Conditions:
     """The conditions of a test, with the highest speed limit of a road that has some."""
-    limits = road.speed_limits
-    if limits is None or not len(limits) or rules.road_limits == "ignored":
+    if road.speed_limits is None or not len(road.speed_limits) or rules.road_limits == "ignored":
         return road.conditions
-    return {SPEED: float(limits[:, 1].max()), **road.conditions}
+    return {SPEED: float(rules.speed_limits_on(road)[:, 1].max()), **road.conditions}
 
 
 def draw_conditions(

@@ -127,6 +127,8 @@ class Minimising(Strategy):
         rules: by which drives fail.
         conditions: in which it fails.
         usual: what is usual of these, as far as it is known.
+        speed_limits: those of the failing road, (k, 2) in m and km/h. In smaller ones a limit
+            begins at a sample.
     """
 
     BEHAVIOUR: Final = 2
@@ -138,8 +140,10 @@ class Minimising(Strategy):
         rules: Rules,
         conditions: Conditions,
         usual: Conditions,
+        speed_limits: FloatArray | None = None,
     ) -> None:
         self.options = {"curvatures": list(start.values), "step": start.step}
+        self._start, self._limits = start, speed_limits
         if start.slopes:
             self.options["slopes"] = [list(pair) for pair in start.slopes]
         if conditions:
@@ -181,6 +185,8 @@ class Minimising(Strategy):
             for name, column in zip(profile.NAMES, zip(*shape.slopes, strict=True), strict=False)
             if any(column)
         }
+        if shape == self._start and self._limits is not None:
+            profiles[profile.LIMITS] = self._limits
         origin = Origin(OPERATOR)
         own: dict[str, Any] = {"conditions": self._conditions_on(shape), **profiles}
         candidate = self._ledger.issue(values, shape.step, origin, notes=notes, **own)
@@ -444,7 +450,8 @@ def minimise(
         )
     )
     usual = usual_conditions(conditions, tester.simulator)
-    strategy = Minimising(start, tester.simulator.rules, conditions, usual)
+    limits = road.speed_limits if len(road.speed_limits) else None
+    strategy = Minimising(start, tester.simulator.rules, conditions, usual, limits)
     budget, trouble = Budget(simulations=max_drives, time=seconds), None
     with TemporaryDirectory() as temporary:
         campaign = campaign_again(
@@ -466,7 +473,7 @@ def minimise(
             trouble = str(error)
         with CampaignStore.open(campaign.folder) as store:
             if strategy.shrinker is None:  # nothing was left to be driven
-                strategy = Minimising(start, tester.simulator.rules, conditions, usual)
+                strategy = Minimising(start, tester.simulator.rules, conditions, usual, limits)
                 replay(store, strategy, budget, Objective.load(CAUSE))
             return _minimised(store, strategy, max_drives, trouble, before)
 

@@ -18,6 +18,8 @@ from typing import Final, TypeAlias, TypeVar
 
 import numpy as np
 
+from frenetic.road.profile import LIMITS, NAMES
+
 T = TypeVar("T")
 Values: TypeAlias = tuple[float, ...]
 
@@ -31,7 +33,7 @@ _SHARPER: Final = 1.25
 """Factor on all curvatures when a sample is dropped."""
 _BEND: Final = 0.03
 """Bend on one curvature when the first sample is dropped, in 1/m."""
-_LIMIT: Final = 3
+_LIMIT: Final = NAMES.index(LIMITS)
 """Place of the speed limit among `Shape.slopes`."""
 CUT_BEHIND: Final = "cut behind"
 """Name of what comes before the passes."""

@@ -109,13 +109,19 @@ def _limits_in_words(stretches: Sequence[Candidate], tester: RoadTester) -> str:
     rules, class_name = tester.simulator.rules, getattr(tester.road_class, "name", "")
     if rules.road_limits == "ignored":
         return f"speed limit {rules.limit_in_words()}"
-    steps = [profile.NOTHING if s is None else s for s in (r.speed_limits for r in stretches)]
+    steps = [
+        profile.piece_of(profile.LIMITS, road.speed_limits, 0.0, road.length)
+        for road in stretches
+        if road.speed_limits is not None
+    ]
     limits = [float(limit) for pairs in steps for limit in pairs[:, 1] if limit > 0.0]
-    count = sum(not len(pairs) or not (pairs[:, 1] > 0.0).all() for pairs in steps)
+    count = len(stretches) - sum(len(pairs) > 0 and bool(pairs[:, 1].all()) for pairs in steps)
     assumed = rules.limit_in_words(class_name=class_name)
     if not limits:
         return f"no file says a speed limit: {assumed}"
     text = f"speed limits of the files: {min(limits):.4g} to {max(limits):.4g} km/h"
+    if rules.road_limits == "scaled":
+        text += f", scaled until the highest of a road is {rules.speed_limit:.4g} km/h"
     return f"{text}; where {count} of them say none, {assumed}" if count else text
 
 

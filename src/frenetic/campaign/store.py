@@ -58,7 +58,7 @@ from frenetic.search.records import Candidate
 
 DATABASE: Final = "campaign.sqlite"
 """Name of the database in a campaign's folder."""
-FORMAT: Final = 5
+FORMAT: Final = 6
 """Format of the database (`PRAGMA user_version`); another one is refused."""
 APPLICATION_ID: Final = int.from_bytes(b"FrnC")
 """Mark of our campaigns among SQLite files (`PRAGMA application_id`)."""

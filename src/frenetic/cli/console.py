@@ -26,6 +26,7 @@ from frenetic._support.words import (
 )
 from frenetic.cli import Invocation, silence
 from frenetic.criteria import DRIVER, LANE, quantity
+from frenetic.quantities import SPEED
 
 if TYPE_CHECKING:
     from frenetic.analysis import Clusters
@@ -333,6 +334,23 @@ def limit_in_words(
 
     class_name = "" if terms.road_class is None else terms.road_class.name
     return rules_in(conditions, terms.rules).limit_in_words(road, class_name)
+
+
+def limit_of_search(terms: Setting | Spec, from_roads: object) -> str:
+    """The speed limit of a search's roads in words, and whence it is.
+
+    Args:
+        terms: of the search.
+        from_roads: folder of the real roads from which it starts; None for none.
+    """
+    domain, rules = terms.domain, terms.rules
+    if domain is not None and SPEED in domain.conditions:
+        return f"drawn from {domain.name}"
+    limit = limit_in_words(terms)
+    if from_roads is None or rules.road_limits == "ignored":
+        return limit
+    how = "" if rules.road_limits == "kept" else f", scaled to {rules.speed_limit:.4g} km/h"
+    return f"that of each real road{how}; of other roads {limit}"
 
 
 def facts_of_drive(

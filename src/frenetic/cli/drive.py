@@ -184,17 +184,21 @@ def _of_file(
     if dry:
         verdict = file.check_validity(spec.map_size, spec.road_class)
     if fitted is None:
-        verdict = Verdict(False, f"{verdict.message}; {_larger_map(file, road, spec.map_size)}")
+        verdict = Verdict(False, f"{verdict.message}; {_larger_map(file, road, spec)}")
     name = str(path) if test_id is None else f"{path} {test_id}"
     return spec, [Asked(name, fitted or road, verdict, recorded=file.entries.get("driver"))]
 
 
-def _larger_map(file: RoadFile, road: Road, map_size: float) -> str:
+def _larger_map(file: RoadFile, road: Road, spec: Spec) -> str:
     """What to do with a road that does not fit the map."""
     if file.map_road is not None:
         return f"--road {shell(file.map_road)} drives it where it lies"
-    while road.fitted(map_size) is None:
+    map_size = spec.map_size
+    while (fitted := road.fitted(map_size)) is None:
         map_size += 100.0
+    verdict = fitted.check_validity(map_size, spec.road_class)
+    if not verdict.valid:
+        return f"on one of {map_size:g} m, which has room for it, it is refused: {verdict.message}"
     return f"--map-size {map_size:g} has room for it"
 
 
@@ -254,7 +258,7 @@ def _driven(
     from frenetic.description import describe
     from frenetic.oracle import Result, judge, measures_json
     from frenetic.outcome import Outcome
-    from frenetic.simulators.worlds import in_conditions
+    from frenetic.simulators.worlds import in_conditions, rules_in
 
     driver, simulator = spec.make_parts(isolate=True)
     documents: list[dict[str, Any]] = []
@@ -285,6 +289,9 @@ def _driven(
             document = {
                 "road": asked.name,
                 "length": road.length,
+                "speed_limits": rules_in(asked.conditions, spec.rules)
+                .speed_limits_on(road)
+                .tolist(),
                 **result.as_json(),
                 "driver": describe(driver),
                 "simulator": describe(simulator),

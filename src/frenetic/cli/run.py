@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import click
 
-from frenetic.cli.console import limit_in_words
+from frenetic.cli.console import limit_of_search
 from frenetic.cli.options import (
     DURATION,
     as_usage_error,
@@ -108,19 +108,12 @@ def run(
     workers = entries.workers if workers is None else workers
     spec = _with_search(context, spec)
     campaign = make_campaign(spec, new_folder() if out is None else out, workers)
+    limit = limit_of_search(spec, spec.from_roads)
     text = (
         f"Searching with {spec.strategy.word} for roads on which {spec.driver.word} fails"
-        f" in {spec.simulator.word}, seed {spec.seed}; speed limit {_limit(spec)}"
+        f" in {spec.simulator.word}, seed {spec.seed}; speed limit {limit}"
     )
     search(campaign, campaign.run, text, as_json, spec.seed, fail_on_failure=fail_on_failure)
-
-
-def _limit(spec: Spec) -> str:
-    """The speed limit of a search's roads in words, and whence it is."""
-    limit = limit_in_words(spec)
-    if spec.from_roads is None or spec.rules.road_limits == "ignored":
-        return limit
-    return f"that of each real road; of other roads {limit}"
 
 
 def _objective(context: click.Context, spec: Spec, of_file: str | None) -> str:

@@ -17,6 +17,7 @@ from frenetic.cli.console import (
     facts_of_drive,
     first_error,
     limit_in_words,
+    limit_of_search,
     print_causes,
     print_facts,
     print_failures,
@@ -229,7 +230,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
         return
     budget, rate = _budget(store), Estimate.read(store.folder)
     rules, error = setting.rules, first_error(store)
-    limit = limit_in_words(setting)
+    limit = limit_of_search(setting, config.get("from_roads"))
     print_facts(
         [
             ("campaign", str(store.folder)),

@@ -7,13 +7,15 @@ simulator. The same road always gives the same bytes; the date, which the format
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from itertools import pairwise
 from typing import Final
 from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
 
+from frenetic._support.arrays import FloatArray
 from frenetic.road import Road
+from frenetic.road.profile import LIMITS, piece_of
 from frenetic.simulators import Rules
 from frenetic.simulators.embedded import Vehicle
 from frenetic.simulators.observing import in_metres_per_second
@@ -47,9 +49,8 @@ def to_openscenario(
         rules: the speed limit, how near the goal counts as there, and how long a drive may take.
     """
     rules = rules or Rules()
-    limits = in_metres_per_second(rules.speed_limits_on(road)).tolist()
-    speed = limits[0][1]
     start, goal = min(START, 0.25 * road.length), max(road.length - END, 0.75 * road.length)
+    (_, speed), *changes = _speeds(rules.speed_limits_on(road), start, goal)
     at_once = _later_than(0.0)
     arrived = (
         '<ByEntityCondition><TriggeringEntities triggeringEntitiesRule="any">'
@@ -74,14 +75,14 @@ def to_openscenario(
         "take the route": ("parallel", route, at_once),
         "speed up": ("parallel", _speed(speed, "linear", speed / ACCELERATION), at_once),
     }
-    for (_, before), (place, after) in pairwise(limits):
-        if start < place < goal:
-            # To a lower limit it brakes before.
-            braking = max(before**2 - after**2, 0.0) / (2.0 * ACCELERATION)
-            change = _speed(after, "linear", abs(after - before) / ACCELERATION)
-            driven = max(place - braking - start, 0.0)
-            name = f"speed limit from {place:g} m on"
-            events[name] = "overwrite", change, _driven_farther_than(driven)
+    before = speed
+    for place, after in changes:
+        # To a lower limit it brakes before.
+        braking = max(before**2 - after**2, 0.0) / (2.0 * ACCELERATION)
+        change = _speed(after, "linear", abs(after - before) / ACCELERATION)
+        name = f"speed limit from {_number(place)} m on"
+        events[name] = "overwrite", change, _driven_farther_than(place - braking - start)
+        before = after
     maneuver = "".join(
         f'<Event name="{name}" priority="{priority}"><Action name="{name}"><PrivateAction>{action}'
         f"</PrivateAction></Action>{_trigger('Start', {name: condition})}</Event>"
@@ -104,6 +105,26 @@ def to_openscenario(
     ElementTree.indent(root)
     text = ElementTree.tostring(root, encoding="unicode")
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
+
+
+def _speeds(limits: FloatArray, start: float, goal: float) -> list[tuple[float, float]]:
+    """The speeds that keep limits between two places: m along the road and m/s, from there on.
+
+    A short stretch is driven no faster than the car can brake to the limit behind it.
+
+    Args:
+        limits: (k, 2) in m and km/h.
+        start: m.
+        goal: m.
+    """
+    steps = in_metres_per_second(piece_of(LIMITS, limits, start, goal)).tolist()
+    speeds: list[tuple[float, float]] = []
+    for place, limit in reversed([(start + place, limit) for place, limit in steps]):
+        if speeds:
+            end, after = speeds[0]
+            limit = min(limit, math.sqrt(after**2 + 2.0 * ACCELERATION * (end - place)))
+        speeds.insert(0, (place, limit))
+    return speeds
 
 
 def _printable(text: str) -> str:

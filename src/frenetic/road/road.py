@@ -53,6 +53,8 @@ MAX_GRADE = 0.5
 """Steepest slope along a road in either direction."""
 MAX_WIDENING = 100.0
 """Largest widening of a lane, in m."""
+MIN_SPEED_LIMIT = 1.0
+"""Lowest speed limit, in km/h."""
 MAX_SPEED_LIMIT = 500.0
 """Highest speed limit, in km/h."""
 POINT_SPACING = 2.0
@@ -155,6 +157,12 @@ class Road:
         for name, unit in (("widening", "m"), (profile.LIMITS, "km/h")):
             if (least := getattr(self, name)[:, 1].min(initial=0.0)) < 0.0:
                 raise RoadError(f"{name} is {least:g} {unit}: at least 0 is needed")
+        limits = self.speed_limits[:, 1]
+        if (low := limits[(limits > 0.0) & (limits < MIN_SPEED_LIMIT)]).size:
+            raise RoadError(
+                f"{profile.LIMITS} is {low[0]:g} km/h: at least {MIN_SPEED_LIMIT:g} is needed, or 0"
+                " for none"
+            )
 
     @classmethod
     def from_points(cls, points: npt.ArrayLike, *, lane_width: float = 4.0) -> Road:

@@ -73,7 +73,8 @@ class Candidate:
     widening: FloatArray | None = None
     """Likewise, (k, 2); None for lanes of one width, or as the campaign's road class has it."""
     speed_limits: FloatArray | None = None
-    """Likewise, (k, 2); None for a road without a speed limit of its own."""
+    """Speed limits of the road, (k, 2) in m and km/h, each from its station on; None for a road
+    without a limit of its own."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "curvatures", _read_only(self.curvatures))

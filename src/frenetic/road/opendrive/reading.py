@@ -44,6 +44,7 @@ from frenetic.road.road import (
     MAX_SAMPLES,
     MAX_SPEED_LIMIT,
     MIN_DISTANCE,
+    MIN_SPEED_LIMIT,
     Pose,
     Road,
 )
@@ -58,6 +59,8 @@ KINK: Final = 0.01
 """Largest change of heading from the end of one geometry to the start of the next, in rad."""
 TURN: Final = math.radians(2.0)
 """Largest change of heading from the end of a road to the start of the next, in rad."""
+ROUNDING: Final = 1e-6
+"""Difference that is due to rounding, in m or rad; 5 cm between two decimals are up to 5 cm."""
 BLEND: Final = 5.0
 """Length on either side of a gap over which it is blended, in m."""
 ROUNDED: Final = range(2, 5)
@@ -91,7 +94,7 @@ _DRAWN: Final = frozenset(
     ]
 )
 """Elements that say where lanes run."""
-_UNITS: Final = {"km/h": 1.0, "mph": 1.609344, "m/s": 3.6}
+_UNITS: Final = {"km/h": 1.0, "kmh": 1.0, "kph": 1.0, "mph": 1.609344, "m/s": 3.6}
 """Unit of a speed -> km/h; OpenDRIVE's own is m/s."""
 _NO_LIMIT: Final = ("", "no limit", "undefined")
 """Texts in place of a speed."""
@@ -222,18 +225,20 @@ class RoadMap:
             with _naming(element):
                 notes: list[str] = []
                 if runs and before is not None and not start:
-                    joint = _nearest_lane(element, runs[-1].line)
+                    joint = _nearest_lane(element, runs[-1].end)
                     notes = _joint_notes(before, element, joint)
                     if joint is not None and joint.is_joined:
                         runs[-1].ids.append(road_id)
                         runs[-1].line = _joined_roads(runs[-1].line, joint)
+                        runs[-1].end = joint.line[-1]
                         runs[-1].notes += notes
                         continue
                 first = _first_lane(element) if lane is None else lane
-                runs.append(_Run([road_id], start, _lane_line(element, first), notes))
+                line = _lane_line(element, first)
+                runs.append(_Run([road_id], start, line, line[-1], notes))
         stretches = []
         for run in runs:
-            with _naming(self._element(run.ids[0])):
+            with _naming(*map(self._element, run.ids)):
                 skipped = _station(run.start, run.line[-1, DISTANCE]) if run.start else 0.0
                 row = int(np.searchsorted(run.line[:, DISTANCE], skipped - 1e-9))
                 rest = run.line[row:].copy()
@@ -320,12 +325,13 @@ def _short(text: str) -> str:
 
 
 @contextmanager
-def _naming(road: Element) -> Iterator[None]:
-    """Names the road in errors."""
+def _naming(*roads: Element) -> Iterator[None]:
+    """Names the roads in errors."""
     try:
         yield
     except RoadError as error:
-        raise RoadError(f"road {_short(quoted_id(road.get('id', '')))}: {error}") from None
+        names = _short(",".join(quoted_id(road.get("id", "")) for road in roads))
+        raise RoadError(f"road {names}: {error}") from None
 
 
 # XML
@@ -544,17 +550,17 @@ def _concatenated(
         turn = math.remainder(part[0, HEADING] - end[HEADING], math.tau)
         c, s = math.cos(end[HEADING] + 0.5 * turn), math.sin(end[HEADING] + 0.5 * turn)
         along, aside = dx * c + dy * s, dy * c - dx * s
-        if abs(along) > GAP:
+        if abs(along) > GAP + ROUNDING:
             raise RoadError(
                 f"the reference line jumps by {abs(along):.3f} m {place}: at most {GAP:g} m along"
                 " it is mended"
             )
-        if abs(aside) > STEP_ASIDE:
+        if abs(aside) > STEP_ASIDE + ROUNDING:
             raise RoadError(
                 f"the reference line jumps sideways by {abs(aside):.3f} m {place}: at most"
                 f" {STEP_ASIDE:g} m is mended"
             )
-        if abs(turn) > kink:
+        if abs(turn) > kink + ROUNDING:
             raise RoadError(
                 f"the reference line has a kink of {math.degrees(turn):.1f} degrees {place}: a"
                 " road has none"
@@ -636,6 +642,8 @@ class _Run:
     start: str
     """Text of the m at which the stretch begins; empty for none."""
     line: FloatArray
+    end: FloatArray
+    """End of the last road's own line, which a blend may have moved."""
     notes: list[str]
 
 
@@ -653,7 +661,7 @@ class _Joint:
     @property
     def is_joined(self) -> bool:
         """Whether a blend may join them."""
-        return self.gap <= GAP and abs(self.turn) <= TURN
+        return self.gap <= GAP + ROUNDING and abs(self.turn) <= TURN + ROUNDING
 
     @property
     def text(self) -> str:
@@ -662,16 +670,16 @@ class _Joint:
         return f"{gap} and {math.degrees(abs(self.turn)):.1f} degrees"
 
 
-def _nearest_lane(road: Element, before: FloatArray) -> _Joint | None:
-    """The lane of a road that begins nearest to where a lane ends; None if none can be driven."""
+def _nearest_lane(road: Element, end: FloatArray) -> _Joint | None:
+    """The lane of a road that begins nearest to the end of one; None if none can be driven."""
     joints = []
     for lane in _entered(road):
         try:
             line = _lane_line(road, int(_number(lane, "id")))
         except RoadError:
             continue
-        gap = float(np.hypot(*(line[0, X:HEADING] - before[-1, X:HEADING])))
-        turn = math.remainder(line[0, HEADING] - before[-1, HEADING], math.tau)
+        gap = float(np.hypot(*(line[0, X:HEADING] - end[X:HEADING])))
+        turn = math.remainder(line[0, HEADING] - end[HEADING], math.tau)
         joints.append(_Joint(line, gap, turn))
     return min(joints, key=lambda joint: (not joint.is_joined, joint.gap), default=None)
 
@@ -688,7 +696,10 @@ def _joint_notes(before: Element, road: Element, joint: _Joint | None) -> list[s
     if not (_is_linked(before, road) or _is_linked(road, before)):
         return []
     limit = f"{100.0 * GAP:g} cm and {math.degrees(TURN):g} degrees"
-    return [f"{misses}, which links to it: up to {limit} are joined, so it is driven on its own"]
+    return [
+        f"{misses}; the two are linked, but only up to {limit} are joined, so road {names[1]} is"
+        " driven on its own"
+    ]
 
 
 def _is_linked(road: Element, other: Element) -> bool:
@@ -705,21 +716,23 @@ def _joined_roads(before: FloatArray, joint: _Joint) -> FloatArray:
     """A lane's line (n, 10) and the one that continues it, joined by a blend."""
     line, end = joint.line.copy(), before[-1].copy()
     gap = line[0, X:HEADING] - end[X:HEADING]
-    normal = end[HEADING] + 0.5 * joint.turn
+    # From where the blend of a joint before may have moved the end.
+    turn = math.remainder(line[0, HEADING] - end[HEADING], math.tau)
+    normal = end[HEADING] + 0.5 * turn
     line[:, DISTANCE] += end[DISTANCE]
-    line[:, HEADING] += end[HEADING] + joint.turn - line[0, HEADING]
+    line[:, HEADING] += end[HEADING] + turn - line[0, HEADING]
     row = len(before)
     line = np.concatenate([before, line[1:]])
-    is_kink = abs(joint.turn) > KINK
+    is_kink = abs(turn) > KINK
     if is_kink:
         # An arc of BLEND m on either side cuts the corner.
         p = np.clip(line[:, DISTANCE] - end[DISTANCE], -BLEND, BLEND)
-        aside = joint.turn * ((p**2 + BLEND**2) / (4.0 * BLEND) - 0.5 * np.abs(p))
+        aside = turn * ((p**2 + BLEND**2) / (4.0 * BLEND) - 0.5 * np.abs(p))
         side = np.where(np.arange(len(line)) < row, 0.5, -0.5)
-        slope = joint.turn * np.where(np.abs(p) < BLEND, 0.5 * p / BLEND + side, 0.0)
+        slope = turn * np.where(np.abs(p) < BLEND, 0.5 * p / BLEND + side, 0.0)
         left = np.array([-math.sin(normal), math.cos(normal)])
         _move(line, np.outer(aside, left), np.outer(slope, left))
-    is_gap = joint.gap > MIN_DISTANCE
+    is_gap = float(np.hypot(*gap)) > MIN_DISTANCE
     if is_gap:
         _close_gaps(line, [row], [tuple(gap.tolist())])
     if is_kink or is_gap:
@@ -865,22 +878,18 @@ def _limits(road: Element, lane: int) -> FloatArray:
 
 
 def _limit(speed: Element | None) -> float:
-    """The limit that a ``speed`` says, in km/h; 0 for none.
+    """The limit that a ``speed`` says, in km/h; 0 for none, or one that no road has.
 
     Raises:
-        RoadError: it has another unit, or is no speed.
+        RoadError: it has another unit, or is no number.
     """
     if speed is None or speed.get("max", "") in _NO_LIMIT:
         return 0.0
-    unit = speed.get("unit", "m/s")
+    unit = speed.get("unit", "m/s").strip().lower()
     if unit not in _UNITS:
         raise RoadError(f"a <speed> has unit={unit[:40]!r}: {', '.join(_UNITS)} are known")
-    limit = _UNITS[unit] * _number(speed, "max", most=MAX_SPEED_LIMIT)
-    if not 0.0 <= limit <= MAX_SPEED_LIMIT:
-        raise RoadError(
-            f"a <speed> has max={speed.get('max')!r:.40}: 0 to {MAX_SPEED_LIMIT:g} km/h are needed"
-        )
-    return limit
+    limit = _UNITS[unit] * _number(speed, "max")
+    return limit if MIN_SPEED_LIMIT <= limit <= MAX_SPEED_LIMIT else 0.0
 
 
 def _check_shape(road: Element, *, is_level: bool) -> None:
