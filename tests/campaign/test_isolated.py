@@ -207,7 +207,7 @@ DEEDS = {
 def test_what_a_driver_does_to_its_process_is_its_failure(
     marks: Marks, tmp_path: Path, workers: int
 ) -> None:
-    strategy = Straight(8, 9)
+    strategy = Straight(8, 9, 10)
     strategy.expects_failures = True  # type: ignore[misc]  # so none is driven a second time
     search = campaign(
         tmp_path / "c",

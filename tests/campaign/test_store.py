@@ -133,6 +133,7 @@ FULL = Test(
         superelevation=np.array([[0.0, 0.025], [30.0, -0.06]]),
         grade=np.array([[-0.0, np.nextafter(0.04, 1.0)]]),
         widening=np.array([[5.0, 0.25]]),
+        speed_limits=np.array([[0.0, 50.0]]),
     ),
     attempt=Attempt(
         1,

@@ -132,7 +132,13 @@ def test_a_campaign_of_objects_writes_none(tmp_path: Path) -> None:
 
 @given(
     specs(
-        rules=st.builds(Rules, speed_limit=st.floats(1.0, 1e3), oob_tolerance=st.floats(0.01, 1.0)),
+        rules=st.builds(Rules, oob_tolerance=st.floats(0.01, 1.0))
+        | st.builds(
+            Rules,
+            speed_limit=st.floats(1.0, 1e3),
+            oob_tolerance=st.floats(0.01, 1.0),
+            road_limits=st.just("ignored"),
+        ),
         wall_limit=st.none() | positive,
         objective=texts.filter(bool),
         start_from=st.lists(st.builds(EarlierCampaign, texts), max_size=2).map(tuple),

@@ -259,11 +259,11 @@ def test_roads_of_a_class_come_with_their_slopes(sloping: Path, searched: Path) 
         for drive in page.data["drives"]:
             road, shown = store.test(drive["id"]).road, drive["road"]
             assert shown["words"] == road.in_words()
-            for name in profile.NAMES:
+            for name in profile.SHAPES:
                 assert shown[name] == pytest.approx(getattr(road, name), abs=1e-5)
     assert "urban-50, 50 km/h" in (sloping / "report.html").read_text(encoding="utf-8")
     for drive in page_of(searched / "report.html").data["drives"]:
-        assert not drive["road"].keys() & {*profile.NAMES}
+        assert not drive["road"].keys() & {*profile.SHAPES}
 
 
 def test_the_worst_record_of_a_drive_is_kept() -> None:
@@ -412,7 +412,6 @@ def test_minimised_roads_are_shown(copied: tuple[Path, list[int]]) -> None:
         line, place = drive["road"], drive["departure"]["distance"]
         where = place_in_words(np.array(line["curvatures"]), line["step"], place)
         assert f" {where}, " in drive["happens"], "the text is about the road in the picture"
-    assert drives[first]["happens"] != short["drive"]["happens"]
     assert (drives[second]["minimised"], drives[third]["minimised"]) == (None, None)
     assert (drives[first]["road_file"], drives[second]["road_file"]) == (None, road)
     document = json.loads((folder / small).read_text())

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Final, Literal, Self, TypeAlias
+from typing import Annotated, Final, Self, TypeAlias
 
 import msgspec
 import numpy as np
@@ -45,8 +45,6 @@ class Terms(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """m."""
     map_size: Positive = 200.0
     """m."""
-    road_limits: Literal["kept", "scaled", "ignored"] = "kept"
-    """What becomes of roads' own speed limits, see `frenetic.drive.Rules`."""
 
     @classmethod
     def of(cls, spec: Spec) -> Self:
@@ -56,7 +54,6 @@ class Terms(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
             oob_tolerance=spec.rules.oob_tolerance,
             lane_width=spec.lane_width,
             map_size=spec.map_size,
-            road_limits=spec.rules.road_limits,
         )
 
     def spec(self) -> Spec:
@@ -66,11 +63,7 @@ class Terms(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
             FreneticError: the rules are out of range.
         """
         try:
-            rules = Rules(
-                speed_limit=self.speed_limit,
-                oob_tolerance=self.oob_tolerance,
-                road_limits=self.road_limits,
-            )
+            rules = Rules(speed_limit=self.speed_limit, oob_tolerance=self.oob_tolerance)
         except ValueError as error:
             raise FreneticError(str(error)) from None
         return Spec(rules=rules, lane_width=self.lane_width, map_size=self.map_size)
@@ -159,7 +152,6 @@ def _campaign(folder: Path, given: Terms | None) -> _Source:
             oob_tolerance=setting.rules.oob_tolerance,
             lane_width=setting.lane_width,
             map_size=setting.map_size,
-            road_limits=setting.rules.road_limits,
         )
         for test in store.tests(with_trajectory=True):
             drive = test.drive
@@ -168,6 +160,8 @@ def _campaign(folder: Path, given: Terms | None) -> _Source:
                 continue
             states = states_of(drive, assess(test.road, drive, has_shares=False))
             road = replace(test.road, lane_width=terms.lane_width)
+            if len(road.speed_limits):
+                road = replace(road, speed_limits=drive.rules.speed_limits_on(road))
             drives.append(_recorded(road, states, test.outcome, str(folder)))
     return terms, drives
 
