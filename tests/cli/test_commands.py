@@ -353,6 +353,52 @@ def test_linear_algebra_takes_one_thread_unless_the_user_wants_more(tmp_path: Pa
         assert done.splitlines()[-1].startswith(said)
 
 
+PRESSES_CTRL_C: Final = """
+import os
+import signal
+import sys
+
+
+class PressesCtrlC:
+    def find_spec(self, name, path=None, target=None):
+        if name == os.environ["PRESS_AT"]:
+            sys.meta_path.remove(self)
+            signal.raise_signal(signal.SIGINT)
+
+
+sys.meta_path.insert(0, PressesCtrlC())
+"""
+
+
+@pytest.mark.parametrize("module", ["frenetic.cli", "click", "frenetic.errors", "rich.console"])
+@pytest.mark.parametrize(
+    "program", [("-m", "frenetic"), ("-c", "from frenetic.__main__ import main; main()")]
+)
+def test_ctrl_c_while_the_command_line_is_imported_is_one_line(
+    tmp_path: Path, program: tuple[str, str], module: str
+) -> None:
+    (tmp_path / "sitecustomize.py").write_text(PRESSES_CTRL_C)
+    done = subprocess.run(
+        [sys.executable, *program, "list", "drivers"],
+        env=os.environ | {"PYTHONPATH": str(tmp_path), "PRESS_AT": module},
+        capture_output=True,
+        text=True,
+    )
+    assert (done.returncode, done.stdout) == (130, "")
+    assert done.stderr.split() == ["frenetic:", "interrupted"]
+
+
+def test_the_program_imports_nothing_before_it_can_answer_ctrl_c() -> None:
+    code = (
+        "import sys\n"
+        "before = set(sys.modules)\n"
+        "import frenetic.__main__\n"
+        "print(sorted(set(sys.modules) - before))"
+    )
+    done = subprocess.check_output([sys.executable, "-c", code], text=True)
+    assert done.strip() == "['frenetic', 'frenetic.__main__']"
+
+
 TALKS: Final = """
 print("imported")
 
