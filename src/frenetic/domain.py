@@ -23,7 +23,6 @@ the end of their names, such as ``.yaml``: a function of the path that returns t
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
@@ -38,6 +37,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Finite, Positive, Share, check
 from frenetic._support.entry_points import imported, installed
 from frenetic._support.files import read_bounded
+from frenetic._support.outside_text import check_nesting, read_toml
 from frenetic.errors import FreneticError
 from frenetic.quantities import SEED, quantities, quantity
 from frenetic.road.classes import RoadClass, class_of
@@ -151,9 +151,10 @@ class Domain:
         targets = [entry.target for entry in installed(GROUP) if entry.name == suffix]
         read = imported(targets[0]) if targets else None
         try:
-            text = data.decode("utf-8")
-            return cls.made(path.stem, tomllib.loads(text) if read is None else read(path))
-        except (ValueError, RecursionError, FreneticError) as error:
+            if read is not None:
+                check_nesting(data)
+            return cls.made(path.stem, read_toml(data) if read is None else read(path))
+        except (ValueError, FreneticError) as error:
             raise FreneticError(f"{path} does not say a domain: {error}") from None
 
     @classmethod

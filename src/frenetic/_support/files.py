@@ -29,8 +29,9 @@ def read_bounded(path: Path) -> bytes:
             data = file.read(MAX_BYTES + 1)
     except FileNotFoundError:
         raise FreneticError(f"there is no file {path}") from None
-    except OSError as error:
-        raise FreneticError(f"{path} cannot be read: {error.strerror or error}") from None
+    except (OSError, ValueError) as error:  # a NUL in its name
+        reason = getattr(error, "strerror", None) or error
+        raise FreneticError(f"{path} cannot be read: {reason}") from None
     if len(data) > MAX_BYTES:
         raise FreneticError(f"{path} is too large: it has more than {MAX_BYTES} bytes")
     return data

@@ -18,6 +18,7 @@ from filelock import FileLock
 from frenetic import trust
 from frenetic._support.bounds import Count, Index, check
 from frenetic._support.files import write_file
+from frenetic._support.outside_text import read_json
 from frenetic._support.words import counted
 from frenetic.analysis.comparison import (
     Comparison,
@@ -321,10 +322,10 @@ def read_record(folder: Path | str) -> Record:
     """
     path = Path(folder) / RECORD
     try:
-        return msgspec.json.decode(path.read_bytes(), type=Record)
+        return read_json(path.read_bytes(), Record)
     except FileNotFoundError:
         raise FreneticError(f"{folder} holds no bench: give the folder of one") from None
-    except (OSError, ValueError, RecursionError) as error:
+    except (OSError, ValueError) as error:
         raise FreneticError(
             f"{path} is damaged or of another version of frenetic ({error}): restore it from a"
             " copy, or begin a new bench"

@@ -32,6 +32,7 @@ from msgspec import Struct, ValidationError, convert, json
 
 from frenetic._support.bounds import Count, Finite, Measured, NotNegative, Share
 from frenetic._support.files import write_file
+from frenetic._support.outside_text import read_json
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.log import CampaignLog
 from frenetic.campaign.record import Attempt
@@ -271,7 +272,7 @@ class _Client(Workers):
             self._known.append(Attempt.undriven(candidate.id, Outcome.INVALID, verdict.message))
             return
         with suppress(OSError, ValueError):  # most were not told before a crash
-            told = json.decode(self._kept(candidate.id).read_bytes(), type=Told)
+            told = read_json(self._kept(candidate.id).read_bytes(), Told)
             self._known.append(told.attempt(road, 0.0))
             return
         self._asked -= 1
@@ -348,9 +349,9 @@ def requested(line: str) -> tuple[str, Any]:
         ValueError: the line is none.
     """
     try:
-        request = json.decode(line)
+        request = read_json(line)
     except ValueError as error:
-        raise ValueError(f"{line.strip()[:60]!r} is no JSON: {error}") from None
+        raise ValueError(f"{line.strip()[:60]!r} cannot be read as JSON: {error}") from None
     if not isinstance(request, dict) or len(request) != 1:
         raise ValueError("a request is an object with one entry: ask, tell, validate or end")
     return next(iter(request.items()))

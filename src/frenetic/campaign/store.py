@@ -35,6 +35,7 @@ from filelock import FileLock
 from frenetic._support.files import flush
 from frenetic._support.json_value import JSONValue, plain
 from frenetic._support.notebook import Shown
+from frenetic._support.outside_text import read_json
 from frenetic._support.words import present_moment
 from frenetic.campaign.counts import Counts, road_key
 from frenetic.campaign.lock import lock_file
@@ -289,9 +290,9 @@ class CampaignStore(Shown):
         """
         for (text,) in self._select("SELECT value FROM fact WHERE name = ?", (name,)):
             try:
-                value: JSONValue = json.loads(text)
-            except (ValueError, RecursionError):
-                raise self._damaged(f"the fact {name} is not JSON") from None
+                value: JSONValue = read_json(text)
+            except ValueError as error:
+                raise self._damaged(f"the fact {name} is not JSON: {error}") from None
             return value
         return None
 
@@ -591,7 +592,7 @@ class CampaignStore(Shown):
         """Turns the faults of a value into a `CampaignError` that names it."""
         try:
             yield
-        except (TypeError, ValueError, RecursionError, CampaignError) as error:
+        except (TypeError, ValueError, CampaignError) as error:
             raise self._damaged(f"{name}: {error}") from None
 
     def _known(self, id: int, what: str, where: str) -> int:  # noqa: A002
@@ -616,9 +617,14 @@ def _fact_row(name: str, value: JSONValue) -> tuple[str, str]:
     """The row of a fact.
 
     Raises:
-        ValueError: the value is not JSON.
+        ValueError: the value is not JSON, or could not be read again.
     """
-    return name, json.dumps(value, allow_nan=False, default=plain)
+    try:
+        text = json.dumps(value, allow_nan=False, default=plain)
+    except RecursionError:
+        raise ValueError(f"{name} is nested too deep") from None
+    read_json(text)
+    return name, text
 
 
 def _refuse_existing(path: Path) -> None:

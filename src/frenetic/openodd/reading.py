@@ -102,6 +102,8 @@ def read_domain(path: Path) -> dict[str, Any]:
         odd, _ = bound(path, path.stem)
     except ValueError as error:
         raise ValueError(" ".join(str(error).split())) from None
+    except RecursionError:
+        raise ValueError("it is nested too deep") from None
     roots = [module for module in odd.modules if module.name in odd.roots and module.active]
     told = [module.metadata[OURS] for module in roots if OURS in module.metadata]
     try:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
-from msgspec import Struct, ValidationError, convert
+from msgspec import Struct, convert
 
 from frenetic._support.files import require_list
+from frenetic._support.outside_text import read_json
 from frenetic.errors import RoadError
 from frenetic.road import profile
 from frenetic.road.classes import RoadClass
@@ -141,8 +141,8 @@ def read_road(path: Path | str, *, lane: int | None = None, roads: str | None = 
     if lane is not None:
         raise RoadError(f"{path} is no OpenDRIVE file: a lane can be chosen in those only")
     try:
-        content = json.loads(data.decode("utf-8-sig"))
-    except (RecursionError, ValueError) as error:
+        content = read_json(data)
+    except ValueError as error:
         raise RoadError(f"{path} is not JSON that can be read: {error}") from None
     if isinstance(content, list):
         content = {"road_points": content}
@@ -208,7 +208,7 @@ def road_file(path: Path, content: Mapping[str, Any]) -> RoadFile:
     """
     try:
         given = convert(content, RoadEntries)
-    except ValidationError as error:
+    except ValueError as error:  # half a character, too
         raise RoadError(f"{path}: {error}") from None
     if given.curvatures is None and given.road_points is None:
         keys = ", ".join(sorted(map(str, content))[:8]) or "nothing"
@@ -225,8 +225,9 @@ def _load(path: Path) -> bytes:
             data = file.read(most + 1)
     except FileNotFoundError:
         raise RoadError(f"there is no file {path}") from None
-    except OSError as error:
-        raise RoadError(f"{path} cannot be read: {error.strerror or error}") from None
+    except (OSError, ValueError) as error:  # a NUL in its name
+        reason = getattr(error, "strerror", None) or error
+        raise RoadError(f"{path} cannot be read: {reason}") from None
     if len(data) > most:
         raise RoadError(
             f"{path} has more than {most} bytes ({most // 2**20} MiB): no road file is that large"
