@@ -10,13 +10,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
-from frenetic._support.words import counted, format_duration, rate_words
-from frenetic.cli import silence
+from frenetic._support.words import counted, format_duration, printable, rate_words
+from frenetic.cli import echo, silence
 from frenetic.criteria import DRIVER, LANE, quantity
 
 if TYPE_CHECKING:
@@ -31,7 +31,15 @@ LOOK_EVERY = 0.1  # s between two looks whether something is compiled
 PLAIN_INTERVAL = 5.0  # s between two lines of progress where there is no terminal
 
 
-class Results(Console):
+class _ShowingConsole(Console):
+    """A console that shows control characters in texts, as `frenetic.cli.echo` does."""
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """The text for the terminal; all that is printed comes here, also the cells of tables."""
+        return super().render_str(printable(text), **options)
+
+
+class Results(_ShowingConsole):
     """The console for results: as wide as needed where they go into a file or a pipe."""
 
     def __init__(self) -> None:
@@ -42,7 +50,7 @@ class Results(Console):
         raise BrokenPipeError
 
 
-class Log(Console):
+class Log(_ShowingConsole):
     """The console for progress; a campaign goes on when nobody reads it."""
 
     def __init__(self) -> None:
@@ -349,7 +357,7 @@ def print_facts(facts: Sequence[tuple[str, str]]) -> None:
     facts = [(name, value) for name, value in facts if value]
     width = max([10, *(len(name) for name, _ in facts)]) + 1
     for name, value in facts:
-        click.echo(f"{name:<{width}}{value}")
+        echo(f"{name:<{width}}{value}")
 
 
 def shell(path: Path | str) -> str:

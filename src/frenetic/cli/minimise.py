@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from frenetic._support.words import counted
-from frenetic.cli import complain
+from frenetic.cli import complain, echo
 from frenetic.cli.again import (
     chosen_tests,
     file_spec,
@@ -139,7 +139,7 @@ def minimise(
         else:
             _print(work, found)
     if as_json:
-        click.echo(json.dumps(documents))
+        echo(json.dumps(documents))
     if is_interrupted and left:
         which = ", ".join(work.name.removeprefix("Test ") for work in left)
         raise interrupted(log, f"{counted(len(left), 'failure')} not begun: {which}")
@@ -204,7 +204,7 @@ def _print(work: Work, minimised: Minimised) -> None:
 
     before, after = minimised.shapes
     trouble = minimised.trouble
-    click.echo(
+    echo(
         f"{work.name}: {before.length:.0f} m -> {after.length:.0f} m,"
         f" {counted(before.curves, 'curve')} -> {after.curves},"
         f" {counted(minimised.drives, 'drive')},"

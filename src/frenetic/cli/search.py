@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from frenetic._support.words import counted, format_duration, rate_words
+from frenetic.cli import echo
 from frenetic.cli.console import (
     Log,
     announced_compilation,
@@ -157,7 +158,7 @@ def search(
                 "notes": notes,
                 "seed": seed,
             }
-            click.echo(json.dumps(summary.as_json() | more))
+            echo(json.dumps(summary.as_json() | more))
         elif summary is not None:
             _print_summary(summary, first_error(store), still_failing(store))
         if not as_json:
@@ -166,25 +167,25 @@ def search(
             else:
                 print_failures(misses, counts, len(listed))
             for note in notes:
-                click.echo(f"Note: {note}")
+                echo(f"Note: {note}")
             if summary is not None and misses is not None and counts.tests:
                 further = 9 * counts.simulations
-                click.echo(f"Go on:       frenetic resume {shell(folder)} --simulations {further}")
+                echo(f"Go on:       frenetic resume {shell(folder)} --simulations {further}")
         if summary is not None and not as_json:
-            click.echo(f"Results:     {folder}")
+            echo(f"Results:     {folder}")
         if listed:
             failures = [test for test, _ in reading.failures.values()]
             with log.status("Drawing them"):
                 write_failures(store, failures, listed, shortened)
             if not as_json:
-                click.echo(f"At a glance: {folder / FAILURES / GALLERY}")
-                click.echo(f"Look closer: frenetic show {shell(folder)} {listed[0].candidate.id}")
+                echo(f"At a glance: {folder / FAILURES / GALLERY}")
+                echo(f"Look closer: frenetic show {shell(folder)} {listed[0].candidate.id}")
             if not as_json and listed[0].id in shortened:
                 road = minimised_road(folder, listed[0].id)
-                click.echo(f"Drive it:    frenetic drive {shell(road)}")
+                echo(f"Drive it:    frenetic drive {shell(road)}")
         report = _write_report(log, store, reading) if counts.tests else None
         if report is not None and not as_json:
-            click.echo(f"Report:      {report}")
+            echo(f"Report:      {report}")
     if summary is not None and summary.interrupted:
         raise click.exceptions.Exit(130)
     if summary is not None and fail_on_failure and (summary.failed or summary.errors):
@@ -262,23 +263,23 @@ def _print_summary(summary: Summary, error: str, known: str) -> None:
     from frenetic.campaign.summary import facts_in_words
 
     stopped = "Interrupted: " if summary.interrupted else ""
-    click.echo(
+    echo(
         f"{stopped}{counted(summary.simulations, 'simulation')} in"
         f" {format_duration(summary.seconds)}, {rate_words(summary.tests_per_second)}"
         f"{summary.best_in_words}"
     )
-    click.echo(summary.in_words())
+    echo(summary.in_words())
     if summary.slow_driver:
-        click.echo(summary.slow_driver)
+        echo(summary.slow_driver)
     if known:
-        click.echo(known)
+        echo(known)
     if told := facts_in_words(summary.facts):
-        click.echo(f"Search:      {told}")
+        echo(f"Search:      {told}")
     if error:
-        click.echo(f"The first error: {error}")
+        echo(f"The first error: {error}")
     if summary.ended:
-        click.echo(f"The strategy ended the search: {summary.ended}")
+        echo(f"The strategy ended the search: {summary.ended}")
     if summary.not_repeatable:
-        click.echo(f"Note:        {summary.not_repeatable}")
+        echo(f"Note:        {summary.not_repeatable}")
     if summary.notice:
-        click.echo(f"Note:        {summary.notice}")
+        echo(f"Note:        {summary.notice}")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from frenetic._support.words import counted
-from frenetic.cli import complain
+from frenetic.cli import complain, echo
 from frenetic.cli.console import Log, announced_compilation, counted_progress, print_table
 from frenetic.cli.options import (
     count_option,
@@ -103,12 +103,12 @@ def rank(
             show(done, len(found.roads))
     ranked = in_order(prospects, top)
     if as_json:
-        click.echo(json.dumps([_as_json(i, *one) for i, one in enumerate(ranked, 1)]))
+        echo(json.dumps([_as_json(i, *one) for i, one in enumerate(ranked, 1)]))
     else:
         columns = [">rank", "outcome", ">oob share", ">MOOBD", ">at", "side", ">like", "road"]
         print_table(columns, [_row(i, *one) for i, one in enumerate(ranked, 1)])
         if top is not None and len(ranked) < top:
-            click.echo(f"Different problems: {len(ranked)} of the {top} asked for.")
+            echo(f"Different problems: {len(ranked)} of the {top} asked for.")
     if found.skipped:
         number, first = counted(len(found.skipped), "other file"), found.skipped[0]
         log.print(f"{number} without such a road left out, the first: {first}", markup=False)
@@ -136,7 +136,7 @@ def _serve(context: click.Context, address: str, as_json: bool) -> None:
         serving(CompetitionTool(twin), host, port) as bound,
     ):
         if as_json:
-            click.echo(json.dumps({"host": host, "port": bound}))
+            echo(json.dumps({"host": host, "port": bound}))
         else:
             Log().print(f"Listening at {host}:{bound}; Ctrl-C ends it.")
         until_interrupted()
