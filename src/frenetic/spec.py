@@ -678,7 +678,10 @@ def _made(registry: Registry, part: Part, available: Mapping[str, object]) -> An
 
 def shown(value: object) -> str:
     """The repr of a value, shortened."""
-    text = repr(value)
+    try:
+        text = repr(value)
+    except RecursionError:
+        return f"a {type(value).__name__} that is nested too deep"
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 

@@ -296,6 +296,14 @@ def test_calls_that_make_no_sense(tmp_path: Path) -> None:
 # Strategies with a defect of their own
 
 
+def nested(levels: int) -> list[Any]:
+    """Lists within each other."""
+    value: list[Any] = []
+    for _ in range(levels):
+        value = [value]
+    return value
+
+
 class Broken(Scripted):
     """Its fourth proposal is something else, or asks, tells or chooses with an error."""
 
@@ -355,6 +363,11 @@ RAISED = r"the strategy raised KeyError: 'out of\nideas'"
                 ({"origin": Origin("a", (), -1)}, "candidate 4 with the generation -1: a whole"),
                 ({"notes": {"a": np.nan}}, "candidate 4 with the notes {'a': nan}: names with"),
                 ({"notes": {"a": {1}}}, "candidate 4 with the notes {'a': {1}}: names with"),
+                ({"notes": {"a": nested(150)}}, "candidate 4 with the notes {'a': [[[[[["),
+                (
+                    {"notes": {"a": nested(5_000)}},
+                    "candidate 4 with the notes a dict that is nested",
+                ),
             ]
         ),
     ],
