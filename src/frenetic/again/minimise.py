@@ -31,7 +31,14 @@ from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester
 from frenetic.criteria import LANE
 from frenetic.drive import Rules
-from frenetic.errors import ENDS_ITS_PROCESS, HANGS, CampaignError, Fault, FreneticError
+from frenetic.errors import (
+    ENDS_ITS_PROCESS,
+    HANGS,
+    CampaignError,
+    CampaignGoneError,
+    Fault,
+    FreneticError,
+)
 from frenetic.outcome import Outcome
 from frenetic.quantities import in_words, named, quantity, without
 from frenetic.road import Road, profile
@@ -449,6 +456,8 @@ def minimise(
         )
         try:
             complete(campaign, how)
+        except CampaignGoneError:
+            raise
         except CampaignError as error:
             if strategy.shrinker is None:
                 raise
@@ -523,6 +532,8 @@ def minimise_causes(
     for test in tests:
         try:
             found = minimise_test(folder, test, tester, max_drives=most, seconds=share, **how)
+        except CampaignGoneError:
+            raise
         except FreneticError as error:
             yield test.id, error
             continue

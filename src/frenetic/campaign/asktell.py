@@ -258,6 +258,16 @@ class _Client(Workers):
         self._kept(number).unlink(missing_ok=True)
         self.say_told(number, budget_spent)
 
+    def _keep(self, told: Told) -> None:
+        """Keeps a result until that of an older candidate comes.
+
+        Raises:
+            FreneticError: it cannot be written.
+        """
+        with suppress(OSError):  # the campaign's folder is gone, which is not made again
+            self._folder.mkdir(exist_ok=True)
+        write_file(self._kept(told.id), json.encode(told), remedy="make room")
+
     def _kept(self, number: int) -> Path:
         return self._folder / f"{number}.json"
 
@@ -318,9 +328,7 @@ class _Client(Workers):
                 road, since = self._running[told.id]
                 attempt = told.attempt(road, time.perf_counter() - since)
                 if min(self._running) < told.id:
-                    write_file(
-                        self._kept(told.id), json.encode(told), remedy="make room", parents=True
-                    )
+                    self._keep(told)
                 del self._running[told.id]
                 self._told.add(told.id)
                 return attempt

@@ -51,7 +51,7 @@ from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers, av
 from frenetic.description import changed_parts, describe, describe_terms, sources_of
 from frenetic.domain import Domain
 from frenetic.drivers.driver import Driver
-from frenetic.errors import CampaignError, FreneticError, reason_of, traceback_of
+from frenetic.errors import CampaignError, CampaignGoneError, FreneticError, reason_of, traceback_of
 from frenetic.registry import options_of
 from frenetic.road import MAP_SIZE, MARGIN
 from frenetic.road.classes import RoadClass
@@ -621,6 +621,8 @@ class Campaign(Shown):
                 is_whole = summary.budget_spent >= 1.0 or (summary.ended and not outstanding)
                 interrupted = is_stopped and not is_whole
                 self._search_so_far = summary, outstanding
+        except CampaignGoneError:  # and its log with it
+            raise
         except (KeyboardInterrupt, Exception) as error:
             interrupted = self._is_interruption(error)
             if not interrupted:
@@ -755,6 +757,8 @@ def _saying_what_is_stored(store: CampaignStore, summary: Summary) -> Iterator[N
     """Adds to an error how far the campaign came."""
     try:
         yield
+    except CampaignGoneError:  # which says it
+        raise
     except CampaignError as error:
         with suppress(CampaignError):  # the disk is full, say
             store.write()

@@ -28,7 +28,7 @@ from frenetic.cli.options import (
     source_arguments,
 )
 from frenetic.cli.parts import given_options, given_quantities, part_options
-from frenetic.errors import FreneticError
+from frenetic.errors import CampaignGoneError, FreneticError
 from frenetic.quantities import without
 from frenetic.spec import Spec
 
@@ -128,7 +128,7 @@ def minimise(
             with log.status(f"Drawing {work.name}"):
                 write_minimised(found, work.files, document, name=work.name)
         except FreneticError as error:
-            if len(works) == 1:
+            if len(works) == 1 or isinstance(error, CampaignGoneError):
                 raise
             complain(f"{work.name}: {error}")
             failed = True

@@ -25,7 +25,7 @@ from frenetic.cli.console import (
     shell,
 )
 from frenetic.cli.options import Read, as_usage_error, read_workers
-from frenetic.errors import BrokenDriverError, CampaignError, FreneticError
+from frenetic.errors import BrokenDriverError, CampaignError, CampaignGoneError, FreneticError
 
 if TYPE_CHECKING:
     from frenetic.analysis import Clusters
@@ -241,6 +241,10 @@ def _after(trouble: FreneticError | None, campaign: Campaign) -> Iterator[None]:
         return
     with suppress(FreneticError, OSError):
         yield
+    if isinstance(trouble, CampaignGoneError):
+        if trouble.place is None:
+            raise trouble
+        raise CampaignError(f"{trouble}: {_resume_words(trouble.place)}") from trouble
     words = f"go on: {_resume_words(campaign.folder)}"
     if isinstance(trouble, BrokenDriverError):
         words = f"mend it, then go on: {campaign.next_command()}"
