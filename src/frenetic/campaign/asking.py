@@ -74,6 +74,20 @@ def require_fresh(strategy: Strategy) -> None:
         )
 
 
+def require_valid_roads(strategy: Strategy) -> None:
+    """Checks that the strategy can propose a valid road, as far as it knows.
+
+    Raises:
+        CampaignError: it cannot, or raised.
+    """
+    try:
+        strategy.require_valid_roads()
+    except ValueError as error:
+        raise CampaignError(str(error)) from error
+    except (Exception, SystemExit) as error:
+        raise CampaignError(str(raised(error))) from error
+
+
 def start(strategy: Strategy, earlier: Sequence[EarlierTest], summary: Summary) -> None:
     """Tells the strategy what earlier campaigns drove, if anything; its time is counted.
 

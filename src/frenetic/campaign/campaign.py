@@ -29,6 +29,7 @@ from frenetic.campaign.asking import (
     notice_of,
     replay,
     require_fresh,
+    require_valid_roads,
     start,
 )
 from frenetic.campaign.earlier import (
@@ -363,12 +364,16 @@ class Campaign(Shown):
                 a whole one of at least 1.
             CampaignError: the folder cannot be used or written, it holds another campaign already,
                 the strategy was asked before, an earlier campaign cannot be read or has no road
-                that fits, no worker can be started, or only broken drives or refused roads come.
+                that fits, the strategy knows no valid road, no worker can be started, or only
+                broken drives or refused roads come.
                 Stored results stay.
         """
         limit = self._allow(simulations)
         if not self.started:
             require_fresh(self.strategy)
+            self._keep_margin()
+            if not self.start_from and self.from_roads is None:
+                require_valid_roads(self.strategy)
         prepare(self.tester.simulator, is_here=self.cluster is None)
         if self.cluster is not None:
             # An optional extra.
@@ -377,7 +382,6 @@ class Campaign(Shown):
             require_scheduler(self.cluster)
         if self._search_so_far is not None:
             return self._go_on(*self._search_so_far, limit, on_event)
-        self._keep_margin()
         folders = [earlier.folder for earlier in self.start_from]
         step = (options_of(self.strategy) or {}).get("step")
         self.start_from, taken = take_earlier(folders, self.tester, self.objective, step)
