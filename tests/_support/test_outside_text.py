@@ -33,8 +33,7 @@ class Entry(Struct):
         ("[" * DEEP, "nested more than 100 levels deep"),
         ('{"a":' * DEEP + "1" + "}" * DEEP, "nested more than 100 levels deep"),
         ("(" * 10_000, "line 1 column 1"),
-        ("1" * 400, "more than 308 digits"),
-        ("1" * 5_000, "more than 308 digits"),
+        ("1" * 5_000, "thousands of digits"),
         ("\x00", "line 1 column 1"),
         ("", "line 1 column 1"),
         (b"\xff\xfe[\x00", "no UTF-8 text: invalid start byte at byte 0"),
@@ -63,7 +62,6 @@ def test_what_a_kind_leaves_open_is_checked_too() -> None:
         "[" + "a." * DEEP + "a]",
         '"a" . ' * DEEP + "a = 1",
         "a = {b = " * DEEP,
-        f"a = 0x{'f' * 5_000}",
         f"a = {'1' * 5_000}",
         "a = \x00",
     ],
@@ -102,9 +100,11 @@ def test_list_marks_of_yaml_count_as_nesting() -> None:
         check_nesting(b"- " * DEEP)
 
 
-@pytest.mark.parametrize("value", ["[" * DEEP, '{"a":' * DEEP, "1" * 5_000])
+@pytest.mark.parametrize("value", ["[" * DEEP, '{"a":' * DEEP, "1" * 400, "1" * 5_000])
 def test_an_option_beyond_the_limits_is_refused_and_shown_short(value: str) -> None:
-    with pytest.raises(ValueError, match=r"\.\.\.: (it is nested|a number)") as refused:
+    with pytest.raises(
+        ValueError, match=r"\.\.\.: (it is nested|a number|int too large)"
+    ) as refused:
         read_setting(value)
     assert len(str(refused.value)) < 100
     with pytest.raises(ValueError, match=r"."):

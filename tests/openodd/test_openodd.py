@@ -236,7 +236,7 @@ HEAD = TAXONOMY + "ODD: {m: {INCLUDE_AND: "
     [
         ("", "limits no quantity and names no road_class"),
         ("TAXONOMY: {a: [}", "not YAML"),
-        ("[" * 100_000, "recursion limit"),
+        ("[" * 100_000, "nested more than 100 levels deep"),
         ("IMPORT: gone.yaml", "cannot read"),
         (HEAD + "{gust: '[1 .. 2] kg'}}}", "'kg' measures mass, not velocity"),
         (HEAD + "{friction: '[0.3 .. 9]'}}}", "friction is from 0.3 to 9: 0.01 to 1.5 is needed"),

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 import tomllib
 from collections.abc import Callable
 from typing import Any, Final, TypeVar, overload
@@ -25,7 +24,7 @@ MAX_DEPTH: Final = 100
 """Most levels of lists and objects within each other; a driver under ten layers has about 20."""
 _MOST_CHARACTERS: Final = 300  # of a message
 _TOO_DEEP: Final = f"it is nested more than {MAX_DEPTH} levels deep"
-_TOO_LARGE: Final = "a number has more than 308 digits"
+_TOO_LARGE: Final = "a number has thousands of digits"
 _LONG_KEY: Final = re.compile(
     rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{MAX_DEPTH}}}"""
 )
@@ -48,7 +47,7 @@ def read_json(text: str | bytes, kind: Any = None) -> Any:
 
     Raises:
         ValueError: it is no JSON or no UTF-8, a value is not of the kind, it is nested too deep, or
-            a number is too large.
+            a number has thousands of digits.
     """
     if kind is None:
         return _read(json.loads, text)
@@ -59,7 +58,8 @@ def read_toml(data: bytes) -> dict[str, Any]:
     """The entries of a TOML file.
 
     Raises:
-        ValueError: it is no TOML or no UTF-8, it is nested too deep, or a number is too large.
+        ValueError: it is no TOML or no UTF-8, it is nested too deep, or a number has thousands of
+            digits.
     """
     entries: dict[str, Any] = _read(_parse_toml, data)
     return entries
@@ -87,12 +87,11 @@ def check_nesting(data: bytes) -> None:
         raise BeyondLimitsError(_TOO_DEEP)
 
 
-def check_limits(value: object) -> None:
-    """Checks the depth and the numbers of lists, objects and records within each other.
+def _check_depth(value: object) -> None:
+    """Checks how deep lists, objects and records are nested.
 
     Raises:
-        BeyondLimitsError: a value is nested more than `MAX_DEPTH` levels deep, or a number is too
-            large.
+        BeyondLimitsError: it is more than `MAX_DEPTH` levels.
     """
     level: list[Any] = [value]
     for depth in range(MAX_DEPTH + 1):
@@ -105,8 +104,6 @@ def check_limits(value: object) -> None:
             elif isinstance(item, msgspec.Struct):
                 inner += msgspec.structs.astuple(item)
             else:
-                if isinstance(item, int) and abs(item) > sys.float_info.max:
-                    raise BeyondLimitsError(_TOO_LARGE)
                 continue
             if depth == MAX_DEPTH:
                 raise BeyondLimitsError(_TOO_DEEP)
@@ -127,5 +124,5 @@ def _read(parse: Callable[[str], Any], text: str | bytes) -> Any:
         if "integer string conversion" in str(error):
             raise BeyondLimitsError(_TOO_LARGE) from None
         raise ValueError(" ".join(str(error).split())[:_MOST_CHARACTERS]) from None
-    check_limits(value)
+    _check_depth(value)
     return value

@@ -83,11 +83,14 @@ def read_setting(text: str) -> Any:
         return _AS_IN_PYTHON[text]
     for read in (read_json, float):
         try:
-            return read(text)
-        except BeyondLimitsError as error:
+            value = read(text)
+            if isinstance(value, int):
+                float(value)  # who takes a number may calculate with it
+        except (BeyondLimitsError, OverflowError) as error:
             raise ValueError(f"{text[:20]}...: {error}") from None
         except ValueError:
             continue
+        return value
     return text
 
 
