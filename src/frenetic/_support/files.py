@@ -121,9 +121,9 @@ class FolderInUse:
     """
 
     def __init__(self, path: Path) -> None:
+        self._handle: int | None = None
         self._path = path
         self._opened = path.stat()
-        self._handle: int | None = None
         with suppress(OSError):  # Windows opens no folder, and moves none that is in use
             self._handle = os.open(path, os.O_RDONLY)
 
