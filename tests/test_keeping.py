@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import fnmatch
 import json
+import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import planted_drivers as planted
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from frenetic.drivers import Planner
 from frenetic.errors import DriverError, FreneticError
 from frenetic.testing import keeps_lane
-from frenetic.testing.keeping import FOLDER, NOTICES, DriverFailedError
+from frenetic.testing.keeping import FOLDER, NOTICES, DriverFailedError, memory_stem
 
 if TYPE_CHECKING:
     from interpreters import Ended, Interpreter
@@ -205,10 +209,79 @@ def test_what_is_no_driver_is_refused() -> None:
         keeps_lane(nothing)  # type: ignore[arg-type]
 
 
-def test_tests_of_two_classes_remember_roads_apart(
+def test_tests_whose_ids_differ_in_signs_or_case_remember_roads_apart(
     interpreter: Interpreter, tmp_path: Path
 ) -> None:
-    test = "    @keeps_lane(simulations=60)\n    def test_it(self): return planted.WrongSign()\n"
-    run_pytest(interpreter, tmp_path, f"class TestFast:\n{test}\nclass TestOther:\n{test}")
+    text = """
+@pytest.mark.parametrize("gain", [1.0, -1.0])
+@keeps_lane(simulations=60)
+def test_sign(gain):
+    return planted.WrongSign() if gain < 0.0 else planted.Sound()
+
+class TestFast:
+    @keeps_lane(simulations=60)
+    def test_it(self): return planted.WrongSign()
+
+class Testfast:
+    @keeps_lane(simulations=60)
+    def test_it(self): return planted.Sound()
+"""
+    first, second = (run_pytest(interpreter, tmp_path, text, "-rfp") for _ in range(2))
+    for run in (first, second):
+        assert "PASSED test_lane.py::test_sign[1.0]" in run.stdout
+        assert "FAILED test_lane.py::test_sign[-1.0]" in run.stdout
+        assert "PASSED test_lane.py::Testfast::test_it" in run.stdout
+        assert "FAILED test_lane.py::TestFast::test_it" in run.stdout
     stems = {path.stem[:-9] for path in (tmp_path / FOLDER).glob("*.json")}
-    assert stems == {"test_lane-TestFast-test_it", "test_lane-TestOther-test_it"}
+    ids = ("test_sign[-1.0]", "TestFast::test_it")
+    assert stems == {memory_stem("test_lane", f"test_lane.py::{test}") for test in ids}
+
+
+ALIKE: Final = (
+    "test_sign[1.0]",
+    "test_sign[-1.0]",
+    "test_sign[1/0]",
+    "test_sign[-1-0]",
+    "test_sign",
+    "test_Sign",
+    "TestSign::test_it",
+    "Testsign::test_it",
+    "test_sign[a::b]",
+    "test_sign[a b]",
+    "test_sign-",
+    "тест",
+    "test_" + "x" * 300,
+    "test_" + "x" * 301,
+    "test_sign[" + ":" * 300 + "]",
+)
+"""Ids of one file's tests."""
+
+MODULES: Final = ("test_lane", "test_Lane", "test_lane-test_sign", "con")
+
+
+def test_each_id_has_file_names_of_its_own_on_every_system() -> None:
+    stems = {memory_stem(module, f"{module}.py::{test}") for module in MODULES for test in ALIKE}
+    folded = {stem.casefold() for stem in stems}
+    assert len(folded) == len(MODULES) * len(ALIKE)
+    for stem in stems:
+        assert re.fullmatch(r"[A-Za-z0-9_]+-[A-Za-z0-9_.-]+", stem)
+        assert len(f"{stem}-12345678.json") <= 200  # bytes, of 255 that systems allow
+        # The pattern of one test's files does not fit another's.
+        files = [f"{stem}-12345678.json" for stem in stems]
+        assert fnmatch.filter(files, f"{stem}-????????.json") == [f"{stem}-12345678.json"]
+
+
+@given(st.text(), st.text())
+def test_two_ids_never_share_a_file_name(first: str, second: str) -> None:
+    stems = [memory_stem("test_lane", f"test_lane.py::{text}") for text in (first, second)]
+    assert (stems[0].casefold() == stems[1].casefold()) is (first == second)
+
+
+def test_the_name_of_a_plain_id_says_it_all_wherever_pytest_was_started() -> None:
+    for folder in ("", "tests/", "/home/me/tests/"):
+        assert memory_stem("bends_test", f"{folder}bends_test.py::test_hasty") == (
+            "bends_test-test_hasty"
+        )
+    assert memory_stem("bends_test", "test_hasty") == "bends_test-test_hasty"
+    imported = {memory_stem("shared", f"tests/{name}.py::test_hasty") for name in ("a", "b")}
+    assert len(imported) == 2

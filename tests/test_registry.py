@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import importlib.metadata
 from pathlib import Path
+from typing import Final
 
 import pytest
 
 from frenetic._support.entry_points import Entry
 from frenetic.errors import FreneticError
-from frenetic.registry import DRIVERS, OBJECTIVES, STRATEGIES, Registry
+from frenetic.registry import DRIVERS, OBJECTIVES, SIMULATORS, STRATEGIES, Registry
 
 
 @pytest.fixture
@@ -87,7 +88,56 @@ def test_an_objective_of_ones_own_is_a_function(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own.py").write_text("class Other: pass\ndef near(road, drive): return 0.0\n")
-    with pytest.raises(FreneticError, match=r"no function 'far'\. It has: near$"):
+    with pytest.raises(FreneticError, match=r"no function 'far'\. It defines: near$"):
         OBJECTIVES.load("own.py:far")
     with pytest.raises(FreneticError, match=r"goes as package.module:Function"):
         OBJECTIVES.load("far")
+
+
+DEFINES: Final = """
+from dataclasses import dataclass
+from math import sin
+
+from frenetic import EmbeddedSimulator, Planner
+
+LIMIT = 3.0
+
+
+class Careful(Planner):
+    pass
+
+
+def hasty():
+    return Planner(aggression=1.5)
+
+
+def _helper():
+    pass
+"""
+
+
+@pytest.mark.parametrize("registry", [DRIVERS, STRATEGIES, SIMULATORS, OBJECTIVES])
+@pytest.mark.parametrize("word", ["Carefull", "Planer", "LIMIT", "sinn"])
+def test_an_unknown_name_in_a_file_lists_what_the_file_defines_and_not_what_it_imports(
+    registry: Registry, word: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "defines.py"
+    file.write_text(DEFINES)
+    with pytest.raises(FreneticError) as refused:
+        registry.load(f"{file}:{word}")
+    names = "hasty" if registry is OBJECTIVES else "Careful, hasty"
+    is_close = word == "Carefull" and registry is not OBJECTIVES
+    close = "; did you mean 'Careful'?" if is_close else "."
+    assert str(refused.value).endswith(f"{word!r}{close} It defines: {names}")
+
+
+def test_a_package_defines_what_its_modules_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / "defining_package"
+    package.mkdir()
+    (package / "__init__.py").write_text("from frenetic import Planner\nfrom .part import Calm\n")
+    (package / "part.py").write_text("class Calm: pass\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(FreneticError, match=r"'Clam'; did you mean 'Calm'\? It defines: Calm$"):
+        DRIVERS.load("defining_package:Clam")

@@ -20,3 +20,7 @@ def test_the_version_is_that_of_the_project(file: str, pattern: str) -> None:
     found = re.search(pattern, (ROOT / file).read_text(encoding="utf-8"), re.MULTILINE)
     assert found is not None
     assert found[1] == PROJECT["version"]
+
+
+def test_the_program_begins_where_ctrl_c_is_answered() -> None:
+    assert PROJECT["scripts"] == {"frenetic": "frenetic.__main__:main"}

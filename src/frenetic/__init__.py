@@ -1,19 +1,13 @@
 """Frenetic finds the roads on which an automated driver leaves its lane.
 
 The names below are the whole public interface of the top package. They are imported on use, so
-``import frenetic`` takes no time.
+``import frenetic`` takes no time, and the command line answers Ctrl-C before it imports anything.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
-from frenetic._support.kernel_cache import ensure_kernel_cache
-from frenetic._support.public_names import lazy_names
-
-ensure_kernel_cache()  # before anything imports numba
-
+TYPE_CHECKING = False  # as of `typing`, which takes its time
 if TYPE_CHECKING:
+    from typing import Any
+
     from frenetic.campaign import Budget, Campaign, CampaignStore, Summary, Test, evaluate
     from frenetic.drivers import (
         BeamngAi,
@@ -55,7 +49,12 @@ if TYPE_CHECKING:
         Vehicle,
     )
 
-__getattr__ = lazy_names(__name__)
+
+def __getattr__(name: str) -> "Any":
+    from frenetic._support.public_names import lazy_names  # nothing is imported before a name
+
+    return lazy_names(__name__)(name)
+
 
 __all__ = [
     "BeamngAi",

@@ -1,6 +1,21 @@
-"""``python -m frenetic`` is the command line."""
+"""The command line: the program ``frenetic``, and ``python -m frenetic``.
 
-from frenetic.cli import main
+It imports nothing before it can answer Ctrl-C.
+"""
+
+import sys
+
+
+def main() -> None:
+    """Runs the command line; Ctrl-C while it is imported is one line and exit code 130, too."""
+    try:
+        from frenetic.cli import main as run_command_line
+
+        run_command_line()
+    except KeyboardInterrupt:
+        sys.stderr.write("frenetic: interrupted\n")
+        sys.exit(130)
+
 
 if __name__ == "__main__":
     main()

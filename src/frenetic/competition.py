@@ -216,7 +216,7 @@ class _Search:
             self._process.stdin.write(json.dumps({request: values}) + "\n")
             self._process.stdin.flush()
             answer: dict[str, Any] = json.loads(self._process.stdout.readline())
-        except (OSError, ValueError):
+        except (OSError, ValueError, RecursionError):
             self._end()
             self._log.seek(0)
             lines = self._log.read().decode("utf-8", "replace").split("\n")

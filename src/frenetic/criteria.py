@@ -26,6 +26,7 @@ from msgspec import Struct, ValidationError, convert
 from frenetic._support.bounds import Finite, NotNegative, check
 from frenetic._support.entry_points import imported, installed
 from frenetic._support.files import read_bounded
+from frenetic._support.outside_text import read_toml
 from frenetic._support.words import number_word
 from frenetic.errors import FreneticError
 
@@ -208,7 +209,7 @@ class Profile:
         if name.endswith(".toml"):
             path = Path(name)
             try:
-                given = tomllib.loads(read_bounded(path).decode())
+                given = read_toml(read_bounded(path))
                 found = cls.made(path.stem, given)
             except (ValueError, TypeError) as error:
                 raise FreneticError(f"{name} says no criteria: {error}") from None

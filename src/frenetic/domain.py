@@ -20,7 +20,6 @@ each other.
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
@@ -34,6 +33,7 @@ from msgspec import ValidationError, convert
 from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Finite, Positive, Share, check
 from frenetic._support.files import read_bounded
+from frenetic._support.outside_text import read_toml
 from frenetic.errors import FreneticError
 from frenetic.quantities import SEED, quantities, quantity
 from frenetic.road.classes import RoadClass, class_of
@@ -142,10 +142,8 @@ class Domain:
         path = Path(path)
         data = read_bounded(path)
         try:
-            return cls.made(path.stem, tomllib.loads(data.decode("utf-8")))
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise FreneticError(f"{path} is no TOML file: {error}") from None
-        except (ValueError, RecursionError, FreneticError) as error:
+            return cls.made(path.stem, read_toml(data))
+        except (ValueError, FreneticError) as error:
             raise FreneticError(f"{path} does not say a domain: {error}") from None
 
     @classmethod

@@ -192,6 +192,13 @@ class CampaignError(FreneticError):
     """A campaign's folder or database that cannot be used as asked."""
 
 
+class CampaignGoneError(CampaignError):
+    """A campaign's folder or database was moved, deleted or replaced while it was in use."""
+
+    place: Path | None = None
+    """Where the folder is now, with all results; None if that is not known, or they are gone."""
+
+
 class BrokenDriverError(CampaignError):
     """A driver that broke on each of the first roads, which ends the search."""
 

@@ -24,11 +24,10 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
-from msgspec import convert
-from msgspec.json import decode as json_decode
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.files import read_bounded
+from frenetic._support.outside_text import read_json
 from frenetic._support.words import counted
 from frenetic.analysis.statistics import weighted_interval
 from frenetic.campaign.tester import RoadTester
@@ -109,8 +108,8 @@ class Estimate:
         if not path.is_file():
             return None
         try:
-            return convert(json_decode(read_bounded(path)), cls)
-        except (ValueError, RecursionError) as error:
+            return read_json(read_bounded(path), cls)
+        except ValueError as error:
             raise CampaignError(
                 f"{path} is damaged: {error}; remove it, or run frenetic estimate again"
             ) from None

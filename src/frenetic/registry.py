@@ -22,6 +22,7 @@ from contextlib import redirect_stdout, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Final
 
 from frenetic._support.entry_points import Entry, installed
@@ -332,14 +333,25 @@ class Registry:
             ) from error
         found = getattr(module, attribute, None)
         if not callable(found):
-            is_one = inspect.isclass if self.target == "class" else inspect.isfunction
-            names = [n for n, v in vars(module).items() if is_one(v) and n[0] != "_"]
+            names = _defined_names(module, with_classes=self.target == "class")
             which = f"no {self.target} {attribute!r}{hint(attribute, names)}"
             raise FreneticError(
-                f"{self.kind} {spec!r}: {place} has {which} It has: {', '.join(names) or 'none'}"
+                f"{self.kind} {spec!r}: {place} has {which} It defines:"
+                f" {', '.join(names) or 'none'}"
             )
         made: Callable[..., Any] = found
         return made
+
+
+def _defined_names(module: ModuleType, *, with_classes: bool) -> list[str]:
+    """Public names of the functions, and classes, that a module or its package defines itself."""
+    return [
+        name
+        for name, value in vars(module).items()
+        if (inspect.isfunction(value) or (with_classes and inspect.isclass(value)))
+        and not name.startswith("_")
+        and f"{value.__module__}.".startswith(f"{module.__name__}.")
+    ]
 
 
 def hint(given: str, known: Iterable[str]) -> str:

@@ -9,7 +9,6 @@ database is the record, and an edited copy is another run.
 from __future__ import annotations
 
 import shlex
-import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -21,6 +20,7 @@ from msgspec import Struct, convert, field
 
 from frenetic._support.bounds import Count, Index, NotNegative, Positive
 from frenetic._support.files import read_bounded, write_file
+from frenetic._support.outside_text import read_toml
 from frenetic._support.words import parse_duration
 from frenetic.description import PARTS
 from frenetic.drive_entries import DriveEntries, read_domain
@@ -170,8 +170,8 @@ def read_entries(
     """The entries of a file in TOML; arguments and errors are those of `read_file`."""
     data = read_bounded(path)
     try:
-        return convert({**usual, **tomllib.loads(data.decode("utf-8"))}, kind)
-    except (ValueError, RecursionError) as error:
+        return convert({**usual, **read_toml(data)}, kind)
+    except ValueError as error:
         raise FreneticError(f"{path} does not say {what}: {error}") from None
 
 

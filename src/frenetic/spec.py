@@ -22,12 +22,12 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
 from msgspec import Struct, ValidationError, convert, defstruct, structs, to_builtins
-from msgspec.json import decode as json_decode
 
 from frenetic import trust
 from frenetic._support.bounds import Count, NotNegative, Positive
 from frenetic._support.files import read_bounded
 from frenetic._support.json_value import JSONValue, plain
+from frenetic._support.outside_text import read_json
 from frenetic._support.scalars import take_numpy_scalars
 from frenetic._support.words import counted, format_duration, part_word
 from frenetic.description import PARTS, describe, sources_of
@@ -335,8 +335,8 @@ class Spec:
         data = read_bounded(path)
         try:
             file_type = defstruct("File", [("driven", Any), ("lane_width", Positive, 4.0)])
-            record: Any = json_decode(data, type=file_type)
-        except (ValueError, RecursionError) as error:
+            record: Any = read_json(data, file_type)
+        except ValueError as error:
             raise FreneticError(f"{path} does not say how roads are driven: {error}") from None
         return replace(
             cls.from_drive_record(record.driven, source=path), lane_width=record.lane_width
@@ -714,7 +714,10 @@ def _made(registry: Registry, part: Part, available: Mapping[str, object]) -> An
 
 def shown(value: object) -> str:
     """The repr of a value, shortened."""
-    text = repr(value)
+    try:
+        text = repr(value)
+    except RecursionError:
+        return f"a {type(value).__name__} that is nested too deep"
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
 import shutil
 import signal
 import sys
@@ -111,6 +112,32 @@ def test_a_number_of_workers_that_runs_nothing_is_refused(tmp_path: Path, worker
     with pytest.raises(ValueError, match=f"^workers is {workers}: a whole number"):
         bench.run(workers=workers)  # type: ignore[arg-type]
     assert not bench.folder.exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows moves no folder that is in use")
+@pytest.mark.parametrize("deed", ["moved", "deleted"])
+def test_a_bench_that_is_moved_or_deleted_says_so_and_makes_no_part_of_it_again(
+    deed: str, tmp_path: Path
+) -> None:
+    random = Entrant(name="random", spec="random", is_strategy=True)
+    bench = bench_of(tmp_path / "bench", random, repeats=3)
+
+    def take_away(_: RunState) -> None:
+        if deed == "moved":
+            bench.folder.rename(tmp_path / "new")
+        else:
+            shutil.rmtree(bench.folder)
+
+    where = f" to {tmp_path / 'new'}" if (sys.platform, deed) == ("linux", "moved") else ""
+    rest = "its complete runs stand there" if deed == "moved" else "its runs are gone"
+    words = f"{bench.folder} was {deed}{where} while the bench ran: {rest}"
+    with pytest.raises(FreneticError, match=re.escape(words)):
+        bench.run(workers=1, on_end=take_away)
+    assert not bench.folder.exists()
+    if deed == "moved":
+        new = replace(bench, folder=tmp_path / "new")
+        assert [state.ending is not None for state in new.states()] == [True, False, False]
+        assert len(new.run(resume=True, workers=1)) == 2
 
 
 def test_a_copy_leaves_out_what_holds_it(tmp_path: Path) -> None:

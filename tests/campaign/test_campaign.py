@@ -113,9 +113,31 @@ def test_the_time_for_compiling_is_not_the_budgets(
 def test_campaign_that_only_proposes_refused_roads_gives_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("frenetic.campaign.loop.MAX_INVALID_IN_A_ROW", 25)
-    with refused(r"last 25 roads were refused.*self-intersecting; 25 results"):
+    monkeypatch.setattr("frenetic.campaign.loop.MAX_INVALID_AT_FIRST", 25)
+    with refused(r"the first 25 roads were refused.*self-intersecting \(25 times\); 25 results"):
         scripted(tmp_path, Budget(simulations=1), strategy=Scripted(LOOP)).run()
+
+
+def test_a_campaign_that_has_driven_waits_longer_for_a_valid_road(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("frenetic.campaign.loop.MAX_INVALID_AT_FIRST", 5)
+    monkeypatch.setattr("frenetic.campaign.loop.MAX_INVALID_IN_A_ROW", 25)
+    with refused(r"the last 25 roads were refused.*self-intersecting \(25 times\); 26 results"):
+        strategy = Scripted(STRAIGHT, *(LOOP for _ in range(30)))
+        scripted(tmp_path, Budget(simulations=2), strategy=strategy).run()
+
+
+def test_the_most_frequent_reason_of_refused_roads_is_said_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("frenetic.campaign.loop.MAX_INVALID_AT_FIRST", 9)
+    short = [0.0, 0.0]
+    with refused(
+        r"gives up: [^(]*self-intersecting \(6 times\), [^(]*not long enough\. \(3 times\);"
+    ):
+        strategy = Scripted(short, LOOP, LOOP)
+        scripted(tmp_path, Budget(simulations=1), strategy=strategy).run()
 
 
 def test_campaign_whose_strategy_wants_none_of_its_roads_gives_up(
@@ -125,8 +147,8 @@ def test_campaign_whose_strategy_wants_none_of_its_roads_gives_up(
         def is_wanted(self, candidate: Candidate) -> bool:
             return False
 
-    monkeypatch.setattr("frenetic.campaign.loop.MAX_INVALID_IN_A_ROW", 25)
-    with refused(r"last 25 roads were refused.*not wanted any more"):
+    monkeypatch.setattr("frenetic.campaign.loop.MAX_INVALID_AT_FIRST", 25)
+    with refused(r"first 25 roads were refused.*not wanted any more"):
         scripted(tmp_path, Budget(simulations=1), strategy=Fickle(STRAIGHT)).run()
 
 
@@ -296,6 +318,14 @@ def test_calls_that_make_no_sense(tmp_path: Path) -> None:
 # Strategies with a defect of their own
 
 
+def nested(levels: int) -> list[Any]:
+    """Lists within each other."""
+    value: list[Any] = []
+    for _ in range(levels):
+        value = [value]
+    return value
+
+
 class Broken(Scripted):
     """Its fourth proposal is something else, or asks, tells or chooses with an error."""
 
@@ -355,6 +385,11 @@ RAISED = r"the strategy raised KeyError: 'out of\nideas'"
                 ({"origin": Origin("a", (), -1)}, "candidate 4 with the generation -1: a whole"),
                 ({"notes": {"a": np.nan}}, "candidate 4 with the notes {'a': nan}: names with"),
                 ({"notes": {"a": {1}}}, "candidate 4 with the notes {'a': {1}}: names with"),
+                ({"notes": {"a": nested(150)}}, "candidate 4 with the notes {'a': [[[[[["),
+                (
+                    {"notes": {"a": nested(5_000)}},
+                    "candidate 4 with the notes a dict that is nested",
+                ),
             ]
         ),
     ],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import os
+import re
 import shlex
 import shutil
 import signal
@@ -31,6 +32,7 @@ from frenetic.campaign.check import check_campaign
 from frenetic.campaign.store import DATABASE
 from frenetic.campaign.workers.local import AHEAD
 from frenetic.cli import main
+from frenetic.errors import CampaignGoneError
 
 HERE = Path(__file__).parent
 
@@ -100,27 +102,74 @@ def test_a_full_disk_loses_nothing_and_the_campaign_goes_on(tmp_path: Path) -> N
     assert seen["same"]
 
 
-@pytest.mark.parametrize("what", ["folder", "database", "replaced"])
-def test_a_removed_database_ends_the_campaign(
-    what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@posix_only
+@pytest.mark.parametrize("deed", ["moved", "its parent moved", "moved and replaced"])
+def test_results_of_a_folder_that_was_moved_stand_at_its_new_place(
+    deed: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It does not search into nothing."""
+    monkeypatch.setattr("frenetic.campaign.loop.PROGRESS_INTERVAL", 0.0)
+    folder = tmp_path / "before" / "campaign"
+    new = tmp_path / "after" / "campaign"
+    seen = itertools.count(1)
+
+    def move(_: object) -> None:
+        if next(seen) == 5:
+            if deed == "its parent moved":
+                folder.parent.rename(new.parent)
+            else:
+                new.parent.mkdir()
+                folder.rename(new)
+            if deed == "moved and replaced":
+                folder.mkdir()
+
+    with pytest.raises(CampaignGoneError) as gone:
+        scripted(folder, Budget(simulations=50)).run(on_event=on_result(move))
+    results = stored(new)
+    assert results >= 5
+    place = f" to {new}" if sys.platform == "linux" else ""
+    assert str(gone.value) == (
+        f"{folder} was moved{place} while it was in use: its {results} results stand there;"
+        " go on with it there"
+    )
+    assert next(seen) < 20
+    assert list(folder.parent.rglob("*")) == ([folder] if deed == "moved and replaced" else [])
+    assert scripted(new, Budget(simulations=50)).resume().simulations == 50
+    assert not check_campaign(new).findings
+
+
+@posix_only
+@pytest.mark.parametrize("deed", ["folder", "replaced folder", "database", "replaced database"])
+def test_a_folder_or_database_that_is_deleted_ends_the_campaign_and_stays_so(
+    deed: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("frenetic.campaign.loop.PROGRESS_INTERVAL", 0.0)
     folder = tmp_path / "campaign"
     seen = itertools.count(1)
 
     def remove(_: object) -> None:
         if next(seen) == 5:
-            if what == "folder":
+            if "folder" in deed:
                 shutil.rmtree(folder)
             else:
-                (folder / DATABASE).rename(folder / "elsewhere")
-            if what == "replaced":
+                (folder / DATABASE).rename(tmp_path / "elsewhere")
+            if deed == "replaced folder":
+                folder.mkdir()
+            if deed == "replaced database":
                 (folder / DATABASE).write_bytes(b"another file")
 
-    with refused("was removed or replaced while it was written"):
+    words = (
+        f"{folder} was deleted while it was in use, and its results are gone"
+        if "folder" in deed
+        else f"{folder / DATABASE} was taken out of its folder or replaced while it was in use"
+    )
+    with refused(re.escape(words)):
         scripted(folder, Budget(simulations=50)).run(on_event=on_result(remove))
     assert next(seen) < 20
+    if "folder" in deed:
+        assert list(tmp_path.rglob("*")) == ([folder] if deed == "replaced folder" else [])
+        return
+    (tmp_path / "elsewhere").replace(folder / DATABASE)  # as the message says
+    assert stored(folder) >= 5
 
 
 # The command line, killed and interrupted

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -117,7 +118,7 @@ def test_what_cannot_be_used_is_answered_and_changes_nothing(tmp_path: Path) -> 
     for request, fault in (
         ({"tell": {"id": 99, "outcome": "PASS"}}, "candidate 99 is not outstanding"),
         ({"tell": told | {"outcome": "MAYBE"}}, "$.outcome"),
-        ({"tell": told | {"moobd": 1e999}}, "JSON is malformed"),
+        ({"tell": told | {"moobd": 1e999}}, "`$.moobd`"),
         ({"tell": told | {"moobd": -1e308}}, "`$.moobd`"),
         ({"tell": told | {"where": 3}}, "`where`"),
         (
@@ -152,6 +153,32 @@ def test_what_cannot_be_used_is_answered_and_changes_nothing(tmp_path: Path) -> 
     for one in (*reversed(more), road):  # in any order
         assert client.tell(one)["told"] == one["id"]
     assert client.end()["simulations"] == 4
+
+
+def test_a_line_that_cannot_be_read_is_answered_and_changes_nothing(tmp_path: Path) -> None:
+    lines = [
+        b"[" * 100_000,
+        b'{"a":' * 100_000,
+        b'{"tell": ' + b"[" * 500 + b"]" * 500 + b"}",
+        b"(" * 10_000,
+        b'{"ask": ' + b"1" * 5_000 + b"}",
+        b"\xff\xfe",
+        b"\x00",
+    ]
+    done = subprocess.run(
+        [sys.executable, "-m", "frenetic", "ask-tell", "--out", str(tmp_path / "told")],
+        input=b"\n".join([*lines, b'{"end": {}}\n']),
+        env=os.environ | {"PYTHONIOENCODING": "utf-8:strict"},
+        capture_output=True,
+    )
+    assert done.returncode == 0
+    assert b"Traceback" not in done.stderr
+    *answers, end = map(json.loads, done.stdout.splitlines())
+    assert len(answers) == len(lines)
+    for answer in answers:
+        assert "cannot be read as JSON: " in answer["error"]
+        assert len(answer["error"]) < 300
+    assert end["summary"]["tests"] == 0
 
 
 def test_a_domain_gives_conditions(tmp_path: Path) -> None:

@@ -90,6 +90,9 @@ MISTAKES: Final = [
     ("run --with delay=0.1 --with delay=0.2", "delay is there twice"),
     ("run --with friction=0.5 --simulator friction=0.7", "friction is there twice, in --with"),
     ("run --roads competition,length=300", "the competition's roads have no options"),
+    ("run --roads rural-80,design_speed=20", "the length of rural-80 is 2000 m", "length=250 or"),
+    ("run --roads urban-50 --map-size 50", "the length of urban-50 is 1000 m", "does not fit"),
+    ("run --map-size 25", "map_size is 25 m, and fewer than 2 of 300 random roads are valid"),
     ("run --odd odd.toml --with friction=0.5", "friction is given, and odd draws it"),
     ("run --odd odd.toml --simulator friction=0.5", "friction is given, and odd draws it"),
     ("run --driver mine.py:Slwo", "did you mean 'Slow'?"),
@@ -350,6 +353,52 @@ def test_linear_algebra_takes_one_thread_unless_the_user_wants_more(tmp_path: Pa
             [sys.executable, "-c", code], cwd=tmp_path, env=usual | wanted, text=True
         )
         assert done.splitlines()[-1].startswith(said)
+
+
+PRESSES_CTRL_C: Final = """
+import os
+import signal
+import sys
+
+
+class PressesCtrlC:
+    def find_spec(self, name, path=None, target=None):
+        if name == os.environ["PRESS_AT"]:
+            sys.meta_path.remove(self)
+            signal.raise_signal(signal.SIGINT)
+
+
+sys.meta_path.insert(0, PressesCtrlC())
+"""
+
+
+@pytest.mark.parametrize("module", ["frenetic.cli", "click", "frenetic.errors", "rich.console"])
+@pytest.mark.parametrize(
+    "program", [("-m", "frenetic"), ("-c", "from frenetic.__main__ import main; main()")]
+)
+def test_ctrl_c_while_the_command_line_is_imported_is_one_line(
+    tmp_path: Path, program: tuple[str, str], module: str
+) -> None:
+    (tmp_path / "sitecustomize.py").write_text(PRESSES_CTRL_C)
+    done = subprocess.run(
+        [sys.executable, *program, "list", "drivers"],
+        env=os.environ | {"PYTHONPATH": str(tmp_path), "PRESS_AT": module},
+        capture_output=True,
+        text=True,
+    )
+    assert (done.returncode, done.stdout) == (130, "")
+    assert done.stderr.split() == ["frenetic:", "interrupted"]
+
+
+def test_the_program_imports_nothing_before_it_can_answer_ctrl_c() -> None:
+    code = (
+        "import sys\n"
+        "before = set(sys.modules)\n"
+        "import frenetic.__main__\n"
+        "print(sorted(set(sys.modules) - before))"
+    )
+    done = subprocess.check_output([sys.executable, "-c", code], text=True)
+    assert done.strip() == "['frenetic', 'frenetic.__main__']"
 
 
 TALKS: Final = """

@@ -99,6 +99,51 @@ def test_a_campaign_that_cannot_be_written_is_driven_elsewhere(
     assert "Kept in out; the same command shows it\n" in answer.out
 
 
+MOVING = """
+import os
+import shutil
+from frenetic import Planner
+
+
+class Moving(Planner):
+    drives = 0
+
+    def reset(self, setup):
+        Moving.drives += 1
+        if Moving.drives == 3:
+            {deed}
+        super().reset(setup)
+
+    def act(self, observation):
+        return super().act(observation)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows moves no folder that is in use")
+@pytest.mark.parametrize("command", ["rerun {} --all", "minimise {} --top 2 --max-drives 8"])
+def test_a_campaign_that_is_moved_while_its_roads_are_driven_is_one_line_that_says_where(
+    command: str, frenetic: Frenetic, copied: str, tmp_path: Path
+) -> None:
+    (tmp_path / "moving.py").write_text(MOVING.format(deed=f"os.rename({copied!r}, 'moved')"))
+    words = [*command.format(copied).split(), "--driver", f"{tmp_path / 'moving.py'}:Moving"]
+    answer = frenetic(*words)
+    place = f"{copied} was moved to {tmp_path / 'moved'} while its roads were driven again"
+    assert answer.refuses(place if sys.platform == "linux" else f"{copied} was moved"), answer.err
+    assert not Path(copied).exists()
+    assert frenetic("check", "moved").code == 0
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows deletes no file that is in use")
+@pytest.mark.parametrize("command", ["rerun {} --all", "minimise {} --top 2 --max-drives 8"])
+def test_a_campaign_that_is_deleted_while_its_roads_are_driven_stays_so(
+    command: str, frenetic: Frenetic, copied: str, tmp_path: Path
+) -> None:
+    (tmp_path / "moving.py").write_text(MOVING.format(deed=f"shutil.rmtree({copied!r})"))
+    words = [*command.format(copied).split(), "--driver", f"{tmp_path / 'moving.py'}:Moving"]
+    assert frenetic(*words).refuses(f"{copied} was deleted while its roads were driven again")
+    assert not Path(copied).exists()
+
+
 # Other parts, and what a continuous integration sees of it
 
 

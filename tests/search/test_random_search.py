@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,8 +13,9 @@ import pytest
 
 from frenetic._support.arrays import FloatArray
 from frenetic.road import MARGIN, Road
-from frenetic.search import Frenetic, Frenetic2021, RandomSearch
-from frenetic.search.random_search import RandomRoads
+from frenetic.road.classes import RoadClass, class_of, classes
+from frenetic.search import Frenetic, Frenetic2021, RandomSearch, Strategy
+from frenetic.search.random_search import RandomRoads, most_frequent
 
 
 @pytest.mark.parametrize(
@@ -75,3 +80,60 @@ def test_a_refused_road_is_drawn_again_and_the_last_draw_taken_whatever_it_is(
     assert (candidate.step, candidate.origin.operator) == (8.0, "random")
     np.testing.assert_array_equal(candidate.curvatures, draws[-1])
     assert len(seen) == min(accept_every, max_redraws)  # the last draw needs no verdict
+
+
+@pytest.mark.parametrize("name", classes())
+@pytest.mark.parametrize("make", [Frenetic, Frenetic2021, RandomSearch])
+def test_every_class_has_valid_roads(name: str, make: Callable[..., Strategy]) -> None:
+    make(seed=1, road_class=RoadClass.of(name)).require_valid_roads()
+    make(seed=1).require_valid_roads()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("rural-80,design_speed=20", "a min_radius of 8 m (20 km/h)"),
+        ("rural-80,design_speed=30", "a min_radius of 21 m (30 km/h)"),
+        ("rural-80,min_radius=10", "a min_radius of 10 m (80 km/h)"),
+        ("rural-80,map_size=200", "a map_size of 200 m"),
+    ],
+)
+@pytest.mark.parametrize("make", [Frenetic, Frenetic2021, RandomSearch])
+def test_options_that_give_no_valid_road_are_refused_with_what_is_needed(
+    text: str, words: str, make: Callable[..., Strategy]
+) -> None:
+    road_class = class_of(text)
+    assert road_class is not None
+    with pytest.raises(ValueError, match=re.escape(words)) as refused:
+        make(seed=1, road_class=road_class).require_valid_roads()
+    assert str(refused.value).startswith("the length of rural-80 is 2000 m, and with ")
+    needed = re.search(r"; length=(\d+) or less is needed$", str(refused.value))
+    assert needed is not None
+    make(seed=1, road_class=replace(road_class, length=float(needed[1]))).require_valid_roads()
+
+
+def test_a_map_that_holds_no_road_is_refused() -> None:
+    reason = r"fewer than 2 of 300 random roads are valid there: .*fit.* \(300 times\)"
+    with pytest.raises(ValueError, match=f"^map_size is 25 m, and {reason}"):
+        RandomSearch(seed=1, map_size=25.0).require_valid_roads()
+
+
+def test_whether_there_are_valid_roads_changes_no_proposal_and_asks_no_check_of_a_user() -> None:
+    road_class = RoadClass.of("rural-80")
+    checked, plain = (RandomSearch(seed=1, road_class=road_class) for _ in range(2))
+    checked.require_valid_roads()
+    for _ in range(5):
+        assert np.array_equal(checked.ask().curvatures, plain.ask().curvatures)
+    asked: list[float] = []
+
+    def check(_: FloatArray, step: float) -> bool:
+        asked.append(step)
+        return False
+
+    RandomSearch(seed=1, map_size=25.0, is_valid=check).require_valid_roads()
+    assert asked == []
+
+
+def test_reasons_that_differ_in_their_numbers_count_as_one() -> None:
+    reasons = Counter({"at 10 m": 2, "self-intersecting": 3, "at 12.5 m": 2, "else": 1, "more": 1})
+    assert most_frequent(reasons, 2) == "at 10 m (4 times), self-intersecting (3 times)"

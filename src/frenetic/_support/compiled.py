@@ -23,6 +23,11 @@ from numba.core import event
 from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import is_jitted
 
+from frenetic._support.kernel_cache import ensure_kernel_cache
+
+ensure_kernel_cache()
+numba.config.reload_config()  # numba reads the folder's variable when it is imported
+
 PATIENCE: Final = 60.0
 """Wait of a process for its turn, in s. A module takes some seconds; a process that takes longer
 has been stopped, and the others stop waiting for it."""

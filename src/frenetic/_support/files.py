@@ -29,8 +29,9 @@ def read_bounded(path: Path) -> bytes:
             data = file.read(MAX_BYTES + 1)
     except FileNotFoundError:
         raise FreneticError(f"there is no file {path}") from None
-    except OSError as error:
-        raise FreneticError(f"{path} cannot be read: {error.strerror or error}") from None
+    except (OSError, ValueError) as error:  # a NUL in its name
+        reason = getattr(error, "strerror", None) or error
+        raise FreneticError(f"{path} cannot be read: {reason}") from None
     if len(data) > MAX_BYTES:
         raise FreneticError(f"{path} is too large: it has more than {MAX_BYTES} bytes")
     return data
@@ -110,6 +111,58 @@ def require_list(name: str, given: Iterable[T], of: str = "folders") -> tuple[T,
         example = "" if given is None else f", such as [{single}]"
         raise FreneticError(f"{name} is {single}: a list of {of} is needed{example}")
     return tuple(given)
+
+
+class FolderInUse:
+    """A folder that is in use, also when somebody moves or deletes it meanwhile.
+
+    Args:
+        path: of the folder, which exists.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._handle: int | None = None
+        self._path = path
+        self._opened = path.stat()
+        with suppress(OSError):  # Windows opens no folder, and moves none that is in use
+            self._handle = os.open(path, os.O_RDONLY)
+
+    def holds(self, name: str, file: os.stat_result) -> bool:
+        """Whether a file still lies in it, wherever the folder is by now."""
+        with suppress(OSError):
+            if self._handle is None:
+                return os.path.samestat((self._path / name).stat(), file)
+            return os.path.samestat(os.stat(name, dir_fd=self._handle), file)
+        return False
+
+    def fate(self) -> str:
+        """What has become of it: ``was moved to PLACE``, ``was deleted``; empty if nothing has."""
+        with suppress(OSError):
+            if os.path.samestat(self._path.stat(), self._opened):
+                return ""
+        if self._handle is None:
+            return "was moved or deleted"
+        place = self.place()
+        if place is not None:
+            return f"was moved to {place}"
+        return "was moved" if os.fstat(self._handle).st_nlink > 0 else "was deleted"
+
+    def place(self) -> Path | None:
+        """Where it is now; None if it was deleted, or if the system does not tell."""
+        with suppress(OSError):
+            place = Path(f"/proc/self/fd/{self._handle}").readlink()
+            if os.path.samestat(place.stat(), self._opened):
+                return place
+        return None
+
+    def close(self) -> None:
+        """Lets it go; closing twice does no harm."""
+        if self._handle is not None:
+            os.close(self._handle)
+            self._handle = None
+
+    def __del__(self) -> None:
+        self.close()
 
 
 @contextmanager

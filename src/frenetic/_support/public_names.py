@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import Any
 
 
+@cache
 def lazy_names(package: str) -> Callable[[str], Any]:
     """The ``__getattr__`` of a package whose import imports nothing else.
 

@@ -7,9 +7,11 @@ import math
 import re
 from collections.abc import Mapping
 from datetime import UTC, datetime
+from itertools import pairwise
 from typing import Any, Final
 
 from frenetic._support.json_value import plain
+from frenetic._support.outside_text import BeyondLimitsError, read_json
 
 
 def counted(number: int, what: str, several: str | None = None) -> str:
@@ -102,14 +104,22 @@ def read_setting(text: str) -> Any:
     """The value of NAME=VALUE on a command line: JSON or a number if possible, else a text.
 
     ``True``, ``False`` and ``None`` are taken as Python has them, too.
+
+    Raises:
+        ValueError: it is JSON that is nested too deep, or has too large a number.
     """
     if text in _AS_IN_PYTHON:
         return _AS_IN_PYTHON[text]
-    for read in (json.loads, float):
+    for read in (read_json, float):
         try:
-            return read(text)
+            value = read(text)
+            if isinstance(value, int):
+                float(value)  # who takes a number may calculate with it
+        except (BeyondLimitsError, OverflowError) as error:
+            raise ValueError(f"{text[:20]}...: {error}") from None
         except ValueError:
             continue
+        return value
     return text
 
 
@@ -122,15 +132,14 @@ def read_part(text: str) -> tuple[str | None, dict[str, Any]]:
     A comma separates, unless it is quoted or within brackets: ``sites=[1,2]``, ``path="a,b"``.
 
     Raises:
-        ValueError: an option has no value, or is there twice.
+        ValueError: an option has no value, is there twice, or its value cannot be read.
     """
-    items, depth = [""], 0
-    for piece in _PIECE.findall(text):
-        depth += (piece in "[{") - (piece in "]}")
-        if piece == "," and depth == 0:
-            items.append("")
-        else:
-            items[-1] += piece
+    ends, depth = [-1], 0
+    for piece in _PIECE.finditer(text):
+        depth += (piece[0] in "[{") - (piece[0] in "]}")
+        if piece[0] == "," and depth == 0:
+            ends.append(piece.start())
+    items = [text[end + 1 : following] for end, following in pairwise([*ends, len(text)])]
     first = str(read_setting(items[0])) if items[0][:1] == '"' else items[0].strip()
     is_name = items[0][:1] == '"' or "=" not in items[0]
     options: dict[str, Any] = {}
@@ -153,7 +162,7 @@ def part_word(name: str | None, options: Mapping[str, Any]) -> str:
 def _setting(value: object) -> str:
     """A value in a form that `read_setting` reads back."""
     if isinstance(value, str):
-        is_plain = read_setting(value) == value and not set(value) & set(',"[]{}')
+        is_plain = not set(value) & set(',"[]{}') and read_setting(value) == value
         return value if is_plain else json.dumps(value)
     return json.dumps(value, default=plain)
 
@@ -182,14 +191,24 @@ def format_duration(seconds: float) -> str:
     return f"{hours}:{minute:02d}:{second:02d}" if hours else f"{minute}:{second:02d}"
 
 
-_UNPRINTED: Final = re.compile("[\x00-\x09\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
-"""Control characters but the line's end, and what no UTF-8 file can hold."""
+_UNPRINTED: Final = re.compile(
+    "[\x00-\x09\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
+)
+"""Control characters but the line's end, signs that turn the direction of writing around or end a
+line, and what no UTF-8 file can hold."""
 _FORMULA: Final = ("=", "+", "-", "@", "\n")
 
 
 def printable(text: str) -> str:
     r"""A text whose control characters are escaped, such as ``\x1b``, but for line ends."""
     return _UNPRINTED.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+
+
+def shortened(text: str, most: int) -> str:
+    """A text of at most so many characters, whose middle is left out if need be."""
+    if len(text) <= most:
+        return text
+    return f"{text[: most - most // 3 - 5]} ... {text[-(most // 3) :]}"
 
 
 def text_cell(text: str) -> str:

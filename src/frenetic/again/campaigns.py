@@ -20,7 +20,7 @@ from frenetic.campaign.objective import MOOBD
 from frenetic.campaign.state import stored_budget
 from frenetic.campaign.store import DATABASE
 from frenetic.description import describe
-from frenetic.errors import CampaignError
+from frenetic.errors import CampaignError, CampaignGoneError
 from frenetic.search import Strategy
 from frenetic.spec import require_count
 from frenetic.versions import SHORT
@@ -66,9 +66,11 @@ def campaign_again(
         objective: what else its strategy is told of a drive.
 
     Raises:
-        CampaignError: ``out`` holds something else.
+        CampaignError: ``out`` holds something else, or the folder is gone.
         ValueError: an option is out of range.
     """
+    if not Path(folder).is_dir():  # a part of it is not made again
+        raise CampaignGoneError(f"{folder} was moved or deleted while its roads were driven again")
     simulator, driver = tester.simulator, tester.driver
     parts = describe(driver), describe(simulator), simulator.rules.as_json()
     text = json.encode([what, terms, parts], order="sorted", enc_hook=plain)
@@ -97,7 +99,24 @@ def complete(campaign: Campaign, how: How) -> None:
 
     Raises:
         CampaignError: nothing can be stored, no worker can be started, or no drive can be judged.
+        CampaignGoneError: the folder was moved or deleted meanwhile.
     """
+    try:
+        _complete(campaign, how)
+    except CampaignGoneError as error:
+        folder = campaign.folder.parents[1]  # of the campaign whose roads they are
+        if campaign.folder.parent.name != FOLDER or folder.is_dir():
+            raise
+        fate = "deleted while its roads were driven again, and the drives with it: restore a copy"
+        if error.place is not None:
+            fate = (
+                f"moved to {error.place.parents[1]} while its roads were driven again: the drives"
+                " stand there, and the same command goes on with them there"
+            )
+        raise CampaignGoneError(f"{folder} was {fate}") from error
+
+
+def _complete(campaign: Campaign, how: How) -> None:
     if not (campaign.folder / DATABASE).is_file():
         campaign.run(on_event=how.get("on_event"))
         return

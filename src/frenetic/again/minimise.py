@@ -37,6 +37,7 @@ from frenetic.errors import (
     HANGS,
     IS_KILLED,
     CampaignError,
+    CampaignGoneError,
     Fault,
     FreneticError,
 )
@@ -467,6 +468,8 @@ def minimise(
         before = _simulations(campaign.folder)
         try:
             complete(campaign, how)
+        except CampaignGoneError:
+            raise
         except CampaignError as error:
             if strategy.shrinker is None:
                 raise
@@ -551,6 +554,8 @@ def minimise_causes(
     for test in tests:
         try:
             found = minimise_test(folder, test, tester, max_drives=most, seconds=share, **how)
+        except CampaignGoneError:
+            raise
         except FreneticError as error:
             yield test.id, error
             continue

@@ -17,7 +17,8 @@ from filelock import FileLock
 
 from frenetic import trust
 from frenetic._support.bounds import Count, Index, check
-from frenetic._support.files import write_file
+from frenetic._support.files import FolderInUse, write_file
+from frenetic._support.outside_text import read_json
 from frenetic._support.words import counted
 from frenetic.analysis.comparison import (
     Comparison,
@@ -139,7 +140,8 @@ class Bench:
         Raises:
             ValueError: ``workers`` is no whole number of at least 1.
             FreneticError: the folder holds something else, another process uses it, a generator
-                cannot be built, or the simulator does not start.
+                cannot be built, the simulator does not start, or the folder is moved or deleted
+                meanwhile.
         """
         check({"workers": workers}, Bench.run)
         campaign.prepare(self.terms.simulator)
@@ -174,8 +176,9 @@ class Bench:
         progress: dict[Path, Summary] = {}
         ends: dict[Path, RunState] = {}
         events = run_all(to_do, self.terms, workers=workers, on_interrupt=on_interrupt)
-        with closing(events):
+        with closing(events), closing(FolderInUse(self.folder)) as folder:
             for run, event in events:
+                self._require_in_place(folder)
                 if isinstance(event, Summary):
                     progress[run.folder] = event
                 else:
@@ -190,7 +193,20 @@ class Bench:
                     f"runs {whole} of {len(states)}, simulations {simulations},"
                     f" failures {failures}",
                 )
+                self._require_in_place(folder)  # before another run makes a part of it again
         return list(ends.values())
+
+    def _require_in_place(self, folder: FolderInUse) -> None:
+        """Checks that nobody has moved or deleted the folder.
+
+        Raises:
+            FreneticError: it is elsewhere, or gone.
+        """
+        if fate := folder.fate():
+            rest = "its complete runs stand there; go on with --resume there"
+            if "deleted" in fate:
+                rest = "its runs are gone; begin a new bench"
+            raise FreneticError(f"{self.folder} {fate} while the bench ran: {rest}")
 
     def comparison(self) -> Comparison:
         """The comparison of the entrants by their complete runs.
@@ -321,10 +337,10 @@ def read_record(folder: Path | str) -> Record:
     """
     path = Path(folder) / RECORD
     try:
-        return msgspec.json.decode(path.read_bytes(), type=Record)
+        return read_json(path.read_bytes(), Record)
     except FileNotFoundError:
         raise FreneticError(f"{folder} holds no bench: give the folder of one") from None
-    except (OSError, ValueError, RecursionError) as error:
+    except (OSError, ValueError) as error:
         raise FreneticError(
             f"{path} is damaged or of another version of frenetic ({error}): restore it from a"
             " copy, or begin a new bench"

@@ -13,6 +13,7 @@ import click
 from msgspec import structs, to_builtins
 
 from frenetic._support.words import format_duration
+from frenetic.cli import echo
 from frenetic.cli.compare import comparison_document, print_comparison
 from frenetic.cli.console import Log, announced_compilation, live_line, print_table, shell
 from frenetic.cli.options import (
@@ -149,7 +150,7 @@ def _run_advised(the_bench: Bench, resume: bool, workers: int | None, as_json: b
     except KeyboardInterrupt:
         if not (the_bench.folder / RECORD).is_file():
             raise  # nothing was begun
-        click.echo(f"frenetic: interrupted; go on: {_next_command(the_bench)}", err=True)
+        echo(f"frenetic: interrupted; go on: {_next_command(the_bench)}", err=True)
         raise click.exceptions.Exit(130) from None
 
 
@@ -200,14 +201,18 @@ def _run(the_bench: Bench, resume: bool, workers: int | None, as_json: bool) -> 
 
         usual = capabilities(the_bench.terms.simulator).usual_workers
         with live_line(log) as show:
-            ends = the_bench.run(
-                resume=resume,
-                workers=workers or usual or available_cores(),
-                on_start=started,
-                on_progress=progress,
-                on_end=ended,
-                on_interrupt=log.stopping,
-            )
+            try:
+                ends = the_bench.run(
+                    resume=resume,
+                    workers=workers or usual or available_cores(),
+                    on_start=started,
+                    on_progress=progress,
+                    on_end=ended,
+                    on_interrupt=log.stopping,
+                )
+            except KeyboardInterrupt:
+                echo(f"Go on: {again}", err=True)
+                raise
     states = the_bench.states()
     has_drives = _show_results(the_bench, states, log, as_json)
     if missing := sum(state.ending is None for state in states):
@@ -216,7 +221,7 @@ def _run(the_bench: Bench, resume: bool, workers: int | None, as_json: bool) -> 
                 f"{missing} of {len(states)} runs could not be completed ({troubles[0]}); try"
                 f" again: {again}"
             )
-        click.echo(f"{missing} of {len(states)} runs are missing; go on: {again}", err=True)
+        echo(f"{missing} of {len(states)} runs are missing; go on: {again}", err=True)
         raise click.exceptions.Exit(130)
     if not has_drives:
         raise click.exceptions.Exit(1)
@@ -228,7 +233,7 @@ def _show_results(the_bench: Bench, states: Sequence[RunState], log: Log, as_jso
 
     runs = {"runs": [state.as_json() for state in states]}
     if all(state.ending is None for state in states):
-        click.echo(json.dumps(runs) if as_json else f"Results: {the_bench.folder}")
+        echo(json.dumps(runs) if as_json else f"Results: {the_bench.folder}")
         return False
     with log.status("Comparing"):
         comparison = the_bench.comparison()
@@ -241,12 +246,12 @@ def _show_results(the_bench: Bench, states: Sequence[RunState], log: Log, as_jso
         if the_bench.preset is not None:
             differences = the_bench.preset.differences(the_bench.entries())
             document["preset"] = {**to_builtins(the_bench.preset), "differs": differences}
-        click.echo(json.dumps(document))
+        echo(json.dumps(document))
     else:
         print_comparison(comparison)
         _print_published(the_bench, comparison)
-        click.echo(f"Page:    {page}")
-        click.echo(f"Results: {the_bench.folder}")
+        echo(f"Page:    {page}")
+        echo(f"Results: {the_bench.folder}")
     return any(r.simulations > r.counts.errors for g in comparison.groups.values() for r in g)
 
 
@@ -256,7 +261,7 @@ def _print_published(the_bench: Bench, comparison: Comparison) -> None:
 
     if (preset := the_bench.preset) is None:
         return
-    click.echo(f"Setting of {preset.title}: {preset.setting}")
+    echo(f"Setting of {preset.title}: {preset.setting}")
     print_table(
         ("", *(f">{title}" for title in COLUMNS), "from"),
         [
@@ -266,19 +271,19 @@ def _print_published(the_bench: Bench, comparison: Comparison) -> None:
         title=f"Means of a run, here and in {preset.title}",
     )
     for name, difference in preset.differences(the_bench.entries()).items():
-        click.echo(f"Differs in {name}: {difference}")
+        echo(f"Differs in {name}: {difference}")
     for name, place in preset.sources.items():
-        click.echo(f"Source {name}: {place}")
+        echo(f"Source {name}: {place}")
 
 
 def _list_recipes(as_json: bool) -> None:
     from frenetic.bench import RECIPES
 
     if as_json:
-        click.echo(json.dumps(to_builtins(list(RECIPES.values()))))
+        echo(json.dumps(to_builtins(list(RECIPES.values()))))
         return
     print_table(
         ("generator", "files of", "needs"),
         [(one.name, one.source, one.needs or "") for one in RECIPES.values()],
     )
-    click.echo("Take part: --generator NAME,path=FOLDER,python=INTERPRETER")
+    echo("Take part: --generator NAME,path=FOLDER,python=INTERPRETER")

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import IO, Any, Final, Self
 
 from frenetic._support.child_processes import ending_of, kill_process
+from frenetic._support.outside_text import read_json
 from frenetic.competition import SEED
 
 HOST: Final = Path(__file__).with_name("host.py")
@@ -136,8 +137,8 @@ class GeneratorProcess:
             self._received.put(line)
             raise GeneratorLostError(self._ending())
         try:
-            message = json.loads(line)
-        except (ValueError, RecursionError):
+            message = read_json(line)
+        except ValueError:
             message = None
         if not isinstance(message, dict):
             raise GeneratorLostError("its process sent what is no message")

@@ -16,6 +16,7 @@ import numpy as np
 
 from frenetic._support.child_processes import one_process
 from frenetic._support.json_value import JSONValue, plain
+from frenetic._support.outside_text import read_json
 from frenetic.campaign.earlier import EarlierTest
 from frenetic.campaign.objective import Objective, evaluation_of
 from frenetic.campaign.record import Attempt
@@ -71,6 +72,20 @@ def require_fresh(strategy: Strategy) -> None:
             f"the strategy {type(strategy).__name__} was asked before: make a new one for each"
             " campaign and each resume(); a Campaign that has run goes on with run()"
         )
+
+
+def require_valid_roads(strategy: Strategy) -> None:
+    """Checks that the strategy can propose a valid road, as far as it knows.
+
+    Raises:
+        CampaignError: it cannot, or raised.
+    """
+    try:
+        strategy.require_valid_roads()
+    except ValueError as error:
+        raise CampaignError(str(error)) from error
+    except (Exception, SystemExit) as error:
+        raise CampaignError(str(raised(error))) from error
 
 
 def start(strategy: Strategy, earlier: Sequence[EarlierTest], summary: Summary) -> None:
@@ -138,8 +153,8 @@ def _fault_of(candidate: Any) -> str:
     if not _is_whole(origin.generation, 0):
         return f"the generation {shown(origin.generation)}: a whole number from 0 is needed"
     try:
-        json.dumps(dict(candidate.notes), default=plain, allow_nan=False)
-    except (TypeError, ValueError):
+        read_json(json.dumps(dict(candidate.notes), default=plain, allow_nan=False))
+    except (TypeError, ValueError, RecursionError):
         return f"the notes {shown(candidate.notes)}: names with plain values are needed"
     return ""
 
@@ -179,7 +194,7 @@ def facts_of(strategy: Strategy, summary: Summary) -> dict[str, JSONValue]:
     """
     with _own_time(summary, StrategyError):
         text = json.dumps(dict(strategy.facts()), default=plain, allow_nan=False)
-    facts: dict[str, JSONValue] = json.loads(text)
+        facts: dict[str, JSONValue] = read_json(text)
     return facts
 
 

@@ -32,6 +32,7 @@ from msgspec import Struct, ValidationError, convert, json
 
 from frenetic._support.bounds import Count, Finite, Measured, NotNegative, Share
 from frenetic._support.files import write_file
+from frenetic._support.outside_text import read_json
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.log import CampaignLog
 from frenetic.campaign.record import Attempt
@@ -257,6 +258,16 @@ class _Client(Workers):
         self._kept(number).unlink(missing_ok=True)
         self.say_told(number, budget_spent)
 
+    def _keep(self, told: Told) -> None:
+        """Keeps a result until that of an older candidate comes.
+
+        Raises:
+            FreneticError: it cannot be written.
+        """
+        with suppress(OSError):  # the campaign's folder is gone, which is not made again
+            self._folder.mkdir(exist_ok=True)
+        write_file(self._kept(told.id), json.encode(told), remedy="make room")
+
     def _kept(self, number: int) -> Path:
         return self._folder / f"{number}.json"
 
@@ -271,7 +282,7 @@ class _Client(Workers):
             self._known.append(Attempt.undriven(candidate.id, Outcome.INVALID, verdict.message))
             return
         with suppress(OSError, ValueError):  # most were not told before a crash
-            told = json.decode(self._kept(candidate.id).read_bytes(), type=Told)
+            told = read_json(self._kept(candidate.id).read_bytes(), Told)
             self._known.append(told.attempt(road, 0.0))
             return
         self._asked -= 1
@@ -317,9 +328,7 @@ class _Client(Workers):
                 road, since = self._running[told.id]
                 attempt = told.attempt(road, time.perf_counter() - since)
                 if min(self._running) < told.id:
-                    write_file(
-                        self._kept(told.id), json.encode(told), remedy="make room", parents=True
-                    )
+                    self._keep(told)
                 del self._running[told.id]
                 self._told.add(told.id)
                 return attempt
@@ -348,9 +357,9 @@ def requested(line: str) -> tuple[str, Any]:
         ValueError: the line is none.
     """
     try:
-        request = json.decode(line)
+        request = read_json(line)
     except ValueError as error:
-        raise ValueError(f"{line.strip()[:60]!r} is no JSON: {error}") from None
+        raise ValueError(f"{line.strip()[:60]!r} cannot be read as JSON: {error}") from None
     if not isinstance(request, dict) or len(request) != 1:
         raise ValueError("a request is an object with one entry: ask, tell, validate or end")
     return next(iter(request.items()))

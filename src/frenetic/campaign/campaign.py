@@ -29,6 +29,7 @@ from frenetic.campaign.asking import (
     notice_of,
     replay,
     require_fresh,
+    require_valid_roads,
     start,
 )
 from frenetic.campaign.earlier import (
@@ -51,7 +52,7 @@ from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers, av
 from frenetic.description import changed_parts, describe, describe_terms, sources_of
 from frenetic.domain import Domain
 from frenetic.drivers.driver import Driver
-from frenetic.errors import CampaignError, FreneticError, reason_of, traceback_of
+from frenetic.errors import CampaignError, CampaignGoneError, FreneticError, reason_of, traceback_of
 from frenetic.registry import options_of
 from frenetic.road import MAP_SIZE, MARGIN
 from frenetic.road.classes import RoadClass
@@ -363,12 +364,15 @@ class Campaign(Shown):
                 a whole one of at least 1.
             CampaignError: the folder cannot be used or written, it holds another campaign already,
                 the strategy was asked before, an earlier campaign cannot be read or has no road
-                that fits, no worker can be started, or no road or drive can be judged. Stored
-                results stay.
+                that fits, the strategy knows no valid road, no worker can be started, or no road or
+                drive can be judged. Stored results stay.
         """
         limit = self._allow(simulations)
         if not self.started:
             require_fresh(self.strategy)
+            self._keep_margin()
+            if not self.start_from and self.from_roads is None:
+                require_valid_roads(self.strategy)
         prepare(self.tester.simulator, is_here=self.cluster is None)
         if self.cluster is not None:
             # An optional extra.
@@ -377,7 +381,6 @@ class Campaign(Shown):
             require_scheduler(self.cluster)
         if self._search_so_far is not None:
             return self._go_on(*self._search_so_far, limit, on_event)
-        self._keep_margin()
         folders = [earlier.folder for earlier in self.start_from]
         step = (options_of(self.strategy) or {}).get("step")
         self.start_from, taken = take_earlier(folders, self.tester, self.objective, step)
@@ -622,6 +625,8 @@ class Campaign(Shown):
                 is_whole = summary.budget_spent >= 1.0 or (summary.ended and not outstanding)
                 interrupted = is_stopped and not is_whole
                 self._search_so_far = summary, outstanding
+        except CampaignGoneError:  # and its log with it
+            raise
         except (KeyboardInterrupt, Exception) as error:
             interrupted = self._is_interruption(error)
             if not interrupted:
@@ -756,6 +761,8 @@ def _saying_what_is_stored(store: CampaignStore, summary: Summary) -> Iterator[N
     """Adds to an error how far the campaign came."""
     try:
         yield
+    except CampaignGoneError:  # which says it
+        raise
     except CampaignError as error:
         with suppress(CampaignError):  # the disk is full, say
             store.write()

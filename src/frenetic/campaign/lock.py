@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Final
 
 from filelock import FileLock, Timeout, lock_descriptor
-from msgspec import DecodeError, Struct
-from msgspec.json import decode, encode
+from msgspec import Struct
+from msgspec.json import encode
 
+from frenetic._support.outside_text import read_json
 from frenetic._support.words import present_moment
 from frenetic.errors import CampaignError
 
@@ -35,7 +36,7 @@ class _Holder(Struct):
     def read(cls, file: RawIOBase) -> _Holder:
         """The last holder of the lock on a file."""
         file.seek(1)  # on Windows the first byte is locked
-        return decode(file.read() or b"", type=cls)
+        return read_json(file.read() or b"", cls)
 
     def __str__(self) -> str:
         """Its process, if that is known to be the one which runs here under this number."""
@@ -82,7 +83,7 @@ def holder(path: Path) -> str | None:
                 if lock_descriptor(file.fileno(), blocking=False):
                     return None
             return str(_Holder.read(file))
-    except DecodeError:
+    except ValueError:
         return "another process"
     except OSError:
         return None
@@ -93,7 +94,7 @@ def last_host(path: Path) -> str | None:
     try:
         with path.open("rb", buffering=0) as file:
             return _Holder.read(file).host
-    except (DecodeError, OSError):
+    except (ValueError, OSError):
         return None
 
 

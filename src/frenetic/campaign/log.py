@@ -31,6 +31,7 @@ from logging.handlers import WatchedFileHandler
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, Self, TypeAlias
 
+from frenetic._support.outside_text import read_json
 from frenetic.outcome import Outcome
 
 if TYPE_CHECKING:
@@ -170,7 +171,7 @@ def told_in_log(folder: Path) -> int:
     with suppress(OSError), (folder / LOG).open("rb") as file:
         for line in file:
             with suppress(ValueError, LookupError, TypeError):
-                record = json.loads(line)
+                record = read_json(line)
                 most = max(most, record["tests"] + record["dropped"])
     return most
 

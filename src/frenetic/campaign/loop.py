@@ -30,6 +30,7 @@ from frenetic.campaign.workers.workers import Workers
 from frenetic.errors import BrokenDriverError, CampaignError, StrategyError
 from frenetic.oracle import is_drivers
 from frenetic.outcome import Outcome
+from frenetic.search.random_search import most_frequent
 from frenetic.search.records import Candidate
 from frenetic.search.strategy import SearchEnded, Strategy, has_own
 from frenetic.spec import Budget
@@ -40,6 +41,9 @@ MAX_ERRORS_IN_A_ROW: Final = 10
 """Consecutive drives that could not be judged after which a campaign gives up."""
 MAX_INVALID_IN_A_ROW: Final = 5_000
 """Consecutive refused roads after which a campaign gives up."""
+MAX_INVALID_AT_FIRST: Final = 500
+"""Refused roads after which a campaign gives up that has driven none: a strategy of whose roads one
+in 50 is valid would come so far in 4 of 100,000 campaigns."""
 PROGRESS_INTERVAL: Final = 5.0
 """Time between two lines of progress in the log, in s."""
 
@@ -93,7 +97,8 @@ class Dispatcher:
         self._second = second  # drive of the first failure; None if there is to be none
         summary.not_repeatable = "" if second is None else second.note
         self._waits_for_result = False  # the strategy, before it proposes another road
-        self._broken = self._refused = 0  # in a row
+        self._broken = 0  # in a row
+        self._refusals: Counter[str] = Counter()  # reasons of refused roads in a row
         self._start = 0.0
         self._next_line = 0.0  # of progress
 
@@ -328,21 +333,25 @@ class Dispatcher:
         if test.candidate.source is not None:
             return
         if test.outcome in (Outcome.INVALID, Outcome.DROPPED):
-            self._refused += 1
+            self._refusals[test.reason] += 1
         elif test.outcome is Outcome.ERROR or self._has_only_crashed(test):
-            self._broken, self._refused = self._broken + 1, 0
+            self._broken += 1
+            self._refusals.clear()
         elif test.outcome.is_driven:
-            self._broken = self._refused = 0
+            self._broken = 0
+            self._refusals.clear()
         if self._broken >= MAX_ERRORS_IN_A_ROW and self._summary.told_share is None:
             so = f"so the campaign gives up: {test.reason}"
             if is_drivers(test.result.fault):
                 what = f"the driver broke on each of the first {self._broken} roads"
                 raise BrokenDriverError(f"{what}, {so}")
             raise CampaignError(f"none of the last {self._broken} drives could be judged, {so}")
-        if self._refused >= MAX_INVALID_IN_A_ROW:
+        refused = self._refusals.total()
+        is_first = not self._summary.simulations
+        if refused >= (MAX_INVALID_AT_FIRST if is_first else MAX_INVALID_IN_A_ROW):
             raise StrategyError(
-                f"the last {self._refused} roads were refused, so the campaign gives up:"
-                f" {test.reason}"
+                f"the {'first' if is_first else 'last'} {refused} roads were refused, so the"
+                f" campaign gives up: {most_frequent(self._refusals)}"
             )
 
     def _has_only_crashed(self, test: Test) -> bool:

@@ -15,10 +15,11 @@ from json import JSONEncoder
 from typing import Any, ClassVar, Final, Literal, Self, TypeAlias
 
 import numpy as np
-from msgspec import convert, json, to_builtins
+from msgspec import convert, to_builtins
 
 from frenetic._support.bounds import Count, Finite, Index, NotNegative, Positive, Share
 from frenetic._support.notebook import Shown
+from frenetic._support.outside_text import read_json
 from frenetic.campaign.trajectory_codec import decode, encode, rounded
 from frenetic.domain import Domain
 from frenetic.drive import CarBody, Drive, Rules, Trajectory
@@ -315,7 +316,7 @@ class Column:
         if value is None:
             return None
         if self.kind == "JSON":
-            return json.decode(value)
+            return read_json(value)
         if self.kind in ("REALS", "PAIRS"):
             values = np.frombuffer(value, "<f8").astype(np.float64, copy=False)
             if not np.isfinite(values).all():

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from msgspec import Struct, to_builtins
-from msgspec.json import decode
 
+from frenetic._support.outside_text import read_json
 from frenetic._support.words import printable
 from frenetic.campaign.lock import holder, last_host
 from frenetic.campaign.log import LOG, LogEvent
@@ -187,8 +187,8 @@ def _lines(path: Path) -> Iterator[News]:
     with suppress(OSError), path.open("rb") as file:
         file.seek(-min(TAIL, os.fstat(file.fileno()).st_size), os.SEEK_END)
         for text in file.read().splitlines():
-            with suppress(ValueError, RecursionError):
-                line = decode(text, type=News)
+            with suppress(ValueError):
+                line = read_json(text, News)
                 message = " ".join(printable(line.message).split())
                 yield News(line.event, line.time, line.level, message)
 

@@ -32,10 +32,11 @@ from typing import Any, Final, Literal, Self, TypeAlias
 
 from filelock import FileLock
 
-from frenetic._support.files import flush
+from frenetic._support.files import FolderInUse, flush
 from frenetic._support.json_value import JSONValue, plain
 from frenetic._support.notebook import Shown
-from frenetic._support.words import present_moment
+from frenetic._support.outside_text import read_json
+from frenetic._support.words import counted, present_moment
 from frenetic.campaign.counts import Counts, FirstTests, road_key
 from frenetic.campaign.lock import lock_file
 from frenetic.campaign.record import (
@@ -51,7 +52,7 @@ from frenetic.campaign.record import (
 )
 from frenetic.campaign.trajectory_codec import decode
 from frenetic.drive import Trajectory
-from frenetic.errors import CampaignError
+from frenetic.errors import CampaignError, CampaignGoneError
 from frenetic.outcome import Outcome
 from frenetic.road import profile
 from frenetic.search.records import Candidate
@@ -125,6 +126,7 @@ class CampaignStore(Shown):
         self._connection = connection
         self._lock = lock
         self._opened = self._path.stat()
+        self._in_use = FolderInUse(folder)
         self._held: dict[str, list[tuple[Any, ...]]] = {  # for the next transaction
             statement: [] for statement in (_INSERT, _UPDATE, _INSERT_FINDING)
         }
@@ -239,9 +241,12 @@ class CampaignStore(Shown):
     def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
         if error is None:
             self.close()
-        else:
-            with suppress(CampaignError):  # the error under way says more
-                self.close()
+            return
+        gone = self._gone() if isinstance(error, (CampaignError, OSError)) else None
+        with suppress(CampaignError):  # the error under way says more
+            self.close()
+        if gone is not None and not isinstance(error, CampaignGoneError):
+            raise gone from error
 
     def close(self) -> None:
         """Writes the rest and closes the database; closing twice does no harm."""
@@ -253,6 +258,7 @@ class CampaignStore(Shown):
                 with _translated(self._path):
                     self._connection.close()
             finally:
+                self._in_use.close()
                 if self._lock is not None:
                     self._lock.release()
 
@@ -300,9 +306,9 @@ class CampaignStore(Shown):
         """
         for (text,) in self._select("SELECT value FROM fact WHERE name = ?", (name,)):
             try:
-                value: JSONValue = json.loads(text)
-            except (ValueError, RecursionError):
-                raise self._damaged(f"the fact {name} is not JSON") from None
+                value: JSONValue = read_json(text)
+            except ValueError as error:
+                raise self._damaged(f"the fact {name} is not JSON: {error}") from None
             return value
         return None
 
@@ -399,17 +405,41 @@ class CampaignStore(Shown):
         """Checks that the database is still the file that was opened.
 
         Raises:
-            CampaignError: it was removed or replaced.
+            CampaignGoneError: it was moved, deleted or replaced.
         """
-        try:
-            is_there = os.path.samestat(self._path.stat(), self._opened)
-        except OSError:
-            is_there = False
-        if not is_there:
-            raise CampaignError(
-                f"{self._path} was removed or replaced while it was written: what was stored is"
-                " gone with it; run the campaign again"
+        if (gone := self._gone()) is not None:
+            raise gone
+
+    def _gone(self) -> CampaignGoneError | None:
+        """What has become of the folder or the database; None if both are in their place.
+
+        SQLite writes on into a database that was moved with its folder, so its results stand there.
+        """
+        with suppress(OSError):
+            if os.path.samestat(self._path.stat(), self._opened):
+                return None
+        fate = self._in_use.fate()
+        if self._in_use.holds(DATABASE, self._opened):
+            with suppress(CampaignError):  # the disk is full, say
+                self.write()
+            text = f"{self.folder} {fate} while it was in use: {self._stored_words()} there"
+            error = CampaignGoneError(f"{text}; go on with it there")
+            error.place = self._in_use.place()
+            return error
+        if not fate:
+            return CampaignGoneError(
+                f"{self._path} was taken out of its folder or replaced while it was in use: put it"
+                f" back beside the file {DATABASE}-wal, which holds its last results, or run the"
+                " campaign again"
             )
+        return CampaignGoneError(
+            f"{self.folder} {fate} while it was in use, and its results are gone: restore a copy,"
+            " or run the campaign again"
+        )
+
+    def _stored_words(self) -> str:
+        number = self.stored()
+        return f"its {counted(number, 'result')} {'stands' if number == 1 else 'stand'}"
 
     def require_sound(self) -> None:
         """Checks that SQLite finds the file whole and no result is missing, before one is added.
@@ -644,7 +674,7 @@ class CampaignStore(Shown):
         """Turns the faults of a value into a `CampaignError` that names it."""
         try:
             yield
-        except (TypeError, ValueError, RecursionError, CampaignError) as error:
+        except (TypeError, ValueError, CampaignError) as error:
             raise self._damaged(f"{name}: {error}") from None
 
     def _known(self, id: int, what: str, where: str) -> int:  # noqa: A002
@@ -669,9 +699,14 @@ def _fact_row(name: str, value: JSONValue) -> tuple[str, str]:
     """The row of a fact.
 
     Raises:
-        ValueError: the value is not JSON.
+        ValueError: the value is not JSON, or could not be read again.
     """
-    return name, json.dumps(value, allow_nan=False, default=plain)
+    try:
+        text = json.dumps(value, allow_nan=False, default=plain)
+    except RecursionError:
+        raise ValueError(f"{name} is nested too deep") from None
+    read_json(text)
+    return name, text
 
 
 def _refuse_existing(path: Path) -> None:

@@ -21,6 +21,7 @@ import click
 
 from frenetic._support.entry_points import installed
 from frenetic._support.interrupt import ending_in_order
+from frenetic._support.words import printable, shortened
 from frenetic.errors import FreneticError
 
 __all__ = ["cli", "main"]
@@ -31,6 +32,8 @@ _CHOICES: Final = (
     ("--roads", "or the road class ", "or --roads "),
 )
 """Option of a command, what the library says where it knows no options, and the words with it."""
+_MOST_CHARACTERS: Final = 2_000
+"""Longest line about a mistake, which may quote what was given."""
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
@@ -156,12 +159,16 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         logging.getLogger(__name__).debug("the error in full", exc_info=True)
         fail(str(error))
     except (KeyboardInterrupt, click.Abort):
-        click.echo(f"frenetic: interrupted; to run it again: {asked}", err=True)
+        echo(f"frenetic: interrupted; to run it again: {asked}", err=True)
         code = 130
     except BrokenPipeError:
         # The reader of our output has gone; end quietly.
         silence(sys.stdout)
         code = 1
+    except OSError as error:
+        if error.filename is None:
+            raise
+        fail(f"{error.filename} cannot be used: {error.strerror}")
     sys.exit(code if isinstance(code, int) else 0)
 
 
@@ -173,7 +180,20 @@ def fail(message: str) -> NoReturn:
 
 def complain(message: str) -> None:
     """Prints one line about a user's mistake to stderr."""
-    click.echo(f"frenetic: {' '.join(message.split())}", err=True)
+    echo(f"frenetic: {shortened(' '.join(message.split()), _MOST_CHARACTERS)}", err=True)
+
+
+def echo(text: object = "", *, err: bool = False, nl: bool = True) -> None:
+    r"""Prints a text, whose control characters a terminal shows instead of obeying: ``\x1b``.
+
+    All that a command prints goes through it, or through a console of `frenetic.cli.console`.
+
+    Args:
+        text: whatever its source is, such as the reason of a test in a database.
+        err: whether it is for stderr.
+        nl: whether to end the line.
+    """
+    click.echo(printable(str(text)), err=err, nl=nl)  # noqa: TID251 - here alone
 
 
 def silence(stream: TextIO) -> None:
@@ -190,11 +210,20 @@ def silence(stream: TextIO) -> None:
 def cli(context: click.Context, debug: bool) -> None:
     """Finds the roads on which an automated driver leaves its lane."""
     if context.invoked_subcommand is None:
-        click.echo(context.get_help())
+        echo(context.get_help())
     if debug:
-        import logging
+        _log_to_stderr()
 
-        logging.basicConfig(
-            level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s"
-        )
-        logging.getLogger("frenetic").setLevel(logging.DEBUG)
+
+def _log_to_stderr() -> None:
+    """Logs what happens to stderr, whose control characters a terminal shows, see `echo`."""
+    import logging
+
+    class ShowingFormatter(logging.Formatter):
+        def format(self, record: logging.LogRecord) -> str:
+            return printable(super().format(record))
+
+    handler = logging.StreamHandler()
+    handler.setFormatter(ShowingFormatter("%(asctime)s %(name)s %(levelname)s %(message)s"))
+    logging.basicConfig(level=logging.INFO, handlers=[handler])
+    logging.getLogger("frenetic").setLevel(logging.DEBUG)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from frenetic.cli import echo
 from frenetic.cli.options import DURATION, as_usage_error, folder_option
 from frenetic.cli.parts import map_size_option, odd_option, part_choice
 from frenetic.spec import Budget, Part, Spec
@@ -84,8 +85,9 @@ def ask_tell(
                 rules=spec.rules,
             )
         summary = campaign.serve()
-    click.echo(f"{summary.in_words()}, results in {folder}", err=True)
+    echo(f"{summary.in_words()}, results in {folder}", err=True)
 
 
 def _lines() -> Iterator[str]:
-    yield from sys.stdin
+    """The lines of the input, whatever its encoding is: those that are no UTF-8 are no requests."""
+    yield from (line.decode("utf-8", "surrogateescape") for line in sys.stdin.buffer)

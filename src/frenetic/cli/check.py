@@ -9,6 +9,7 @@ from typing import Final
 import click
 
 from frenetic._support.words import counted
+from frenetic.cli import echo
 from frenetic.cli.console import print_facts
 from frenetic.cli.options import campaign_argument, json_option
 
@@ -39,7 +40,7 @@ def check(campaign: Path, as_json: bool) -> None:
             "trajectories": report.trajectories,
             "bytes": report.size,
         }
-        click.echo(json.dumps(values))
+        echo(json.dumps(values))
     else:
         per_test = f", {report.size / 1e3 / counts.told:.1f} kB per result" if counts.told else ""
         print_facts(
@@ -52,9 +53,9 @@ def check(campaign: Path, as_json: bool) -> None:
             ]
         )
         for finding in findings[:SHOWN]:
-            click.echo(finding)
+            echo(finding)
         if len(findings) > SHOWN:
-            click.echo(f"{len(findings) - SHOWN:,} more")
+            echo(f"{len(findings) - SHOWN:,} more")
         found = counted(len(findings), "finding") if findings else "nothing is wrong"
         print_facts([("check", found)])
     if findings:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 from rich.markup import escape
 
+from frenetic.cli import echo
 from frenetic.cli.console import Log, print_table
 from frenetic.cli.options import (
     NewFile,
@@ -99,11 +100,11 @@ def compare(
     for path in out:
         _write(comparison, path, places)
     if as_json:
-        click.echo(json.dumps(comparison_document(comparison)))
+        echo(json.dumps(comparison_document(comparison)))
         return
     print_comparison(comparison)
     for path in out:
-        click.echo(path)
+        echo(path)
 
 
 def _write(comparison: Comparison, path: Path, places: Sequence[str]) -> None:
@@ -208,9 +209,9 @@ def print_comparison(comparison: Comparison) -> None:
     from frenetic.campaign.counts import Counts
 
     sizes = ", ".join(f"{len(campaigns)} of {n}" for n, campaigns in comparison.groups.items())
-    click.echo(f"Campaigns: {sizes}")
+    echo(f"Campaigns: {sizes}")
     for name, campaigns in comparison.groups.items():
-        click.echo(f"{name}: {Counts.total(one.counts for one in campaigns).in_words()}")
+        echo(f"{name}: {Counts.total(one.counts for one in campaigns).in_words()}")
     if len(comparison.groups) <= _MOST_COLUMNS:
         _print_by_measure(comparison)
     else:
@@ -223,8 +224,8 @@ def print_comparison(comparison: Comparison) -> None:
     order = ", ".join(
         f"{by.places[n]}. {n} ({by.measure.text(by.quartiles(n).median)})" for n in by.order
     )
-    click.echo(f"Order by {by.measure.title} (median): {order}")
-    click.echo(verdict(comparison))
+    echo(f"Order by {by.measure.title} (median): {order}")
+    echo(verdict(comparison))
 
 
 def _print_by_measure(comparison: Comparison) -> None:
@@ -256,4 +257,4 @@ def _print_pairs(measures: Sequence[MeasureComparison], *, several: bool) -> Non
         list(pair_rows(measures)),
         title="Differences",
     )
-    click.echo("A12: chance that a campaign of the first named does better than one of the second")
+    echo("A12: chance that a campaign of the first named does better than one of the second")

@@ -15,6 +15,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from frenetic._support.words import (
     capitalised,
@@ -22,9 +23,10 @@ from frenetic._support.words import (
     format_duration,
     lane_words,
     oob_unit,
+    printable,
     rate_words,
 )
-from frenetic.cli import Invocation, silence
+from frenetic.cli import Invocation, echo, silence
 from frenetic.criteria import DRIVER, LANE, quantity
 from frenetic.quantities import SPEED
 
@@ -43,7 +45,15 @@ LOOK_EVERY = 0.1  # s between two looks whether something is compiled
 PLAIN_INTERVAL = 5.0  # s between two lines of progress where there is no terminal
 
 
-class Results(Console):
+class _ShowingConsole(Console):
+    """A console that shows control characters in texts, as `frenetic.cli.echo` does."""
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """The text for the terminal; all that is printed comes here, also the cells of tables."""
+        return super().render_str(printable(text), **options)
+
+
+class Results(_ShowingConsole):
     """The console for results: as wide as needed where they go into a file or a pipe."""
 
     def __init__(self) -> None:
@@ -54,7 +64,7 @@ class Results(Console):
         raise BrokenPipeError
 
 
-class Log(Console):
+class Log(_ShowingConsole):
     """The console for progress; a campaign goes on when nobody reads it."""
 
     def __init__(self) -> None:
@@ -414,7 +424,7 @@ def print_facts(facts: Sequence[tuple[str, str]]) -> None:
     facts = [(name, value) for name, value in facts if value]
     width = max([10, *(len(name) for name, _ in facts)]) + 1
     for name, value in facts:
-        click.echo(f"{name:<{width}}{value}")
+        echo(f"{name:<{width}}{value}")
 
 
 def this_command() -> Invocation:

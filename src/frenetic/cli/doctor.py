@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from frenetic.cli import echo
 from frenetic.cli.console import Log, announced_compilation
 from frenetic.cli.options import as_usage_error, json_option
 from frenetic.cli.parts import part_choice
@@ -52,22 +53,22 @@ def doctor(
                 if not as_json:
                     _print_short(examination)
     if as_json:
-        click.echo(json.dumps([asdict(one) | {"health": str(one.health)} for one in examinations]))
+        echo(json.dumps([asdict(one) | {"health": str(one.health)} for one in examinations]))
     elif simulator is not None:
         failed = len(examinations[0].failed)
-        click.echo(f"{simulator}: {f'{failed} of the checks failed' if failed else 'all is well'}")
+        echo(f"{simulator}: {f'{failed} of the checks failed' if failed else 'all is well'}")
     if any(one.health is Health.BROKEN for one in examinations):
         raise click.exceptions.Exit(1)
 
 
 def _print(check: Check, indent: str = "") -> None:
-    click.echo(f"{indent}{'ok   ' if check.is_ok else 'WRONG'} {check.name}: {check.found}")
+    echo(f"{indent}{'ok   ' if check.is_ok else 'WRONG'} {check.name}: {check.found}")
     if check.remedy:
-        click.echo(f"{indent}      {check.remedy}")
+        echo(f"{indent}      {check.remedy}")
 
 
 def _print_short(examination: Examination) -> None:
     detail = examination.note or f"{len(examination.checks)} checks"
-    click.echo(f"{examination.simulator}: {examination.health} ({detail})")
+    echo(f"{examination.simulator}: {examination.health} ({detail})")
     for check in examination.failed:
         _print(check, "  ")

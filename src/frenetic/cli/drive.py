@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from frenetic.cli import echo
 from frenetic.cli.again import file_spec, recorded_spec
 from frenetic.cli.console import (
     Log,
@@ -133,11 +134,11 @@ def drive(
     documents = _judged(spec, roads) if dry else _driven(spec, roads, plot, is_quiet=as_json)
     if as_json:
         several = len(roads) > 1 or map_roads is not None
-        click.echo(json.dumps(documents if several else documents[0]))
+        echo(json.dumps(documents if several else documents[0]))
     elif dry:
         for one in documents:
             said = "valid" if one["valid"] else f"INVALID  {one['message']}"
-            click.echo(f"{one['road']}: {said}")
+            echo(f"{one['road']}: {said}")
     if not all(one["valid"] if dry else one["outcome"] in ("PASS", "FAIL") for one in documents):
         raise click.exceptions.Exit(1)
 
@@ -381,7 +382,7 @@ def _who(spec: Spec, recorded: object, document: Mapping[str, Any]) -> Iterator[
 def _print(spec: Spec, asked: Asked, result: Result, document: Mapping[str, Any]) -> None:
     differs = document.get("differs")
     words = f"differs from the campaign: {differs}" if differs else "as in the campaign"
-    click.echo(f"{result.outcome}  {result.reason}")
+    echo(f"{result.outcome}  {result.reason}")
     print_facts(
         [
             ("road", f"{asked.road.length:.1f} m, {asked.name}"),

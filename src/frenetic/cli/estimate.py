@@ -10,6 +10,7 @@ import click
 
 from frenetic._support.files import check_writable, write_file
 from frenetic._support.words import counted
+from frenetic.cli import echo
 from frenetic.cli.console import Log, announced_compilation, live_line
 from frenetic.cli.options import as_usage_error, count_option, json_option
 from frenetic.cli.parts import (
@@ -89,15 +90,15 @@ def estimate(
     if campaign is not None:
         write_file(campaign / FILE, document + "\n", remedy="make room, or let it be written")
     if as_json:
-        click.echo(document)
+        echo(document)
         return
-    click.echo(found.in_words())
-    click.echo(
+    echo(found.in_words())
+    echo(
         f"{found.plain} plain drives over {found.kilometres:.0f} km had"
         f" {counted(found.failures, 'failure')}"
     )
     if others := found.drives - found.plain:
-        click.echo(
+        echo(
             f"{counted(others, 'drive')} in conditions drawn more often than they occur had"
             f" {counted(found.other_failures, 'failure')}, which weigh less"
         )

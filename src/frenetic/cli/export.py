@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from frenetic._support.words import read_part
+from frenetic.cli import echo
 from frenetic.cli.console import Log, counted_progress, shell
 from frenetic.cli.options import (
     as_usage_error,
@@ -159,7 +160,7 @@ def _export_campaign(
             )
             break
     document = {"folder": str(folder), "format": name, "outcomes": list(outcomes)}
-    click.echo(json.dumps(document) if as_json else folder)
+    echo(json.dumps(document) if as_json else folder)
 
 
 def _export_roads(
@@ -208,9 +209,9 @@ def _export_roads(
         write_road(exported, name, path)
         documents.append({"file": str(path), "format": name})
     if as_json:
-        click.echo(json.dumps(documents if len(test_ids) > 1 else documents[0]))
+        echo(json.dumps(documents if len(test_ids) > 1 else documents[0]))
     for one in () if as_json else documents:
-        click.echo(one["file"])
+        echo(one["file"])
 
 
 def _file_part(roads: str) -> str:

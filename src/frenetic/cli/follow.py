@@ -13,6 +13,7 @@ import click
 
 from frenetic._support.words import format_duration
 from frenetic.campaign.state import CampaignState, News, Status, look
+from frenetic.cli import echo
 from frenetic.cli.console import Results, live_line, print_facts, progress_text
 
 INTERVAL: Final = 1.0
@@ -25,7 +26,7 @@ def follow(folder: Path, *, as_json: bool) -> None:
     """Shows a campaign until it ends, or prints its state as JSON; exits with 1 at a bad end."""
     state = look(folder)
     if as_json:
-        click.echo(json.dumps({"folder": str(folder)} | state.as_json()))
+        echo(json.dumps({"folder": str(folder)} | state.as_json()))
         return
     console = Results()
     print_facts(_facts(state, folder))

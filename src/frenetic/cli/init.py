@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from frenetic.cli import echo
 from frenetic.cli.console import print_facts, shell
 from frenetic.cli.options import json_option
 
@@ -24,7 +25,7 @@ def init(file: Path, as_json: bool) -> None:
 
     driver, test, name = write_driver(file)
     if as_json:
-        click.echo(json.dumps({"driver": str(driver), "test": str(test), "class": name}))
+        echo(json.dumps({"driver": str(driver), "test": str(test), "class": name}))
         return
     print_facts(
         [

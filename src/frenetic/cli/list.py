@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
+from frenetic.cli import echo
 from frenetic.cli.console import print_table
 from frenetic.cli.options import json_option
 from frenetic.criteria import QUANTITIES, profiles
@@ -59,11 +60,11 @@ def list_parts(kind: str | None, as_json: bool) -> None:
     kinds = _KINDS if kind is None else [kind]
     if as_json:
         documents = {kind: _documents(kind) for kind in kinds}
-        click.echo(json.dumps(documents if kind is None else documents[kind]))
+        echo(json.dumps(documents if kind is None else documents[kind]))
         return
     for number, one in enumerate(kinds):
         if number:
-            click.echo()
+            echo()
         _print(one, title=one.capitalize() if kind is None else None)
 
 
@@ -125,7 +126,7 @@ def _print_classes(title: str | None) -> None:
         for rule, unit in UNITS.items()
     ]
     print_table(("rule", *(one.name for one in found), ""), rows, title=title)
-    click.echo(
+    echo(
         "Where each comes from: frenetic list roads --json. Without --roads, the competition's own"
         " rules count alone."
     )
@@ -147,8 +148,8 @@ def _print_criteria(title: str | None) -> None:
     print_table(("limit", *found, ""), rows, title=title)
     for name, one in found.items():
         left_out = f" Left out: {one.left_out}." if one.left_out else ""
-        click.echo(f"{name}: {one.about}.{left_out}")
-    click.echo(
+        echo(f"{name}: {one.about}.{left_out}")
+    echo(
         "Each limit's clause and window: frenetic list criteria --json. Leaving the lane fails in"
         " all; limits of your own: --criteria after-un-r79,lateral_jerk=4."
     )
@@ -193,9 +194,7 @@ def _print(kind: str, title: str | None) -> None:
     if laid:
         plain, seen = ([r.name for r in layers if r.needs_camera is n] for n in (False, True))
         told = f"; over one with a camera: {', '.join(seen)}" if seen else ""
-        click.echo(f"Over the driver, in all of them: {', '.join(plain)}{told}.")
+        echo(f"Over the driver, in all of them: {', '.join(plain)}{told}.")
     files = "".join(f", or path/to/file{suffix}" for suffix in registry.files)
     word = registry.target.capitalize()
-    click.echo(
-        f"Your own: package.module:{word} or path/to/file.py:{word}{files} as --{registry.kind}."
-    )
+    echo(f"Your own: package.module:{word} or path/to/file.py:{word}{files} as --{registry.kind}.")

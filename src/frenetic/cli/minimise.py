@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from frenetic._support.words import counted
-from frenetic.cli import complain
+from frenetic.cli import complain, echo
 from frenetic.cli.again import (
     chosen_tests,
     file_spec,
@@ -28,7 +28,7 @@ from frenetic.cli.options import (
     source_arguments,
 )
 from frenetic.cli.parts import given_options, given_quantities, part_options
-from frenetic.errors import FreneticError
+from frenetic.errors import CampaignGoneError, FreneticError
 from frenetic.quantities import without
 from frenetic.spec import Spec
 
@@ -128,7 +128,7 @@ def minimise(
             with log.status(f"Drawing {work.name}"):
                 write_minimised(found, work.files, document, name=work.name)
         except FreneticError as error:
-            if len(works) == 1:
+            if len(works) == 1 or isinstance(error, CampaignGoneError):
                 raise
             complain(f"{work.name}: {error}")
             failed = True
@@ -139,7 +139,7 @@ def minimise(
         else:
             _print(work, found)
     if as_json:
-        click.echo(json.dumps(documents))
+        echo(json.dumps(documents))
     if is_interrupted and left:
         which = ", ".join(work.name.removeprefix("Test ") for work in left)
         raise interrupted(log, f"{counted(len(left), 'failure')} not begun: {which}")
@@ -208,7 +208,7 @@ def _print(work: Work, minimised: Minimised) -> None:
 
     before, after = minimised.shapes
     trouble = minimised.trouble
-    click.echo(
+    echo(
         f"{work.name}: {before.length:.0f} m -> {after.length:.0f} m,"
         f" {counted(before.curves, 'curve')} -> {after.curves},"
         f" {_drives(minimised)},"

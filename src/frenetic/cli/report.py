@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from frenetic.cli import echo
 from frenetic.cli.options import campaign_argument, file_option, json_option
 
 
@@ -23,4 +24,4 @@ def report(campaign: Path, out: Path | None, as_json: bool) -> None:
     from frenetic.report.html import write_report
 
     path = write_report(campaign, out)
-    click.echo(json.dumps({"report": str(path)}) if as_json else f"Report:      {path}")
+    echo(json.dumps({"report": str(path)}) if as_json else f"Report:      {path}")

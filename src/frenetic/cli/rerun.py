@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from frenetic._support.words import counted, oob_unit
+from frenetic.cli import echo
 from frenetic.cli.again import (
     chosen_tests,
     interrupted,
@@ -140,14 +141,14 @@ def rerun(
     if junit is not None and not found.missing:
         write_junit(found, junit)
     if as_json:
-        click.echo(json.dumps(found.as_json()))
+        echo(json.dumps(found.as_json()))
     elif not found.planned:
-        click.echo(f"{campaign} holds no {'driven road' if everything else 'failure'}")
+        echo(f"{campaign} holds no {'driven road' if everything else 'failure'}")
     else:
         is_as_before = not asked and not given
         _print(found, times, is_as_before=is_as_before, with_rows=bool(test_ids))
         see = f"to see it: frenetic report {shell(campaign)}"
-        click.echo(f"Kept in {found.folder}; {see if out is None else 'the same command shows it'}")
+        echo(f"Kept in {found.folder}; {see if out is None else 'the same command shows it'}")
     if found.missing:
         left = counted(found.missing, "drive")
         raise interrupted(log, f"{left} to go")
@@ -176,24 +177,22 @@ def _print(found: Rerun, times: int, *, is_as_before: bool, with_rows: bool) -> 
     failed, judged = (sum(getattr(test, n) for test in tests) for n in ("failed", "judged"))
     matches = matches_text(drives)
     shares = f"{failed} of {judged} drives fail{f' ({matches})' if matches else ''}"
-    click.echo(
+    echo(
         f"{counted(len(tests), 'test')}, {'up to ' if found.missing else ''}{said}:"
         f" {shares if times > 1 else found or 'none was finished'}"
     )
     kinds = Counter(test.stability for test in tests)
     if any(kinds[kind] for kind in Stability):
-        click.echo(", ".join(f"{kinds[kind]} {kind}" for kind in Stability if kinds[kind]))
+        echo(", ".join(f"{kinds[kind]} {kind}" for kind in Stability if kinds[kind]))
     influences = [one.quantity for test in tests for one in test.influences if one.matters]
     for name, number in Counter(influences).most_common():
-        click.echo(f"{name} matters in {number} of {len(tests)}")
+        echo(f"{name} matters in {number} of {len(tests)}")
     if is_as_before:
-        click.echo(f"{found.same} of {counted(len(drives), 'drive')} ended exactly as before")
+        echo(f"{found.same} of {counted(len(drives), 'drive')} ended exactly as before")
     if troubles := [drive.reason for drive in drives if not drive.outcome.is_driven]:
-        click.echo(
-            f"{counted(len(troubles), 'drive')} could not be judged, the first one: {troubles[0]}"
-        )
+        echo(f"{counted(len(troubles), 'drive')} could not be judged, the first one: {troubles[0]}")
     if not with_rows and len(tests) > LISTED:
-        click.echo(f"Test by test: name the IDs, or --top {LISTED}")
+        echo(f"Test by test: name the IDs, or --top {LISTED}")
         return
     how = [">fails", ">same failure", ">95 % interval", "it is", "what matters"]
     if times == 1:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from frenetic._support.words import counted, format_duration, rate_words
+from frenetic.cli import echo
 from frenetic.cli.console import (
     Log,
     announced_compilation,
@@ -25,7 +26,7 @@ from frenetic.cli.console import (
     this_command,
 )
 from frenetic.cli.options import Read, as_usage_error, read_workers
-from frenetic.errors import BrokenDriverError, CampaignError, FreneticError
+from frenetic.errors import BrokenDriverError, CampaignError, CampaignGoneError, FreneticError
 
 if TYPE_CHECKING:
     from frenetic.analysis import Clusters
@@ -109,7 +110,7 @@ def search(
     except KeyboardInterrupt:  # beside the search, which ends in order
         if not campaign.started:
             raise
-        click.echo(f"frenetic: interrupted; go on: {_resume_words(campaign.folder)}", err=True)
+        echo(f"frenetic: interrupted; go on: {_resume_words(campaign.folder)}", err=True)
         raise click.exceptions.Exit(130) from None
 
 
@@ -183,7 +184,7 @@ def _search(
                 "notes": notes,
                 "seed": seed,
             }
-            click.echo(json.dumps(summary.as_json() | more))
+            echo(json.dumps(summary.as_json() | more))
         elif summary is not None:
             worst = worst_criterion(store)
             _print_summary(summary, times, worst, first_error(store), still_failing(store))
@@ -193,17 +194,17 @@ def _search(
             else:
                 print_failures(misses, counts, len(listed), store.lane_width)
             for note in notes:
-                click.echo(f"Note: {note}")
+                echo(f"Note: {note}")
         go_on = (
             None if summary is None else _next_command(folder, summary, is_clean=misses is not None)
         )
         if summary is not None and go_on and (summary.interrupted or not as_json):
-            click.echo(f"Go on:       {go_on}", err=as_json)
+            echo(f"Go on:       {go_on}", err=as_json)
         if summary is not None and not as_json:
-            click.echo(f"Results:     {folder}")
+            echo(f"Results:     {folder}")
             if is_shortened:
                 roads = counted(len(shortened), "failing road")
-                click.echo(f"Shortened:   {roads} (in {shortening})")
+                echo(f"Shortened:   {roads} (in {shortening})")
         if listed:
             failures = [test for test, _ in reading.failures.values()]
             before = command.seconds
@@ -211,18 +212,18 @@ def _search(
                 write_failures(store, failures, listed, shortened)
             drawing = format_duration(command.seconds - before)
             if not as_json:
-                click.echo(f"At a glance: {folder / FAILURES / GALLERY} (in {drawing})")
-                click.echo(f"Look closer: frenetic show {shell(folder)} {listed[0].candidate.id}")
+                echo(f"At a glance: {folder / FAILURES / GALLERY} (in {drawing})")
+                echo(f"Look closer: frenetic show {shell(folder)} {listed[0].candidate.id}")
             if not as_json and listed[0].id in shortened:
                 road = minimised_road(folder, listed[0].id)
-                click.echo(f"Drive it:    frenetic drive {shell(road)}")
+                echo(f"Drive it:    frenetic drive {shell(road)}")
         before = command.seconds
         report = _write_report(log, store, reading) if counts.tests else None
         writing = format_duration(command.seconds - before)
         if report is not None and not as_json:
-            click.echo(f"Report:      {report} (in {writing})")
+            echo(f"Report:      {report} (in {writing})")
         if summary is not None and not as_json:
-            click.echo(f"In all:      {format_duration(command.seconds)}")
+            echo(f"In all:      {format_duration(command.seconds)}")
     if summary is not None and summary.interrupted:
         raise click.exceptions.Exit(130)
     if summary is not None and fail_on_failure and (summary.failed or summary.errors):
@@ -311,6 +312,10 @@ def _after(trouble: FreneticError | None, campaign: Campaign) -> Iterator[None]:
         return
     with suppress(FreneticError, OSError):
         yield
+    if isinstance(trouble, CampaignGoneError):
+        if trouble.place is None:
+            raise trouble
+        raise CampaignError(f"{trouble}: {_resume_words(trouble.place)}") from trouble
     words = f"go on: {_resume_words(campaign.folder)}"
     if isinstance(trouble, BrokenDriverError):
         words = f"mend it, then {campaign.next_campaign()}"
@@ -333,23 +338,23 @@ def _print_summary(summary: Summary, times: str, worst: str, error: str, known: 
     from frenetic.campaign.summary import facts_in_words
 
     stopped = "Interrupted: " if summary.interrupted else ""
-    click.echo(
+    echo(
         f"{stopped}{counted(summary.simulations, 'simulation')} in"
         f" {times}, {rate_words(summary.tests_per_second)}"
         f"{summary.worst_in_words}{worst}"
     )
-    click.echo(summary.in_words())
+    echo(summary.in_words())
     if summary.slow_driver:
-        click.echo(summary.slow_driver)
+        echo(summary.slow_driver)
     if known:
-        click.echo(known)
+        echo(known)
     if told := facts_in_words(summary.facts):
-        click.echo(f"Search:      {told}")
+        echo(f"Search:      {told}")
     if error:
-        click.echo(f"The first error: {error}")
+        echo(f"The first error: {error}")
     if summary.ended:
-        click.echo(f"The strategy ended the search: {summary.ended}")
+        echo(f"The strategy ended the search: {summary.ended}")
     if summary.not_repeatable:
-        click.echo(f"Note:        {summary.not_repeatable}")
+        echo(f"Note:        {summary.not_repeatable}")
     if summary.notice:
-        click.echo(f"Note:        {summary.notice}")
+        echo(f"Note:        {summary.notice}")

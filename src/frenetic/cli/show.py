@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from frenetic._support.words import counted, oob_unit, simulated_time
+from frenetic.cli import echo
 from frenetic.cli.console import (
     causes_json,
     clusters_json,
@@ -159,7 +160,7 @@ def _list_tests(
     ]
     if as_json:
         document = {"folder": str(store.folder), "matching": len(tests), "listed": rows}
-        click.echo(json.dumps(document))
+        echo(json.dumps(document))
         return
     units = [(FEATURES[name] if name in FEATURES else quantity(name)).unit for name in names]
     headings = [
@@ -189,7 +190,7 @@ def _list_tests(
     shown = f"; the first {len(listed)} are listed" if len(listed) < len(tests) else ""
     match = "matches" if len(tests) == 1 else "match"
     told = sum(store.by_outcome().values())
-    click.echo(f"{len(tests)} of {counted(told, 'result')} {match}{shown}")
+    echo(f"{len(tests)} of {counted(told, 'result')} {match}{shown}")
 
 
 def _finite(value: float | None) -> float | None:
@@ -226,7 +227,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
             "facts": dict(facts),
             "config": dict(config),
         }
-        click.echo(json.dumps(document))
+        echo(json.dumps(document))
         return
     budget, rate = _budget(store), Estimate.read(store.folder)
     rules, error = setting.rules, first_error(store)
@@ -261,14 +262,14 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     )
     if counts.failed:
         print_causes(clusters, counts, shortened)
-        click.echo()
+        echo()
     print_failures(found, counts, min(LISTED, len(found)), setting.lane_width)
     if coverage is not None:
-        click.echo(f"\nCells of {coverage.name}: failures/drives, and what was never reached")
+        echo(f"\nCells of {coverage.name}: failures/drives, and what was never reached")
         print_facts(list(_coverage(coverage)))
     if found:
         one = clusters.causes[0].example if counts.failed else found[0].most_severe
-        click.echo(f"One in full: frenetic show {shell(store.folder)} {one}")
+        echo(f"One in full: frenetic show {shell(store.folder)} {one}")
 
 
 def _budget(store: CampaignStore) -> str:
@@ -349,7 +350,7 @@ def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
         drawn = f"not drawn, {error}"
     if as_json:
         document = road_document(test, store.config)
-        click.echo(json.dumps(document | {"picture": drawn, "told": test.told}))
+        echo(json.dumps(document | {"picture": drawn, "told": test.told}))
         return
     origin, notes = test.candidate.origin, test.candidate.notes
     source = origin.operator

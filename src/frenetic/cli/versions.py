@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from frenetic._support.words import counted
+from frenetic.cli import echo
 from frenetic.cli.again import interrupted, recorded_spec, shown_driving
 from frenetic.cli.console import Log, print_table
 from frenetic.errors import CampaignError
@@ -38,7 +39,7 @@ def compare_versions(
     old, new = _specs(folder, given)
     result = _driven(folder, old, new, fresh, workers)
     if as_json:
-        click.echo(json.dumps(result.as_json()))
+        echo(json.dumps(result.as_json()))
     else:
         _print(result, old, new)
     raise click.exceptions.Exit({BETTER: 0, WORSE: 1}.get(result.verdict, 3))
@@ -98,12 +99,12 @@ def _print(result: BackToBack, old: Spec, new: Spec) -> None:
     from frenetic.again.verdicts import Change
     from frenetic.versions import innermost, short_version
 
-    click.echo(result.answer)
+    echo(result.answer)
     for version, spec, driver in (("old", old, result.old), ("new", new, result.new)):
         _, *words = spec.driver.words("driver")
-        click.echo(f"{version}: {shlex.join(words)} ({short_version(innermost(driver))})")
+        echo(f"{version}: {shlex.join(words)} ({short_version(innermost(driver))})")
     if result.domain is not None:
-        click.echo(f"domain: {result.domain.in_words()}")
+        echo(f"domain: {result.domain.in_words()}")
     sets = {"fresh roads": result.fresh, "old's failing roads": result.known}
     print_table(
         ("", ">judged", ">old fails", ">new fails", *(f">{change}" for change in Change)),
@@ -120,4 +121,4 @@ def _print(result: BackToBack, old: Spec, new: Spec) -> None:
             title="On all these roads",
         )
     for note in result.notes:
-        click.echo(f"Note: {note}")
+        echo(f"Note: {note}")

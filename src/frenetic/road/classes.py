@@ -43,6 +43,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import NotNegative, Positive, check
 from frenetic._support.compiled import njit
 from frenetic._support.files import read_bounded
+from frenetic._support.outside_text import read_toml
 from frenetic._support.words import read_part
 from frenetic.criteria import COMPETITION
 from frenetic.errors import FreneticError
@@ -482,8 +483,8 @@ def classes() -> Mapping[str, Mapping[str, Any]]:
 
 def _read(path: Path) -> Mapping[str, Any]:
     try:
-        return tomllib.loads(read_bounded(path).decode())
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        return read_toml(read_bounded(path))
+    except ValueError as error:
         raise FreneticError(f"{path} is no TOML file: {error}") from None
 
 

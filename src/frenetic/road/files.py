@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -11,10 +10,11 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from msgspec import Struct, ValidationError, convert
+from msgspec import Struct, convert
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.files import require_list
+from frenetic._support.outside_text import read_json
 from frenetic._support.words import counted
 from frenetic.errors import RoadError
 from frenetic.road import geometry, profile
@@ -247,8 +247,8 @@ def read_road(
     if lane is not None:
         raise RoadError(f"{path} is no OpenDRIVE file: a lane can be chosen in those only")
     try:
-        content = json.loads(data.decode("utf-8-sig"))
-    except (RecursionError, ValueError) as error:
+        content = read_json(data)
+    except ValueError as error:
         raise RoadError(f"{path} is not JSON that can be read: {error}") from None
     if test is not None or (isinstance(content, list) and _are_tests(content)):
         content = _chosen(path, content, test)
@@ -353,7 +353,7 @@ def road_file(path: Path, content: Mapping[str, Any]) -> RoadFile:
     """
     try:
         given = convert(content, RoadEntries)
-    except ValidationError as error:
+    except ValueError as error:  # half a character, too
         raise RoadError(f"{path}: {error}") from None
     if given.curvatures is None and given.road_points is None:
         keys = ", ".join(sorted(map(str, content))[:8]) or "nothing"
@@ -370,8 +370,9 @@ def _load(path: Path) -> bytes:
             data = file.read(most + 1)
     except FileNotFoundError:
         raise RoadError(f"there is no file {path}") from None
-    except OSError as error:
-        raise RoadError(f"{path} cannot be read: {error.strerror or error}") from None
+    except (OSError, ValueError) as error:  # a NUL in its name
+        reason = getattr(error, "strerror", None) or error
+        raise RoadError(f"{path} cannot be read: {reason}") from None
     if len(data) > most:
         raise RoadError(
             f"{path} has more than {most} bytes ({most // 2**20} MiB): no road file is that large"

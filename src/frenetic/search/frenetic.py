@@ -248,6 +248,10 @@ class Frenetic(Strategy):
         """
         self._is_valid.keep_margin(margin)
 
+    def require_valid_roads(self) -> None:
+        """Refuse options with which no road is valid, see `RandomRoads.require_valid_roads`."""
+        self._roads.require_valid_roads()
+
     def start_from(self, earlier: Sequence[Evaluation]) -> None:
         """Take roads of earlier campaigns, see `Strategy.start_from`."""
         for evaluation in earlier:

@@ -222,6 +222,10 @@ class Frenetic2021(Strategy):
         """
         self._roads.keep_margin(margin)
 
+    def require_valid_roads(self) -> None:
+        """Refuse options with which no road is valid, see `RandomRoads.require_valid_roads`."""
+        self._roads.require_valid_roads()
+
     def ask(self) -> Candidate:
         """Return the next road to try."""
         return self._rests.issue(self._ledger) or next(self._proposals)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections import deque
+import re
+from collections import Counter, deque
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Annotated, Any, ClassVar, TypeAlias, TypeVar
 
 import numpy as np
@@ -29,6 +31,12 @@ LENGTH_JITTER = 5  # values, the paper's Section I-B
 MAX_LENGTH = 30  # values, before the jitter, the paper's Section I-B
 MAX_REDRAWS = 10  # ours
 _MOST_REFUSED = 1000  # roads in a row
+_PROBES = 300
+"""Random roads of which `_LEAST_VALID` have to be valid. A search draws a refused road ten times
+again: where fewer than one in 150 is valid, it proposes hardly anything that can be driven."""
+_LEAST_VALID = 2
+_ENOUGH = 10  # of them, for options that are recommended
+_SHORTEST = 50.0  # m of a road that is recommended
 TO_GO_ON = 10.0
 """s of driving at the design speed that the rest of a road has to last."""
 _STRAIGHTEST = 10  # values of the longest straight at the start of a class's road
@@ -75,6 +83,31 @@ class MapCheck:
     def keep_margin(self, margin: float) -> None:
         """Have centre lines keep so many m from the map's edge."""
         self._margin = margin
+
+    @property
+    def rules(self) -> MapCheck | None:
+        """The check by map and rules that this is in the end; None if it is a user's own."""
+        if isinstance(self._is_valid, MapCheck):
+            return self._is_valid.rules
+        return self if self._is_valid is None else None
+
+    @property
+    def map_size(self) -> float:
+        """Side of the square map, in m."""
+        return self._map_size
+
+    def refusal(self, curvatures: FloatArray, step: float) -> str:
+        """Return what map and rules have against a road; empty if it is valid."""
+        try:
+            road = Road(curvatures, step)
+            if self._road_class is None:
+                return road.placed(self._map_size, self._margin)[1].message
+            fitted = road.fitted(self._map_size, self._margin)
+        except RoadError as error:
+            return str(error)
+        if fitted is None:
+            return "The road does not fit the map"
+        return check_layout(fitted.road_points, self._map_size).message
 
     def __call__(self, curvatures: FloatArray, step: float) -> bool:
         """Return whether a road is valid, see `RoadCheck`."""
@@ -150,6 +183,57 @@ class RandomRoads:
     def keep_margin(self, margin: float) -> None:
         """Check roads with a margin of so many m, unless an `is_valid` was given."""
         self._is_valid.keep_margin(margin)
+
+    def require_valid_roads(self) -> None:
+        """Refuse options with which hardly a random road is valid; a user's check is not asked.
+
+        Raises:
+            ValueError: Fewer than 2 of 300 are; the message says why, and what is allowed.
+
+        """
+        rules = self._is_valid.rules
+        if rules is None:
+            return
+        refusals: Counter[str] = Counter()
+        for values in self._probes(self):
+            refusals[rules.refusal(values, self.step)] += 1
+            if refusals[""] == _LEAST_VALID:
+                return
+        del refusals[""]
+        reasons = most_frequent(refusals)
+        few = f"fewer than {_LEAST_VALID} of {_PROBES} random roads"
+        road_class, size = self._road_class, rules.map_size
+        if road_class is None:
+            raise ValueError(
+                f"map_size is {size:g} m, and {few} are valid there: {reasons}; another map_size is"
+                " needed"
+            )
+        allowed = self._allowed_length(road_class, rules)
+        needed = f"length={allowed:g} or less" if allowed else "a larger map_size"
+        raise ValueError(
+            f"the length of {road_class.name} is {road_class.length:g} m, and with a min_radius of"
+            f" {road_class.min_radius:g} m ({road_class.design_speed:g} km/h) and a map_size of"
+            f" {size:g} m {few} are valid: {reasons}; {needed} is needed"
+        )
+
+    def _allowed_length(self, road_class: RoadClass, rules: MapCheck) -> float | None:
+        """Return a length of the class in m with which roads are valid, None if there is none."""
+        length = road_class.length / 2.0
+        while length >= _SHORTEST:
+            length = math.floor(length / 10.0) * 10.0
+            shorter = RandomRoads(
+                map_size=self._map_size, road_class=replace(road_class, length=length)
+            )
+            valid = sum(not rules.refusal(values, self.step) for values in self._probes(shorter))
+            if valid >= _ENOUGH:
+                return length
+            length /= 2.0
+        return None
+
+    @staticmethod
+    def _probes(roads: RandomRoads) -> Iterator[FloatArray]:
+        rng = np.random.default_rng(0)  # the search's own draws stay as they are
+        return (roads.made(rng) for _ in range(_PROBES))
 
     def draw(self, rng: np.random.Generator) -> FloatArray:
         """Return the curvatures of a random road, (N,) 1/m."""
@@ -243,6 +327,20 @@ class RandomRoads:
         draw_elements(values, 1 + straight, count, 0.0, u, 0, self.limits)
         conform(values, self.limits, np.empty_like(values))
         return values
+
+
+def most_frequent(reasons: Counter[str], most: int = 3) -> str:
+    """Return reasons with their numbers, the most frequent first; numbers within do not count."""
+    kinds: dict[str, tuple[str, int]] = {}
+    for reason, number in reasons.items():
+        kind = _NUMBERS.sub("#", reason)
+        example, count = kinds.get(kind, (reason, 0))
+        kinds[kind] = example, count + number
+    ranked = sorted(kinds.values(), key=lambda kind: -kind[1])[:most]
+    return ", ".join(f"{reason} ({count} times)" for reason, count in ranked)
+
+
+_NUMBERS = re.compile(r"\d+(?:\.\d+)?")
 
 
 def size_and_step(
@@ -371,6 +469,10 @@ class RandomSearch(Strategy):
         An `is_valid` of your own stays as it is.
         """
         self._roads.keep_margin(margin)
+
+    def require_valid_roads(self) -> None:
+        """Refuse options with which no road is valid, see `RandomRoads.require_valid_roads`."""
+        self._roads.require_valid_roads()
 
     def ask(self) -> Candidate:
         """Return a random road."""

@@ -108,6 +108,16 @@ class Strategy(ABC):
         strategy that checks no roads ignores it.
         """
 
+    def require_valid_roads(self) -> None:  # noqa: B027 - most cannot know
+        """Refuse options with which it can propose no valid road.
+
+        A campaign that starts from nothing calls it once, before it makes its folder.
+
+        Raises:
+            ValueError: There is no such road; the message says why, and what is allowed.
+
+        """
+
     def start_from(self, earlier: Sequence[Evaluation]) -> None:
         """Learn which roads failed in earlier campaigns, or came near failing.
 

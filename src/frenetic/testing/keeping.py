@@ -56,6 +56,11 @@ _MINIMISING: Final = 100
 """Most drives to minimise a road."""
 _REMEDY: Final = "let pytest write there"
 
+_MOST_STEM: Final = 60  # characters of a module's and of a test's name in that of a file
+_PLAIN: Final = re.compile(rf"[a-z0-9_]{{1,{_MOST_STEM}}}-[a-z0-9_]{{1,{_MOST_STEM}}}")
+"""What a file's name says of a test without loss on any system."""
+_UNSAFE: Final = re.compile(r"[^A-Za-z0-9_.]+")
+
 TestFunction = TypeVar("TestFunction", bound=Callable[..., Any])
 
 
@@ -142,8 +147,9 @@ def keeps_lane(
                     f"{function.__name__} returned {driver!r}: a driver with reset and act is"
                     " needed, see frenetic.Driver"
                 )
-            place = Path(inspect.getfile(function)).parent / FOLDER
-            held = _Check(spec, seconds, driver, place, _name_of(function))
+            file, name = Path(inspect.getfile(function)), _name_of(function)
+            stem = memory_stem(file.stem, name)
+            held = _Check(spec, seconds, driver, file.parent / FOLDER, name, stem)
             if text := held.failure():
                 raise DriverFailedError(text)
 
@@ -168,6 +174,29 @@ def _name_of(function: Callable[..., Any]) -> str:
     return running if function.__name__ in running else function.__qualname__
 
 
+def memory_stem(module: str, name: str) -> str:
+    """Return the beginning of the names of a test's road files, which no other test shares.
+
+    It is ``bends_test-test_hasty`` for ``bends_test.py::test_hasty``. Where that leaves out a sign
+    of the id, or letters differ in case only, a digest of the id follows.
+
+    Args:
+        module: name of the file that holds the test's function, without its suffix.
+        name: id of the test, or outside pytest the name of its function.
+    """
+    path, separator, test = name.partition("::")
+    if not separator:
+        path, test = module, name
+    elif Path(path).stem == module:  # whatever folder pytest was started in
+        path = module
+    if _PLAIN.fullmatch(stem := f"{path}-{test}"):
+        return stem
+    texts = (
+        _UNSAFE.sub("-", text).strip("-.")[:_MOST_STEM] for text in (path.replace(".", "-"), test)
+    )
+    return "-".join([*texts, _digest(f"{path}::{test}", 12)])
+
+
 NOTICES: Final[list[str]] = []
 """What the tests that ran since it was emptied have to say; the plug-in shows it."""
 
@@ -181,6 +210,9 @@ class _Check:
     driver: Driver
     folder: Path
     name: str
+    """Id of the test."""
+    stem: str
+    """Beginning of the names of its roads' files, see `memory_stem`."""
 
     def failure(self) -> str:
         """What failed, in lines; empty if nothing did.
@@ -197,17 +229,9 @@ class _Check:
                 return self._text(title, known)
             return self._search(tester)
 
-    @property
-    def _stem(self) -> str:
-        """Beginning of the names of its roads' files."""
-        module, _, test = self.name.partition("::")
-        text = f"{Path(module).stem}-{test}" if test else module
-        stem = re.sub(r"[^\w.]+", "-", text).strip("-")
-        return stem if len(stem) <= 80 else f"{stem[:70]}-{_digest(stem)}"
-
     def _again(self, tester: RoadTester) -> Iterator[list[str]]:
         """The remembered roads that fail."""
-        paths = sorted(self.folder.glob(f"{self._stem}-????????.json"))
+        paths = sorted(self.folder.glob(f"{self.stem}-????????.json"))
         for path in paths:
             loaded = read_road(path).road()
             road, verdict = loaded.placed(
@@ -297,7 +321,7 @@ class _Check:
         entries = {name: value for name, value in entries_of(road).items() if name != "pose"}
         lines = [f"  {json.dumps(k)}: {json.dumps(v)}" for k, v in (told | entries).items()]
         text = "{\n" + ",\n".join(lines) + "\n}\n"
-        path = self.folder / f"{self._stem}-{_digest(json.dumps(entries))}.json"
+        path = self.folder / f"{self.stem}-{_digest(json.dumps(entries))}.json"
         write_file(path, text, remedy=_REMEDY, parents=True)
         ignored = self.folder / ".gitignore"
         if not ignored.exists():
@@ -346,8 +370,8 @@ def _cause(road: Road, drive: Drive, result: Result) -> str:
     return in_words(*cause_of(segment_of(road, drive, result.finding)))
 
 
-def _digest(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()[:8]
+def _digest(text: str, length: int = 8) -> str:
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:length]
 
 
 def _shown(path: Path) -> str:

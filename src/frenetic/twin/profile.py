@@ -15,7 +15,8 @@ import msgspec
 from msgspec import Struct
 
 from frenetic._support.bounds import Index, Positive
-from frenetic._support.files import write_file
+from frenetic._support.files import read_bounded, write_file
+from frenetic._support.outside_text import read_json
 from frenetic.errors import FreneticError
 from frenetic.spec import Spec, drive_record
 from frenetic.trust import NOT_DRIVING
@@ -119,8 +120,8 @@ class Profile(Record, frozen=True, kw_only=True):
         """
         Spec.read(path)  # there is a file of a sane size that says how roads are driven
         try:
-            return msgspec.json.decode(Path(path).read_bytes(), type=cls)
-        except (ValueError, RecursionError) as error:
+            return read_json(read_bounded(Path(path)), cls)
+        except ValueError as error:
             raise FreneticError(f"{path} is no profile of a twin: {error}") from None
 
     def write(self, path: Path | str) -> None:

@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Final, Self, TypeAlias
 
-import msgspec
 import numpy as np
 from msgspec import Meta, Struct, structs
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Finite, Positive, Share
 from frenetic._support.files import require_list
+from frenetic._support.outside_text import read_json
 from frenetic.analysis.groups import find_campaigns
 from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.drive import Rules
@@ -224,8 +224,8 @@ def _drive_of(text: bytes, where: str, run: str, terms: Terms) -> RecordedDrive 
         terms: of the recording.
     """
     try:
-        row = msgspec.json.decode(text, type=Row)
-    except (ValueError, OverflowError, RecursionError) as error:
+        row = read_json(text, Row)
+    except ValueError as error:
         raise FreneticError(f"{where} says no drive: {error}") from None
     outcome = row.outcome or row.test_outcome
     if outcome is None:

@@ -417,7 +417,8 @@ def configuration(
 def _repeatability(config: Mapping[str, Any]) -> str:
     """Whether a campaign repeats exactly, and if not, why."""
     text = "The same seed gives the same campaign, on the same machine with the same versions."
-    if config["budget"] and config["budget"].get("time") is not None:
+    budget = config["budget"]
+    if isinstance(budget, Mapping) and budget.get("time") is not None:
         text += " Its budget is of wall time, so how far it comes depends on the machine's speed."
     if not isinstance(config.get("run"), Mapping):
         text += " It was started from Python, so there is no command that repeats it."

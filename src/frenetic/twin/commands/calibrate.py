@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from frenetic._support.words import counted, signed
+from frenetic.cli import echo
 from frenetic.cli.console import Log, counted_progress, print_table, shell
 from frenetic.cli.options import as_usage_error, file_option, json_option
 from frenetic.cli.parts import names_of, was_given
@@ -92,12 +93,12 @@ def calibrate(
         )
     profile.write(out)
     if as_json:
-        click.echo(out.read_text(encoding="utf-8"), nl=False)
+        echo(out.read_text(encoding="utf-8"), nl=False)
         return
     _print(profile)
-    click.echo(answer(profile))
-    click.echo(f"Profile:     {out}")
-    click.echo(f"Use it:      frenetic run --as {shell(out)}")
+    echo(answer(profile))
+    echo(f"Profile:     {out}")
+    echo(f"Use it:      frenetic run --as {shell(out)}")
 
 
 def _print(profile: Profile) -> None:

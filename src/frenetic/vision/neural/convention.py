@@ -8,9 +8,10 @@ from typing import Annotated, Any, Final, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from msgspec import Meta, Struct, ValidationError, convert, json
+from msgspec import Meta, Struct, convert
 
 from frenetic._support.bounds import Finite, Index, Positive, check
+from frenetic._support.outside_text import read_json
 
 METADATA: Final = "frenetic"
 """Key in a model's metadata of its convention, a JSON object."""
@@ -85,9 +86,9 @@ class Convention(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         own: Any = {}
         try:
             if METADATA in metadata:
-                own = json.decode(metadata[METADATA])
+                own = read_json(metadata[METADATA])
                 convert(own, cls)
-        except (ValidationError, ValueError, RecursionError) as error:
+        except ValueError as error:
             raise ValueError(f"its metadata {METADATA} are damaged: {error}") from None
         check(given, cls)
         preset = given.get("preset", own.get("preset"))

@@ -1,0 +1,128 @@
+"""Reading JSON and TOML that somebody else wrote: whatever is wrong is a `ValueError` of one line.
+
+Values that are read are shallow enough for any code that walks them.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from collections.abc import Callable
+from typing import Any, Final, TypeVar, overload
+
+import msgspec
+
+T = TypeVar("T")
+
+
+class BeyondLimitsError(ValueError):
+    """A text that is nested too deep, or with a number that is too large."""
+
+
+MAX_DEPTH: Final = 100
+"""Most levels of lists and objects within each other; a driver under ten layers has about 20."""
+_MOST_CHARACTERS: Final = 300  # of a message
+_TOO_DEEP: Final = f"it is nested more than {MAX_DEPTH} levels deep"
+_TOO_LARGE: Final = "a number has thousands of digits"
+_LONG_KEY: Final = re.compile(
+    rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{MAX_DEPTH}}}"""
+)
+"""Key of TOML with so many dots, also within a text; `tomllib` takes memory with their square."""
+
+_BRACKETS: Final = re.compile(rb"[\[\]{}]")
+_LIST_MARKS: Final = re.compile(rb"(?:[-?:][ \t]++){%d}" % MAX_DEPTH)
+
+
+@overload
+def read_json(text: str | bytes) -> Any: ...
+@overload
+def read_json(text: str | bytes, kind: type[T]) -> T: ...
+def read_json(text: str | bytes, kind: Any = None) -> Any:
+    """The value of a JSON text.
+
+    Args:
+        text: the JSON, as UTF-8 if it is bytes.
+        kind: type that the value has to have, as for `msgspec.convert`; None for any.
+
+    Raises:
+        ValueError: it is no JSON or no UTF-8, a value is not of the kind, it is nested too deep, or
+            a number has thousands of digits.
+    """
+    if kind is None:
+        return _read(json.loads, text)
+    return _read(lambda decoded: msgspec.json.decode(decoded, type=kind), text)
+
+
+def read_toml(data: bytes) -> dict[str, Any]:
+    """The entries of a TOML file.
+
+    Raises:
+        ValueError: it is no TOML or no UTF-8, it is nested too deep, or a number has thousands of
+            digits.
+    """
+    entries: dict[str, Any] = _read(_parse_toml, data)
+    return entries
+
+
+def _parse_toml(text: str) -> dict[str, Any]:
+    if _LONG_KEY.search(text):
+        raise BeyondLimitsError(_TOO_DEEP)
+    return tomllib.loads(text)
+
+
+def check_nesting(data: bytes) -> None:
+    """Checks how deep brackets and YAML's list marks are nested in a text, before it is parsed.
+
+    Parsers of YAML take minutes for what they then refuse. Brackets within quotes count, too.
+
+    Raises:
+        BeyondLimitsError: it is more than `MAX_DEPTH` levels deep.
+    """
+    depth = deepest = 0
+    for bracket in _BRACKETS.finditer(data):
+        depth = max(depth + (1 if bracket[0] in b"[{" else -1), 0)
+        deepest = max(deepest, depth)
+    if deepest > MAX_DEPTH or _LIST_MARKS.search(data):
+        raise BeyondLimitsError(_TOO_DEEP)
+
+
+def _check_depth(value: object) -> None:
+    """Checks how deep lists, objects and records are nested.
+
+    Raises:
+        BeyondLimitsError: it is more than `MAX_DEPTH` levels.
+    """
+    level: list[Any] = [value]
+    for depth in range(MAX_DEPTH + 1):
+        inner: list[Any] = []
+        for item in level:
+            if isinstance(item, dict):
+                inner += item.values()
+            elif isinstance(item, (list, tuple)):
+                inner += item
+            elif isinstance(item, msgspec.Struct):
+                inner += msgspec.structs.astuple(item)
+            else:
+                continue
+            if depth == MAX_DEPTH:
+                raise BeyondLimitsError(_TOO_DEEP)
+        level = inner
+
+
+def _read(parse: Callable[[str], Any], text: str | bytes) -> Any:
+    """What a parser makes of a text; errors are those of `read_json`."""
+    try:
+        value = parse(text if isinstance(text, str) else text.decode("utf-8-sig"))
+    except BeyondLimitsError:
+        raise
+    except RecursionError:
+        raise BeyondLimitsError(_TOO_DEEP) from None
+    except UnicodeDecodeError as error:
+        raise ValueError(f"it is no UTF-8 text: {error.reason} at byte {error.start}") from None
+    except (ValueError, OverflowError, MemoryError) as error:
+        if "integer string conversion" in str(error):
+            raise BeyondLimitsError(_TOO_LARGE) from None
+        raise ValueError(" ".join(str(error).split())[:_MOST_CHARACTERS]) from None
+    _check_depth(value)
+    return value

@@ -1,0 +1,112 @@
+"""Reading JSON and TOML of others."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from msgspec import Struct
+
+from frenetic._support.outside_text import (
+    MAX_DEPTH,
+    BeyondLimitsError,
+    check_nesting,
+    read_json,
+    read_toml,
+)
+from frenetic._support.words import read_part, read_setting
+
+DEEP = 100_000
+
+
+class Entry(Struct):
+    number: float
+    others: object = None
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[" * DEEP + "]" * DEEP, "nested more than 100 levels deep"),
+        ("[" * DEEP, "nested more than 100 levels deep"),
+        ('{"a":' * DEEP + "1" + "}" * DEEP, "nested more than 100 levels deep"),
+        ("(" * 10_000, "line 1 column 1"),
+        ("1" * 5_000, "thousands of digits"),
+        ("\x00", "line 1 column 1"),
+        ("", "line 1 column 1"),
+        (b"\xff\xfe[\x00", "no UTF-8 text: invalid start byte at byte 0"),
+    ],
+)
+def test_json_that_cannot_be_used_is_refused_in_one_line(text: str | bytes, words: str) -> None:
+    with pytest.raises(ValueError, match=words) as refused:
+        read_json(text)
+    assert len(str(refused.value).splitlines()) == 1
+    with pytest.raises(ValueError, match=r"."):
+        read_json(text, Entry)
+
+
+def test_what_a_kind_leaves_open_is_checked_too() -> None:
+    nested = "[" * 200 + "]" * 200
+    with pytest.raises(BeyondLimitsError, match="nested"):
+        read_json(f'{{"number": 1, "others": {nested}}}', Entry)
+    assert read_json('\ufeff{"number": 1}'.encode(), Entry).number == 1.0
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a = " + "[" * DEEP,
+        "a." * DEEP + "a = 1",
+        "[" + "a." * DEEP + "a]",
+        '"a" . ' * DEEP + "a = 1",
+        "a = {b = " * DEEP,
+        f"a = {'1' * 5_000}",
+        "a = \x00",
+    ],
+)
+def test_toml_that_cannot_be_used_is_refused_in_one_line(text: str) -> None:
+    with pytest.raises(ValueError, match=r".") as refused:
+        read_toml(text.encode())
+    assert len(str(refused.value).splitlines()) == 1
+
+
+def test_toml_within_the_limits_is_read() -> None:
+    text = f"about = '{'A word. ' * 500}'\nlist = [{'0.5, ' * 500}]\n"
+    assert len(read_toml(b"\xef\xbb\xbf" + text.encode())["list"]) == 500
+
+
+@given(st.recursive(st.none() | st.booleans() | st.integers(0, 9), st.lists, max_leaves=20))
+def test_json_within_the_limits_is_read_as_it_is(value: object) -> None:
+    assert read_json(json.dumps(value)) == value
+
+
+@pytest.mark.parametrize("core", ["", "1", '{"a": 1}'])
+def test_the_most_levels_are_read_and_one_more_is_refused(core: str) -> None:
+    levels = MAX_DEPTH - core.count("{")
+    text = "[" * levels + core + "]" * levels
+    check_nesting(text.encode())
+    read_json(text)
+    with pytest.raises(BeyondLimitsError):
+        check_nesting(f"[{text}]".encode())
+    with pytest.raises(BeyondLimitsError):
+        read_json(f"[{text}]")
+
+
+def test_list_marks_of_yaml_count_as_nesting() -> None:
+    check_nesting(b"- - - 1\n" * 1_000)
+    with pytest.raises(BeyondLimitsError):
+        check_nesting(b"- " * DEEP)
+
+
+@pytest.mark.parametrize("value", ["[" * DEEP, '{"a":' * DEEP, "1" * 400, "1" * 5_000])
+def test_an_option_beyond_the_limits_is_refused_and_shown_short(value: str) -> None:
+    with pytest.raises(
+        ValueError, match=r"\.\.\.: (it is nested|a number|int too large)"
+    ) as refused:
+        read_setting(value)
+    assert len(str(refused.value)) < 100
+    with pytest.raises(ValueError, match=r"."):
+        read_part(f"planner,aggression={value}")
+    assert read_part("(" * 10_000) == ("(" * 10_000, {})
