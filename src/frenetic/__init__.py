@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from frenetic.export import data_frame
     from frenetic.oracle import Finding, Result, judge
     from frenetic.outcome import Outcome
-    from frenetic.report import draw_drive, draw_road
+    from frenetic.report import Results, draw_drive, draw_road, resume, run
     from frenetic.road import Pose, Road, Verdict, check_validity
     from frenetic.search import (
         Candidate,
@@ -85,6 +85,7 @@ __all__ = [
     "Pose",
     "RandomSearch",
     "Result",
+    "Results",
     "Road",
     "Rules",
     "Simulator",
@@ -102,6 +103,8 @@ __all__ = [
     "draw_road",
     "evaluate",
     "judge",
+    "resume",
+    "run",
 ]
 
 

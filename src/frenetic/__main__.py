@@ -9,7 +9,7 @@ import sys
 def main() -> None:
     """Runs the command line; Ctrl-C while it is imported is one line and exit code 130, too."""
     try:
-        from frenetic.cli import main as run_command_line
+        from frenetic.cli import main as run_command_line  # Ctrl-C may come meanwhile
 
         run_command_line()
     except KeyboardInterrupt:

@@ -337,7 +337,7 @@ def test_ctrl_c_while_the_report_is_written_advises_to_resume(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("frenetic.report.html.write_report", interrupt)
+        patch.setattr("frenetic.report.results.write_report", interrupt)
         answer = frenetic("run", "--simulations", "3", "--seed", "1", "--out", "c")
     assert answer.code == 130
     assert "frenetic: interrupted; go on: frenetic resume c\n" in answer.err

@@ -61,6 +61,7 @@ def resume(
     from frenetic.campaign.campaign import SOURCES, STARTED_IN
     from frenetic.campaign.state import has_judged, is_told
     from frenetic.campaign.store import DATABASE
+    from frenetic.report import results
     from frenetic.run_file import next_campaign
 
     with CampaignStore.open(campaign) as store:
@@ -123,6 +124,4 @@ def resume(
     text = f"Going on after {tests} with {spec.strategy.word}"
     if is_spent:
         text = f"Finishing after {tests}, which spent the budget"
-    search(
-        the_campaign, the_campaign.resume, text, as_json, spec.seed, fail_on_failure=fail_on_failure
-    )
+    search(the_campaign, results.resume, text, as_json, spec.seed, fail_on_failure=fail_on_failure)

@@ -85,6 +85,7 @@ def run(
     what the options say, as every campaign's campaign.toml does; options beside it win.
     """
     from frenetic.campaign import new_folder
+    from frenetic.report import results
     from frenetic.run_file import RunFile, read_run_file
 
     given, asked = given_options(context), context.params
@@ -113,7 +114,7 @@ def run(
         f"Searching with {spec.strategy.word} for roads on which {spec.driver.word} fails"
         f" in {spec.simulator.word}, seed {spec.seed}; speed limit {limit}"
     )
-    search(campaign, campaign.run, text, as_json, spec.seed, fail_on_failure=fail_on_failure)
+    search(campaign, results.run, text, as_json, spec.seed, fail_on_failure=fail_on_failure)
 
 
 def _objective(context: click.Context, spec: Spec, of_file: str | None) -> str:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, redirect_stdout, suppress
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack, redirect_stdout
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import click
 
@@ -26,20 +26,12 @@ from frenetic.cli.console import (
     this_command,
 )
 from frenetic.cli.options import Read, as_usage_error, read_workers
-from frenetic.errors import BrokenDriverError, CampaignError, CampaignGoneError, FreneticError
+from frenetic.errors import BrokenDriverError, CampaignError, CampaignGoneError
 
 if TYPE_CHECKING:
-    from frenetic.analysis import Clusters
-    from frenetic.campaign import Campaign, CampaignStore, Event, Summary
-    from frenetic.report.html.campaign import Reading
+    from frenetic.campaign import Campaign, Event, Summary
+    from frenetic.report.results import Results, Step
     from frenetic.spec import Spec
-
-SLOW: Final = 0.5
-"""Wall time of a drive in s above which `run` shortens no failing roads."""
-SHARE: Final = 3
-"""Drives of a search for each one that shortens failing roads afterwards, and s of wall time."""
-LEAST_TIME: Final = 30.0
-"""Wall time in s that shortening may take, however short the search was."""
 
 workers_option = click.option(
     "--workers",
@@ -88,148 +80,196 @@ def _resume_words(folder: Path) -> str:
 
 def search(
     campaign: Campaign,
-    how: Callable[..., Summary],
+    how: Callable[..., Results],
     announcement: str,
     as_json: bool,
     seed: object,
     *,
     fail_on_failure: bool = False,
 ) -> None:
-    """Runs a campaign, and shows its progress and failures.
+    """Run a campaign, and show its progress and results.
 
     Args:
         campaign: the campaign.
-        how: its `run` or `resume`.
+        how: `frenetic.report.results.run` or `resume`.
         announcement: the first line.
         as_json: whether to print the result as JSON.
         seed: of the strategy.
         fail_on_failure: whether the exit code is 1 if a test failed or the simulator broke.
     """
+    printer = _Printer(campaign, announcement, as_json, seed)
     try:
-        _search(campaign, how, announcement, as_json, seed, fail_on_failure)
+        with printer:
+            summary = how(campaign, on_event=printer.on_event).summary
+        assert summary is not None
+    except CampaignError as error:
+        if not campaign.started:
+            raise
+        if isinstance(error, CampaignGoneError):
+            if error.place is None:
+                raise
+            raise CampaignError(f"{error}: {_resume_words(error.place)}") from error
+        words = f"go on: {_resume_words(campaign.folder)}"
+        if isinstance(error, BrokenDriverError):
+            words = f"mend it, then {campaign.next_campaign()}"
+        raise CampaignError(f"{error}; {words}") from error
     except KeyboardInterrupt:  # beside the search, which ends in order
         if not campaign.started:
             raise
         echo(f"frenetic: interrupted; go on: {_resume_words(campaign.folder)}", err=True)
         raise click.exceptions.Exit(130) from None
+    printer.end()
+    if summary.interrupted:
+        raise click.exceptions.Exit(130)
+    if fail_on_failure and (summary.failed or summary.errors):
+        raise click.exceptions.Exit(1)
+    if not summary.passed + summary.failed:
+        raise click.exceptions.Exit(1)
 
 
-def _search(
-    campaign: Campaign,
-    how: Callable[..., Summary],
-    announcement: str,
-    as_json: bool,
-    seed: object,
-    fail_on_failure: bool,
-) -> None:
-    """Run a campaign as `search` does; Ctrl-C beside the search is raised."""
-    from frenetic.analysis.failures import caution, representative_failures
-    from frenetic.campaign import CampaignStore
-    from frenetic.campaign.earlier import still_failing
-    from frenetic.campaign.objective import worst_criterion
-    from frenetic.report.failures import FAILURES, GALLERY, write_failures
-    from frenetic.report.html.campaign import Reading
-    from frenetic.report.minimised import minimised_drives, minimised_road
+class _Printer:
+    """Prints what happens in a search, and each of its results when it is there.
 
-    folder = campaign.folder
-    log, command = Log(), this_command()
-    started: tuple[float, float] | None = None  # time to start, and that of earlier commands
-    trouble: FreneticError | None = None
-    summary: Summary | None = None
-    with announced_compilation(log) as compiled, live_progress(log) as show:
-        told = ""
+    Args:
+        campaign: the campaign.
+        announcement: the first line.
+        as_json: whether to print the result as JSON.
+        seed: of the strategy.
+    """
 
-        def on_event(event: Event) -> None:
-            nonlocal told, started
-            if event.summary.not_repeatable != told:
-                told = event.summary.not_repeatable
-                log.print(f"Note: {told}", markup=False)
-            if event.kind == "interrupted":
-                log.stopping()
-            elif event.kind == "result":
-                show(event.summary)
-            else:
-                compiled()
-                started = command.seconds, event.summary.seconds
-                log.print(f"{announcement}, results in {folder}", markup=False)
-                for note in campaign.notes:
-                    log.print(f"Note: {note}", markup=False)
+    def __init__(self, campaign: Campaign, announcement: str, as_json: bool, seed: object) -> None:
+        self._campaign, self._announcement = campaign, announcement
+        self._as_json, self._seed = as_json, seed
+        self._log, self._command = Log(), this_command()
+        self._searching, self._working = ExitStack(), ExitStack()
+        self._not_repeatable = ""
+        self._started: tuple[float, float] | None = None  # time to start, and of earlier commands
+        self._search_times = self._shortening = ""
+        self._began = 0.0  # the present step, in s of the command
 
-        try:
-            with redirect_stdout(sys.stderr):  # a strategy's prints, say
-                summary = how(on_event=on_event)
-        except CampaignError as error:
-            # Show what was stored until then.
-            if not campaign.started:
-                raise
-            trouble = error
-    times = _search_times(command.seconds, started)
-    with _after(trouble, campaign), CampaignStore.open(folder) as store:
-        reading = Reading.of(store)
-        clusters, misses, counts = reading.clusters, reading.misses, reading.counts
-        found = clusters if misses is None else misses
-        listed = representative_failures(store, clusters=found)
-        notes, is_shortened = list(filter(None, [caution(store)])), False
-        before = command.seconds
-        if summary is not None and len(clusters):
-            is_shortened, more_notes = _minimise(campaign, clusters, summary, log)
-            notes += more_notes
-        shortening = format_duration(command.seconds - before)
-        shortened = minimised_drives(store, [test.id for test in listed])
-        if summary is not None and as_json:
+    def __enter__(self) -> None:
+        self._compiled = self._searching.enter_context(announced_compilation(self._log))
+        self._show = self._searching.enter_context(live_progress(self._log))
+        self._searching.enter_context(redirect_stdout(sys.stderr))  # a strategy's prints, say
+
+    def __exit__(self, *error: object) -> None:
+        self._working.close()
+        self._searching.close()
+
+    def on_event(self, event: Event | Step) -> None:
+        """Show an event of the search, or a step after it."""
+        from frenetic.report.results import Step  # too slow for help
+
+        if isinstance(event, Step):
+            self._on_step(event)
+            return
+        if event.summary.not_repeatable != self._not_repeatable:
+            self._not_repeatable = event.summary.not_repeatable
+            self._log.print(f"Note: {self._not_repeatable}", markup=False)
+        if event.kind == "interrupted":
+            self._log.stopping()
+        elif event.kind == "result":
+            self._show(event.summary)
+        else:
+            self._compiled()
+            self._started = self._command.seconds, event.summary.seconds
+            self._log.print(
+                f"{self._announcement}, results in {self._campaign.folder}", markup=False
+            )
+            for note in self._campaign.notes:
+                self._log.print(f"Note: {note}", markup=False)
+
+    def _on_step(self, step: Step) -> None:
+        self._working.close()
+        self._working = ExitStack()
+        if self._search_times == "":
+            self._searching.close()
+            self._search_times = _search_times(self._command.seconds, self._started)
+        results = step.results
+        match step.kind:
+            case "shortening":
+                limit = f"{step.seconds:.0f} s at most"
+                self._begin(f"Shortening a failing road of each cause, for {limit}")
+                self._shortening = "began"
+            case "found":
+                self._shortening = self._taken() if self._shortening else ""
+                self._print_found(results)
+            case "drawing":
+                self._begin("Drawing them")
+            case "drawn":
+                self._print_drawn(results, self._taken())
+            case "reporting":
+                self._begin("Writing the report")
+            case "reported" if results.report is None:
+                self._log.print(results.notes[-1], markup=False)
+            case "reported":
+                self._say(f"Report:      {results.report} (in {self._taken()})")
+
+    def end(self) -> None:
+        """Print the last line."""
+        self._say(f"In all:      {format_duration(self._command.seconds)}")
+
+    def _begin(self, text: str) -> None:
+        self._began = self._command.seconds
+        self._working.enter_context(self._log.status(text))
+
+    def _taken(self) -> str:
+        """The time that the present step took."""
+        return format_duration(self._command.seconds - self._began)
+
+    def _say(self, text: str) -> None:
+        """Print a line of the result, unless it is asked for as JSON."""
+        if not self._as_json:
+            echo(text)
+
+    def _print_found(self, results: Results) -> None:
+        """Print counts, causes or near misses, notes and the next command."""
+        from frenetic.campaign import CampaignStore
+        from frenetic.campaign.earlier import still_failing
+        from frenetic.campaign.objective import worst_criterion
+
+        summary, findings, folder = results.summary, results.findings, results.folder
+        misses, counts = findings.misses, findings.counts
+        if summary is not None and self._as_json:
             more = {
-                "distinct_failures": len(clusters),
-                "causes": causes_json(clusters, shortened),
-                "near_misses": [] if counts.failed else clusters_json(found),
-                "notes": notes,
-                "seed": seed,
+                "distinct_failures": len(findings.clusters),
+                "causes": causes_json(findings.clusters, results.shortened),
+                "near_misses": [] if misses is None else clusters_json(misses),
+                "notes": list(results.notes),
+                "seed": self._seed,
             }
             echo(json.dumps(summary.as_json() | more))
-        elif summary is not None:
-            worst = worst_criterion(store)
-            _print_summary(summary, times, worst, first_error(store), still_failing(store))
-        if not as_json:
-            if misses is None:
-                print_causes(clusters, counts, shortened)
-            else:
-                print_failures(misses, counts, len(listed), store.lane_width)
-            for note in notes:
+        elif not self._as_json:
+            with CampaignStore.open(folder) as store:
+                if summary is not None:
+                    worst, known = worst_criterion(store), still_failing(store)
+                    error = first_error(store)
+                    _print_summary(summary, self._search_times, worst, error, known)
+                if misses is None:
+                    print_causes(findings.clusters, counts, results.shortened)
+                else:
+                    print_failures(misses, counts, len(findings.listed), store.lane_width)
+            for note in results.notes:
                 echo(f"Note: {note}")
-        go_on = (
-            None if summary is None else _next_command(folder, summary, is_clean=misses is not None)
-        )
-        if summary is not None and go_on and (summary.interrupted or not as_json):
-            echo(f"Go on:       {go_on}", err=as_json)
-        if summary is not None and not as_json:
-            echo(f"Results:     {folder}")
-            if is_shortened:
-                roads = counted(len(shortened), "failing road")
-                echo(f"Shortened:   {roads} (in {shortening})")
-        if listed:
-            failures = [test for test, _ in reading.failures.values()]
-            before = command.seconds
-            with log.status("Drawing them"):
-                write_failures(store, failures, listed, shortened)
-            drawing = format_duration(command.seconds - before)
-            if not as_json:
-                echo(f"At a glance: {folder / FAILURES / GALLERY} (in {drawing})")
-                echo(f"Look closer: frenetic show {shell(folder)} {listed[0].candidate.id}")
-            if not as_json and listed[0].id in shortened:
-                road = minimised_road(folder, listed[0].id)
-                echo(f"Drive it:    frenetic drive {shell(road)}")
-        before = command.seconds
-        report = _write_report(log, store, reading) if counts.tests else None
-        writing = format_duration(command.seconds - before)
-        if report is not None and not as_json:
-            echo(f"Report:      {report} (in {writing})")
-        if summary is not None and not as_json:
-            echo(f"In all:      {format_duration(command.seconds)}")
-    if summary is not None and summary.interrupted:
-        raise click.exceptions.Exit(130)
-    if summary is not None and fail_on_failure and (summary.failed or summary.errors):
-        raise click.exceptions.Exit(1)
-    if summary is not None and not summary.passed + summary.failed:
-        raise click.exceptions.Exit(1)
+        if summary is None:
+            return
+        go_on = _next_command(folder, summary, is_clean=misses is not None)
+        if go_on and (summary.interrupted or not self._as_json):
+            echo(f"Go on:       {go_on}", err=self._as_json)
+        self._say(f"Results:     {folder}")
+        if self._shortening:
+            roads = counted(len(results.shortened), "failing road")
+            self._say(f"Shortened:   {roads} (in {self._shortening})")
+
+    def _print_drawn(self, results: Results, taken: str) -> None:
+        """Print where the pictures are, and how to look closer."""
+        from frenetic.report.minimised import minimised_road
+
+        folder, first = results.folder, results.findings.listed[0].id
+        self._say(f"At a glance: {results.gallery} (in {taken})")
+        self._say(f"Look closer: frenetic show {shell(folder)} {first}")
+        if first in results.shortened:
+            self._say(f"Drive it:    frenetic drive {shell(minimised_road(folder, first))}")
 
 
 def _search_times(seconds: float, started: tuple[float, float] | None) -> str:
@@ -253,85 +293,6 @@ def _next_command(folder: Path, summary: Summary, *, is_clean: bool) -> str:
     if is_clean and summary.tests and not summary.ended:
         return f"frenetic resume {shell(folder)} --simulations {9 * summary.simulations}"
     return ""
-
-
-def _minimise(
-    campaign: Campaign, clusters: Clusters, summary: Summary, log: Log
-) -> tuple[bool, list[str]]:
-    """Minimise a failure of each cause; return whether, and what the user should know of it."""
-    if summary.interrupted or summary.not_repeatable:
-        return False, []
-    if (
-        campaign.cluster is not None
-        or summary.seconds * campaign.workers > SLOW * summary.simulations
-    ):
-        command = f"frenetic minimise {shell(campaign.folder)} --top 3"
-        return False, [f"shorter roads for the same failures: {command}"]
-    return True, list(_minimised(campaign, clusters, summary, log))
-
-
-def _minimised(campaign: Campaign, clusters: Clusters, summary: Summary, log: Log) -> Iterator[str]:
-    """Minimises a failure of each cause; gives what the user should know of it."""
-    from frenetic.again.minimise import minimise_causes
-    from frenetic.report.minimised import (
-        MinimisedFiles,
-        minimised_document,
-        minimised_road,
-        write_minimised,
-    )
-
-    folder, tester = campaign.folder, campaign.tester
-    drives, seconds = summary.simulations // SHARE, max(LEAST_TIME, summary.seconds / SHARE)
-    text = f"Shortening a failing road of each cause, for {seconds:.0f} s at most"
-    with log.status(text):
-        for test_id, found in minimise_causes(folder, clusters, tester, drives, seconds):
-            if isinstance(found, FreneticError):
-                yield f"test {test_id} was not shortened: {found}"
-                continue
-            try:
-                files = MinimisedFiles.beside(minimised_road(folder, test_id))
-                files.prepare()
-                document = minimised_document(found, tester, campaign.spec(), test_id)
-                write_minimised(found, files, document, name=f"Test {test_id}", is_compared=False)
-            except FreneticError as error:
-                yield str(error)
-                return
-            if found.ending == "stopped" and found.trouble is None:
-                command = f"frenetic minimise {shell(folder)} --top 3"
-                yield f"shortening was interrupted; go on: {command}"
-
-
-@contextmanager
-def _after(trouble: FreneticError | None, campaign: Campaign) -> Iterator[None]:
-    """Shows what there is after a trouble; then raises that, with the command that goes on.
-
-    What cannot be shown for the same reason, such as a full disk, is left out.
-    """
-    if trouble is None:
-        yield
-        return
-    with suppress(FreneticError, OSError):
-        yield
-    if isinstance(trouble, CampaignGoneError):
-        if trouble.place is None:
-            raise trouble
-        raise CampaignError(f"{trouble}: {_resume_words(trouble.place)}") from trouble
-    words = f"go on: {_resume_words(campaign.folder)}"
-    if isinstance(trouble, BrokenDriverError):
-        words = f"mend it, then {campaign.next_campaign()}"
-    raise CampaignError(f"{trouble}; {words}") from trouble
-
-
-def _write_report(log: Log, store: CampaignStore, reading: Reading) -> Path | None:
-    """Writes the report; None if that failed, which loses nothing else."""
-    from frenetic.report.html import write_report
-
-    try:
-        with log.status("Writing the report"):
-            return write_report(store, reading=reading)
-    except FreneticError as error:
-        log.print(f"There is no report: {error}", markup=False)
-        return None
 
 
 def _print_summary(summary: Summary, times: str, worst: str, error: str, known: str) -> None:

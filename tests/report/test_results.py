@@ -1,0 +1,108 @@
+"""One call of the library does what `frenetic run` does."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+import frenetic
+from frenetic import Budget, Campaign, EmbeddedSimulator, Frenetic, Planner
+from frenetic.campaign import Event
+from frenetic.errors import CampaignError, FreneticError
+from frenetic.report.results import Step, resume, run
+
+if TYPE_CHECKING:
+    from command_line import Frenetic as Command
+
+pytest_plugins = ["command_line"]
+
+
+def campaign(folder: Path, simulations: int = 80) -> Campaign:
+    return Campaign(
+        strategy=Frenetic(seed=1),
+        simulator=EmbeddedSimulator(),
+        driver=Planner(),
+        budget=Budget(simulations=simulations),
+        folder=folder,
+        lookahead=16,
+    )
+
+
+def files(folder: Path) -> set[str]:
+    return {
+        str(path.relative_to(folder))
+        for path in folder.rglob("*")
+        if path.suffix in (".json", ".png", ".html")
+    }
+
+
+def test_one_call_writes_what_the_command_writes(frenetic: Command, tmp_path: Path) -> None:
+    events: list[Event | Step] = []
+    results = run(campaign(tmp_path / "library"), on_event=events.append)
+    answer = frenetic(
+        *("run", "--simulations", 80, "--seed", 1, "--out", tmp_path / "command", "--json")
+    )
+    assert files(tmp_path / "library") == files(tmp_path / "command")
+    document = answer.json
+    assert results.summary is not None
+    assert results.summary.failed == document["failed"]
+    causes = results.findings.clusters.causes
+    assert [cause.failures for cause in causes] == [one["failures"] for one in document["causes"]]
+    assert list(results.notes) == document["notes"]
+    for test_id, short in results.shortened.items():
+        path = tmp_path / "library" / "minimised" / f"test-{test_id:05d}.json"
+        assert json.loads(path.read_text())["curvatures"] == short.road.curvatures.tolist()
+    assert results.gallery is not None
+    assert results.gallery.is_file()
+    assert results.report == tmp_path / "library" / "report.html"
+    steps = [event.kind for event in events if isinstance(event, Step)]
+    assert steps == ["shortening", "found", "drawing", "drawn", "reporting", "reported"]
+    searching = [event.kind for event in events if isinstance(event, Event)]
+    assert searching == ["started", *["result"] * len(searching[1:])]
+
+
+def test_results_of_a_resumed_campaign_are_those_of_an_uninterrupted_one(tmp_path: Path) -> None:
+    whole = run(campaign(tmp_path / "whole"))
+    campaign(tmp_path / "parts").run(30)
+    parts = resume(campaign(tmp_path / "parts"))
+    assert files(tmp_path / "whole") == files(tmp_path / "parts")
+    assert [c.words for c in whole.findings.clusters.causes] == [
+        c.words for c in parts.findings.clusters.causes
+    ]
+
+
+def test_what_was_found_is_written_when_a_search_ends_by_an_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    search = campaign(tmp_path / "c")
+
+    def broken(*_: object, **__: object) -> None:
+        campaign(tmp_path / "c").run(40)
+        search.started = True
+        raise CampaignError("the worker was lost")
+
+    monkeypatch.setattr(search, "run", broken)
+    with pytest.raises(CampaignError, match="the worker was lost"):
+        run(search)
+    assert (tmp_path / "c" / "report.html").is_file()
+    assert (tmp_path / "c" / "failures" / "gallery.png").is_file()
+
+
+def test_report_that_cannot_be_written_is_a_note(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise FreneticError("the disk is full")
+
+    monkeypatch.setattr("frenetic.report.results.write_report", refuse)
+    results = run(campaign(tmp_path / "c"))
+    assert results.report is None
+    assert results.notes[-1] == "There is no report: the disk is full"
+
+
+def test_it_is_a_name_of_the_package() -> None:
+    assert frenetic.run is run
+    assert frenetic.resume is resume
