@@ -117,7 +117,9 @@ def test_a_strangers_parts_work_like_the_built_in_ones(installed: Path, tmp_path
     listed, _, helped, counted, *reruns, _ = done.stdout.split(f"{'-' * 20}\n")
     for words in (["hasty", "lane-lab"], ["zigzag", "lane-lab"], ["rails", "lane-lab"], ["wind"]):
         assert any(line.split()[: len(words)] == words for line in listed.splitlines()), words
-    assert "hasty with wind" in (tmp_path / "night" / "report.html").read_text("utf-8")
+    assert "hasty,speed=60, windy (amount 0.2)" in (tmp_path / "night" / "report.html").read_text(
+        "utf-8"
+    )
     assert "lane-lab counts" in helped
     assert counted == "6 tests\n"
     varied, calm = map(json.loads, reruns)

@@ -142,7 +142,11 @@ class Domain:
         path = Path(path)
         data = read_bounded(path)
         try:
-            return cls.made(path.stem, read_toml(data))
+            entries = read_toml(data)
+        except ValueError as error:
+            raise FreneticError(f"{path} is no TOML file: {error}") from None
+        try:
+            return cls.made(path.stem, entries)
         except (ValueError, FreneticError) as error:
             raise FreneticError(f"{path} does not say a domain: {error}") from None
 

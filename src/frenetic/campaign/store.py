@@ -629,7 +629,7 @@ class CampaignStore(Shown):
             with self._reading(f"test {number}"):
                 road = road_key(step, curvatures, points)
                 told = Outcome(outcome)
-                amounts = {} if conditions == "{}" else dict(json.loads(conditions))
+                amounts = {} if conditions == "{}" else dict(read_json(conditions))
             yield number, told, road, amounts, profiles
 
     def _count_by_outcome(self) -> tuple[dict[Outcome, int], float | None]:
