@@ -190,9 +190,9 @@ def facts_of_drive(road: Road, seen: SeenDrive) -> list[Fact]:
         "" if left is None else f"at {left.distance:.0f} m",
     )
     if gravest is not None and gravest.criterion not in (LANE, DRIVER):
-        what = quantity(gravest.criterion)
+        measure = quantity(gravest.criterion)
         place = f"at {gravest.distance:.0f} m"
-        departure = capitalised(what.words), what.told(gravest.value), place
+        departure = capitalised(measure.words), measure.told(gravest.value), place
     return [
         (
             "MOOBD",
