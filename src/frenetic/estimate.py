@@ -393,18 +393,18 @@ def _draw_all(weighted: _Weighted, draws: Draws, drives: int) -> None:
     failures = weighted.failures
     pilot = draws.drives
     is_common = failures / pilot * drives >= _ENOUGH
-    left, gains = drives - pilot, not is_common and draws.domain.dimension > 0
+    remaining, gains = drives - pilot, not is_common and draws.domain.dimension > 0
     for share in _WIDELY:
         if gains and weighted.carried <= failures:  # none but plain ones
-            weighted.widely(round(share * left))
-    first, left, spent = draws.drives, drives - draws.drives, 0.0
+            weighted.widely(round(share * remaining))
+    first, remaining, spent = draws.drives, drives - draws.drives, 0.0
     for stage, share in enumerate(_AROUND):
         spent += share
         # Else as many plain drives would carry the estimate better, or nothing has failed.
         plainly = failures / pilot * draws.drives if stage > 1 else 0.0
         gains = gains and weighted.carried > plainly
         if gains:
-            weighted.around_failures(first + round(spent * left) - draws.drives)
+            weighted.around_failures(first + round(spent * remaining) - draws.drives)
     if draws.drives < drives:
         weighted.plainly(drives - draws.drives)
 

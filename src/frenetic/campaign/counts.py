@@ -154,8 +154,8 @@ class Counts:
 class FirstTests:
     """Tells the first test of a road from its repeats, which no measure counts.
 
-    A test repeats an earlier one with the same road, conditions and outcome. Where drives do
-    not repeat, a failure of a road that passed before is therefore no repeat.
+    A test repeats an earlier one with the same road, conditions and outcome. A failure of
+    a road that passed before is no repeat: there the same drive may end in another way.
     """
 
     def __init__(self) -> None:
