@@ -209,8 +209,8 @@ class Profile:
         if name.endswith(".toml"):
             path = Path(name)
             try:
-                given = read_toml(read_bounded(path))
-                found = cls.made(path.stem, given)
+                entries = read_toml(read_bounded(path))
+                found = cls.made(path.stem, entries)
             except (ValueError, TypeError) as error:
                 raise FreneticError(f"{name} says no criteria: {error}") from None
         elif name in (known := profiles()):

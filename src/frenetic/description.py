@@ -31,9 +31,9 @@ PARTS: Final = ("strategy", "driver", "simulator")
 _ADDRESS: Final = re.compile(r" at 0x[0-9a-fA-F]+")
 _DEEPEST: Final = 3  # nesting of arguments in a record
 _LONGEST: Final = 200  # characters of an argument in a record
-_SHOWN_OPTIONS: Final = 6
+_SHOWN_OPTIONS: Final = 6  # of a part; the others are shown as ",…"
 _OF_THE_CAMPAIGN: Final = ("seed", "map_size", "road_class", "domain", "wall_limit")
-"""Options of parts that their campaign says, and that are told beside them."""
+"""Options of parts that are shown as those of their campaign."""
 _UNKNOWN: Final = object()
 """Stands for the value of an option that is not known."""
 
@@ -155,7 +155,7 @@ def part_text(part: object, recorded: object = None, *, word: object = None) -> 
 
     Args:
         part: as `describe` gives it; the name is that of the driver under its layers.
-        recorded: another one of the same class, whose differing options are added.
+        recorded: another part of the same class, whose differing options are added.
         word: how the command line wrote it, if it is known.
     """
     *layers, inner = over_each_other(part)
@@ -182,16 +182,17 @@ def _part_word(part: Mapping[str, Any], recorded: Mapping[str, Any]) -> str:
     """Name and options of a part without layers, as on a command line."""
     name, options = part_name(part), dict(_options_of(part))
     unasked = _unasked_options(str(part.get("class", "")))
-    theirs = dict(_options_of(recorded)) if part_name(recorded) == name else unasked
-    asked = {
+    is_alike = part_name(recorded) == name
+    other_options = dict(_options_of(recorded)) if is_alike else unasked
+    named = {
         option: value
         for option, value in options.items()
         if option not in _OF_THE_CAMPAIGN
-        and (unasked.get(option, _UNKNOWN) != value or theirs.get(option, _UNKNOWN) != value)
+        and (unasked.get(option, _UNKNOWN) != value or other_options.get(option, _UNKNOWN) != value)
         and not (isinstance(value, str) and re.split(r"[/\\]", value)[-1] == name)
     }
-    first = dict(list(asked.items())[:_SHOWN_OPTIONS])
-    return part_word(name, first) + (",…" if len(asked) > len(first) else "")
+    shown = dict(list(named.items())[:_SHOWN_OPTIONS])
+    return part_word(name, shown) + (",…" if len(named) > len(shown) else "")
 
 
 @cache
@@ -200,9 +201,9 @@ def _unasked_options(class_name: str) -> Mapping[str, object]:
     module, _, name = class_name.partition(":")
     if module.partition(".")[0] != "frenetic":
         return {}
-    for needed in ({}, {"seed": 0}):  # the second for strategies
+    for arguments in ({}, {"seed": 0}):  # strategies need the seed
         with suppress(Exception):  # an extra that is not installed, or other needed arguments
-            return dict(_options_of(describe(getattr(import_module(module), name)(**needed))))
+            return dict(_options_of(describe(getattr(import_module(module), name)(**arguments))))
     return {}
 
 

@@ -158,8 +158,8 @@ class Domain:
             ValueError: one is wrong.
             FreneticError: there is no such quantity or road class.
         """
-        known = {"name", "about", "roads", "conditions"}
-        if unknown := sorted(entries.keys() - known):
+        names = {"name", "about", "roads", "conditions"}
+        if unknown := sorted(entries.keys() - names):
             raise ValueError(f"there is no entry {unknown[0]}: about, roads and conditions are")
         conditions, roads = entries.get("conditions", {}), entries.get("roads")
         if not isinstance(conditions, Mapping):

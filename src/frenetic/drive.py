@@ -126,10 +126,10 @@ class Rules:
         return replace(self, speed_limit=amount, road_limits="scaled", scaled_from=base)
 
     def limit_in_words(self, road: Road | None = None, class_name: str = "") -> str:
-        """Return which speed limit holds, and whence.
+        """Return which speed limit holds on a road, and who says it.
 
         Args:
-            road: on it; None for the roads of a search.
+            road: None for the roads of a search.
             class_name: name of the road class to which `speed_limit` belongs, if it does.
         """
         from frenetic.road.profile import LIMITS, piece_of  # numba takes its time

@@ -99,8 +99,8 @@ HANGS: Final = "hangs"
 ENDS_ITS_PROCESS: Final = "ends its process"
 """Kind of the fault of a driver whose process dies while it is asked."""
 IS_KILLED: Final = "is killed"
-"""Kind of the fault of a driver whose process is killed on a road in each of two drives: once, it
-may have been the system."""
+"""Kind of the fault of a driver whose process is killed in each of two drives on a road: a single
+kill may come from the system."""
 BREAKS_PROTOCOL: Final = "breaks into its process's descriptors"
 """Kind of the fault of a driver that writes to descriptors that are not its own, or closes them."""
 GIVES_NO_CONTROLS: Final = "gives no usable controls"
@@ -131,8 +131,8 @@ class Fault:
         return cls(part, kind, file and _short(file)[-100:], line)
 
     def __str__(self) -> str:
-        what = self.kind if self.kind in OWN_KINDS else f"raises {self.kind}"
-        return f"{what} at {self.file}:{self.line}" if self.file else what
+        text = self.kind if self.kind in OWN_KINDS else f"raises {self.kind}"
+        return f"{text} at {self.file}:{self.line}" if self.file else text
 
     def is_like(self, other: Fault | None) -> bool:
         """Whether it is the same fault, in an edited file or not."""

@@ -12,7 +12,8 @@ and Feuer 1997); Garwood's is the case of equal weights.
 
 Where the road decides and not the conditions, that gains nothing: then the rest are plain drives.
 Every drive counts in the figure. As long as few failures carry it, the upper end allows for one
-where drives say least: it falls with the number of drives, wherever they were drawn.
+more failure, in the conditions that were drawn least often. So it falls with the number of drives,
+wherever they were drawn.
 """
 
 from __future__ import annotations
@@ -213,7 +214,7 @@ class _Weighted:
         self._draws, self._on_drive = draws, on_drive
         self._points: list[Point] = []
         self._sources: list[tuple[int, Callable[[FloatArray], FloatArray]]] = []
-        self._surely = 0.0  # least number of draws per chance 1 of conditions, wherever they lie
+        self._least_drawn = 0.0  # draws of the conditions drawn least often, per chance 1 of them
         self.plain: list[Point] = []
         """The plain drives."""
 
@@ -278,11 +279,12 @@ class _Weighted:
     def interval(self) -> tuple[float, float, float]:
         """Return the chance of a failure, and the ends of its two-sided interval.
 
-        Where few failures carry it, the upper end allows for a failure where drives say least.
+        Where few failures carry it, the upper end allows for one more failure, in the conditions
+        that were drawn least often.
         """
-        surely = 1.0 / self._surely
-        largest = float(np.max(self._shares)) if self.carried >= _CARRIED else surely
-        low, high = weighted_interval(self._shares, min(largest, surely), CONFIDENCE)
+        rarest = 1.0 / self._least_drawn
+        largest = float(np.max(self._shares)) if self.carried >= _CARRIED else rarest
+        low, high = weighted_interval(self._shares, min(largest, rarest), CONFIDENCE)
         return float(np.sum(self._shares)), low, high
 
     def _drive(
@@ -291,11 +293,18 @@ class _Weighted:
         often: Callable[[FloatArray], FloatArray],
         least: float,
     ) -> None:
+        """Drives in some conditions, and counts the drives.
+
+        Args:
+            conditions: (d,) normal numbers of each drive; None for the domain's distribution.
+            often: as for `_add`.
+            least: how often the conditions are drawn that are drawn least often.
+        """
         points = []
         for numbers in conditions:
             points.append(self._draws.drive(numbers))
             self._on_drive()
-        self._surely += least * len(points)
+        self._least_drawn += least * len(points)
         self._add(points, often)
 
     def _add(self, points: list[Point], often: Callable[[FloatArray], FloatArray]) -> None:
@@ -384,18 +393,18 @@ def _draw_all(weighted: _Weighted, draws: Draws, drives: int) -> None:
     failures = weighted.failures
     pilot = draws.drives
     is_common = failures / pilot * drives >= _ENOUGH
-    left, gains = drives - pilot, not is_common and draws.domain.dimension > 0
+    remaining, gains = drives - pilot, not is_common and draws.domain.dimension > 0
     for share in _WIDELY:
         if gains and weighted.carried <= failures:  # none but plain ones
-            weighted.widely(round(share * left))
-    first, left, spent = draws.drives, drives - draws.drives, 0.0
+            weighted.widely(round(share * remaining))
+    first, remaining, spent = draws.drives, drives - draws.drives, 0.0
     for stage, share in enumerate(_AROUND):
         spent += share
         # Else as many plain drives would carry the estimate better, or nothing has failed.
         plainly = failures / pilot * draws.drives if stage > 1 else 0.0
         gains = gains and weighted.carried > plainly
         if gains:
-            weighted.around_failures(first + round(spent * left) - draws.drives)
+            weighted.around_failures(first + round(spent * remaining) - draws.drives)
     if draws.drives < drives:
         weighted.plainly(drives - draws.drives)
 

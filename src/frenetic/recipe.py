@@ -95,8 +95,8 @@ class Recipe:
             raise FreneticError(error.reason) from None
         except LostWorkerError as error:
             is_late = time.monotonic() > worker.deadline
-            told = f"took more than {LIMIT:g} s" if is_late else f"ended its process: {error}"
-            raise FreneticError(f"{self.kind} {self.name!r}: {step} it {told}") from None
+            loss = f"took more than {LIMIT:g} s" if is_late else f"ended its process: {error}"
+            raise FreneticError(f"{self.kind} {self.name!r}: {step} it {loss}") from None
         finally:
             worker.kill()
 
@@ -136,14 +136,14 @@ Attributes = TypeVar("Attributes")
 
 @dataclass(frozen=True)
 class Told(Generic[Attributes]):
-    """What a part tells of itself."""
+    """A part's description, sources and attributes, as its process gives them."""
 
     described: dict[str, Any]
     """As `frenetic.description.describe` gives it."""
     sources: dict[str, str]
     """As `frenetic.description.sources_of` gives them."""
     attributes: Attributes
-    """What is read of it where it is not made, a dataclass."""
+    """A dataclass with the part's attributes that are read in other processes."""
 
 
 class Named(StandIn):

@@ -112,14 +112,14 @@ class RunFile(DriveFile, kw_only=True):
             )
         if self.odd is not None:
             domain = read_domain(self.odd)
-            given = {
+            options = {
                 "domain": domain,
                 "map_size": self.map_size,
                 "layers": self.conditions,
                 **self.rules(),
             }
             roads = domain.road_class if self.roads is None else None
-            spec = spec.replaced({**given, "road_class": roads})
+            spec = spec.replaced({**options, "road_class": roads})
         return replace(spec, **others)
 
 
@@ -227,7 +227,7 @@ def write_entries(entries: Mapping[str, Any], path: Path, what: str) -> None:
 def next_campaign(spec: Spec, folder: Path, *, has_drives: bool) -> str:
     """Return the advice to start another campaign with the parts of one as they are now.
 
-    The command names code of the user's own, which no file may.
+    It is a command and no file, because only a command may name code of the user's own.
 
     Args:
         spec: of the campaign.

@@ -406,11 +406,13 @@ class Spec:
 
     def _limit_entries(self) -> dict[str, Any]:
         """The entries of its speed limit; none where that follows from its class, or is usual."""
-        limit, kept = self.rules.speed_limit, self.rules.road_limits
-        if kept == "scaled":
+        limit, road_limits = self.rules.speed_limit, self.rules.road_limits
+        if road_limits == "scaled":
             return {"with": {SPEED: limit}}
         usual = _usual_rules() if self.road_class is None else self.road_class
-        return {} if kept == "kept" and limit == usual.speed_limit else {"speed_limit": limit}
+        return (
+            {} if road_limits == "kept" and limit == usual.speed_limit else {"speed_limit": limit}
+        )
 
     def strategy_entry(self) -> dict[str, str]:
         """Its strategy, likewise; empty without a name."""
@@ -584,11 +586,11 @@ def _of_class(given: Mapping[str, Any]) -> dict[str, Any]:
     return {"road_class": road_class, "lane_width": road_class.lane_width, **own}
 
 
-def _limit_rules(given: Mapping[str, Any]) -> dict[str, Any]:
-    """What becomes of roads' own speed limits by given options: a given limit holds everywhere."""
-    if "speed_limit" in given:
+def _limit_rules(options: Mapping[str, Any]) -> dict[str, Any]:
+    """The rule of roads' own speed limits by options: a limit among these holds everywhere."""
+    if "speed_limit" in options:
         return {"road_limits": "ignored"}
-    return {"road_limits": "kept"} if "road_class" in given else {}
+    return {"road_limits": "kept"} if "road_class" in options else {}
 
 
 def _class_rules(given: Mapping[str, Any]) -> dict[str, Any]:
@@ -682,8 +684,8 @@ def _part_of(recipe: Recipe, kind: type[Named], preloads: Sequence[str] = ()) ->
     from frenetic.simulators.embedded import compile_kernels  # numba takes its time
 
     answer = Told[kind.attributes_type]  # type: ignore[name-defined]
-    told = recipe.ask(_told, kind, answer=answer, preloads=preloads, meanwhile=compile_kernels)
-    return kind(recipe, told)
+    facts = recipe.ask(_told, kind, answer=answer, preloads=preloads, meanwhile=compile_kernels)
+    return kind(recipe, facts)
 
 
 def _told(guest: Guest, kind: type[Named]) -> Told[Any]:

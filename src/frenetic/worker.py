@@ -206,8 +206,8 @@ class Worker:
         """Answers and reports that are there, in the order of the calls; waits for nothing.
 
         Raises:
-            LostWorkerError: it has died, the call raised, took too long, or was not answered by
-                what it may answer.
+            LostWorkerError: it has died, the call raised or took too long, or the answer is of
+                another type.
         """
         self._raise_loss()
         assert self._process is not None
@@ -229,13 +229,13 @@ class Worker:
         if not data and not self._process.is_alive():
             raise self._ended()
         if time.monotonic() > self.deadline:
-            what = "start" if self._calls[0].number == 1 else "drive"
-            reason = f"its {what} took more than {self._calls[0].limit:.3g} s"
+            work = "start" if self._calls[0].number == 1 else "drive"
+            reason = f"its {work} took more than {self._calls[0].limit:.3g} s"
             raise self._lost(reason, Loss.LATE)
         return answers
 
     def _raise_loss(self) -> None:
-        """Raise what was found after the answers that were given; it holds no frames afterwards."""
+        """Raise the loss that came behind answers which are returned by now, and forget it."""
         loss, self._loss = self._loss, None
         try:
             if loss is not None:
@@ -261,7 +261,7 @@ class Worker:
         """Take one message.
 
         Raises:
-            ProtocolError: it is not what may come now.
+            ProtocolError: it is no message that may come now.
             RaisedError: the call raised.
         """
         call = self._calls[0] if self._calls else None
@@ -285,7 +285,7 @@ class Worker:
             raise ProtocolError("it is of another kind")
 
     def _log(self, record: _Logged) -> None:
-        """Log what the library logged there, unless that does not end."""
+        """Log what the library logged there, up to `_MOST_RECORDS` records a call."""
         self._logged += 1
         if self._logged <= _MOST_RECORDS:
             target = logging.getLogger(f"{_LIBRARY}{record.name}")

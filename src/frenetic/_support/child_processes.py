@@ -72,9 +72,9 @@ def process_context(preloaded: Sequence[str] = ()) -> ForkServerContext | SpawnC
 def start_process(
     context: Any, target: Callable[..., None], *args: object, name: str
 ) -> tuple[BaseProcess, Connection]:
-    """A new process that stands alone and calls ``target(connection, *args)``, and our end.
+    """Start a process that calls ``target(connection, *args)``; return it and our connection.
 
-    It is killed by `kill_process`.
+    The process leaves Ctrl-C to this one, and is killed by `kill_process`.
 
     Raises:
         OSError: there are too many processes.
@@ -91,17 +91,19 @@ def start_process(
         with sparing:
             forkserver.ensure_running()
         sparing = nullcontext()  # it takes a while now, and children get it from their server
-    ours, theirs = context.Pipe()
+    connection, child_connection = context.Pipe()
     try:
-        process = context.Process(target=_run_alone, args=(theirs, target, *args), name=name)
+        process = context.Process(
+            target=_run_alone, args=(child_connection, target, *args), name=name
+        )
         with sparing:
             process.start()
     except BaseException:
-        ours.close()
+        connection.close()
         raise
     finally:
-        theirs.close()
-    return process, ours
+        child_connection.close()
+    return process, connection
 
 
 @contextmanager
@@ -132,8 +134,8 @@ def kill_process(process: BaseProcess | subprocess.Popen[bytes]) -> None:
 def kill_tree(process_id: int) -> None:
     """Kills a process with all that it has started.
 
-    On POSIX these are the group that it heads: who leaves the group is not killed. On Windows they
-    are its children, theirs and so on, as long as it lives.
+    On POSIX these are the group that it heads: a process that leaves the group is not killed. On
+    Windows they are its children, their children and so on, as long as it lives.
     """
     if sys.platform == "win32":
         tool = Path(os.environ.get("SYSTEMROOT", r"C:\Windows"), "System32", "taskkill.exe")
@@ -158,10 +160,11 @@ def ending_of(exit_code: int | None) -> str:
 
 
 class SharedFlag:
-    """A flag that a child sets and this process reads; it is given to a child as an argument.
+    """A flag that a child sets and this process reads.
 
-    The child's copy is a number, see `open_flag`. This process reads the flag without a map of its
-    own: a driver may cut off the file under one.
+    The flag is an argument of the child's target; the child's copy is a number, see `open_flag`.
+    On POSIX this process reads the flag's file instead of mapping it: a driver may truncate the
+    file, and reading a map of a truncated file would kill this process.
     """
 
     def __init__(self) -> None:
@@ -179,13 +182,13 @@ class SharedFlag:
 
     @property
     def is_set(self) -> bool:
-        """Whether it is not 0; also when its file is damaged."""
+        """Whether the child has set it; also True if its file is damaged."""
         if sys.platform == "win32":
             return self._map[0] != 0
         return os.pread(self._file.fileno(), 1, 0) != b"\0"
 
     def close(self) -> None:
-        """Close it here."""
+        """Close this process's end of the flag."""
         if sys.platform == "win32":
             self._map.close()
         else:
@@ -195,12 +198,12 @@ class SharedFlag:
 # In the child
 
 
-def open_flag(place: Any) -> Any:
+def open_flag(handle: Any) -> Any:
     """Return the child's copy of a `SharedFlag`, whose ``value`` it sets."""
     if sys.platform == "win32":
-        memory = mmap.mmap(-1, 1, tagname=place)
+        memory = mmap.mmap(-1, 1, tagname=handle)
     else:
-        descriptor = place.detach()
+        descriptor = handle.detach()
         memory = mmap.mmap(descriptor, 1)
         os.close(descriptor)
     return ctypes.c_byte.from_buffer(memory)
@@ -233,8 +236,8 @@ def _lead_group() -> None:
 def _leave_servers() -> None:
     """Close the pipes to the parent's servers of processes and resources.
 
-    The child needs neither, and nonsense that a driver writes there would end the servers. Who
-    starts processes here gets servers of this process.
+    The child needs neither, and nonsense that a driver writes there would end the servers. A
+    driver that starts processes gets servers of its own.
     """
     if sys.platform != "win32":
         from multiprocessing import forkserver, resource_tracker  # not on Windows
@@ -264,8 +267,8 @@ def _die_with_parent() -> None:
 if sys.platform == "linux":
     _SET_PARENT_DEATH_SIGNAL: Final = 1  # PR_SET_PDEATHSIG of linux/prctl.h
     _SET_CHILD_SUBREAPER: Final = 36  # PR_SET_CHILD_SUBREAPER of linux/prctl.h
-    _LOOK_INTERVAL: Final = 0.02  # [s] between two looks at what is left to kill
-    _FIRST_TO_KILL: Final = "500"  # of -1000..1000, where memory is short: rather than the parent
+    _LOOK_INTERVAL: Final = 0.02  # [s] between two looks for processes to kill
+    _OOM_SCORE: Final = "500"  # of -1000..1000: short of memory, Linux kills the child first
 
     def _fork_under_keeper(connection: Connection) -> None:
         """Return in a child process; this one becomes its keeper and never returns."""
@@ -295,7 +298,7 @@ if sys.platform == "linux":
             os._exit(LOST_PARENT)
         _lead_group()
         with suppress(OSError):
-            Path("/proc/self/oom_score_adj").write_text(_FIRST_TO_KILL, encoding="ascii")
+            Path("/proc/self/oom_score_adj").write_text(_OOM_SCORE, encoding="ascii")
 
     def _prctl(option: int, value: int) -> None:
         """Set an attribute of this process; without effect where the kernel refuses."""
@@ -318,12 +321,12 @@ if sys.platform == "linux":
             received = os.read(signals, 512) if signals in ready else b""
             if sentinel in ready or signal.SIGTERM in received:
                 break
-            status = _reaped(child)
+            status = _reap(child)
         _kill_descendants(child, signals)
         _end_as(LOST_PARENT if status is None else os.waitstatus_to_exitcode(status))
 
-    def _reaped(child: int) -> int | None:
-        """Ask for all children that have ended; return the status of this one, None if it runs."""
+    def _reap(child: int) -> int | None:
+        """Reap all children that have ended; return the status of this one, None if it runs."""
         status = None
         with suppress(ChildProcessError):
             while (ended := os.waitpid(-1, os.WNOHANG))[0]:

@@ -114,10 +114,10 @@ def require_list(name: str, given: Iterable[T], of: str = "folders") -> tuple[T,
 
 
 class FolderInUse:
-    """A folder that is in use, also when somebody moves or deletes it meanwhile.
+    """A folder that is recognised even if somebody moves or deletes it while it is in use.
 
     Args:
-        path: of the folder, which exists.
+        path: of the folder, which has to exist.
     """
 
     def __init__(self, path: Path) -> None:
@@ -128,7 +128,12 @@ class FolderInUse:
             self._handle = os.open(path, os.O_RDONLY)
 
     def holds(self, name: str, file: os.stat_result) -> bool:
-        """Whether a file still lies in it, wherever the folder is by now."""
+        """Whether a file still lies in the folder, wherever that is now.
+
+        Args:
+            name: of the file.
+            file: its status when it was opened.
+        """
         with suppress(OSError):
             if self._handle is None:
                 return os.path.samestat((self._path / name).stat(), file)
@@ -136,7 +141,7 @@ class FolderInUse:
         return False
 
     def fate(self) -> str:
-        """What has become of it: ``was moved to PLACE``, ``was deleted``; empty if nothing has."""
+        """What became of the folder: ``was moved to PLACE``, ``was deleted``; empty if nothing."""
         with suppress(OSError):
             if os.path.samestat(self._path.stat(), self._opened):
                 return ""
@@ -148,7 +153,7 @@ class FolderInUse:
         return "was moved" if os.fstat(self._handle).st_nlink > 0 else "was deleted"
 
     def place(self) -> Path | None:
-        """Where it is now; None if it was deleted, or if the system does not tell."""
+        """Where the folder is now; None if it was deleted, or if the system does not tell."""
         with suppress(OSError):
             place = Path(f"/proc/self/fd/{self._handle}").readlink()
             if os.path.samestat(place.stat(), self._opened):
@@ -156,7 +161,7 @@ class FolderInUse:
         return None
 
     def close(self) -> None:
-        """Lets it go; closing twice does no harm."""
+        """Closes the handle of the folder; closing twice does no harm."""
         if self._handle is not None:
             os.close(self._handle)
             self._handle = None

@@ -42,11 +42,12 @@ _FIELDS: Final = struct.Struct("<BII")  # kind, number, length
 _CHECKSUM: Final = struct.Struct("<I")
 _HEADER_SIZE: Final = len(_MARK) + _FIELDS.size + _CHECKSUM.size
 _READ_SIZE: Final = 1 << 20  # bytes that are read at once
+_LONGEST_WAIT: Final = 3600.0  # [s] for room to write, before the deadline is looked at again
 _DTYPES: Final = frozenset({"<f8", "<i8", "|u1", "|b1"})  # of arrays
 
 
 class ProtocolError(Exception):
-    """Bytes that are no message, or a message that nobody expects."""
+    """Bytes are no message, or a message comes that nobody expects."""
 
 
 class Frame(NamedTuple):
@@ -72,7 +73,10 @@ def to_bytes(frame: Frame, most_bytes: int = MOST_BYTES) -> bytes:
 
 
 class FrameReader:
-    """Cuts a stream of bytes into frames; memory grows with what has come, not with a length."""
+    """Cuts a stream of bytes into frames.
+
+    Its memory grows with the bytes that have come, not with the length that a frame claims.
+    """
 
     def __init__(self, most_bytes: int = MOST_BYTES) -> None:
         self._most_bytes = most_bytes
@@ -117,8 +121,8 @@ def encode(value: object) -> bytes:
     """Return a value of plain types, dataclasses and arrays as bytes.
 
     Raises:
-        TypeError: it holds something else.
-        ValueError: it holds a number or text that MessagePack cannot.
+        TypeError: the value holds something else.
+        ValueError: the value holds a number or text that MessagePack cannot hold.
     """
     return msgpack.encode(value, enc_hook=_as_plain)
 
@@ -127,7 +131,8 @@ def decode(data: bytes, kind: Any) -> Any:
     """Return the value of the given type in bytes from `encode`.
 
     Raises:
-        ProtocolError: the bytes are none, or a value is of another type or out of its bounds.
+        ProtocolError: the bytes are not MessagePack, or a value is of another type or out of its
+            bounds.
     """
     try:
         return _decoder(kind).decode(data)
@@ -161,7 +166,7 @@ def _from_plain(kind: Any, value: Any) -> Any:
     return np.frombuffer(data, dtype).reshape(shape)
 
 
-# The way of the bytes
+# Sending and receiving bytes
 
 
 class Channel:
@@ -186,14 +191,14 @@ class Channel:
 
     @property
     def handle(self) -> Any:
-        """What `multiprocessing.connection.wait` tells ready when something is there."""
+        """Argument of `multiprocessing.connection.wait`, which waits until bytes have come."""
         if sys.platform == "win32":
             return self._connection
         return self._descriptor
 
     @property
     def is_whole(self) -> bool:
-        """Whether its descriptor is open, and still the one that it was."""
+        """Whether its descriptor is open and still belongs to this connection."""
         if sys.platform == "win32":
             return not self._connection.closed
         try:
@@ -202,11 +207,11 @@ class Channel:
             return False
 
     def receive(self) -> bytes:
-        """Return some of the bytes that are there; none if nothing is, unless it blocks.
+        """Return some of the bytes that have come; empty if none have and it does not block.
 
         Raises:
             EOFError: the other end is closed.
-            OSError: this end is.
+            OSError: this end is closed.
         """
         if sys.platform == "win32":
             if not self._blocks and not self._connection.poll():
@@ -229,7 +234,7 @@ class Channel:
 
         Args:
             data: whole frames.
-            deadline: on the monotonic clock.
+            deadline: s on the monotonic clock.
 
         Raises:
             TimeoutError: the other end has not taken them by then.
@@ -238,16 +243,16 @@ class Channel:
         if sys.platform == "win32":
             self._connection.send_bytes(data)
             return
-        rest = memoryview(data)
-        while rest:
+        unsent = memoryview(data)
+        while unsent:
             try:
-                rest = rest[os.write(self._descriptor, rest) :]
+                unsent = unsent[os.write(self._descriptor, unsent) :]
             except BlockingIOError:
                 if not _await_room(self._descriptor, deadline - time.monotonic()):
                     raise TimeoutError from None
 
     def close(self) -> None:
-        """Close this end, if it is this one."""
+        """Close this end, unless its descriptor belongs to something else by now."""
         if sys.platform == "win32":
             self._connection.close()
         elif self.is_whole:
@@ -255,12 +260,15 @@ class Channel:
 
 
 def _identity(descriptor: int) -> tuple[int, int]:
+    """Device and inode behind a descriptor, by which the connection is recognised."""
     status = os.fstat(descriptor)
     return status.st_dev, status.st_ino
 
 
 def _await_room(descriptor: int, seconds: float) -> bool:
-    """Wait until a descriptor takes bytes; whether it does in that time."""
+    """Wait until a descriptor takes bytes; return whether to try to write again."""
     with selectors.DefaultSelector() as selector:
         selector.register(descriptor, selectors.EVENT_WRITE)
-        return bool(selector.select(max(0.0, min(seconds, 3600.0)))) or seconds > 3600.0
+        return (
+            bool(selector.select(max(0.0, min(seconds, _LONGEST_WAIT)))) or seconds > _LONGEST_WAIT
+        )

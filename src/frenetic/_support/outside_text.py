@@ -28,10 +28,8 @@ _TOO_LARGE: Final = "a number has thousands of digits"
 _LONG_KEY: Final = re.compile(
     rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{MAX_DEPTH}}}"""
 )
-"""Key of TOML with so many dots, also within a text; `tomllib` takes memory with their square."""
-
-_BRACKETS: Final = re.compile(rb"[\[\]{}]")
-_LIST_MARKS: Final = re.compile(rb"(?:[-?:][ \t]++){%d}" % MAX_DEPTH)
+"""Key of TOML with `MAX_DEPTH` dots, also within a text: the memory that `tomllib` takes grows with
+the square of their number."""
 
 
 @overload
@@ -71,22 +69,6 @@ def _parse_toml(text: str) -> dict[str, Any]:
     return tomllib.loads(text)
 
 
-def check_nesting(data: bytes) -> None:
-    """Checks how deep brackets and YAML's list marks are nested in a text, before it is parsed.
-
-    Parsers of YAML take minutes for what they then refuse. Brackets within quotes count, too.
-
-    Raises:
-        BeyondLimitsError: it is more than `MAX_DEPTH` levels deep.
-    """
-    depth = deepest = 0
-    for bracket in _BRACKETS.finditer(data):
-        depth = max(depth + (1 if bracket[0] in b"[{" else -1), 0)
-        deepest = max(deepest, depth)
-    if deepest > MAX_DEPTH or _LIST_MARKS.search(data):
-        raise BeyondLimitsError(_TOO_DEEP)
-
-
 def _check_depth(value: object) -> None:
     """Checks how deep lists, objects and records are nested.
 
@@ -111,7 +93,7 @@ def _check_depth(value: object) -> None:
 
 
 def _read(parse: Callable[[str], Any], text: str | bytes) -> Any:
-    """What a parser makes of a text; errors are those of `read_json`."""
+    """Parse a text and check its depth; errors are those of `read_json`."""
     try:
         value = parse(text if isinstance(text, str) else text.decode("utf-8-sig"))
     except BeyondLimitsError:

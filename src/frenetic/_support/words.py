@@ -46,8 +46,10 @@ def oob_words(oob: float | None, lane_width: float) -> str:
         oob: m; None if it is unknown.
         lane_width: m; half of it is the oob distance in the middle of the lane.
     """
-    if oob is None or oob < 0.0:
-        return signed(oob) if oob is None else f"{signed(oob)} m"
+    if oob is None:
+        return signed(oob)
+    if oob < 0.0:
+        return f"{signed(oob)} m"
     return f"{oob:.2f} of {0.5 * lane_width:.2f} m"
 
 
@@ -114,7 +116,7 @@ def read_setting(text: str) -> Any:
         try:
             value = read(text)
             if isinstance(value, int):
-                float(value)  # who takes a number may calculate with it
+                float(value)  # a part may calculate with it
         except (BeyondLimitsError, OverflowError) as error:
             raise ValueError(f"{text[:20]}...: {error}") from None
         except ValueError:
@@ -194,18 +196,18 @@ def format_duration(seconds: float) -> str:
 _UNPRINTED: Final = re.compile(
     "[\x00-\x09\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
 )
-"""Control characters but the line's end, signs that turn the direction of writing around or end a
-line, and what no UTF-8 file can hold."""
+"""Control characters other than the end of a line, signs that reverse the direction of writing or
+end a line, and characters that no UTF-8 file can hold."""
 _FORMULA: Final = ("=", "+", "-", "@", "\n")
 
 
 def printable(text: str) -> str:
     r"""A text whose control characters are escaped, such as ``\x1b``, but for line ends."""
-    return _UNPRINTED.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+    return _UNPRINTED.sub(lambda match: match[0].encode("unicode_escape").decode(), text)
 
 
 def shortened(text: str, most: int) -> str:
-    """A text of at most so many characters, whose middle is left out if need be."""
+    """A text without its middle if it has more than ``most`` characters."""
     if len(text) <= most:
         return text
     return f"{text[: most - most // 3 - 5]} ... {text[-(most // 3) :]}"

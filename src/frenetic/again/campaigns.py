@@ -69,7 +69,7 @@ def campaign_again(
         CampaignError: ``out`` holds something else, or the folder is gone.
         ValueError: an option is out of range.
     """
-    if not Path(folder).is_dir():  # a part of it is not made again
+    if not Path(folder).is_dir():  # the new campaign must not make a part of it again
         raise CampaignGoneError(f"{folder} was moved or deleted while its roads were driven again")
     simulator, driver = tester.simulator, tester.driver
     parts = describe(driver), describe(simulator), simulator.rules.as_json()
@@ -95,14 +95,14 @@ def campaign_again(
 
 
 def complete(campaign: Campaign, how: How) -> None:
-    """Drives what is left to be driven of a `campaign_again`.
+    """Makes the drives of a `campaign_again` that are missing.
 
     Raises:
         CampaignError: nothing can be stored, no worker can be started, or no drive can be judged.
         CampaignGoneError: the folder was moved or deleted meanwhile.
     """
     try:
-        _complete(campaign, how)
+        _drive_missing(campaign, how.get("on_event"))
     except CampaignGoneError as error:
         folder = campaign.folder.parents[1]  # of the campaign whose roads they are
         if campaign.folder.parent.name != FOLDER or folder.is_dir():
@@ -116,9 +116,10 @@ def complete(campaign: Campaign, how: How) -> None:
         raise CampaignGoneError(f"{folder} was {fate}") from error
 
 
-def _complete(campaign: Campaign, how: How) -> None:
+def _drive_missing(campaign: Campaign, on_event: Callable[[Event], object] | None) -> None:
+    """Runs or resumes a campaign; one that is complete only says so, see `say_complete`."""
     if not (campaign.folder / DATABASE).is_file():
-        campaign.run(on_event=how.get("on_event"))
+        campaign.run(on_event=on_event)
         return
     with CampaignStore.open(campaign.folder) as store:
         facts, before = store.facts, stored_budget(store).simulations
@@ -126,14 +127,14 @@ def _complete(campaign: Campaign, how: How) -> None:
     assert campaign.budget is not None
     is_whole = facts.get("ended") or before == campaign.budget.simulations
     if "finished_at" not in facts or facts.get("interrupted") or not is_whole:
-        campaign.resume(on_event=how.get("on_event"))
+        campaign.resume(on_event=on_event)
     else:
-        say_complete(campaign.folder, counts, how)
+        say_complete(campaign.folder, counts, on_event)
 
 
-def say_complete(folder: Path, counts: Counts, how: How) -> None:
-    """Tell ``on_event`` that a campaign holds these drives, and that none is left to be driven."""
-    if on_event := how.get("on_event"):
+def say_complete(folder: Path, counts: Counts, on_event: Callable[[Event], object] | None) -> None:
+    """Tell ``on_event`` that a campaign holds these drives, and that none is missing."""
+    if on_event is not None:
         on_event(Event("complete", Summary.over(counts, folder=folder, budget_spent=1.0)))
 
 

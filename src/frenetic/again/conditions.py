@@ -81,7 +81,7 @@ class Variation:
 
 
 def own_conditions(road: Candidate, rules: Rules) -> Conditions:
-    """The conditions of a test, with the highest speed limit of a road that has some."""
+    """The conditions of a test, with its road's highest speed limit if the road has limits."""
     if road.speed_limits is None or not len(road.speed_limits) or rules.road_limits == "ignored":
         return road.conditions
     return {SPEED: float(rules.speed_limits_on(road)[:, 1].max()), **road.conditions}

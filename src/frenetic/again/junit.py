@@ -70,7 +70,7 @@ def _add_outcome(case: ET.Element, test: Repeats) -> None:
         "failed": f"{test.failed} of {test.judged}",
         "outcome": str(worst.outcome),
         "outcome_before": str(test.recorded.outcome),
-        "criteria": ", ".join(one.criterion for one in worst.test.result.findings),
+        "criteria": ", ".join(finding.criterion for finding in worst.test.result.findings),
         "moobd": _decimals(worst.moobd, 4),
         "moobd_before": _decimals(test.recorded.moobd, 4),
         "length": _decimals(candidate.length, 4),

@@ -95,7 +95,7 @@ class FailureReason(StrEnum):
             duration: simulated time in s.
             timeout: s that the road's drive may take.
             fault: the driver's, if it ended the drive.
-            criterion: that was exceeded, if any.
+            criterion: name of the criterion that was exceeded, if any.
         """
         if fault is not None:
             return cls.DRIVER_BROKE
@@ -128,8 +128,8 @@ class Minimising(Strategy):
         rules: by which drives fail.
         conditions: in which it fails.
         usual: what is usual of these, as far as it is known.
-        speed_limits: those of the failing road, (k, 2) in m and km/h. In smaller ones a limit
-            begins at a sample.
+        speed_limits: speed limits of the failing road, (k, 2) in m and km/h. On smaller roads a
+            limit begins at a sample.
     """
 
     BEHAVIOUR: Final = 2
@@ -336,7 +336,7 @@ class Minimised:
     drives: int
     """Number of all drives on the road and smaller ones, also of earlier calls."""
     new_drives: int
-    """Number of those that this call made."""
+    """Number of the drives that this call made."""
     folder: str
     """Name of their campaign's folder in ``again`` of the campaign whose road it is."""
     ending: Ending
@@ -543,7 +543,9 @@ def minimise_causes(
         Id of a test, and the minimised road or why there is none: it does not fail again, say.
     """
     lasting = HANGS, ENDS_ITS_PROCESS, IS_KILLED, BREAKS_PROTOCOL
-    causes = [one for one in clusters.causes if not (one.fault and one.fault.kind in lasting)]
+    causes = [
+        cause for cause in clusters.causes if not (cause.fault and cause.fault.kind in lasting)
+    ]
     chosen = causes[: max(1, drives // LEAST_EACH)]
     if not chosen:
         return

@@ -181,7 +181,10 @@ def rerun(
     seed = int(seed)  # which may be numpy's
     instead = sorted(require_list("instead", instead, "quantities"))
     vary = require_list("vary", vary, "variations")
-    vary = [replace(one, is_usual=one.is_usual and one.quantity not in instead) for one in vary]
+    vary = [
+        replace(variation, is_usual=variation.is_usual and variation.quantity not in instead)
+        for variation in vary
+    ]
     drawn = draw_conditions(vary, times, seed)
     with CampaignStore.open(folder) as store:
         if tests is None:
@@ -190,15 +193,20 @@ def rerun(
         tests = require_list("tests", tests, "ids of tests")
         candidates = [store.test(number, with_trajectory=False).candidate for number in tests]
         tester = campaign_tester(store, simulator, driver)
-    own = {road.id: without(own_conditions(road, simulator.rules), *instead) for road in candidates}
+    recorded = {
+        road.id: without(own_conditions(road, simulator.rules), *instead) for road in candidates
+    }
     # Of tests with the same quantities one stands for all.
-    for found in ({}, *{frozenset(found): found for found in own.values()}.values()):
-        check_pair_in({**found, **drawn[0]}, simulator, driver)
+    by_quantities = {frozenset(amounts): amounts for amounts in recorded.values()}
+    for amounts in ({}, *by_quantities.values()):
+        check_pair_in({**amounts, **drawn[0]}, simulator, driver)
     conditions: ByTest = drawn
-    if any(one.of(found) != one for one in vary for found in own.values()):
+    if any(
+        variation.of(amounts) != variation for variation in vary for amounts in recorded.values()
+    ):
         conditions = {
-            number: draw_conditions([one.of(found) for one in vary], times, seed)
-            for number, found in own.items()
+            number: draw_conditions([variation.of(amounts) for variation in vary], times, seed)
+            for number, amounts in recorded.items()
         }
     return drive_tests(folder, tester, tests, conditions, variations=vary, instead=instead, how=how)
 
@@ -282,8 +290,10 @@ def read_rerun(folder: Path | str, source: Path | str) -> Rerun:
             store.setting.rules,
             terms.planned,
             tuple(
-                _repeats(recorded[number][0], own, terms.variations, store.setting.rules, is_own)
-                for number, own in drives.items()
+                _repeats(
+                    recorded[number][0], repeats, terms.variations, store.setting.rules, is_own
+                )
+                for number, repeats in drives.items()
             ),
             terms.variations,
             Path(folder),
@@ -297,11 +307,12 @@ def _repeats(
     rules: Rules,
     is_own: bool,
 ) -> Repeats:
-    """The drives of a test, and whether only the variations are not its campaign's."""
-    own = recorded.candidate.conditions
+    """The drives of a test, and whether they differ from its campaign's in the variations alone."""
+    conditions = recorded.candidate.conditions
     varied = [variation.quantity for variation in variations]
     is_own &= all(
-        without(drive.conditions, *varied, SEED) == without(own, *varied, SEED) for drive in drives
+        without(drive.conditions, *varied, SEED) == without(conditions, *varied, SEED)
+        for drive in drives
     )
     ranges = tuple(
         variation.of(own_conditions(recorded.candidate, rules)) for variation in variations

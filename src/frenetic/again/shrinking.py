@@ -34,7 +34,7 @@ _SHARPER: Final = 1.25
 _BEND: Final = 0.03
 """Bend on one curvature when the first sample is dropped, in 1/m."""
 _LIMIT: Final = NAMES.index(LIMITS)
-"""Place of the speed limit among `Shape.slopes`."""
+"""Index of the speed limit in each of `Shape.slopes`."""
 CUT_BEHIND: Final = "cut behind"
 """Name of what comes before the passes."""
 
@@ -229,7 +229,7 @@ def _coarsen(shrinker: Shrinker) -> Trials[None]:
             # A length of a whole number of steps, up to rounding, keeps its last one.
             at = step * np.arange(math.floor(shape.length / step + 1e-9) + 1)
             values = tuple(np.interp(at, places, shape.values))
-            columns = [np.interp(at, places, one) for one in zip(*shape.slopes, strict=True)]
+            columns = [np.interp(at, places, column) for column in zip(*shape.slopes, strict=True)]
             if len(columns) > _LIMIT:
                 before = np.searchsorted(places, at + 1e-9) - 1
                 columns[_LIMIT] = np.array([pair[_LIMIT] for pair in shape.slopes])[before]
@@ -270,10 +270,10 @@ def _sharpen(shrinker: Shrinker) -> Trials[None]:
 
 
 def _flatten(shrinker: Shrinker) -> Trials[None]:
-    """Takes slopes and widening away, or else all but one of them; speed limits stay."""
-    for kept in ((), (0,), (1,), (2,)):
+    """Takes away slopes and widening, or else all of these but one; speed limits stay."""
+    for columns in ((), (0,), (1,), (2,)):
         slopes = (
-            tuple(value if k in (*kept, _LIMIT) else 0.0 for k, value in enumerate(pair))
+            tuple(value if k in (*columns, _LIMIT) else 0.0 for k, value in enumerate(pair))
             for pair in shrinker.best.slopes
         )
         yield from shrinker.offer(replace(shrinker.best, slopes=tuple(slopes)))

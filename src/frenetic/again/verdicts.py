@@ -207,7 +207,7 @@ class Repeats:
 
     @property
     def change(self) -> Change:
-        """Its change: it fails if any drive does, else it is judged if all drives are."""
+        """How the verdict changed: a road fails if any drive does, else all have to be judged."""
         if self.judged < len(self.drives) and not self.failed:
             return Change.NOT_JUDGED
         return Change.of(self.recorded.outcome is Outcome.FAIL, self.failed > 0)

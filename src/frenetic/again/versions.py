@@ -316,7 +316,7 @@ def fresh_roads(
         tests = _driven(driving.folder)
     else:
         outcomes = Counter(test.outcome for test in tests[:fresh])
-        say_complete(driving.folder, Counts.of(outcomes), how)
+        say_complete(driving.folder, Counts.of(outcomes), how.get("on_event"))
     ids = tuple(test.id for test in tests[:fresh])
     return FreshRoads(Path(campaign), driving.folder, fresh, seed, describe(driver), ids)
 

@@ -95,7 +95,7 @@ class Failure:
     curvatures: FloatArray
     """Curvatures of the whole road, (n,) in 1/m."""
     step: float
-    """Distance between two of them, in m."""
+    """Distance between two curvatures, in m."""
     place: float
     """Place of the departure, in m along the road."""
     road: FloatArray

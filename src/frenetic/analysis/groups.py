@@ -138,19 +138,19 @@ def _word(part: str, value: Any, others: Sequence[Any]) -> str:
         return f"{part}={_text(value)}"
     if "class" not in value:
         return _settings(value, others)
-    parts = [one for one in others if isinstance(one, dict) and "class" in one]
-    named = [one for one in parts if part_name(one) == part_name(value)]
-    alike = [one for one in named if one["class"] == value["class"]]
-    own, inner = value.get("options"), value.get("driver")
-    theirs = [o.get("options") for o in alike]
-    settings = _settings(own, theirs, ",") if isinstance(own, dict) else ""
+    parts = [other for other in others if isinstance(other, dict) and "class" in other]
+    named = [other for other in parts if part_name(other) == part_name(value)]
+    alike = [other for other in named if other["class"] == value["class"]]
+    options, inner = value.get("options"), value.get("driver")
+    other_options = [other.get("options") for other in alike]
+    settings = _settings(options, other_options, ",") if isinstance(options, dict) else ""
     word = part_name(value) if named == alike else str(value["class"])
     word += f",{settings}" if settings else ""
     version = _version(value)
     if any(_version(other) != version for other in alike):
         word += f" [{version}]"
     if isinstance(inner, dict):
-        word += f" over {_word(part, inner, [o.get('driver') for o in alike])}"
+        word += f" over {_word(part, inner, [other.get('driver') for other in alike])}"
     return word
 
 
@@ -178,16 +178,16 @@ def _version(part: Mapping[str, Any]) -> str:
 
 
 def _settings(value: Mapping[str, Any], others: Sequence[Any], between: str = ", ") -> str:
-    """The settings that differ from those of others."""
-    told = []
+    """The settings that differ from those of others, in words."""
+    texts = []
     for name, setting in value.items():
-        theirs = [other.get(name) if isinstance(other, dict) else None for other in others]
-        if any(setting != one for one in theirs):
+        other_settings = [other.get(name) if isinstance(other, dict) else None for other in others]
+        if any(setting != other for other in other_settings):
             if isinstance(setting, dict):
-                told.append(_settings(setting, theirs, between))
+                texts.append(_settings(setting, other_settings, between))
             else:
-                told.append(f"{name}={_text(setting)}")
-    return between.join(told)
+                texts.append(f"{name}={_text(setting)}")
+    return between.join(texts)
 
 
 def _text(value: object) -> str:

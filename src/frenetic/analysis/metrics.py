@@ -56,7 +56,7 @@ class CampaignMeasures:
     competition_sparseness: float = -math.inf
     """Sparseness in edits, see `largest_distances`; minus infinity below two failures."""
     lane_width: float = 4.0
-    """m."""
+    """Width of each lane, in m."""
 
     @property
     def simulations(self) -> int:

@@ -209,20 +209,20 @@ def find_bends(
             a tenth of `LEAST_TURN` makes a bend.
     """
     s, kappa = _cut(distances, curvatures, (-gentle, gentle))
-    middle = [0.5 * (one + other) for one, other in pairwise(kappa)]
-    ways = [math.copysign(1.0, one) if abs(one) >= gentle else 0.0 for one in middle]
+    means = [0.5 * (start + end) for start, end in pairwise(kappa)]
+    ways = [math.copysign(1.0, mean) if abs(mean) >= gentle else 0.0 for mean in means]
     least_turn = LEAST_TURN * gentle / GENTLE
-    found, last = [], 0
+    bends, last = [], 0
     for way, pieces in groupby(ways):
         first, last = last, last + len(list(pieces))
         if not way:
             continue
-        turn = float(np.sum([middle[i] * (s[i + 1] - s[i]) for i in range(first, last)]))
+        turn = float(np.sum([means[i] * (s[i + 1] - s[i]) for i in range(first, last)]))
         # A rounding error must not decide on a bend of exactly this size.
         if abs(turn) >= least_turn - 1e-9:
             sharpest = max(map(abs, kappa[first : last + 1]))
-            found.append(Bend(s[first], s[last], turn, sharpest))
-    return tuple(found)
+            bends.append(Bend(s[first], s[last], turn, sharpest))
+    return tuple(bends)
 
 
 def heading_range(distances: FloatArray, curvatures: FloatArray) -> tuple[float, float]:

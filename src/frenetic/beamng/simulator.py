@@ -40,7 +40,7 @@ _CREEP: Final = 0.3  # m/s, below which braking is left to the parking brake
 _ASTRAY: Final = 0.3  # m, the farthest from its place that a car may stand at the start
 _CLOCK_SHARE, _CLOCK_SLACK = 0.02, 0.01  # how far the clock may be off: of the time, and s
 _AI_DECELERATION: Final = 3.0  # m/s^2, with which BeamNG.AI is made to brake to a lower limit; ours
-_LIMIT_STEP: Final = 0.5  # m/s, least change of the limit that BeamNG.AI is told
+_LIMIT_STEP: Final = 0.5  # m/s, least change of the limit that BeamNG.AI is told; ours
 _ACCELERATION, _DECELERATION = 4.0, 9.0  # m/s^2, what drivers are told of a car that is unknown
 
 logger = logging.getLogger(__name__)

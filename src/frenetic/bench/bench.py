@@ -186,8 +186,8 @@ class Bench:
                     on_end(event)
                 whole = done + len(ends)
                 begun = sum(p.budget_spent for f, p in progress.items() if f not in ends)
-                simulations = sum(one.simulations for one in progress.values())
-                failures = sum(one.failures for one in progress.values())
+                simulations = sum(summary.simulations for summary in progress.values())
+                failures = sum(summary.failures for summary in progress.values())
                 on_progress(
                     (whole + begun) / len(states),
                     f"runs {whole} of {len(states)}, simulations {simulations},"
@@ -200,13 +200,13 @@ class Bench:
         """Checks that nobody has moved or deleted the folder.
 
         Raises:
-            FreneticError: it is elsewhere, or gone.
+            FreneticError: the folder was moved or deleted.
         """
         if fate := folder.fate():
-            rest = "its complete runs stand there; go on with --resume there"
+            advice = "its complete runs stand there; go on with --resume there"
             if "deleted" in fate:
-                rest = "its runs are gone; begin a new bench"
-            raise FreneticError(f"{self.folder} {fate} while the bench ran: {rest}")
+                advice = "its runs are gone; begin a new bench"
+            raise FreneticError(f"{self.folder} {fate} while the bench ran: {advice}")
 
     def comparison(self) -> Comparison:
         """The comparison of the entrants by their complete runs.

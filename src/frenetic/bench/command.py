@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,10 +11,16 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 from msgspec import structs, to_builtins
 
-from frenetic._support.words import format_duration
 from frenetic.cli import echo
 from frenetic.cli.compare import comparison_document, print_comparison
-from frenetic.cli.console import Log, announced_compilation, live_line, print_table, shell
+from frenetic.cli.console import (
+    Log,
+    TimeLeft,
+    announced_compilation,
+    live_line,
+    print_table,
+    shell,
+)
 from frenetic.cli.options import (
     WORKERS,
     as_usage_error,
@@ -187,17 +192,11 @@ def _run(the_bench: Bench, resume: bool, workers: int | None, as_json: bool) -> 
                     markup=False,
                 )
 
-        first: tuple[float, float] | None = None  # moment, and share that was spent before
+        time_left = TimeLeft()
 
         def progress(share: float, words: str) -> None:
-            nonlocal first
-            now = time.monotonic()
-            first = first or (now, share)
-            start, before = first
-            if share > before:
-                left = (now - start) * (1.0 - share) / (share - before)
-                words = f"{words}, {format_duration(left)} left"
-            show(share, lambda: words)
+            text = words + time_left.words(share, 1.0)
+            show(share, lambda: text)
 
         usual = capabilities(the_bench.terms.simulator).usual_workers
         with live_line(log) as show:
@@ -284,6 +283,6 @@ def _list_recipes(as_json: bool) -> None:
         return
     print_table(
         ("generator", "files of", "needs"),
-        [(one.name, one.source, one.needs or "") for one in RECIPES.values()],
+        [(recipe.name, recipe.source, recipe.needs or "") for recipe in RECIPES.values()],
     )
     echo("Take part: --generator NAME,path=FOLDER,python=INTERPRETER")

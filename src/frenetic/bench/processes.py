@@ -42,7 +42,7 @@ def run_all(
     Raises:
         FreneticError: driver or simulator cannot be copied into another process.
     """
-    held, workers = pack(_Runner(terms)), min(workers, MOST_WORKERS)
+    packed, workers = pack(_Runner(terms)), min(workers, MOST_WORKERS)
     waiting = deque(runs)
     at_work: dict[Worker, Run] = {}
     with catch_interrupt(on_interrupt) as interrupt:
@@ -50,7 +50,7 @@ def run_all(
             while at_work or (waiting and not interrupt.requested):
                 while waiting and len(at_work) < workers and not interrupt.requested:
                     run = waiting.popleft()
-                    worker = Worker(run.name, held, RUNS_PRELOADED)
+                    worker = Worker(run.name, packed, RUNS_PRELOADED)
                     at_work[worker] = run
                     worker.start()
                     worker.send("run", run, limit=math.inf, answer=Ending, report=_Progress)
@@ -67,8 +67,8 @@ def run_all(
                             continue
                         worker.kill()
                         del at_work[worker]
-                        ended = isinstance(message, Ending)
-                        yield run, RunState(run, message) if ended else message
+                        is_end = isinstance(message, Ending)
+                        yield run, RunState(run, message) if is_end else message
         finally:
             for worker in at_work:
                 worker.kill()
@@ -76,7 +76,7 @@ def run_all(
 
 @dataclass
 class _Progress(Counts):
-    """What a run's process reports of a `Summary`."""
+    """Counts and spent budget of a `Summary`, which a run's process reports."""
 
     budget_spent: float = 0.0
 
@@ -93,12 +93,12 @@ class _Runner:
 
     def run(self, run: Run) -> Ending:
         """Runs an entrant and reports its progress."""
-        said = 0.0
+        reported_at = 0.0  # [s], on the monotonic clock
 
         def say(progress: Summary) -> None:
-            nonlocal said
-            if time.monotonic() - said >= _REPORT:
-                said = time.monotonic()
+            nonlocal reported_at
+            if time.monotonic() - reported_at >= _REPORT:
+                reported_at = time.monotonic()
                 report(progress)
 
         return run_entrant(run, self._terms, say)

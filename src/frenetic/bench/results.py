@@ -48,7 +48,7 @@ def _published(bench: Bench, comparison: Comparison) -> Iterator[Section]:
     blocks: tuple[Block, ...] = (
         Table(
             tuple(f">{title}" if title in COLUMNS else title for title in columns),
-            tuple((one.tool, *(cell or "–" for cell in one.cells), one.source) for one in figures),
+            tuple((row.tool, *(cell or "–" for cell in row.cells), row.source) for row in figures),
             caption="Means of a run",
         ),
         Facts(preset.differences(bench.entries()), "What differs"),

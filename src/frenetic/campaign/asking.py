@@ -78,7 +78,7 @@ def require_valid_roads(strategy: Strategy) -> None:
     """Checks that the strategy can propose a valid road, as far as it knows.
 
     Raises:
-        CampaignError: it cannot, or raised.
+        CampaignError: the strategy can propose none, or its code raised.
     """
     try:
         strategy.require_valid_roads()

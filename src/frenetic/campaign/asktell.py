@@ -254,21 +254,21 @@ class _Client(Workers):
             self._answer({"told": number, "budget_spent": budget_spent})
 
     def stored(self, number: int, budget_spent: float) -> None:
-        """Answers likewise, and keeps no result that is stored."""
-        self._kept(number).unlink(missing_ok=True)
+        """Answers that a candidate was told, and deletes the file of its stored result."""
+        self._early_file(number).unlink(missing_ok=True)
         self.say_told(number, budget_spent)
 
-    def _keep(self, told: Told) -> None:
-        """Keeps a result until that of an older candidate comes.
+    def _write_early(self, result: Told) -> None:
+        """Writes a result that came before that of an older candidate, until both are stored.
 
         Raises:
-            FreneticError: it cannot be written.
+            FreneticError: the file cannot be written.
         """
         with suppress(OSError):  # the campaign's folder is gone, which is not made again
             self._folder.mkdir(exist_ok=True)
-        write_file(self._kept(told.id), json.encode(told), remedy="make room")
+        write_file(self._early_file(result.id), json.encode(result), remedy="make room")
 
-    def _kept(self, number: int) -> Path:
+    def _early_file(self, number: int) -> Path:
         return self._folder / f"{number}.json"
 
     def taken(self) -> int:
@@ -282,8 +282,8 @@ class _Client(Workers):
             self._known.append(Attempt.undriven(candidate.id, Outcome.INVALID, verdict.message))
             return
         with suppress(OSError, ValueError):  # most were not told before a crash
-            told = read_json(self._kept(candidate.id).read_bytes(), Told)
-            self._known.append(told.attempt(road, 0.0))
+            result = read_json(self._early_file(candidate.id).read_bytes(), Told)
+            self._known.append(result.attempt(road, 0.0))
             return
         self._asked -= 1
         self._running[candidate.id] = road, time.perf_counter()
@@ -322,15 +322,15 @@ class _Client(Workers):
                 convert(values, Nothing)
                 self._asked += 1
             elif kind == "tell":
-                told = convert(values, Told)
-                if told.id not in self._running:
-                    raise ValueError(f"candidate {told.id} is not outstanding")
-                road, since = self._running[told.id]
-                attempt = told.attempt(road, time.perf_counter() - since)
-                if min(self._running) < told.id:
-                    self._keep(told)
-                del self._running[told.id]
-                self._told.add(told.id)
+                result = convert(values, Told)
+                if result.id not in self._running:
+                    raise ValueError(f"candidate {result.id} is not outstanding")
+                road, since = self._running[result.id]
+                attempt = result.attempt(road, time.perf_counter() - since)
+                if min(self._running) < result.id:
+                    self._write_early(result)
+                del self._running[result.id]
+                self._told.add(result.id)
                 return attempt
             elif kind == "validate":
                 self._answer(validity(values, self._tester.map_size))

@@ -244,7 +244,7 @@ class Campaign(Shown):
         """Whether its folder and database exist."""
         self.description = dict(description or {})
         self.notes: tuple[str, ...] = ()
-        """What it starts from, and what cannot be read of that, each in a sentence."""
+        """Sentences on what it starts from, and on what of that cannot be read."""
         self.isolate = False
         """Whether a single worker drives in a process of its own, unless only compiled code of ours
         drives."""
@@ -389,7 +389,7 @@ class Campaign(Shown):
         if self.from_roads is not None:
             words, unread, roads = take_roads(self.from_roads, self.tester, step)
             starts, taken = [words, *starts], [*roads, *taken]
-        self.notes = (*(f"starts from {one}" for one in starts), *unread)
+        self.notes = (*(f"starts from {source}" for source in starts), *unread)
         facts: dict[str, JSONValue] = {SOURCES: self._sources(), STARTED_IN: str(Path.cwd())}
         facts |= fact_of(taken)
         made = CampaignStore.create(self.folder, self.configuration(), facts)
@@ -625,7 +625,7 @@ class Campaign(Shown):
                 is_whole = summary.budget_spent >= 1.0 or (summary.ended and not outstanding)
                 interrupted = is_stopped and not is_whole
                 self._search_so_far = summary, outstanding
-        except CampaignGoneError:  # and its log with it
+        except CampaignGoneError:  # the log is gone, too
             raise
         except (KeyboardInterrupt, Exception) as error:
             interrupted = self._is_interruption(error)
@@ -761,7 +761,7 @@ def _saying_what_is_stored(store: CampaignStore, summary: Summary) -> Iterator[N
     """Adds to an error how far the campaign came."""
     try:
         yield
-    except CampaignGoneError:  # which says it
+    except CampaignGoneError:  # it says what is stored
         raise
     except CampaignError as error:
         with suppress(CampaignError):  # the disk is full, say

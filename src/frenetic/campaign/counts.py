@@ -24,7 +24,7 @@ _NAMES: Final[Mapping[Outcome, str]] = {
 }
 """Outcome -> name of its number, here and in JSON."""
 _SUMMED: Final = (*_NAMES.values(), "roads", "repeats", "failing_repeats", "invalid_repeats")
-"""Names of the numbers of several campaigns that add up."""
+"""Names of the numbers that add up over several campaigns."""
 
 
 @dataclass
@@ -44,9 +44,9 @@ class Counts:
     repeats: int = 0
     """Number of tests that repeat an earlier one, see `FirstTests`."""
     failing_repeats: int = 0
-    """Number of those that failed."""
+    """Number of repeats that failed."""
     invalid_repeats: int = 0
-    """Number of those whose road was refused."""
+    """Number of repeats whose road was refused."""
 
     def __post_init__(self) -> None:
         self._keys: set[int] = set()  # of the roads that were added
@@ -112,9 +112,9 @@ class Counts:
     def total(cls, campaigns: Iterable[Counts]) -> Counts:
         """The counts of several campaigns together; a road counts once in each."""
         several = list(campaigns)
-        moobds = [one.min_moobd for one in several if one.min_moobd is not None]
+        moobds = [counts.min_moobd for counts in several if counts.min_moobd is not None]
         return Counts(
-            **{name: sum(getattr(one, name) for one in several) for name in _SUMMED},
+            **{name: sum(getattr(counts, name) for counts in several) for name in _SUMMED},
             min_moobd=min(moobds, default=None),
         )
 
@@ -135,34 +135,34 @@ class Counts:
 
         Of failed tests that repeat earlier ones it says how many: ``20 failed (2 repeats)``.
         """
-        rest = {
+        others = {
             f"{self.invalid} invalid": self.invalid,
             counted(self.errors, "error"): self.errors,
             f"{self.dropped} dropped": self.dropped,
         }
-        again = counted(self.failing_repeats, "repeat")
+        repeats = counted(self.failing_repeats, "repeat")
         return ", ".join(
             [
                 f"{counted(self.tests, 'test')} of {counted(self.roads, 'different road')}:"
                 f" {self.passed} passed",
-                f"{self.failed} failed{f' ({again})' if self.failing_repeats else ''}",
-                *(text for text, number in rest.items() if number),
+                f"{self.failed} failed{f' ({repeats})' if self.failing_repeats else ''}",
+                *(text for text, number in others.items() if number),
             ]
         )
 
 
 class FirstTests:
-    """Tells the first tests of roads from their repeats, which no measure counts.
+    """Tells the first test of a road from its repeats, which no measure counts.
 
-    A test repeats an earlier one with the same road, conditions and outcome. So a failure of a road
-    that passed before is no repeat, where drives do not repeat.
+    A test repeats an earlier one with the same road, conditions and outcome. A failure of
+    a road that passed before is no repeat: there the same drive may end in another way.
     """
 
     def __init__(self) -> None:
         self._keys: set[int] = set()
 
     def add(self, candidate: Candidate, outcome: Outcome) -> bool:
-        """Returns whether a test is the first; a candidate that was dropped always is."""
+        """Add a test; return whether it is the first, as each dropped candidate is."""
         profiles = [_bytes_of(getattr(candidate, name)) for name in profile.NAMES]
         return self.add_key(outcome, key_of(candidate), candidate.conditions, profiles)
 
@@ -173,13 +173,13 @@ class FirstTests:
         conditions: Mapping[str, float],
         profiles: Sequence[bytes | None],
     ) -> bool:
-        """Returns likewise whether a test is the first.
+        """Add a test by its stored values; return whether it is the first.
 
         Args:
             outcome: of the test.
             road: its `road_key`.
             conditions: of the drive.
-            profiles: those of `profile.NAMES`, float64 as bytes.
+            profiles: the road's `profile.NAMES`, float64 as bytes.
         """
         if not outcome.is_test:
             return True
@@ -194,7 +194,7 @@ def road_key(step: object, curvatures: bytes, points: object) -> int:
     Args:
         step: m between curvatures.
         curvatures: float64 as bytes; 0 and -0 are the same.
-        points: likewise, None if the road was not proposed as points.
+        points: float64 as bytes, None if the road was not proposed as points.
     """
     values = np.frombuffer(curvatures, "<f8") + 0.0
     return hash((step, values.tobytes(), points))

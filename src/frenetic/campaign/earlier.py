@@ -233,15 +233,15 @@ def still_failing(store: CampaignStore) -> str:
     Raises:
         CampaignError: the campaign is damaged.
     """
-    again, repeats = driven_again(store), store.repeats()
+    repeats = store.repeats()
     had_failed = [
-        one
-        for one, test in again.items()
-        if test.evaluation.outcome is Outcome.FAIL and one not in repeats
+        number
+        for number, test in driven_again(store).items()
+        if test.evaluation.outcome is Outcome.FAIL and number not in repeats
     ]
     if not had_failed:
         return ""
-    failing = {one for (one,) in store.rows("SELECT id FROM test WHERE outcome = 'FAIL'")}
+    failing = {number for (number,) in store.rows("SELECT id FROM test WHERE outcome = 'FAIL'")}
     still = len(failing.intersection(had_failed))
     return f"{still} of {counted(len(had_failed), 'earlier failure')} driven again still failed"
 

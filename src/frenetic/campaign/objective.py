@@ -112,9 +112,9 @@ class Objective:
 def in_words(store: CampaignStore) -> str:
     """What a campaign minimised, its worst value for the driver, and the test with that value."""
     name = str(store.config.get("objective", MOOBD))
-    known = OBJECTIVES.built_in.get(name)
+    built_in = OBJECTIVES.built_in.get(name)
     order = f"{'higher' if _is_higher_worse(store) else 'lower'} is worse"
-    text = f"{name}: {known[1] if known else order}"
+    text = f"{name}: {built_in[1] if built_in else order}"
     test, value = _worst_test(store)
     if value is None:
         return text
@@ -132,15 +132,16 @@ def value_in_words(name: str, value: float) -> str:
 
     Args:
         name: of the objective, which is not the MOOBD.
-        value: m/s³, say; with the sign of the objective's function.
+        value: in the objective's unit and with its sign.
     """
     if name == CRITERIA:
         return f"worst margin to a criterion {value:.3g}"
     if name == OOB_SHARE:
         return f"at most {100.0 * value:.0f} % of the car outside its lane"
     if (row := name.replace("-", "_")) in QUANTITIES:
-        what = quantity(row)
-        return f"{'least' if what.is_least else 'largest'} {what.words} {what.told(value)}"
+        measure = quantity(row)
+        text = f"{measure.words} {measure.told(value)}"
+        return f"{'least' if measure.is_least else 'largest'} {text}"
     return f"{name} {value:.3g}"
 
 
@@ -163,7 +164,7 @@ def _worst_test(store: CampaignStore) -> tuple[int | None, float | None]:
     values = objectives(store)
     if not values:
         return None, None
-    test = (max if _is_higher_worse(store) else min)(values, key=lambda one: values[one])
+    test = (max if _is_higher_worse(store) else min)(values, key=lambda number: values[number])
     return test, values[test]
 
 
@@ -214,12 +215,12 @@ class _Margin(NamedTuple):
 
 def _nearest(road: Road, drive: Drive) -> _Margin:
     """The least margin of a drive to a criterion."""
-    seen = assess(road, drive)
-    least = int(np.argmin(seen.oob_distance))
-    moobd, place = float(seen.oob_distance[least]), float(seen.distance[least])
+    assessed = assess(road, drive)
+    least = int(np.argmin(assessed.oob_distance))
+    moobd, place = float(assessed.oob_distance[least]), float(assessed.distance[least])
     nearest = _Margin(moobd, place, f"the car's centre {lane_words(moobd, road.lane_width)}")
-    for one in measured(road, drive, drive.rules.criteria.criteria):
-        nearest = min(nearest, _Margin(one.share, one.distance, one.told()))
+    for measure in measured(road, drive, drive.rules.criteria.criteria):
+        nearest = min(nearest, _Margin(measure.share, measure.distance, measure.told()))
     return nearest
 
 

@@ -438,6 +438,7 @@ class CampaignStore(Shown):
         )
 
     def _stored_words(self) -> str:
+        """How many results stand in the database: ``its 3 results stand``."""
         number = self.stored()
         return f"its {counted(number, 'result')} {'stands' if number == 1 else 'stand'}"
 
@@ -474,8 +475,8 @@ class CampaignStore(Shown):
             order_by: the order of telling, or ``moobd``: lowest first, those without one last.
             limit: most tests.
             with_trajectory: whether they come with their trajectories, or the ids of those that do.
-            with_repeats: whether tests come, too, that repeat an earlier one, see `repeats`; what
-                is measured goes without.
+            with_repeats: whether to give tests that repeat an earlier one, too, see `repeats`;
+                measures leave them out.
 
         Raises:
             CampaignError: a test is damaged or missing.
@@ -628,9 +629,9 @@ class CampaignStore(Shown):
         for number, outcome, conditions, step, curvatures, points, *profiles in self.rows(_KEYS):
             with self._reading(f"test {number}"):
                 road = road_key(step, curvatures, points)
-                told = Outcome(outcome)
+                result = Outcome(outcome)
                 amounts = {} if conditions == "{}" else dict(read_json(conditions))
-            yield number, told, road, amounts, profiles
+            yield number, result, road, amounts, profiles
 
     def _count_by_outcome(self) -> tuple[dict[Outcome, int], float | None]:
         """The number of results per outcome, and the lowest MOOBD in m."""

@@ -33,7 +33,7 @@ class Summary(Counts):
     told_share: float | None = None
     """The same as whoever drives told it last; None if nobody did."""
     lane_width: float = 4.0
-    """m."""
+    """Width of each lane, in m."""
     objective: str = ""
     """Name of what is minimised; empty if it is the MOOBD, or before the first drive."""
     worst: float | None = None
@@ -83,7 +83,7 @@ class Summary(Counts):
 
     @property
     def worst_in_words(self) -> str:
-        """How far the car came out of its lane, and the worst value of another objective."""
+        """The car's worst place at its lane's edge, and the worst value of another objective."""
         texts, least = [], self.min_moobd
         if least is not None:
             most = "at most" if least < 0.0 else "at least"
@@ -149,8 +149,8 @@ class Event:
     kind: EventKind
     """``started``: the folder is made and the simulator has started, the budget's time begins;
     ``result``: a result was stored and told, in the order of telling; ``interrupted``: Ctrl-C was
-    pressed for the first time; ``complete``: nothing was left to be driven, which only what drives
-    roads again says."""
+    pressed for the first time; ``complete``: no drive was missing, which only reruns, minimising
+    and comparisons of versions say."""
     summary: Summary
     """The campaign so far."""
     read_test: Callable[[], Test] | None = field(default=None, repr=False, compare=False)

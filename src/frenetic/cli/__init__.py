@@ -143,11 +143,14 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     os.environ.setdefault(BLAS_THREADS, "1")
     # What is imported stays: looking through it again and again takes a tenth of a start-up.
     gc.set_threshold(50_000)
-    asked = Invocation(tuple(sys.argv[1:] if arguments is None else arguments))
+    invocation = Invocation(tuple(sys.argv[1:] if arguments is None else arguments))
     try:
         with ending_in_order():
             code = cli.main(
-                args=[*asked.words], prog_name="frenetic", standalone_mode=False, obj=asked
+                args=[*invocation.words],
+                prog_name="frenetic",
+                standalone_mode=False,
+                obj=invocation,
             )
     except click.exceptions.Exit as stop:
         code = stop.exit_code
@@ -159,7 +162,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         logging.getLogger(__name__).debug("the error in full", exc_info=True)
         fail(str(error))
     except (KeyboardInterrupt, click.Abort):
-        echo(f"frenetic: interrupted; to run it again: {asked}", err=True)
+        echo(f"frenetic: interrupted; to run it again: {invocation}", err=True)
         code = 130
     except BrokenPipeError:
         # The reader of our output has gone; end quietly.

@@ -117,7 +117,7 @@ def shown_driving(
     Args:
         log: the console for progress.
         what: the work, such as "Driving again".
-        total: number of drives of all campaigns; by default that of the only one's budget.
+        total: number of drives of all campaigns; by default from the budget of the only one.
     """
     drives: dict[Path, int] = {}  # folder of a campaign -> its drives
 
@@ -137,7 +137,7 @@ def shown_driving(
             drives[now.folder] = now.simulations
             done = sum(drives.values())
             whole = total
-            if whole is None and now.budget_spent:  # which is the share of the drives
+            if whole is None and now.budget_spent:  # the share of the drives
                 whole = round(now.simulations / now.budget_spent)
             if whole is not None and done <= whole:  # more may be stored than is wanted now
                 show(done, whole)

@@ -157,6 +157,22 @@ def live_line(log: Console) -> Iterator[Callable[[float, Callable[[], str]], Non
     yield line
 
 
+class TimeLeft:
+    """Estimates when a work ends, from the part that was done since the first look."""
+
+    def __init__(self) -> None:
+        self._first: tuple[float, float] | None = None  # moment in s, and work done until then
+
+    def words(self, done: float, total: float) -> str:
+        """Return ``, 0:12 left``; empty as long as nothing was done since the first look."""
+        now = time.monotonic()
+        self._first = self._first or (now, done)
+        start, before = self._first
+        if done <= before:
+            return ""
+        return f", {format_duration((now - start) * (total - done) / (done - before))} left"
+
+
 @contextmanager
 def counted_progress(log: Console, what: str) -> Iterator[Callable[[int, int], None]]:
     """Gives a function that shows the work done, and the whole work.
@@ -165,17 +181,10 @@ def counted_progress(log: Console, what: str) -> Iterator[Callable[[int, int], N
         log: the console for it.
         what: the work, such as "Checking".
     """
-    first: tuple[float, int] | None = None  # moment, and work that was done before
+    time_left = TimeLeft()
 
     def update(done: int, total: int) -> None:
-        nonlocal first
-        now = time.monotonic()
-        first = first or (now, done)
-        start, before = first
-        text = f"{what}: {done:,} of {total:,}"
-        if done > before:
-            left = (now - start) * (total - done) / (done - before)
-            text += f", {format_duration(left)} left"
+        text = f"{what}: {done:,} of {total:,}{time_left.words(done, total)}"
         show(done / max(total, 1), lambda: text)
 
     with live_line(log) as show:
@@ -233,7 +242,9 @@ def print_failures(clusters: Clusters, counts: Counts, listed: int, lane_width: 
         if listed < len(clusters):
             title += f", the {listed} most severe"
     Results().print(title, style="bold", markup=False)
-    is_outside = {one.moobd < 0.0 for one in clusters.clusters[:listed] if one.fault is None}
+    is_outside = {
+        cluster.moobd < 0.0 for cluster in clusters.clusters[:listed] if cluster.fault is None
+    }
     if is_outside <= {True}:
         sign, place = -1.0, "outside (m)"
     else:
@@ -242,12 +253,14 @@ def print_failures(clusters: Clusters, counts: Counts, listed: int, lane_width: 
         (">test", f">{place}", ">tests", heading),
         [
             (
-                one.most_severe,
-                None if one.fault is not None else f"{sign * one.moobd:.2f}",
-                len(one),
-                f"known before: {one.description}" if one.was_known else one.description,
+                cluster.most_severe,
+                None if cluster.fault is not None else f"{sign * cluster.moobd:.2f}",
+                len(cluster),
+                f"known before: {cluster.description}"
+                if cluster.was_known
+                else cluster.description,
             )
-            for one in clusters.clusters[:listed]
+            for cluster in clusters.clusters[:listed]
         ],
     )
 
@@ -359,8 +372,8 @@ def limit_of_search(terms: Setting | Spec, from_roads: object) -> str:
     limit = limit_in_words(terms)
     if from_roads is None or rules.road_limits == "ignored":
         return limit
-    how = "" if rules.road_limits == "kept" else f", scaled to {rules.speed_limit:.4g} km/h"
-    return f"that of each real road{how}; of other roads {limit}"
+    scaling = "" if rules.road_limits == "kept" else f", scaled to {rules.speed_limit:.4g} km/h"
+    return f"that of each real road{scaling}; of other roads {limit}"
 
 
 def facts_of_drive(
@@ -382,11 +395,14 @@ def facts_of_drive(
         facts.append(("time", f"{duration:.2f} s"))
     if result.fault is not None:
         facts.append(("fault", f"the {result.fault.part} {result.fault}"))
-    for one in () if result.departure is None else result.findings:  # or the reason tells them
-        if one.criterion not in (LANE, DRIVER):
-            what, side = quantity(one.criterion), f" to the {one.side}" if one.side else ""
-            text = f"{what.words} {what.told(one.value)}{side} at {one.distance:.1f} m"
-            facts.append(("exceeded", f"{text} and {one.time:.2f} s, the limit is {one.limit:g}"))
+    findings = () if result.departure is None else result.findings  # else the reason names them
+    for finding in findings:
+        if finding.criterion not in (LANE, DRIVER):
+            measure = quantity(finding.criterion)
+            side = f" to the {finding.side}" if finding.side else ""
+            text = f"{measure.words} {measure.told(finding.value)}{side}"
+            where = f"at {finding.distance:.1f} m and {finding.time:.2f} s"
+            facts.append(("exceeded", f"{text} {where}, the limit is {finding.limit:g}"))
     place = result.departure
     if place is not None:
         facts.append(

@@ -53,7 +53,9 @@ def doctor(
                 if not as_json:
                     _print_short(examination)
     if as_json:
-        echo(json.dumps([asdict(one) | {"health": str(one.health)} for one in examinations]))
+        echo(
+            json.dumps([asdict(result) | {"health": str(result.health)} for result in examinations])
+        )
     elif simulator is not None:
         failed = len(examinations[0].failed)
         echo(f"{simulator}: {f'{failed} of the checks failed' if failed else 'all is well'}")

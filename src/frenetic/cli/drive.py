@@ -136,10 +136,13 @@ def drive(
         several = len(roads) > 1 or map_roads is not None
         echo(json.dumps(documents if several else documents[0]))
     elif dry:
-        for one in documents:
-            said = "valid" if one["valid"] else f"INVALID  {one['message']}"
-            echo(f"{one['road']}: {said}")
-    if not all(one["valid"] if dry else one["outcome"] in ("PASS", "FAIL") for one in documents):
+        for document in documents:
+            text = "valid" if document["valid"] else f"INVALID  {document['message']}"
+            echo(f"{document['road']}: {text}")
+    if not all(
+        document["valid"] if dry else document["outcome"] in ("PASS", "FAIL")
+        for document in documents
+    ):
         raise click.exceptions.Exit(1)
 
 
@@ -174,7 +177,7 @@ def _of_campaign(
 def _of_file(
     context: click.Context, path: Path, lane: int | None, test_id: int | None, *, dry: bool
 ) -> tuple[Spec, list[Asked]]:
-    """The same for a road file; without a drive, points are judged where they lie."""
+    """The spec and the road of a road file; without a drive, points are judged where they lie."""
     from frenetic.road import Verdict
     from frenetic.road.files import read_road
 
@@ -206,7 +209,7 @@ def _larger_map(file: RoadFile, road: Road, spec: Spec) -> str:
 def _of_map(
     context: click.Context, path: Path, map_roads: str, lane: int | None
 ) -> tuple[Spec, list[Asked]]:
-    """The same for the roads of a map, where they lie."""
+    """The spec for the roads of a map, and these where they lie."""
     from frenetic.errors import RoadError
     from frenetic.road import Verdict
     from frenetic.road.files import read_stretches
@@ -241,13 +244,13 @@ def _of_map(
 def _judged(spec: Spec, roads: list[Asked]) -> list[dict[str, Any]]:
     """Which roads are valid; simulator and driver are made only for one that leans or rises."""
     documents = []
-    for one in roads:
-        reason = one.verdict.message
-        if one.verdict and not one.road.is_plain:
+    for asked in roads:
+        reason = asked.verdict.message
+        if asked.verdict and not asked.road.is_plain:
             driver, simulator = spec.make_parts(isolate=False)
-            reason = _cannot_be_driven(driver, simulator, one.road)
-        notes = {"notes": list(one.notes)} if one.notes else {}
-        documents.append({"road": one.name, "valid": not reason, "message": reason, **notes})
+            reason = _cannot_be_driven(driver, simulator, asked.road)
+        notes = {"notes": list(asked.notes)} if asked.notes else {}
+        documents.append({"road": asked.name, "valid": not reason, "message": reason, **notes})
     return documents
 
 
@@ -319,7 +322,8 @@ def _compared(
 ) -> dict[str, Any]:
     """What differs from the campaign's own drive, for JSON; empty if it was driven otherwise.
 
-    It was if driver, simulator, rules or conditions are others, and there is none of a road's file.
+    A drive with another driver, simulator, rules or conditions is not compared, nor is that of a
+    road file.
     """
     from frenetic.campaign.record import Attempt
     from frenetic.campaign.repeat import other_ending, other_moobd

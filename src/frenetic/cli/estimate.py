@@ -85,20 +85,20 @@ def estimate(
             show(driven / drives, lambda: text)
 
         with as_usage_error():
-            found = estimated(domain, tester, drives=drives, on_drive=on_drive)
-    document = json.dumps(found.as_json())
+            result = estimated(domain, tester, drives=drives, on_drive=on_drive)
+    document = json.dumps(result.as_json())
     if campaign is not None:
         write_file(campaign / FILE, document + "\n", remedy="make room, or let it be written")
     if as_json:
         echo(document)
         return
-    echo(found.in_words())
+    echo(result.in_words())
     echo(
-        f"{found.plain} plain drives over {found.kilometres:.0f} km had"
-        f" {counted(found.failures, 'failure')}"
+        f"{result.plain} plain drives over {result.kilometres:.0f} km had"
+        f" {counted(result.failures, 'failure')}"
     )
-    if others := found.drives - found.plain:
+    if other_drives := result.drives - result.plain:
         echo(
-            f"{counted(others, 'drive')} in conditions drawn more often than they occur had"
-            f" {counted(found.other_failures, 'failure')}, which weigh less"
+            f"{counted(other_drives, 'drive')} in conditions drawn more often than they occur had"
+            f" {counted(result.other_failures, 'failure')}, which weigh less"
         )

@@ -210,12 +210,12 @@ def _export_roads(
         documents.append({"file": str(path), "format": name})
     if as_json:
         echo(json.dumps(documents if len(test_ids) > 1 else documents[0]))
-    for one in () if as_json else documents:
-        echo(one["file"])
+    for document in () if as_json else documents:
+        echo(document["file"])
 
 
 def _file_part(roads: str) -> str:
-    """Roads of a map as a part of a file's name, another one for other roads."""
+    """Roads of a map as a part of a file's name, which no other roads share."""
     part = re.sub(r"[^\w.]+", "-", roads)
     if '"' not in roads and len(part) <= _LONGEST_PART:
         return part

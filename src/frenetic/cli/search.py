@@ -80,7 +80,7 @@ def _resume_words(folder: Path) -> str:
 
 def search(
     campaign: Campaign,
-    how: Callable[..., Results],
+    run_search: Callable[..., Results],
     announcement: str,
     as_json: bool,
     seed: object,
@@ -91,7 +91,7 @@ def search(
 
     Args:
         campaign: the campaign.
-        how: `frenetic.report.results.run` or `resume`.
+        run_search: `frenetic.report.results.run` or `resume`.
         announcement: the first line.
         as_json: whether to print the result as JSON.
         seed: of the strategy.
@@ -100,7 +100,7 @@ def search(
     printer = _Printer(campaign, announcement, as_json, seed)
     try:
         with printer:
-            summary = how(campaign, on_event=printer.on_event).summary
+            summary = run_search(campaign, on_event=printer.on_event).summary
         assert summary is not None
     except CampaignError as error:
         if not campaign.started:
@@ -113,7 +113,7 @@ def search(
         if isinstance(error, BrokenDriverError):
             words = f"mend it, then {campaign.next_campaign()}"
         raise CampaignError(f"{error}; {words}") from error
-    except KeyboardInterrupt:  # beside the search, which ends in order
+    except KeyboardInterrupt:  # before or after the search, which itself ends in order
         if not campaign.started:
             raise
         echo(f"frenetic: interrupted; go on: {_resume_words(campaign.folder)}", err=True)
@@ -143,9 +143,9 @@ class _Printer:
         self._log, self._command = Log(), this_command()
         self._searching, self._working = ExitStack(), ExitStack()
         self._not_repeatable = ""
-        self._started: tuple[float, float] | None = None  # time to start, and of earlier commands
+        self._started: tuple[float, float] | None = None  # s to start, s of earlier commands
         self._search_times = self._shortening = ""
-        self._began = 0.0  # the present step, in s of the command
+        self._began = 0.0  # when the present step began, in s of the command
 
     def __enter__(self) -> None:
         self._compiled = self._searching.enter_context(announced_compilation(self._log))
@@ -242,9 +242,9 @@ class _Printer:
         elif not self._as_json:
             with CampaignStore.open(folder) as store:
                 if summary is not None:
-                    worst, known = worst_criterion(store), still_failing(store)
+                    worst, failing = worst_criterion(store), still_failing(store)
                     error = first_error(store)
-                    _print_summary(summary, self._search_times, worst, error, known)
+                    _print_summary(summary, self._search_times, worst, error, failing)
                 if misses is None:
                     print_causes(findings.clusters, counts, results.shortened)
                 else:
@@ -295,7 +295,7 @@ def _next_command(folder: Path, summary: Summary, *, is_clean: bool) -> str:
     return ""
 
 
-def _print_summary(summary: Summary, times: str, worst: str, error: str, known: str) -> None:
+def _print_summary(summary: Summary, times: str, worst: str, error: str, failing: str) -> None:
     from frenetic.campaign.summary import facts_in_words
 
     stopped = "Interrupted: " if summary.interrupted else ""
@@ -307,8 +307,8 @@ def _print_summary(summary: Summary, times: str, worst: str, error: str, known: 
     echo(summary.in_words())
     if summary.slow_driver:
         echo(summary.slow_driver)
-    if known:
-        echo(known)
+    if failing:
+        echo(failing)
     if told := facts_in_words(summary.facts):
         echo(f"Search:      {told}")
     if error:

@@ -16,7 +16,7 @@ from frenetic.drivers.elastic_band import GRAVITY, MEMORY
 
 
 def limits_of(observation: Observation, setup: FloatArray) -> FloatArray:
-    """Speed limits at the points ahead, (n,) in m/s; that at the start where none is seen."""
+    """Speed limits at the points ahead, (n,) in m/s; the one at the start if none are observed."""
     rows = len(observation.curvature_ahead)
     if len(observation.speed_limit_ahead) >= rows:
         return np.array(observation.speed_limit_ahead)

@@ -88,9 +88,9 @@ def lane_at(
 
 
 @njit()
-def square_of_limit(limit_ahead: FloatArray, u: float, rows: int) -> float:
+def square_of_limit(limit_ahead: FloatArray, u: float) -> float:
     """Square of the speed limit ``u`` m of road ahead of the car, in m^2/s^2."""
-    limit: float = limit_ahead[min(max(int(u / AHEAD_SPACING), 0), rows - 1)]
+    limit: float = limit_ahead[min(max(int(u / AHEAD_SPACING), 0), len(limit_ahead) - 1)]
     return limit * limit
 
 
@@ -223,9 +223,9 @@ def drive_along_band(
         memory[(number + i) % NODES] = offset[i]
 
     # Speed: squares allowed at the nodes by their bends and by braking for what follows.
-    square = square_of_limit(limit_ahead, (number + nodes - 1) * 0.5 * spacing - distance, rows)
+    square = square_of_limit(limit_ahead, (number + nodes - 1) * 0.5 * spacing - distance)
     for i in range(nodes - 2, here, -1):
-        limit = square_of_limit(limit_ahead, (number + i) * 0.5 * spacing - distance, rows)
+        limit = square_of_limit(limit_ahead, (number + i) * 0.5 * spacing - distance)
         ax = plan[i, 0] - plan[i - 1, 0]
         ay = plan[i, 1] - plan[i - 1, 1]
         bx = plan[i + 1, 0] - plan[i, 0]
@@ -236,7 +236,7 @@ def drive_along_band(
         square = min(square + 2.0 * p[BRAKING] * b, limit)
         if bend * square > p[LATERAL] * chords:
             square = p[LATERAL] * chords / bend
-    limit = square_of_limit(limit_ahead, 0.0, rows)
+    limit = square_of_limit(limit_ahead, 0.0)
     wanted = math.sqrt(min(square + 2.0 * p[BRAKING] * (gap - along), limit))
     missing = wanted - speed
     throttle = min(max(p[THROTTLE_GAIN] * (missing - p[SPEED_SLACK]), 0.0), 1.0)

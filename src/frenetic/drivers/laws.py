@@ -71,15 +71,16 @@ def planned_speed(
     Each curve allows sqrt(lateral / |kappa|), where kappa is the mean curvature over a window of
     ``smoothing`` rows on each side; braking steadily from here, v^2 = v_curve^2 + 2 braking
     distance. So does a lower limit ahead. At the end of the view the road is taken to go on as it
-    is.
+    is. ``limit_ahead`` has a row for each point of the view, or one that holds for all.
     """
     # The sums slide along, so that the cost does not depend on the window.
     total = 0.0
     for j in range(min(smoothing, rows)):
         total += curvature_ahead[j]
     best = limit_ahead[0] * limit_ahead[0]
-    for i in range(rows):
+    for i in range(1, min(rows, len(limit_ahead))):
         best = min(best, limit_ahead[i] * limit_ahead[i] + 2.0 * braking * i * SPACING)
+    for i in range(rows):
         if i + smoothing < rows:
             total += curvature_ahead[i + smoothing]
         if i - smoothing - 1 >= 0:

@@ -192,8 +192,8 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
         from frenetic.metadrive.policies import make_policy  # imports the extra
 
         with closing(make_policy(own, world)) as policy:
-            held = _Holding(car, policy, road, self.rules)
-            return follow(held, road, self.rules, self.car, setup, held, self.wall_limit)
+            holding = _Holding(car, policy, road, self.rules)
+            return follow(holding, road, self.rules, self.car, setup, holding, self.wall_limit)
 
     def _world_for(self, road: Road, camera: Camera | None) -> World:
         """The world with this camera, None for none; started anew if it is another one's."""
@@ -255,7 +255,7 @@ class _Holding:
         self._car = car
         self._policy = policy
         self._limits = LimitsAhead(road, rules)
-        self._only_limit = float(rules.speed_limits_on(road)[0, 1])  # km/h
+        self._only_limit = float(rules.speed_limits_on(road)[0, 1])  # km/h, if there is one alone
         self.motion = car.motion
 
     def picture(self) -> None:

@@ -183,16 +183,16 @@ def facts_of_drive(road: Road, seen: SeenDrive) -> list[Fact]:
     """The figures of a drive."""
     result = seen.result
     moobd, share, where = result.moobd, result.max_oob_share, result.moobd_distance
-    left, gravest = result.departure, result.finding
+    way_out, gravest = result.departure, result.finding
     departure = (
         "Departure",
-        str(left.side) if left else "none" if result.outcome.is_driven else "–",
-        "" if left is None else f"at {left.distance:.0f} m",
+        str(way_out.side) if way_out else "none" if result.outcome.is_driven else "–",
+        "" if way_out is None else f"at {way_out.distance:.0f} m",
     )
     if gravest is not None and gravest.criterion not in (LANE, DRIVER):
-        what = quantity(gravest.criterion)
+        measure = quantity(gravest.criterion)
         place = f"at {gravest.distance:.0f} m"
-        departure = capitalised(what.words), what.told(gravest.value), place
+        departure = capitalised(measure.words), measure.told(gravest.value), place
     return [
         (
             "MOOBD",

@@ -50,14 +50,14 @@ LEAST_SHORTENING: Final = 30.0
 
 @dataclass(frozen=True)
 class Findings:
-    """What a campaign found: its failures by cause, or else its nearest misses."""
+    """The failures of a campaign by cause, or else its nearest misses."""
 
     reading: Reading
     """The campaign's tests, each of which is read once."""
     listed: Sequence[Test]
     """The most telling failures or misses, which the gallery shows."""
     warning: str
-    """What the counts alone may lead to believe wrongly; empty if nothing."""
+    """Warning of conclusions that the counts do not support; empty without any."""
 
     @classmethod
     def of(cls, store: CampaignStore) -> Findings:
@@ -73,22 +73,22 @@ class Findings:
 
     @property
     def counts(self) -> Counts:
-        """Counts of its tests by outcome."""
+        """Counts of the tests by outcome."""
         return self.reading.counts
 
     @property
     def clusters(self) -> Clusters:
-        """Its distinct failures, with their causes; none if nothing failed."""
+        """The distinct failures with their causes; none if nothing failed."""
         return self.reading.clusters
 
     @property
     def misses(self) -> Clusters | None:
-        """Its nearest misses; None if a test failed."""
+        """The nearest misses; None if a test failed."""
         return self.reading.misses
 
     @property
     def failures(self) -> list[Test]:
-        """Its most severe failures, which get a file each."""
+        """The most severe failures, each of which gets a file."""
         return [test for test, _ in self.reading.failures.values()]
 
 
@@ -104,7 +104,7 @@ class Results:
     shortened: Mapping[int, Test] = field(default_factory=dict)
     """Id of a failing test -> the drive on its shortened road."""
     notes: tuple[str, ...] = ()
-    """What its user should know, each in a sentence."""
+    """Sentences that the user should read."""
     gallery: Path | None = None
     """Picture of the most telling failures; None if there is nothing to show."""
     report: Path | None = None
@@ -139,7 +139,7 @@ def run(campaign: Campaign, *, on_event: OnEvent | None = None) -> Results:
             `Step` after it.
 
     Raises:
-        CampaignError: as for `Campaign.run`. What was found until then is written.
+        CampaignError: as for `Campaign.run`. The results so far are written.
     """
     return _run(campaign, campaign.run, on_event)
 

@@ -228,11 +228,11 @@ def read_road(
     """
     path = Path(path)
     if roads is not None:
-        _, (first, *others) = read_stretches(path, roads, lane=lane)
-        if others:
+        _, (first, *behind) = read_stretches(path, roads, lane=lane)
+        if behind:
             with _naming(path, _OPENDRIVE):
-                why = "".join(f": {note}" for note in others[0].notes)
-                raise RoadError(f"{others[0].name} does not begin where {first.name} ends{why}")
+                why = "".join(f": {note}" for note in behind[0].notes)
+                raise RoadError(f"{behind[0].name} does not begin where {first.name} ends{why}")
         entries = convert(entries_of(first.road), RoadEntries)
         return RoadFile(path, entries, notes=first.notes)
     data = _load(path)
@@ -255,7 +255,7 @@ def read_road(
     if isinstance(content, list):
         try:
             return road_file(path, {"road_points": content})
-        except RoadError as error:  # which names an entry that the file does not have
+        except RoadError as error:  # it names the entry road_points, which a bare list lacks
             raise RoadError(str(error).replace("$.road_points", "$")) from None
     if not isinstance(content, Mapping):
         raise RoadError(

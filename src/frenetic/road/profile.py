@@ -120,30 +120,30 @@ def steps_at(steps: FloatArray, distances: npt.ArrayLike) -> FloatArray:
 
 
 def merged(steps: FloatArray) -> FloatArray:
-    """The same steps without the stations at which the value stays."""
+    """Steps without the stations at which the value stays."""
     is_new: npt.NDArray[np.bool_] = np.diff(steps[:, 1], prepend=-1.0) != 0.0
     return steps[is_new]
 
 
 def values_of(name: str, profile: FloatArray, distances: npt.ArrayLike) -> FloatArray:
-    """The values of the profile of that name at ``distances`` (any shape) in m."""
+    """The values of the road's profile ``name`` at ``distances`` (any shape) in m."""
     return (steps_at if name == LIMITS else value_at)(profile, distances)
 
 
 def plainer(name: str, profile: FloatArray) -> FloatArray:
-    """The same profile of that name without stations that it does not need."""
+    """The road's profile ``name`` without stations that it does not need."""
     return (merged if name == LIMITS else thinned)(profile)
 
 
 def moved_steps(steps: FloatArray, moved: float) -> FloatArray:
     """Steps whose stations lie ``moved`` m further; the road before them has the first value."""
     first = [[0.0, float(steps_at(steps, max(-moved, 0.0)))]]
-    rest = steps + np.array([moved, 0.0])
-    return merged(np.concatenate([first, rest[rest[:, 0] > 0.0]]))
+    further = steps + np.array([moved, 0.0])
+    return merged(np.concatenate([first, further[further[:, 0] > 0.0]]))
 
 
 def piece_of(name: str, profile: FloatArray, start: float, end: float = math.inf) -> FloatArray:
-    """The profile of that name of the piece from ``start`` to ``end`` m, see `cut`."""
+    """The road's profile ``name`` from ``start`` to ``end`` m, see `cut`."""
     if name != LIMITS:
         return cut(profile, start, end)
     if not len(profile):

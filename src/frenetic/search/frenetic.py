@@ -557,9 +557,9 @@ class Frenetic(Strategy):
                 return
             curvatures, operator = self._room[:n].copy(), int(operators[first + k])
             if fingerprint(curvatures) not in self._proposed and self._is_valid(curvatures, step):
-                own = self._inherited(parent, curvatures, moved * step)
+                inherited_values = self._inherited(parent, curvatures, moved * step)
                 there = opposite if operator == MIRROR else side
-                yield _Child(row, operator, curvatures, own, there, expected.copy())
+                yield _Child(row, operator, curvatures, inherited_values, there, expected.copy())
             first += k + 1
 
     def _inherited(
@@ -573,10 +573,10 @@ class Frenetic(Strategy):
             grade = np.column_stack([grade[:, 0] + moved, grade[:, 1]])
         length = (len(curvatures) - 1) * self._roads.step
         conditions = inherited(self._rng, self.domain, parent, length, moved)
-        own: dict[str, Any] = {"grade": grade, "conditions": conditions}
+        values: dict[str, Any] = {"grade": grade, "conditions": conditions}
         if limits is not None and len(limits):
-            own[profile.LIMITS] = profile.moved_steps(limits, moved)
-        return own
+            values[profile.LIMITS] = profile.moved_steps(limits, moved)
+        return values
 
     def _in_other_conditions(self, row: int) -> _Child:
         """The road of a place of the archive in other conditions."""

@@ -35,11 +35,13 @@ _PROBES = 300
 """Random roads of which `_LEAST_VALID` have to be valid. A search draws a refused road ten times
 again: where fewer than one in 150 is valid, it proposes hardly anything that can be driven."""
 _LEAST_VALID = 2
-_ENOUGH = 10  # of them, for options that are recommended
-_SHORTEST = 50.0  # m of a road that is recommended
+_ENOUGH_VALID = 10  # of as many, for a length that is recommended; ours
+_SHORTEST = 50.0  # [m], shortest length that is recommended; ours
 TO_GO_ON = 10.0
 """s of driving at the design speed that the rest of a road has to last."""
 _STRAIGHTEST = 10  # values of the longest straight at the start of a class's road
+
+_NUMBERS = re.compile(r"\d+(?:\.\d+)?")
 
 RANDOM = "random"
 """The operator that a random road's origin names."""
@@ -86,7 +88,7 @@ class MapCheck:
 
     @property
     def rules(self) -> MapCheck | None:
-        """The check by map and rules that this is in the end; None if it is a user's own."""
+        """The innermost check, by map and rules; None if that is a user's own."""
         if isinstance(self._is_valid, MapCheck):
             return self._is_valid.rules
         return self if self._is_valid is None else None
@@ -225,13 +227,14 @@ class RandomRoads:
                 map_size=self._map_size, road_class=replace(road_class, length=length)
             )
             valid = sum(not rules.refusal(values, self.step) for values in self._probes(shorter))
-            if valid >= _ENOUGH:
+            if valid >= _ENOUGH_VALID:
                 return length
             length /= 2.0
         return None
 
     @staticmethod
     def _probes(roads: RandomRoads) -> Iterator[FloatArray]:
+        """`_PROBES` random roads, always the same."""
         rng = np.random.default_rng(0)  # the search's own draws stay as they are
         return (roads.made(rng) for _ in range(_PROBES))
 
@@ -330,7 +333,10 @@ class RandomRoads:
 
 
 def most_frequent(reasons: Counter[str], most: int = 3) -> str:
-    """Return reasons with their numbers, the most frequent first; numbers within do not count."""
+    """Return reasons and how often they came, the most frequent first.
+
+    Reasons that differ in numbers alone count as one.
+    """
     kinds: dict[str, tuple[str, int]] = {}
     for reason, number in reasons.items():
         kind = _NUMBERS.sub("#", reason)
@@ -338,9 +344,6 @@ def most_frequent(reasons: Counter[str], most: int = 3) -> str:
         kinds[kind] = example, count + number
     ranked = sorted(kinds.values(), key=lambda kind: -kind[1])[:most]
     return ", ".join(f"{reason} ({count} times)" for reason, count in ranked)
-
-
-_NUMBERS = re.compile(r"\d+(?:\.\d+)?")
 
 
 def size_and_step(

@@ -85,12 +85,12 @@ def follow(
 
     turn = worker.turn
 
-    def ask(method: str, given: DriveSetup | Observation) -> Any:
+    def ask(method: str, argument: DriveSetup | Observation) -> Any:
         nonlocal waits, driver_seconds
         waits = turn.value = True
         start = perf_counter()
         try:
-            answer = getattr(driver, method)(given)
+            answer = getattr(driver, method)(argument)
             if method == "act":
                 answer = checked_controls(answer)
         finally:
@@ -123,10 +123,10 @@ def follow(
             elif is_decision:
                 observer.glance(time, x, y, heading)
             if driver is not None and is_decision:
-                seen = observer.observation(
+                observation = observer.observation(
                     speed, yaw_rate, steering, car.picture(), lateral_speed=lateral_speed
                 )
-                controls = ask("act", seen)
+                controls = ask("act", observation)
                 if is_record:
                     motion[-len(controls) :] = controls
             car.advance(*controls, step / 1e3)

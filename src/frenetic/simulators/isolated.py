@@ -36,7 +36,7 @@ _FAULTS: Final = {
 }
 """How a process was lost during a drive -> kind of the fault of the driver that did it."""
 _OUR_PURE_SIMULATORS: Final = ("frenetic.simulators.", "frenetic.testing.")
-"""Begins the modules of simulators that run no code but ours."""
+"""Beginnings of the names of modules whose simulators run no code but ours."""
 
 logger = logging.getLogger(__name__)
 
@@ -51,7 +51,12 @@ class BrokenDriveError(FreneticError):
 
     @classmethod
     def of(cls, error: LostWorkerError, fault: Fault | None = None) -> Self:
-        """The drive that ended with its process, which may be a fault."""
+        """The drive that ended with its process.
+
+        Args:
+            error: how the process was lost.
+            fault: the driver's, if it lost the process.
+        """
         reason = error.reason if error.traceback else lost_process(error)
         return cls(reason, error.traceback, fault)
 
@@ -239,7 +244,7 @@ class IsolatedSimulator:
 
 @dataclass(frozen=True, kw_only=True)
 class _DriveAnswer:
-    """A `Drive` on its way from the process, or only what broke it."""
+    """Answer of the process: a `Drive`, or the error that broke it."""
 
     trajectory: Trajectory | None = None
     car: CarBody = field(default_factory=CarBody)

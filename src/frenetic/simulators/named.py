@@ -29,9 +29,9 @@ class SimulatorAttributes:
     rules: Rules
     car: CarBody
     declared: frozenset[str]
-    """The methods of `Capabilities` that it has."""
+    """Methods of `Capabilities` that the simulator has."""
     amounts: dict[str, bool | int | float | str | None]
-    """Its attributes that may vary beside its rules."""
+    """Attributes that may vary beside the rules."""
     place_options: tuple[str, ...]
     preloads: tuple[str, ...]
     usual_wall_limit: Positive
@@ -52,7 +52,7 @@ class NamedSimulator(Named, Ready):
     declared: frozenset[str]
     """The methods of `Capabilities` that it has."""
     amounts: Mapping[str, Any]
-    """Its attributes that may vary beside its rules, as they were when it was made."""
+    """Attributes that may vary beside the rules, as they were when the simulator was made."""
 
     def __init__(self, recipe: Recipe, told: Told[SimulatorAttributes]) -> None:
         super().__init__(recipe, told)

@@ -110,7 +110,7 @@ def observe(
 
 @njit()
 def limit_at(limits: FloatArray, s: float) -> float:
-    """The limit ``s`` m along the road, in the limits' unit."""
+    """The limit ``s`` m along the road, in the unit of ``limits``."""
     k = 0
     while k < len(limits) - 1 and limits[k + 1, 0] <= s:
         k += 1
@@ -126,7 +126,7 @@ def look_for_limits(limits: FloatArray, s: float, rows: int, limit_ahead: FloatA
         limits: (k, 2), k >= 1; each holds from its station in m on.
         s: m along the road.
         rows: points ahead.
-        limit_ahead: (rows,), in the limits' unit.
+        limit_ahead: (rows,), in the unit of ``limits``.
     """
     last = len(limits) - 1
     k = 0
@@ -151,7 +151,7 @@ class LimitsAhead:
 
     Args:
         road: the road under the car.
-        rules: say what becomes of its limits.
+        rules: of the drive, which keep, scale or ignore the road's limits.
     """
 
     def __init__(self, road: Road, rules: Rules) -> None:
@@ -167,7 +167,12 @@ class LimitsAhead:
         return self._limit, self._ahead
 
     def speed_at(self, s: float, deceleration: float) -> float:
-        """Highest speed in m/s from which a car can brake to every limit ahead, in m/s^2."""
+        """Highest speed from which a car can brake to every limit ahead, in m/s.
+
+        Args:
+            s: m along the road.
+            deceleration: with which it brakes, in m/s^2.
+        """
         limit, ahead = self.at(s)
         if self.is_one:
             return limit

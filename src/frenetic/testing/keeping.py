@@ -149,8 +149,8 @@ def keeps_lane(
                 )
             file, name = Path(inspect.getfile(function)), _name_of(function)
             stem = memory_stem(file.stem, name)
-            held = _Check(spec, seconds, driver, file.parent / FOLDER, name, stem)
-            if text := held.failure():
+            check = _Check(spec, seconds, driver, file.parent / FOLDER, name, stem)
+            if text := check.failure():
                 raise DriverFailedError(text)
 
         marked: TestFunction = _marked(test)

@@ -225,16 +225,18 @@ class SimulatorContract:
         self._needs_driver()
         watch = Watch(DummyDriver())
         with self.make(Rules()) as simulator:
-            for lane_width, speed_limit, own in (
+            for lane_width, speed_limit, road_limits in (
                 (4.0, 36.0, ()),
                 (3.5, 54.0, ()),
                 (3.5, 27.0, 27.0),
             ):
                 # Over after a moment.
                 simulator.rules = Rules(
-                    speed_limit=70.0 if own else speed_limit, timeout_base=0.5, timeout_speed=1e3
+                    speed_limit=70.0 if road_limits else speed_limit,
+                    timeout_base=0.5,
+                    timeout_speed=1e3,
                 )
-                driven = replace(road, lane_width=lane_width, speed_limits=np.array(own))
+                driven = replace(road, lane_width=lane_width, speed_limits=np.array(road_limits))
                 drive = self.drive_in(simulator, driven, watch)
                 assert drive.error is None, drive.error
                 setup = watch.setups[-1]

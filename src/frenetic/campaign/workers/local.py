@@ -66,7 +66,15 @@ class Seat:
 def lost_attempt(
     number: int, worker: str, error: LostWorkerError, fault: Fault | None, seconds: float
 ) -> Attempt:
-    """The attempt at a candidate whose process was lost after so many s, which may be a fault."""
+    """The attempt at a candidate whose worker was lost.
+
+    Args:
+        number: id of the candidate.
+        worker: name of the worker.
+        error: how it was lost.
+        fault: the driver's, if it lost the worker.
+        seconds: wall time until then.
+    """
     loss = f"{worker} was lost: {error.reason}" if fault is None else lost_process(error)
     return Attempt.lost(number, worker, seconds, loss, error.traceback, fault)
 

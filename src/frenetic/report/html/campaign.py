@@ -120,15 +120,15 @@ class Reading:
             "SELECT id, outcome, moobd FROM test WHERE told IS NOT NULL ORDER BY told"
         )
         repeats = store.repeats()
-        told = [
+        first_tests = [
             (int(id), str(outcome), moobd)
             for id, outcome, moobd in rows  # noqa: A001
             if id not in repeats
         ]
-        failed = [row for row in told if row[1] == Outcome.FAIL]
+        failed = [row for row in first_tests if row[1] == Outcome.FAIL]
         failed.sort(key=lambda row: math.inf if row[2] is None else row[2])
-        chosen = choose_mapped(told)
-        compared, kept = ({row[0] for row in failed[:most]} for most in (COMPARED, MOST_FILES))
+        chosen = choose_mapped(first_tests)
+        compared, in_files = ({row[0] for row in failed[:most]} for most in (COMPARED, MOST_FILES))
         counts, tests = Counts(), []
         failures: list[Failure] = []
         mapped, severe = {}, {}
@@ -140,7 +140,7 @@ class Reading:
                 failures += filter(None, [Failure.of_segment(segment, record.result, record.id)])
             if record.id in chosen and segment is not None:
                 mapped[record.id] = features_of(segment), record.candidate
-            if record.id in kept:
+            if record.id in in_files:
                 severe[record.id] = record, segment
         clusters = distinct_among(store, failures)
         misses = None if counts.failed else nearest_misses(store)

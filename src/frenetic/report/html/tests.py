@@ -82,7 +82,8 @@ class TestSummary:
             candidate.origin.operator == RANDOM,
             candidate.conditions,
             None if departure is None else departure.side,
-            ", ".join(one.criterion.replace("_", " ") for one in record.result.findings) or None,
+            ", ".join(finding.criterion.replace("_", " ") for finding in record.result.findings)
+            or None,
             candidate.step * (len(candidate.curvatures) - 1),
             record.result.duration if record.outcome.is_driven else None,
             is_repeat,
@@ -196,11 +197,14 @@ def _kept(result: Result, segment: Segment) -> list[str]:
     """The criteria that a drive kept, with the worst values, in words."""
     if not result.outcome.is_driven:
         return []
-    exceeded = {one.criterion for one in result.findings}
+    exceeded = {finding.criterion for finding in result.findings}
     criteria = segment.drive.rules.criteria.criteria
-    kept = [one for one in criteria if one.quantity not in exceeded]
-    measured = [measure(one, segment.seen) for one in kept]
-    return [found.told() for found in measured if found is not None]
+    measured = [
+        measure(criterion, segment.seen)
+        for criterion in criteria
+        if criterion.quantity not in exceeded
+    ]
+    return [value.told() for value in measured if value is not None]
 
 
 def files_of(test_id: int, store: CampaignStore) -> dict[str, Any]:

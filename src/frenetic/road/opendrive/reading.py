@@ -60,11 +60,12 @@ KINK: Final = 0.01
 TURN: Final = math.radians(2.0)
 """Largest change of heading from the end of a road to the start of the next, in rad."""
 ROUNDING: Final = 1e-6
-"""Difference that is due to rounding, in m or rad; 5 cm between two decimals are up to 5 cm."""
+"""Error of computed gaps and turns, in m or rad: a gap of exactly `GAP` must not be refused."""
 BLEND: Final = 5.0
 """Length on either side of a gap over which it is blended, in m."""
 ROUNDED: Final = range(2, 5)
-"""Numbers of decimals of headings that are taken to be rounded; fewer are exact, more are close."""
+"""Numbers of decimals of headings that count as rounded: with fewer they are exact, with more their
+error does not matter."""
 STEPS: Final = (0.5, 0.25, 0.1)
 """Steps of a road that follows a line, in m; the first within `TOLERANCE` is taken."""
 SPACING: Final = 0.1
@@ -107,7 +108,7 @@ WIDTH_ERROR: Final = 1e-3
 
 _PLAIN_ID: Final = re.compile(r'[^\s,@"]([^,@"]*[^\s,@"])?')  # needs no quotes
 _NAMED: Final = re.compile(r'\s*("(?:[^"\\]|\\.)*"|[^,@"]*)(?:@([^,]*))?\s*(,|$)')
-_LONGEST: Final = 80  # letters of an id in a message
+_MOST_LETTERS: Final = 80  # of an id in a message
 _QUOTED: Final = "an id with a comma, an @ or a quote stands in double quotes"
 
 # Columns of a traced line, one row per point. (MOVED_X, MOVED_Y) is how far the blends of gaps
@@ -220,7 +221,7 @@ class RoadMap:
         """
         runs: list[_Run] = []
         element: Element | None = None
-        for road_id, start in self._named(roads):
+        for road_id, start in self._parsed(roads):
             before, element = element, self._element(road_id)
             with _naming(element):
                 notes: list[str] = []
@@ -241,14 +242,14 @@ class RoadMap:
             with _naming(*map(self._element, run.ids)):
                 skipped = _station(run.start, run.line[-1, DISTANCE]) if run.start else 0.0
                 row = int(np.searchsorted(run.line[:, DISTANCE], skipped - 1e-9))
-                rest = run.line[row:].copy()
-                rest[:, DISTANCE] -= rest[0, DISTANCE]
-                road = _followed(rest)
+                line = run.line[row:].copy()
+                line[:, DISTANCE] -= line[0, DISTANCE]
+                road = _followed(line)
             stretches.append(Stretch(tuple(run.ids), skipped, road, tuple(run.notes)))
         return stretches
 
-    def _named(self, text: str) -> list[tuple[str, str]]:
-        """(id, text of the m behind an @) of the roads in a text for `stretches`.
+    def _parsed(self, text: str) -> list[tuple[str, str]]:
+        """The roads in a text for `stretches`: their ids, each with the text of m behind its @.
 
         Raises:
             RoadError: a quote has no end, or something stands behind it.
@@ -321,7 +322,7 @@ def quoted_id(road_id: str) -> str:
 
 def _short(text: str) -> str:
     """A text for a message, without its middle if it is long."""
-    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 22]}..{text[-20:]}"
+    return text if len(text) <= _MOST_LETTERS else f"{text[: _MOST_LETTERS - 22]}..{text[-20:]}"
 
 
 @contextmanager
@@ -643,7 +644,7 @@ class _Run:
     """Text of the m at which the stretch begins; empty for none."""
     line: FloatArray
     end: FloatArray
-    """End of the last road's own line, which a blend may have moved."""
+    """Last row of the last road's line before a blend moved it."""
     notes: list[str]
 
 
@@ -652,7 +653,7 @@ class _Joint:
     """Where a lane would continue another one."""
 
     line: FloatArray
-    """(n, 9) of the lane behind it."""
+    """(n, 10) of the lane that would continue the other."""
     gap: float
     """m from the end of the lane before."""
     turn: float
@@ -685,7 +686,7 @@ def _nearest_lane(road: Element, end: FloatArray) -> _Joint | None:
 
 
 def _joint_notes(before: Element, road: Element, joint: _Joint | None) -> list[str]:
-    """What has to be said of a road that is named behind another one: at most one sentence."""
+    """Note that a road misses the end of the road named before it; none if it meets that end."""
     if joint is None:
         return []
     names = [_short(quoted_id(element.get("id", ""))) for element in (before, road)]
@@ -716,7 +717,7 @@ def _joined_roads(before: FloatArray, joint: _Joint) -> FloatArray:
     """A lane's line (n, 10) and the one that continues it, joined by a blend."""
     line, end = joint.line.copy(), before[-1].copy()
     gap = line[0, X:HEADING] - end[X:HEADING]
-    # From where the blend of a joint before may have moved the end.
+    # A blend at the joint before may have moved the end, and the line goes on from there.
     turn = math.remainder(line[0, HEADING] - end[HEADING], math.tau)
     normal = end[HEADING] + 0.5 * turn
     line[:, DISTANCE] += end[DISTANCE]
@@ -867,13 +868,15 @@ def _limits(road: Element, lane: int) -> FloatArray:
     of_road = np.array(of_type or [(0.0, 0.0)])
     steps: dict[float, float] = {}
     for _, element, start, end in _along(road, lane):
-        speeds = [(_number(one, "sOffset", 0.0), _limit(one)) for one in element.findall("speed")]
-        of_lane = [(start, 0.0), *((start + offset, limit) for offset, limit in sorted(speeds))]
+        speeds = sorted(
+            (_number(speed, "sOffset", 0.0), _limit(speed)) for speed in element.findall("speed")
+        )
+        of_lane = [(start, 0.0), *((start + offset, limit) for offset, limit in speeds)]
         stations = {start, *(s for s, _ in of_lane), *of_road[:, 0].tolist()}
         for station in stations:
             if start <= station < end:
-                own = float(profile.steps_at(np.array(of_lane), station))
-                steps[station] = own or float(profile.steps_at(of_road, station))
+                lane_limit = float(profile.steps_at(np.array(of_lane), station))
+                steps[station] = lane_limit or float(profile.steps_at(of_road, station))
     return profile.merged(np.array(sorted(steps.items())))
 
 

@@ -146,7 +146,7 @@ def add_road(root: Element, road: Road, name: str = "", speed_limit: float = 70.
 
 
 def _limits(road: Road, speed_limit: float) -> list[tuple[float, float]]:
-    """(m along the road, km/h) of each change of the limit, which is ``speed_limit`` where none."""
+    """(m along the road, km/h) of each change of the limit, ``speed_limit`` where there is none."""
     if not len(road.speed_limits):
         return [(0.0, speed_limit)]
     steps = profile.piece_of(profile.LIMITS, road.speed_limits, 0.0)

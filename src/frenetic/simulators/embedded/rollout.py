@@ -156,8 +156,8 @@ def rollout(
     """
     ahead = np.empty((rows, 2))
     curvature_ahead = np.empty(rows)
-    limit_ahead = np.empty(rows)
-    look_for_limits(limits, 0.0, rows, limit_ahead)
+    limit_ahead = np.empty(rows if len(limits) > 1 else 1)
+    look_for_limits(limits, 0.0, len(limit_ahead), limit_ahead)
     waiting = np.zeros((delay + 1, 3))
     memory = np.zeros(MEMORY)
     most = records.shape[1]

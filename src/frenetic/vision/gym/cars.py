@@ -241,9 +241,9 @@ class Cars:
         self._setups[k] = setup_array(self.simulator.setup(road))
         limits = in_metres_per_second(self.simulator.rules.speed_limits_on(road))
         if self._limits.shape[1] < len(limits):
-            known = self._limits
-            self._limits = np.full((len(known), len(limits), 2), np.inf)
-            self._limits[:, : known.shape[1]] = known
+            narrower = self._limits
+            self._limits = np.full((len(narrower), len(limits), 2), np.inf)
+            self._limits[:, : narrower.shape[1]] = narrower
         self._limits[k] = np.inf  # stations that no car reaches
         self._limits[k, : len(limits)] = limits
         self._on[k], self._renderers[k] = road, None

@@ -83,19 +83,19 @@ class Convention(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         Raises:
             ValueError: an entry is damaged, unknown or out of range.
         """
-        own: Any = {}
+        entries: Any = {}
         try:
             if METADATA in metadata:
-                own = read_json(metadata[METADATA])
-                convert(own, cls)
+                entries = read_json(metadata[METADATA])
+                convert(entries, cls)
         except ValueError as error:
             raise ValueError(f"its metadata {METADATA} are damaged: {error}") from None
         check(given, cls)
-        preset = given.get("preset", own.get("preset"))
+        preset = given.get("preset", entries.get("preset"))
         merged: dict[str, Any] = {}
-        for source in ({} if preset is None else PRESETS[preset], own, given):
+        for source in ({} if preset is None else PRESETS[preset], entries, given):
             camera = {**merged.get("camera", {}), **(source.get("camera") or {})}
-            merged |= {name: one for name, one in source.items() if one is not None}
+            merged |= {name: value for name, value in source.items() if value is not None}
             merged["camera"] = camera
         convention = convert(merged, cls)
         for name in ("mean", "std"):
