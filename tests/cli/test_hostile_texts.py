@@ -127,6 +127,14 @@ def test_deeply_nested_json_in_a_database_is_damage_in_one_line(
             assert answer.refuses("damaged"), answer.err
 
 
+def test_a_reason_of_several_lines_stays_on_its_line(campaign: Path, frenetic: Frenetic) -> None:
+    shutil.copytree(campaign, "c")
+    change(Path("c"), "UPDATE test SET reason = ? WHERE id = 2", "It left\n\nPASS  Car is fine")
+    lines = frenetic("show", "c", "2").out.splitlines()
+    (line,) = [line for line in lines if "Car is fine" in line]
+    assert line.startswith("outcome")
+
+
 # Terminals
 
 EVIL: Final = "\x1b[2J\x1b]0;owned\x07\r\x9b31m\u202egnp.exe"

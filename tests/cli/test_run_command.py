@@ -283,6 +283,72 @@ def test_a_signal_ends_a_run_with_its_summary_and_its_simulator(tmp_path: Path) 
     assert "Traceback" not in err
 
 
+SLOW = """
+import time
+
+from frenetic import Planner
+
+
+class Slow(Planner):
+    def act(self, observation):
+        time.sleep(0.005)
+        return super().act(observation)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are sent as on POSIX here")
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+def test_a_signal_to_the_whole_group_is_no_failure_of_the_driver(tmp_path: Path, name: str) -> None:
+    """A terminal that is closed tells all processes of its group, those that make workers, too."""
+    (tmp_path / "slow.py").write_text(SLOW)
+    words = ["run", "--driver", "slow.py:Slow", "--time", "10m", "--workers", "2", "--out", "c"]
+    with subprocess.Popen(
+        [sys.executable, "-m", "frenetic", *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=tmp_path,
+        start_new_session=True,
+    ) as process:
+        try:
+            until(partial(stored_in_a_moment, tmp_path / "c"), "a test is stored")
+            os.killpg(process.pid, signal.Signals[name])
+            _, err = process.communicate(timeout=LIMIT)
+        finally:
+            process.kill()
+    assert process.returncode == 130
+    assert "resource_tracker" not in err
+    with CampaignStore.open(tmp_path / "c") as store:
+        faults = [test.result.fault for test in store.tests()]
+    assert faults == [None] * len(faults)
+
+
+def test_files_in_the_current_folder_take_the_place_of_no_module(tmp_path: Path) -> None:
+    (tmp_path / "slow.py").write_text(SLOW)
+    for name in ("random", "pickle", "signal"):
+        (tmp_path / f"{name}.py").write_text("raise RuntimeError('it is not for you')")
+    program = tmp_path / "bin" / "frenetic"  # beside which Python looks, not in the current folder
+    program.parent.mkdir()
+    program.write_text(
+        "from frenetic.__main__ import main\n\nif __name__ == '__main__':\n    main()"
+    )
+    words = ["run", "--driver", "slow.py:Slow", "--simulations", "1", "--seed", "1", "--out", "c"]
+    done = subprocess.run(
+        [sys.executable, str(program), *words], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_show_says_what_writes_a_report_that_is_missing(frenetic: Frenetic, tmp_path: Path) -> None:
+    frenetic("run", "--simulations", "3", "--seed", "1", "--out", "c")
+    assert "go on" not in frenetic("show", "c").out
+    (tmp_path / "c" / "report.html").unlink()
+    assert "go on      frenetic resume c\n" in frenetic("show", "c").out
+    assert frenetic("resume", "c").code == 0
+    assert (tmp_path / "c" / "report.html").is_file()
+
+
 def stored_in_a_moment(folder: Path) -> int:
     """Its stored tests, after a moment: looking takes time from the run."""
     time.sleep(0.1)

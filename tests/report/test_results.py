@@ -106,3 +106,14 @@ def test_report_that_cannot_be_written_is_a_note(
 def test_it_is_a_name_of_the_package() -> None:
     assert frenetic.run is run
     assert frenetic.resume is resume
+
+
+def test_ctrl_c_in_compiled_code_is_an_interruption(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
+
+    monkeypatch.setattr("frenetic.report.results.write_report", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        run(campaign(tmp_path / "c"))

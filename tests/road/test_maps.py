@@ -210,7 +210,7 @@ def test_a_map_is_no_single_road() -> None:
     with pytest.raises(RoadError) as caught:
         RoadMap(TOWN).road()
     assert str(caught.value) == (
-        "it has 4 roads, to be chosen as 'road': 4 (80 m), 1 (60 m), 2 (40 m), .."
+        "it has 4 roads; choose with --road: 4 (80 m), 1 (60 m), 2 (40 m), .."
     )
     with pytest.raises(RoadError, match=r"has no road '7', but 4 \(80 m\), 1"):
         RoadMap(TOWN).road("7")

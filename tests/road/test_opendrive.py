@@ -518,7 +518,7 @@ def joint(text: str, other: str) -> bytes:
         (b'<OpenDRIVE><header revMajor="1"/></OpenDRIVE>', "it has no road"),
         (
             foreign(after='<road id="x y"/>'),
-            r"it has 2 roads, to be chosen as 'road': 7 \(30 m\)$",
+            r"it has 2 roads; choose with --road: 7 \(30 m\)$",
         ),
         (foreign(attributes='rule="LHT"'), "rule is 'LHT'"),
         (foreign(""), "has no geometry"),

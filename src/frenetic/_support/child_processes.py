@@ -20,13 +20,15 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence, Set
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from multiprocessing import parent_process, reduction
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NoReturn
+
+from frenetic._support.interrupt import ENDING
 
 if TYPE_CHECKING:
     from multiprocessing.context import (  # type: ignore[attr-defined, unused-ignore]
@@ -42,6 +44,10 @@ FORKED: Final = 82
 """Exit code of a fork that came out of foreign code."""
 
 _FORKED: Final = "forkserver"
+_SAFE_PATH: Final = "PYTHONSAFEPATH"
+"""Variable by which Python does not look for modules in the current folder."""
+_OURS: Final = "frenetic"
+"""Its value where we have set it: any text will do."""
 PRELOADED: Final = (
     "frenetic.simulators.embedded.preloading",
     "frenetic.simulators.isolated",
@@ -83,8 +89,9 @@ def start_process(
     if sys.platform != "win32":
         from multiprocessing import resource_tracker  # not on Windows
 
-        resource_tracker.ensure_running()  # first, since it lets Ctrl-C through again
-    sparing: AbstractContextManager[None] = _without_ctrl_c()
+        with _sparing({signal.SIGHUP}):  # the tracker ignores the others
+            resource_tracker.ensure_running()  # first, since it lets Ctrl-C through again
+    sparing: AbstractContextManager[None] = _sparing({signal.SIGINT, *ENDING})
     if context.get_start_method() == _FORKED:
         from multiprocessing import forkserver  # not on Windows
 
@@ -107,16 +114,25 @@ def start_process(
 
 
 @contextmanager
-def _without_ctrl_c() -> Iterator[None]:
-    """Blocks Ctrl-C for a moment in this thread, and for good in processes started meanwhile."""
+def _sparing(signals: Set[signal.Signals]) -> Iterator[None]:
+    """Spare processes that are started meanwhile from signals to the group, and from its folder.
+
+    A closed terminal signals its whole group, and a file ``random.py`` in the current folder would
+    take the place of Python's own module. This thread has the signals blocked for the moment.
+    """
     if sys.platform == "win32":
         yield
         return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    is_ours = _SAFE_PATH not in os.environ
+    if is_ours:
+        os.environ[_SAFE_PATH] = _OURS
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, signals)
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if is_ours:
+            del os.environ[_SAFE_PATH]
 
 
 def kill_process(process: BaseProcess | subprocess.Popen[bytes]) -> None:
@@ -217,7 +233,11 @@ def _run_alone(connection: Connection, target: Callable[..., None], *args: objec
     with suppress(OSError):  # there is none
         os.dup2(2, 1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if os.environ.get(_SAFE_PATH) == _OURS:
+        del os.environ[_SAFE_PATH]
     _lead_group()
+    if sys.platform != "win32":
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)  # of its own group
     _leave_servers()
     if sys.platform == "linux":
         _fork_under_keeper(connection)

@@ -19,6 +19,17 @@ ENDING: Final = tuple(
 """Signals that end a process, beside that of Ctrl-C."""
 
 
+@contextmanager
+def plain_interrupts() -> Iterator[None]:
+    """Raise a Ctrl-C that compiled code has turned into a `SystemError` as `KeyboardInterrupt`."""
+    try:
+        yield
+    except SystemError as error:
+        if isinstance(error.__cause__, KeyboardInterrupt):
+            raise KeyboardInterrupt from error
+        raise
+
+
 class Interrupt:
     """Whether the user asked to stop."""
 

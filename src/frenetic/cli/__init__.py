@@ -20,7 +20,7 @@ from typing import Any, ClassVar, Final, NoReturn, TextIO
 import click
 
 from frenetic._support.entry_points import installed
-from frenetic._support.interrupt import ending_in_order
+from frenetic._support.interrupt import ending_in_order, plain_interrupts
 from frenetic._support.words import printable, shortened
 from frenetic.errors import FreneticError
 
@@ -145,7 +145,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     gc.set_threshold(50_000)
     invocation = Invocation(tuple(sys.argv[1:] if arguments is None else arguments))
     try:
-        with ending_in_order():
+        with ending_in_order(), plain_interrupts():
             code = cli.main(
                 args=[*invocation.words],
                 prog_name="frenetic",

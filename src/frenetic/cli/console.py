@@ -440,7 +440,8 @@ def print_facts(facts: Sequence[tuple[str, str]]) -> None:
     facts = [(name, value) for name, value in facts if value]
     width = max([10, *(len(name) for name, _ in facts)]) + 1
     for name, value in facts:
-        echo(f"{name:<{width}}{value}")
+        line = value.replace("\n", "\\x0a")  # a text from elsewhere stays on its line
+        echo(f"{name:<{width}}{line}")
 
 
 def this_command() -> Invocation:

@@ -202,7 +202,10 @@ def _larger_map(file: RoadFile, road: Road, spec: Spec) -> str:
         map_size += 100.0
     verdict = fitted.check_validity(map_size, spec.road_class)
     if not verdict.valid:
-        return f"on one of {map_size:g} m, which has room for it, it is refused: {verdict.message}"
+        return (
+            f"on one of {map_size:g} m it is refused, too: {verdict.message}; export it as"
+            " OpenDRIVE and drive that file with --road 1, which drives a road where it lies"
+        )
     return f"--map-size {map_size:g} has room for it"
 
 

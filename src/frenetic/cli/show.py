@@ -287,10 +287,16 @@ def _budget(store: CampaignStore) -> str:
 
 
 def _going_on(store: CampaignStore) -> str:
-    """The command that goes on with an unfinished campaign; empty for a finished or running one."""
-    from frenetic.campaign.state import look
+    """The command that goes on with a campaign, or writes its report; empty if it is finished."""
+    from frenetic.campaign.state import Status, look
+    from frenetic.cli.search import is_finished
 
-    return look(store.folder).going_on
+    state, config = look(store.folder), store.config
+    is_search = config.get("run") is not None and not config.keys() & {"again", "entrant"}
+    has_report = is_finished(store.folder, store.facts)
+    if state.status is Status.FINISHED and is_search and not has_report:
+        return f"frenetic resume {shell(store.folder)}"
+    return state.going_on
 
 
 def _conditions(store: CampaignStore) -> Mapping[str, float]:

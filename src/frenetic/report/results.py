@@ -25,6 +25,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final, Literal, TypeAlias
 
+from frenetic._support.interrupt import plain_interrupts
 from frenetic.again.minimise import minimise_causes
 from frenetic.analysis.failures import Clusters, caution, representative_failures
 from frenetic.campaign import Campaign, CampaignStore, Event, Summary, Test
@@ -203,6 +204,12 @@ def write_results(
 def _run(campaign: Campaign, search: Callable[..., Summary], on_event: OnEvent | None) -> Results:
     """Search by `Campaign.run` or `Campaign.resume`, and write the results."""
     emit = on_event or (lambda _: None)
+    with plain_interrupts():
+        return _searched(campaign, search, emit)
+
+
+def _searched(campaign: Campaign, search: Callable[..., Summary], emit: OnEvent) -> Results:
+    """Search, and write the results, also of a search that ends by an error."""
     try:
         summary = search(on_event=emit)
     except CampaignError:

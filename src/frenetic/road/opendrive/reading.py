@@ -284,7 +284,7 @@ class RoadMap:
         if road_id is None and self._count == 1:
             ((road,),) = self._roads.values()
         elif road_id is None:
-            raise RoadError(f"it has {self._count} roads, to be chosen as 'road': {self._listed()}")
+            raise RoadError(f"it has {self._count} roads; choose with --road: {self._listed()}")
         else:
             roads = self._roads.get(road_id, [])
             if not roads:
