@@ -384,7 +384,7 @@ def test_a_map_of_one_road_that_does_not_fit_names_the_option(frenetic: Frenetic
 
 def test_lists_hold_drivable_roads_and_mistakes_name_theirs(frenetic: Frenetic) -> None:
     path = str(CASES / "10-footpath.xodr")
-    assert frenetic("drive", path).refuses("'road': street (180 m), lane (70 m)")
+    assert frenetic("drive", path).refuses("choose with --road: street (180 m), lane (70 m)")
     answer = frenetic("drive", path, "--road", "street,path,lane")
     assert answer.refuses("road path: it has no driving lane")
 

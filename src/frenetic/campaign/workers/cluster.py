@@ -192,7 +192,8 @@ class ClusterWorkers(Workers):
     def __exit__(self, *_: object) -> None:
         """Lets the cluster forget the seats, which ends them."""
         self._running.clear()
-        self._client.close(timeout=CONNECT_LIMIT)
+        with suppress(OSError, RuntimeError):  # Dask's own, where its scheduler is lost
+            self._client.close(timeout=CONNECT_LIMIT)
 
 
 def require_scheduler(address: str) -> None:
