@@ -393,26 +393,23 @@ class Spec:
         driver, simulator, rules = self.driver, self.simulator, self.rules
         if driver.name is None or simulator.name is None:
             return None
+        is_scaled = rules.road_limits == "scaled"
         criteria = {"criteria": rules.criteria.whole_entry()} if rules.criteria else {}
         return {
             "driver": driver.word,
             "simulator": simulator.word,
-            "with": {**self.layers, **self._limit_entries().get("with", {})},
-            "speed_limit": self._limit_entries().get("speed_limit"),
+            "with": {**self.layers, **({SPEED: rules.speed_limit} if is_scaled else {})},
+            "speed_limit": None if is_scaled or self._has_usual_limit else rules.speed_limit,
             "oob_tolerance": rules.oob_tolerance,
             **criteria,
             "wall_limit": self.wall_limit,
         }
 
-    def _limit_entries(self) -> dict[str, Any]:
-        """The entries of its speed limit; none where that follows from its class, or is usual."""
-        limit, road_limits = self.rules.speed_limit, self.rules.road_limits
-        if road_limits == "scaled":
-            return {"with": {SPEED: limit}}
+    @property
+    def _has_usual_limit(self) -> bool:
+        """Whether no speed limit was given: it is that of the class, or the usual one."""
         usual = _usual_rules() if self.road_class is None else self.road_class
-        return (
-            {} if road_limits == "kept" and limit == usual.speed_limit else {"speed_limit": limit}
-        )
+        return self.rules.road_limits == "kept" and self.rules.speed_limit == usual.speed_limit
 
     def strategy_entry(self) -> dict[str, str]:
         """Its strategy, likewise; empty without a name."""
