@@ -85,7 +85,7 @@ def main() -> None:
         start = time.process_time()
         drive = simulator.drive(road, timed)
         seconds += time.process_time() - start
-        assert drive.error is None, drive.error
+        assert drive.trouble is None, drive.trouble
         steps += gaps(timed.calls)
         pairs = zip(timed.calls, timed.answers, strict=True)
         inference += [1e3 * (answer - call) for call, answer in pairs]

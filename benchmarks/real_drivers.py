@@ -193,7 +193,7 @@ def drive(task: Task, road: Road, rules: Rules) -> Seen:
     if result.outcome is Outcome.ERROR:
         raise RuntimeError(f"{task}: {result.reason}")
     if is_drivers(result.fault):
-        return Seen(True, True, f"breaks: {made.error}"[:90], 0.0, 0.0)
+        return Seen(True, True, f"breaks: {result.reason}"[:90], 0.0, 0.0)
     values = {one.criterion: one.value for one in measured(road, made, (EDGE, ACCELERATION, JERK))}
     leaves = result.outcome is Outcome.FAIL
     cause = cause_of(segment_of(road, made, result.finding)) if leaves else None

@@ -24,7 +24,7 @@ from frenetic.criteria import DRIVER, QUANTITIES, Criterion, Profile, Quantity, 
 from frenetic.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.drive_entries import read_rules
 from frenetic.drivers import Planner, Stanley
-from frenetic.errors import Fault, FreneticError
+from frenetic.errors import Fault, FreneticError, Trouble
 from frenetic.measures import Seen, mean, rate, spread, worst
 from frenetic.oracle import judge, measured, measures_json, seen_by_criteria
 from frenetic.outcome import Outcome
@@ -330,7 +330,7 @@ def test_leaving_the_lane_is_the_gravest() -> None:
     assert list(result.findings) == sorted(result.findings, key=lambda one: one.time)
     rows = drive.trajectory.to_rows()[: round(result.departure.time / RATE)]
     fault = Fault("driver", "ValueError")
-    broke = Drive(Trajectory.from_rows(rows), error="it raised", fault=fault)
+    broke = Drive(Trajectory.from_rows(rows), trouble=Trouble("it raised", fault=fault))
     faulty = judged(road, broke, ISO)
     assert faulty.finding.criterion == DRIVER
     assert len(faulty.findings) > 1

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from frenetic.criteria import DRIVER
 from frenetic.drive import CarBody, Drive, Rules, Trajectory
-from frenetic.errors import Fault
+from frenetic.errors import Fault, Trouble
 from frenetic.oracle import (
     LEFT_LANE,
     REACHED,
@@ -301,7 +301,7 @@ def test_records_that_are_no_numbers_are_an_error(column: str) -> None:
 
 def test_a_drive_with_an_error_is_an_error_whatever_it_recorded() -> None:
     path = trajectory(STRAIGHT, steady(STRAIGHT))
-    result = judge(STRAIGHT, Drive(path, error="the simulator's window was closed"))
+    result = judge(STRAIGHT, Drive(path, trouble=Trouble("the simulator's window was closed")))
     assert result.outcome is Outcome.ERROR
     assert result.reason == "the simulator's window was closed"
     assert (result.moobd, result.moobd_distance, result.max_oob_share) == (None, None, None)
@@ -314,26 +314,28 @@ def test_a_fault_of_the_driver_fails_its_drive() -> None:
     path = trajectory(STRAIGHT, steady(STRAIGHT))
     until = Trajectory.from_rows(path.to_rows()[:60])
     passed = judge(STRAIGHT, Drive(path))
-    result = judge(STRAIGHT, Drive(until, error="it raised", fault=fault))
+    result = judge(STRAIGHT, Drive(until, trouble=Trouble("it raised", fault=fault)))
     assert (result.outcome, result.reason, result.fault) == (Outcome.FAIL, "it raised", fault)
     assert result.moobd == pytest.approx(2.0)
     (finding,) = result.findings
     assert (finding.criterion, finding.side, finding.value, finding.limit) == (DRIVER, None, 1, 0)
     assert (finding.time, finding.x, finding.y) == (until.time[-1], until.x[-1], until.y[-1])
     assert result.departure is None
-    unrecorded = judge(STRAIGHT, Drive(Trajectory.empty(), error="it left", fault=fault))
+    unrecorded = judge(STRAIGHT, Drive(Trajectory.empty(), trouble=Trouble("it left", fault=fault)))
     assert (unrecorded.outcome, unrecorded.moobd) == (Outcome.FAIL, None)
     # What the rules had ended before counts as they say; the simulator's fault is no failure.
-    assert judge(STRAIGHT, Drive(path, error="too late", fault=fault)) == passed
+    assert judge(STRAIGHT, Drive(path, trouble=Trouble("too late", fault=fault))) == passed
     theirs = replace(fault, part="simulator")
-    assert judge(STRAIGHT, Drive(until, error="x", fault=theirs)).outcome is Outcome.ERROR
+    assert (
+        judge(STRAIGHT, Drive(until, trouble=Trouble("x", fault=theirs))).outcome is Outcome.ERROR
+    )
 
 
-@pytest.mark.parametrize("error", [None, "the simulator did not start"])
-def test_an_empty_drive_is_an_error(error: str | None) -> None:
-    result = judge(STRAIGHT, Drive(trajectory(STRAIGHT, []), error=error))
+@pytest.mark.parametrize("trouble", [None, Trouble("the simulator did not start")])
+def test_an_empty_drive_is_an_error(trouble: Trouble | None) -> None:
+    result = judge(STRAIGHT, Drive(trajectory(STRAIGHT, []), trouble=trouble))
     assert result.outcome is Outcome.ERROR
-    assert result.reason == (error or "The simulator recorded nothing")
+    assert result.reason == (trouble.reason if trouble else "The simulator recorded nothing")
     assert result.duration == 0.0
     assert result.moobd is None
 

@@ -124,14 +124,14 @@ def test_it_drives_in_other_processes_only(name: str) -> None:
     with simulator:
         usual = simulator.drive(road, driver)
         noisy = simulator.drive(road, Noisy(driver))
-        assert (usual.error, noisy.error) == (None, None)
+        assert (usual.trouble, noisy.trouble) == (None, None)
         third = simulator.drive(road, driver)
-        assert "assert self.drives < 3" in str(third.error)
+        assert "assert self.drives < 3" in str(third.trouble)
     for part in spec.make_parts(isolate=False):
         kept = pickle.loads(pickle.dumps(part))
         assert isinstance(kept, Named)
     refused = EmbeddedSimulator().drive(road, driver)
-    assert f"the driver 'own.py:{name}' drives in another process only" in str(refused.error)
+    assert f"the driver 'own.py:{name}' drives in another process only" in str(refused.trouble)
 
 
 def test_a_campaign_of_named_parts_isolates_them(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, Self
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import check
 from frenetic._support.scalars import take_numpy_scalars
 from frenetic.criteria import JUDGED_BY_LANE, Profile
-from frenetic.errors import Fault, reason_of, traceback_of
+from frenetic.errors import Trouble
 
 if TYPE_CHECKING:
     from frenetic.road import Road
@@ -246,19 +246,6 @@ class Trajectory:
         return np.column_stack([getattr(self, name) for name in self.names()])
 
 
-class Breakdown(NamedTuple):
-    """The error that ended a drive, in the order of `Drive`'s fields."""
-
-    error: str
-    traceback: str
-    fault: Fault
-
-    @classmethod
-    def of(cls, error: BaseException, part: Literal["driver", "simulator"] = "driver") -> Breakdown:
-        """The breakdown that an error of a part tells of."""
-        return cls(reason_of(error), traceback_of(error), Fault.of(part, error))
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Drive:
     """One execution of a road test."""
@@ -266,33 +253,15 @@ class Drive:
     trajectory: Trajectory
     car: CarBody = field(default_factory=CarBody)
     rules: Rules = field(default_factory=Rules)
-    error: str | None = None
-    """Reason why the simulator or the driver broke, None if the drive ended by the rules."""
-    traceback: str = ""
-    """Traceback of the error for the campaign's log, see `frenetic.errors.traceback_of`."""
-    fault: Fault | None = None
-    """The fault that the error tells of, if known."""
     road: Road | None = None
     """The road that was driven, for pictures; None if the simulator does not say."""
+    trouble: Trouble | None = None
+    """What broke in the driver or the simulator; None if the drive ended by the rules."""
     driver_seconds: float = field(default=0.0, compare=False)
     """Wall time in the driver's own code, in s; 0 if the simulator does not say."""
-
-    @classmethod
-    def of(
-        cls,
-        trajectory: Trajectory,
-        car: CarBody,
-        rules: Rules,
-        road: Road,
-        breakdown: Breakdown | None = None,
-        driver_seconds: float = 0.0,
-    ) -> Self:
-        """A drive along a road, which an error may have ended."""
-        error, trace, fault = breakdown or (None, "", None)
-        return cls(trajectory, car, rules, error, trace, fault, road, driver_seconds)
 
     def __repr__(self) -> str:
         """The drive at a glance."""
         road = "" if self.road is None else f" on {self.road.length:.0f} m of road"
-        broken = "" if self.error is None else f", error: {self.error}"
+        broken = "" if self.trouble is None else f", trouble: {self.trouble.reason}"
         return f"<Drive{road}: {repr(self.trajectory)[15:-1]}{broken}>"

@@ -139,6 +139,29 @@ class Fault:
         return other is not None and replace(self, line=0) == replace(other, line=0)
 
 
+@dataclass(frozen=True)
+class Trouble:
+    """What broke a drive: the reason, and as far as known its traceback and whose fault it is."""
+
+    reason: str
+    """The reason, in one line."""
+    traceback: str = ""
+    """Traceback for the campaign's log, see `traceback_of`; empty if there is none."""
+    fault: Fault | None = None
+    """The fault in somebody's code; None if unknown."""
+
+    @classmethod
+    def of(
+        cls,
+        error: BaseException,
+        part: Literal["driver", "simulator"] = "driver",
+        reason: str | None = None,
+    ) -> Trouble:
+        """Return the trouble that an error in a part's code makes, in its own words or others."""
+        text = reason_of(error) if reason is None else reason
+        return cls(text, traceback_of(error), Fault.of(part, error))
+
+
 def _is_foreign(file: str) -> bool:
     """Whether a file is neither ours nor Python's, nor what a dataclass generates."""
     if file.startswith((_OURS, "<frozen ", "<string>")):

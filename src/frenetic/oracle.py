@@ -18,7 +18,7 @@ from frenetic._support.bounds import Finite, NotNegative, Share
 from frenetic._support.compiled import njit
 from frenetic._support.words import simulated_time
 from frenetic.criteria import DRIVER, LANE, QUANTITIES, Criterion, Profile, quantity
-from frenetic.errors import Fault, FreneticError
+from frenetic.errors import Fault, FreneticError, Trouble
 from frenetic.measures import Measured, Seen, measure, worst
 from frenetic.outcome import Outcome
 from frenetic.road.geometry import heading_at, project_global, project_near, reach_of
@@ -277,16 +277,16 @@ def judge(road: Road, drive: Drive) -> Result:
     """The verdict on one drive of a road.
 
     Records count until a rule ends the drive. A drive that a fault of its driver ended is a FAIL.
-    One that stops before any rule ends it, or that carries another error, is an ERROR.
+    One that stops before any rule ends it, or that carries other trouble, is an ERROR.
     """
     path = drive.trajectory
     records = len(path)
-    if records == 0 or (drive.error is not None and not is_drivers(drive.fault)):
+    trouble = drive.trouble
+    if records == 0 or (trouble is not None and not is_drivers(trouble.fault)):
         duration = float(path.time[-1]) if records else 0.0
-        return broken(drive.error or "The simulator recorded nothing", drive.fault, duration)
+        return broken(trouble or Trouble("The simulator recorded nothing"), duration)
     if not all(np.isfinite(column).all() for column in (path.time, path.x, path.y, path.heading)):
-        reason = drive.error or "The simulator recorded places that are no numbers"
-        return broken(reason, drive.fault)
+        return broken(trouble or Trouble("The simulator recorded places that are no numbers"))
     seen = assess(road, drive)
     i = len(seen.distance) - 1
     duration = float(path.time[i])
@@ -317,8 +317,8 @@ def judge(road: Road, drive: Drive) -> Result:
             f"Car took longer than {rules.timeout(road.length):.0f} s"
             f" and was at {seen.distance[i]:.0f} m of {road.length:.0f} m"
         )
-    elif drive.error is not None:
-        reason, fault = drive.error, drive.fault
+    elif trouble is not None:
+        reason, fault = trouble.reason, trouble.fault
         findings = (Finding(DRIVER, 1.0, 0.0, None, *place),)
     else:
         reason = f"The simulator stopped after {duration:.1f} s, before the drive had ended"
@@ -327,7 +327,7 @@ def judge(road: Road, drive: Drive) -> Result:
         try:
             breaches = _breaches(road, drive, seen)
         except FreneticError as error:
-            return broken(str(error), duration=duration)
+            return broken(Trouble(str(error)), duration)
         findings = tuple(sorted((*breaches, *findings), key=lambda one: one.time))
         if breaches and outcome is Outcome.PASS:
             outcome, reason = Outcome.FAIL, breach_in_words(breaches, rules.criteria)
@@ -430,7 +430,7 @@ def is_drivers(fault: Fault | None) -> bool:
     return fault is not None and fault.part == "driver"
 
 
-def broken(reason: str, fault: Fault | None = None, duration: float | None = None) -> Result:
+def broken(trouble: Trouble, duration: float | None = None) -> Result:
     """The verdict on a drive without a usable record: a FAIL if the fault is the driver's."""
-    outcome = Outcome.FAIL if is_drivers(fault) else Outcome.ERROR
-    return Result(outcome, reason, duration=duration, fault=fault)
+    outcome = Outcome.FAIL if is_drivers(trouble.fault) else Outcome.ERROR
+    return Result(outcome, trouble.reason, duration=duration, fault=trouble.fault)

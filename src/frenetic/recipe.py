@@ -91,8 +91,8 @@ class Recipe:
             step = "making"
             return worker.call("answer", limit=LIMIT, answer=answer)
         except RaisedError as error:
-            logger.debug("%s", error.traceback)
-            raise FreneticError(error.reason) from None
+            logger.debug("%s", error.trouble.traceback)
+            raise FreneticError(str(error)) from None
         except LostWorkerError as error:
             is_late = time.monotonic() > worker.deadline
             loss = f"took more than {LIMIT:g} s" if is_late else f"ended its process: {error}"

@@ -50,7 +50,7 @@ from frenetic._support.messages import (
     encode,
     to_bytes,
 )
-from frenetic.errors import CampaignError, describe_error, reason_of, traceback_of
+from frenetic.errors import CampaignError, Trouble, describe_error, reason_of, traceback_of
 from frenetic.registry import load_user_file, made_by, user_files
 
 START_LIMIT: Final = 600.0
@@ -86,13 +86,10 @@ class Loss(Enum):
 class LostWorkerError(Exception):
     """A worker died, hangs, breaks the protocol, or what it holds raised."""
 
-    def __init__(
-        self, reason: str, loss: Loss, *, traceback: str = "", is_drivers_turn: bool = False
-    ) -> None:
-        super().__init__(reason)
-        self.reason = reason
+    def __init__(self, trouble: Trouble, loss: Loss, *, is_drivers_turn: bool = False) -> None:
+        super().__init__(trouble.reason)
+        self.trouble = trouble
         self.loss = loss
-        self.traceback = traceback
         self.is_drivers_turn = is_drivers_turn
         """Whether a driver was being asked, see `turn`."""
 
@@ -100,8 +97,8 @@ class LostWorkerError(Exception):
 class RaisedError(LostWorkerError):
     """What a worker holds raised."""
 
-    def __init__(self, reason: str, traceback: str) -> None:
-        super().__init__(reason, Loss.RAISED, traceback=traceback)
+    def __init__(self, trouble: Trouble) -> None:
+        super().__init__(trouble, Loss.RAISED)
 
 
 class Call(NamedTuple):
@@ -255,7 +252,7 @@ class Worker:
         return self._lost(f"it {ending_of(exit_code)}{hint}", loss)
 
     def _lost(self, reason: str, loss: Loss) -> LostWorkerError:
-        return LostWorkerError(reason, loss, is_drivers_turn=self._turn.is_set)
+        return LostWorkerError(Trouble(reason), loss, is_drivers_turn=self._turn.is_set)
 
     def _hear(self, frame: Frame, answers: list[Any]) -> None:
         """Take one message.
@@ -268,8 +265,7 @@ class Worker:
         if frame.kind == _LOGGED:
             self._log(decode(frame.body, _Logged))
         elif frame.kind == _FAILED:
-            failed: _Failed = decode(frame.body, _Failed)
-            raise RaisedError(failed.reason, failed.traceback)
+            raise RaisedError(decode(frame.body, Trouble))
         elif frame.number <= self._number - len(self._calls):
             logger.warning("%s sent what is not counted: does the driver fork?", self.name)
         elif call is None or frame.number != call.number:
@@ -329,7 +325,7 @@ class Worker:
                 try:
                     self.call("close", limit=CLOSING_LIMIT)
                 except LostWorkerError as error:
-                    if error.traceback:
+                    if error.trouble.traceback:
                         raise
                 # Not for a driver's threads and processes, which may never end.
                 self._process.join(_LEAVING_LIMIT)
@@ -370,11 +366,6 @@ turn: Any = SimpleNamespace(value=0)
 """Its ``value`` is 1 while a driver is asked; in a worker, the parent sees it."""
 
 _CALL, _ANSWER, _REPORT, _FAILED, _LOGGED = range(5)  # kinds of messages
-
-
-class _Failed(NamedTuple):
-    reason: str
-    traceback: str
 
 
 class _Logged(NamedTuple):
@@ -426,7 +417,7 @@ def _serve(connection: Connection, files: Sequence[str], held: bytes, shared: An
                 break
         _fall_silent()
     except BaseException as error:  # also what a driver's sys.exit() raises
-        send(_FAILED, _Failed(reason_of(error), traceback_of(error)))
+        send(_FAILED, Trouble(reason_of(error), traceback_of(error)))
     finally:
         channel.close()
 

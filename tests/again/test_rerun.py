@@ -34,7 +34,7 @@ from frenetic.campaign import Budget, Campaign, CampaignStore, Event, Summary, T
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.store import DATABASE
 from frenetic.drivers import Driver, Planner
-from frenetic.errors import CampaignError, FreneticError
+from frenetic.errors import CampaignError, FreneticError, Trouble
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.road import Road
@@ -86,7 +86,9 @@ class Unreliable(DummySimulator):
 
     def drive(self, road: Road, driver: Driver) -> Drive:
         drive = super().drive(road, driver)
-        return drive if Unreliable.works else replace(drive, error="no connection \ud800")
+        return (
+            drive if Unreliable.works else replace(drive, trouble=Trouble("no connection \ud800"))
+        )
 
 
 def in_other_car(folder: Path) -> Rerun:

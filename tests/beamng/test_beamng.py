@@ -302,7 +302,7 @@ def test_drive_that_takes_too_long_is_the_fault_of_who_is_slow(
 
     with connected(stand_in, wall_limit=0.2) as simulator:
         drive = simulator.drive(ROAD, Asleep())
-        assert "the driver did not finish its drive within 0.2 s" in str(drive.error)
+        assert "the driver did not finish its drive within 0.2 s" in str(drive.trouble)
         simulator.wall_limit = 60.0
         assert judge(ROAD, simulator.drive(ROAD, Stanley())).outcome is Outcome.PASS
         simulator.wall_limit = 0.5

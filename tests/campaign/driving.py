@@ -135,7 +135,8 @@ class WorkersContract:
             await_free(workers, self.COUNT)
             attempt = drive_one(workers)
             assert attempt.failure == STALLED
-            assert "in raise_error\n" in attempt.traceback
+            assert attempt.trouble is not None
+            assert "in raise_error\n" in attempt.trouble.traceback
             assert not attempt.worker_lost
             await_free(workers, self.COUNT)
             assert drive_all(workers, [8] * 8)[8].failure is None

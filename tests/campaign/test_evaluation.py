@@ -11,7 +11,7 @@ import pytest
 import frenetic
 from frenetic import Budget, Campaign, CampaignStore, Candidate, Evaluation, Outcome, evaluate
 from frenetic.campaign.objective import Objective, evaluation_of
-from frenetic.errors import FreneticError
+from frenetic.errors import FreneticError, Trouble
 from frenetic.search import Origin
 from frenetic.testing import DummySimulator
 
@@ -66,7 +66,9 @@ def test_what_was_not_driven_or_broke_has_no_moobd_and_an_objective_its_value() 
     invalid = evaluate(candidate, None, None, budget_spent=0.5)
     assert (invalid.outcome, invalid.moobd, invalid.budget_spent) == (Outcome.INVALID, None, 0.5)
     drive = frenetic.EmbeddedSimulator().drive(road, DRIVER)
-    broken = evaluate(candidate, road, frenetic.Drive(drive.trajectory, error="it broke"))
+    broken = evaluate(
+        candidate, road, frenetic.Drive(drive.trajectory, trouble=Trouble("it broke"))
+    )
     assert (broken.outcome, broken.moobd, broken.trace) == (Outcome.ERROR, None, None)
     beyond = DummySimulator(lambda road: 4.0).drive(road, DRIVER)  # it goes on after it failed
     failed, time = evaluate(candidate, road, beyond), beyond.trajectory.time

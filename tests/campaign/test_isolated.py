@@ -58,6 +58,7 @@ from frenetic.errors import (
     IS_KILLED,
     DriverError,
     FreneticError,
+    Trouble,
 )
 from frenetic.outcome import Outcome
 from frenetic.registry import DRIVERS
@@ -131,7 +132,7 @@ def test_no_kernel_is_loaded_on_a_drivers_time() -> None:
     """The wall limit is for the driver alone, also in a fresh process."""
     driver = Delayed(LimitedView(Noisy(Watching())))
     with IsolatedSimulator(EmbeddedSimulator()) as apart:
-        assert apart.drive(Road([0.0] * 3), driver).error is None
+        assert apart.drive(Road([0.0] * 3), driver).trouble is None
 
 
 def test_conditions_reach_the_other_process() -> None:
@@ -184,7 +185,7 @@ def test_a_driver_that_breaks_its_process_costs_its_drive(marks: Marks) -> None:
         lost = "^the driver's process was lost: it ended with exit code 7$"
         with refused(lost, BrokenDriveError):
             simulator.drive(ROAD, FaultyDriver(Fault(leave, marks.folder)))
-        assert simulator.drive(ROAD, DummyDriver()).error is None
+        assert simulator.drive(ROAD, DummyDriver()).trouble is None
     until_gone(marks.pids())
     start = Fault(refuse_connection, marks.folder)
     simulator = IsolatedSimulator(FaultySimulator(marks.folder, start=start))
@@ -458,7 +459,7 @@ def test_a_process_that_is_killed_once_changes_no_result(
 def test_whose_a_lost_process_is_follows_from_what_is_foreign_in_it(
     simulator: Simulator, driver: Driver, loss: Loss, is_asked: bool, is_drivers: bool
 ) -> None:
-    error = LostWorkerError("it was lost", loss, is_drivers_turn=is_asked)
+    error = LostWorkerError(Trouble("it was lost"), loss, is_drivers_turn=is_asked)
     fault = Blame.of(simulator, driver).fault(error)
     assert (fault is not None) is is_drivers
 
@@ -506,7 +507,7 @@ def test_what_a_driver_starts_ends_with_its_process(marks: Marks, kind: str, lea
             with refused("it ended with exit code 7", BrokenDriveError):
                 simulator.drive(ROAD, driver)
             assert not any(is_running(pid) for pid in marks.pids())
-        assert simulator.drive(ROAD, driver).error is None
+        assert simulator.drive(ROAD, driver).trouble is None
     assert len(marks.pids()) == 1
     assert not any(is_running(pid) for pid in marks.pids())
 
@@ -526,7 +527,7 @@ def test_a_driver_that_cannot_be_copied_is_made_anew_by_its_name_or_drives_here(
     for driver in (named, Noisy(named)):
         with isolated(simulator, driver) as apart:
             assert isinstance(apart, IsolatedSimulator)
-            assert apart.drive(ROAD, driver).error is None
+            assert apart.drive(ROAD, driver).trouble is None
     assert isolated(simulator, Uncopied()) is simulator
     assert "nothing protects this process from the driver" in caplog.text
     with IsolatedSimulator(simulator) as apart, refused("be copied"):

@@ -25,6 +25,7 @@ from frenetic.campaign.loop import MAX_ERRORS_IN_A_ROW
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.repeat import SECOND_DRIVE
 from frenetic.campaign.workers import Workers
+from frenetic.errors import Trouble
 from frenetic.oracle import Result
 from frenetic.outcome import Outcome
 from frenetic.search import Candidate, Evaluation, Origin, SearchEnded, Strategy
@@ -139,7 +140,7 @@ class FakeWorkers:
         self.running.remove(number)
         if self.losses[number]:
             self.losses[number] -= 1
-            return Attempt.lost(number, "fake", 0.0, ASLEEP)
+            return Attempt.lost(number, "fake", 0.0, Trouble(ASLEEP))
         if number not in self.answered:
             self.answered.append(number)
         moobd = -1.0 / number if (outcome := self.outcome_of(number)).is_driven else None

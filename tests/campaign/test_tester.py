@@ -120,4 +120,5 @@ def test_a_simulator_that_raises_or_records_no_numbers_is_an_error_of_its_test()
     raised = "the simulator raised ConnectionError: lost the simulator"
     assert result.reason.startswith(f"{raised} ({here}:{fault.line}:")
     assert 'raise ConnectionError("lost the\\nsimulator")' in result.reason
-    assert "in break_down\n" in broken.traceback
+    assert broken.trouble is not None
+    assert "in break_down\n" in broken.trouble.traceback

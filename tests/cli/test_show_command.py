@@ -77,6 +77,7 @@ def test_nothing_failed_so_run_and_show_give_the_nearest_misses(
 
 UNRELIABLE = """
 from dataclasses import replace
+from frenetic.errors import Trouble
 from frenetic.testing import DummySimulator
 
 
@@ -91,7 +92,7 @@ class Unreliable(DummySimulator):
         self.drives += 1
         drive = super().drive(road, driver)
         is_broken = self.drives % self.every == 0
-        return replace(drive, error="no connection") if is_broken else drive
+        return replace(drive, trouble=Trouble("no connection")) if is_broken else drive
 """
 
 

@@ -39,7 +39,7 @@ def seen_on(
 ) -> list[Observation]:
     driver = Keeping()
     simulator = EmbeddedSimulator(start_offset=0.4, start_heading=-0.1)
-    assert simulator.drive(road, layer(driver)).error is None
+    assert simulator.drive(road, layer(driver)).trouble is None
     assert len(driver.seen) > 100
     return driver.seen[::20]
 

@@ -230,7 +230,11 @@ def test_pieces_of_a_road_are_its_arcs() -> None:
 
 def test_idm_refuses_other_simulators() -> None:
     drive = EmbeddedSimulator().drive(WINDING, MetaDriveIdm())
-    assert drive.error == "metadrive-idm drives in MetaDrive only: choose the simulator metadrive"
+    assert drive.trouble is not None
+    assert (
+        drive.trouble.reason
+        == "metadrive-idm drives in MetaDrive only: choose the simulator metadrive"
+    )
 
 
 class Compared:
@@ -265,7 +269,7 @@ def test_an_observation_has_what_the_expert_sees_in_metadrive(
     road = Road([*winding, 0.0, 0.0, 0.0])
     driver = Compared(simulator)
     drive = simulator.drive(road, driver)
-    assert drive.error is None, drive.error
+    assert drive.trouble is None, drive.trouble
     # The last piece of 40 m is described twice in MetaDrive: our road goes on.
     pairs = [(there, here) for distance, there, here in driver.pairs if distance < 115.0]
     assert len(pairs) > 200
@@ -303,8 +307,8 @@ class TestExpert(DriverContract):
 
 def test_layers_over_metadrives_drivers_are_refused(simulator: MetaDriveSimulator) -> None:
     drive = simulator.drive(WINDING, Noisy(MetaDriveIdm()))
-    assert drive.error is not None
-    assert "noise, delay and view do not reach it: leave them out" in drive.error
+    assert drive.trouble is not None
+    assert "noise, delay and view do not reach it: leave them out" in drive.trouble.reason
     assert judge(WINDING, drive).outcome is Outcome.ERROR
 
 

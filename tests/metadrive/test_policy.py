@@ -88,7 +88,7 @@ class TestPolicy(DriverContract):
 
 def rows(simulator: Simulator, driver: Driver, road: Road = WINDING) -> npt.NDArray[Any]:
     drive = simulator.drive(road, driver)
-    assert drive.error is None, drive.error
+    assert drive.trouble is None, drive.trouble
     return drive.trajectory.to_rows()
 
 
@@ -192,7 +192,7 @@ def test_a_file_that_holds_no_policy_is_refused_in_a_line(
 def test_a_network_of_other_sizes_drives(tmp_path: Path) -> None:
     network = small() | {name_of("fc_out", "bias"): np.array([0.0, 0.25])}
     drive = EmbeddedSimulator().drive(WINDING, policy(write_npz(tmp_path / "m.npz", network)))
-    assert drive.error is None
+    assert drive.trouble is None
     assert drive.trajectory.speed.max() > 3.0
 
 
@@ -201,5 +201,5 @@ def test_numbers_that_are_none_end_a_drive_with_their_reason(tmp_path: Path) -> 
     for layer in LAYERS:  # far too large where a number that it sees is not 0
         network[name_of(layer, "kernel")][:] = 1e308
     drive = EmbeddedSimulator().drive(WINDING, policy(write_npz(tmp_path / "m.npz", network)))
-    assert drive.error is not None
-    assert "m.npz: it gives inf" in drive.error
+    assert drive.trouble is not None
+    assert "m.npz: it gives inf" in drive.trouble.reason

@@ -17,7 +17,7 @@ import pytest
 from frenetic import Budget, EmbeddedSimulator, Planner, RandomSearch
 from frenetic.campaign import Campaign, CampaignStore
 from frenetic.drive import CarBody, Drive, Rules, Trajectory
-from frenetic.errors import FreneticError
+from frenetic.errors import FreneticError, Trouble
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.report import draw_drive, draw_gallery, draw_road
@@ -40,7 +40,7 @@ def drive_along(
     until: float | None = None,
     drift: float = 0.0,
     rules: Rules | None = None,
-    error: str | None = None,
+    trouble: Trouble | None = None,
     stand: float = 0.0,
 ) -> Drive:
     """A drive on the lane's centre at `speed` that drifts `drift` m to the left on its way.
@@ -58,11 +58,12 @@ def drive_along(
     rows[:, 2] = poses[:, 1] + offset * np.cos(poses[:, 2])
     rows[:, 3] = poses[:, 2]
     rows[:, 4] = speed
-    return Drive(Trajectory.from_rows(rows), CarBody(), rules or Rules(), error)
+    return Drive(Trajectory.from_rows(rows), CarBody(), rules or Rules(), trouble=trouble)
 
 
 SHORT = bends(0.0, 0.02, 0.0, step=10.5)
 HAIRPIN = bends(0, 0, 0, 0, 0.02, 0.06, 0.065, 0.06, 0.065, 0.03, 0, 0, 0, 0)
+RAISED = Trouble("It raised ValueError: $x_1")
 WINDING = Road(0.06 * np.sin(np.arange(26)), pose=Pose(60.0, 40.0, 0.4))
 LOOP = bends(*[0.1] * 30)  # goes around several times
 ROADS = {
@@ -158,25 +159,25 @@ def test_every_road_can_be_drawn(name: str, drift: float, tmp_path: Path) -> Non
     assert left_behind(tmp_path) == ["a.png", "a.svg"]
 
 
-def nothing(error: str | None) -> Drive:
+def nothing(trouble: Trouble | None) -> Drive:
     empty = np.empty((0, len(Trajectory.names())))
-    return Drive(Trajectory.from_rows(empty), error=error)
+    return Drive(Trajectory.from_rows(empty), trouble=trouble)
 
 
 def broken(k: int, x: float, y: float) -> Drive:
     """A drive whose records from `k` on lie at (x, y)."""
     table = drive_along(WINDING).trajectory.to_rows()
     table[k:, 1:3] = x, y
-    return Drive(Trajectory.from_rows(table), error="The simulator crashed")
+    return Drive(Trajectory.from_rows(table), trouble=Trouble("The simulator crashed"))
 
 
 TIMEOUT = Rules(timeout_base=1.0, timeout_speed=10.0)
 ENDS: dict[str, tuple[Drive, str]] = {
     "nothing": (nothing(None), "Drive: ERROR"),
-    "no start": (nothing("The simulator did not start"), "Drive: ERROR"),
+    "no start": (nothing(Trouble("The simulator did not start")), "Drive: ERROR"),
     "one record": (drive_along(WINDING, until=0.0), "Drive: ERROR"),
     "stopped": (drive_along(WINDING, until=60.0), "Drive: ERROR"),
-    "error": (drive_along(WINDING, until=60.0, error="It raised ValueError: $x_1"), "Drive: ERROR"),
+    "error": (drive_along(WINDING, until=60.0, trouble=RAISED), "Drive: ERROR"),
     "astray": (broken(100, 1e5, -1e5), "Drive: ERROR"),
     "far": (broken(100, 1e30, 1e30), "Drive: ERROR"),
     "not a number": (broken(100, np.nan, np.inf), "Drive: ERROR"),
@@ -251,7 +252,7 @@ def test_what_cannot_be_written_is_one_line(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("count", [1, 7, 20])
 def test_a_contact_sheet_shows_every_caption(count: int, tmp_path: Path) -> None:
-    drives = [drive_along(WINDING), drive_along(HAIRPIN, drift=-5.0), nothing("It broke")]
+    drives = [drive_along(WINDING), drive_along(HAIRPIN, drift=-5.0), nothing(Trouble("It broke"))]
     roads = [WINDING, HAIRPIN, WINDING]
     items = [(f"Test {k}", roads[k % 3], drives[k % 3]) for k in range(count)]
     draw_gallery(items, tmp_path / "a.svg", title="Failures")

@@ -77,7 +77,7 @@ def test_it_slows_down_for_bends_as_far_as_it_is_told(name: str) -> None:
         driver = DRIVERS.make(name, lateral=lateral)
         simulator = EmbeddedSimulator(rules=Rules(speed_limit=32.0), steering_lag=0.03)
         drive = simulator.drive(ROADS["left-hand circle"], driver)
-        assert drive.error is None, drive.error
+        assert drive.trouble is None, drive.trouble
         fastest[lateral] = drive.trajectory.speed[-1]
     assert fastest[1.0] == pytest.approx(math.sqrt(1.0 * 52.0), abs=0.5)
     assert fastest[100.0] == pytest.approx(32.0 / 3.6, abs=0.4)

@@ -7,9 +7,8 @@ import math
 import numpy as np
 
 from frenetic import Drive, Driver, DriveSetup, Road, Rules, Trajectory
-from frenetic.drive import Breakdown
 from frenetic.drivers.driver import blaming_driver, checked_controls
-from frenetic.errors import DriverError
+from frenetic.errors import DriverError, Trouble
 from frenetic.simulators import CarBody, Observer
 
 PERIOD = 0.05  # s
@@ -32,7 +31,7 @@ class Bicycle:
         (x, y), heading, speed = road.sample(1, -road.lane_width / 2)[0], road.pose.heading, 0.0
         steering = throttle = brake = 0.0
         rows: list[list[float]] = []
-        broke: Breakdown | None = None
+        trouble: Trouble | None = None
         try:
             with blaming_driver():
                 driver.reset(setup)
@@ -51,5 +50,5 @@ class Bicycle:
                     heading += PERIOD * speed * math.tan(steering) / setup.wheelbase
                     speed = max(speed + PERIOD * (4.0 * throttle - 9.0 * brake), 0.0)
         except DriverError as error:
-            broke = Breakdown.of(error)
-        return Drive.of(Trajectory.from_rows(np.array(rows)), self.car, self.rules, road, broke)
+            trouble = Trouble.of(error)
+        return Drive(Trajectory.from_rows(np.array(rows)), self.car, self.rules, road, trouble)

@@ -72,7 +72,7 @@ def compiled() -> None:
 
 
 def rows(drive: Drive) -> FloatArray:
-    assert drive.error is None
+    assert drive.trouble is None
     return drive.trajectory.to_rows()
 
 
@@ -402,11 +402,11 @@ def test_a_driver_that_breaks_fails_its_drive_only(kind: str) -> None:
     driver, text, records = BROKEN[kind]
     simulator = EmbeddedSimulator()
     drive = simulator.drive(STRAIGHT, driver)
-    assert drive.error is not None
-    assert re.fullmatch(f"the driver raised {text}", drive.error), drive.error
+    assert drive.trouble is not None
+    assert re.fullmatch(f"the driver raised {text}", drive.trouble.reason), drive.trouble.reason
     assert len(drive.trajectory) == records
     result = judge(STRAIGHT, drive)
-    assert (result.outcome, result.reason) == (Outcome.FAIL, drive.error)
+    assert (result.outcome, result.reason) == (Outcome.FAIL, drive.trouble.reason)
     assert result.fault is not None
     assert (result.fault.part, result.fault.kind) == ("driver", text.split(":")[0].rstrip(".*"))
     assert_clean(simulator)
@@ -415,12 +415,14 @@ def test_a_driver_that_breaks_fails_its_drive_only(kind: str) -> None:
 def test_what_a_driver_says_or_returns_is_its_error() -> None:
     simulator = EmbeddedSimulator()
     drive = simulator.drive(STRAIGHT, Doing(fail(DriverError("no model was found"))))
-    assert drive.error == "no model was found"
+    assert drive.trouble is not None
+    assert drive.trouble.reason == "no model was found"
     fault = judge(STRAIGHT, drive).fault
     assert fault is not None
     assert str(fault).startswith(f"raises DriverError at {Path(__file__).name}:")
     drive = simulator.drive(STRAIGHT, Doing(lambda: None))
-    assert drive.error == "the driver returned NoneType instead of frenetic.Controls"
+    assert drive.trouble is not None
+    assert drive.trouble.reason == "the driver returned NoneType instead of frenetic.Controls"
     assert judge(STRAIGHT, drive).fault == Fault("driver", GIVES_NO_CONTROLS)
 
 
@@ -443,22 +445,24 @@ def test_a_driver_that_loops_for_ever_is_ended(then: Callable[[], NoReturn], whe
         thread.join(60.0)
         assert not thread.is_alive()
     broken, following = drives
-    assert broken.error is not None
-    assert broken.error.startswith(
+    assert broken.trouble is not None
+    assert broken.trouble.reason.startswith(
         "the driver did not finish its drive within 0.3 s of wall time (it had driven 0."
     )
     result = judge(STRAIGHT, broken)
     assert (result.outcome, result.fault) == (Outcome.FAIL, Fault("driver", HANGS))
-    assert following.error is None
+    assert following.trouble is None
     assert_clean(EmbeddedSimulator())
 
 
 def test_a_driver_that_loops_for_ever_in_reset_is_ended() -> None:
     drive = EmbeddedSimulator(wall_limit=0.3).drive(STRAIGHT, EndlessInReset())
-    assert drive.error is not None
-    assert "within 0.3 s of wall time (it had driven 0.0 s, and was at " in drive.error
-    assert re.search(rf" at {Path(__file__).name}:[0-9]+: (while True:|pass)\)$", drive.error)
-    assert "in spin\n" in drive.traceback
+    assert drive.trouble is not None
+    assert "within 0.3 s of wall time (it had driven 0.0 s, and was at " in drive.trouble.reason
+    assert re.search(
+        rf" at {Path(__file__).name}:[0-9]+: (while True:|pass)\)$", drive.trouble.reason
+    )
+    assert "in spin\n" in drive.trouble.traceback
     assert len(drive.trajectory) == 0
 
 

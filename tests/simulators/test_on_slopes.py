@@ -77,7 +77,7 @@ def straight(length: float = 300.0, **slopes: Any) -> Road:
 
 def driven(road: Road, car: Vehicle = FREE, **controls: float) -> Trajectory:
     drive = EmbeddedSimulator(vehicle=car, rules=LEAST).drive(road, DummyDriver(**controls))
-    assert drive.error is None
+    assert drive.trouble is None
     return drive.trajectory
 
 
@@ -336,7 +336,7 @@ def test_the_grip_limit_of_a_banked_circle(bank: float) -> None:
     for share, leaves in ((0.92, False), (1.03, True)):
         speed = share * math.sqrt(limit * GRAVITY * RADIUS)
         drive = simulator.drive(road, Rounding(speed))
-        assert drive.error is None
+        assert drive.trouble is None
         t = drive.trajectory
         off = np.abs(road.track(np.column_stack([t.x, t.y]))[:, 1] + 2.0).max()
         assert (off > 2.0) == leaves, (share, off, t.speed.max(), speed)
@@ -408,7 +408,7 @@ def test_a_driver_sees_the_slopes_ahead() -> None:
 
     for road in (WINDING, Road([0.0] * 6)):
         driver = Looking()
-        assert EmbeddedSimulator().drive(road, driver).error is None
+        assert EmbeddedSimulator().drive(road, driver).trouble is None
         places = driver.at + driver.lane.distances
         for found, slope in (
             (driver.lane.grades, road.grade),

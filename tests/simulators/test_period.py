@@ -78,7 +78,7 @@ def test_the_period_of_the_simulator_changes_nothing() -> None:
 def test_a_layer_has_the_period_of_its_driver() -> None:
     driver = Own(0.02)
     drive = EmbeddedSimulator().drive(WINDING, Noisy(driver, offset=0.2))
-    assert drive.error is None
+    assert drive.trouble is None
     assert (driver.told, driver.seen[1].time) == pytest.approx((0.02, 0.02))
 
 
@@ -102,6 +102,6 @@ def test_what_cannot_be_kept_is_refused_before_a_drive(
     with pytest.raises(DriverError, match=message):
         check_pair(simulator, driver)
     if isinstance(simulator, EmbeddedSimulator):
-        error = simulator.drive(WINDING, driver).error
-        assert error is not None
-        assert message in error
+        trouble = simulator.drive(WINDING, driver).trouble
+        assert trouble is not None
+        assert message in trouble.reason

@@ -191,9 +191,9 @@ MUTANTS: dict[str, tuple[tuple[tuple[str, str], ...], Mapping[str, str]]] = {
         seen(x="o.x + 0.3"),
         {"driver_sees_its_car_on_the_road": "the driver sees x = "},
     ),
-    "drivers that raise leave no error": (
-        (("broke = Breakdown.of(error)", "pass"),),
-        {"broken_driver_leaves_the_next_drive_clean": "raised, but the drive has no error"},
+    "drivers that raise leave no trouble": (
+        (("trouble = Trouble.of(error)", "pass"),),
+        {"broken_driver_leaves_the_next_drive_clean": "raised, but the drive has no trouble"},
     ),
     "drives never end by the rules": (
         ((END, END.replace("if not ", "").replace(":\n                        break", "")),),

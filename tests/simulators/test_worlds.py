@@ -127,5 +127,5 @@ def test_the_table_of_quantities_is_true() -> None:
             simulator = EmbeddedSimulator()
             with in_conditions({name: value}, simulator, driver) as there:
                 drive = simulator.drive(SHORT, there)
-            assert drive.error is None
+            assert drive.trouble is None
             assert np.isfinite(drive.trajectory.to_rows()).all()

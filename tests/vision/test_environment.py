@@ -105,7 +105,7 @@ def test_vector_says_what_the_driver_sees() -> None:
         return keeps_lane(8.0)(vector)
 
     for driver in (Watched(policy), LimitedView(Watched(policy), distance=21.0)):
-        assert EmbeddedSimulator().drive(ROADS[0], driver).error is None
+        assert EmbeddedSimulator().drive(ROADS[0], driver).trouble is None
     assert all(abs(vector).max() <= 1.0 for vector in seen)
 
 
@@ -247,7 +247,7 @@ def test_steps_that_cannot_be_taken() -> None:
     with pytest.raises(ValueError, match="shape"):
         env.step(np.zeros(3, np.float32))
     drive = EmbeddedSimulator().drive(ROADS[0], PolicyDriver(lambda _: [0.0, float("nan")]))
-    assert "two finite numbers" in str(drive.error)
+    assert "two finite numbers" in str(drive.trouble)
     while not env.step(np.zeros(2, np.float32))[2]:
         pass
     with pytest.raises(gymnasium.error.ResetNeeded):

@@ -189,7 +189,8 @@ def test_what_is_no_camera_is_the_drivers_error() -> None:
     driver: Any = Watching("a webcam")  # type: ignore[arg-type]
     with EmbeddedSimulator() as simulator:
         drive = simulator.drive(BENDS, driver)
-    assert drive.error == "the driver's camera is 'a webcam': a frenetic.Camera is needed"
+    assert drive.trouble is not None
+    assert drive.trouble.reason == "the driver's camera is 'a webcam': a frenetic.Camera is needed"
 
 
 # Layers

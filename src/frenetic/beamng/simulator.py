@@ -14,11 +14,11 @@ from msgspec import Meta
 
 from frenetic._support.bounds import Count, Finite, Positive, Text, check
 from frenetic.beamng.link import STEPS_PER_SECOND, BeamngError, CarState, Link, place_of
-from frenetic.drive import Breakdown, CarBody, Drive, Rules, Trajectory
+from frenetic.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.drivers import BeamngAi, Driver, DriveSetup
 from frenetic.drivers.camera import Image
 from frenetic.drivers.driver import camera_of, check_other_world, under_layers
-from frenetic.errors import DriverError
+from frenetic.errors import DriverError, Trouble
 from frenetic.road import Pose, Road
 from frenetic.road.geometry import project_near, reach_of
 from frenetic.simulators.capabilities import check_road
@@ -252,9 +252,8 @@ class BeamngSimulator:
         try:
             by_ai = self._drives_itself(driver)
         except DriverError as error:
-            empty = Trajectory.empty()
-            breakdown = Breakdown.of(error, part="simulator")
-            return Drive.of(empty, self.car, self.rules, road, breakdown)
+            trouble = Trouble.of(error, "simulator")
+            return Drive(Trajectory.empty(), self.car, self.rules, road, trouble)
         if self._is_worn:
             self._leave()
             self._connect()

@@ -59,8 +59,8 @@ def run_all(
                     try:
                         messages = worker.receive()
                     except LostWorkerError as error:
-                        logger.debug("%s: %s\n%s", run.name, error.reason, error.traceback)
-                        messages = [RunState(run, None, error.reason)]
+                        logger.debug("%s: %s\n%s", run.name, error, error.trouble.traceback)
+                        messages = [RunState(run, None, str(error))]
                     for message in filter(None, messages):
                         if isinstance(message, _Progress):
                             yield run, Summary(**asdict(message))

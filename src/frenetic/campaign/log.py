@@ -162,7 +162,8 @@ class CampaignLog:
 
 def _traced(attempt: Attempt) -> dict[str, JSONValue]:
     """The field of a line for a traceback, if there is one."""
-    return {"traceback": attempt.traceback} if attempt.traceback else {}
+    trace = "" if attempt.trouble is None else attempt.trouble.traceback
+    return {"traceback": trace} if trace else {}
 
 
 def told_in_log(folder: Path) -> int:

@@ -23,7 +23,7 @@ from frenetic._support.outside_text import read_json
 from frenetic.campaign.trajectory_codec import decode, encode, rounded
 from frenetic.domain import Domain
 from frenetic.drive import CarBody, Drive, Rules, Trajectory
-from frenetic.errors import IS_KILLED, CampaignError, Fault
+from frenetic.errors import IS_KILLED, CampaignError, Trouble
 from frenetic.oracle import Finding, Result, broken
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
@@ -57,8 +57,8 @@ class Attempt:
     """Wall time that it took, in s."""
     driver_seconds: float = field(default=0.0, compare=False)
     """That in the driver's own code, in s; not stored."""
-    traceback: str = ""
-    """Traceback of the simulator's or driver's error, if known."""
+    trouble: Trouble | None = None
+    """What broke in the driver, the simulator or the worker; None if nothing did."""
     budget_spent: Share | None = None
     """Spent share of the budget, as whoever drives tells it; None if the campaign counts."""
 
@@ -70,23 +70,15 @@ class Attempt:
         return cls(candidate_id, Result(outcome, reason), pose)
 
     @classmethod
-    def lost(
-        cls,
-        candidate_id: int,
-        worker: str,
-        seconds: float,
-        reason: str,
-        traceback: str = "",
-        fault: Fault | None = None,
-    ) -> Self:
-        """The attempt of a worker that was lost after the given s, which may be a fault."""
+    def lost(cls, candidate_id: int, worker: str, seconds: float, trouble: Trouble) -> Self:
+        """Return the attempt of a worker that was lost after the given s."""
         return cls(
             candidate_id,
-            broken(reason, fault),
+            broken(trouble),
             worker_lost=True,
             worker=worker,
             seconds=seconds,
-            traceback=traceback,
+            trouble=trouble,
         )
 
     @property
@@ -231,9 +223,8 @@ class Test(Shown):
             self.trajectory,
             setting.car,
             rules_in(self.candidate.conditions, setting.rules),
-            self.reason if broke else None,
-            fault=fault,
-            road=self.road,
+            self.road,
+            Trouble(self.reason, fault=fault) if broke else None,
         )
 
     def __repr__(self) -> str:

@@ -16,7 +16,7 @@ from frenetic._support.scalars import take_numpy_scalars
 from frenetic.campaign.record import Attempt, Setting
 from frenetic.drive import Drive, Trajectory
 from frenetic.drivers.driver import Driver
-from frenetic.errors import Fault, RoadError
+from frenetic.errors import RoadError, Trouble
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.road import MAP_SIZE, MARGIN, Pose, Road, Verdict, check_validity
@@ -127,7 +127,7 @@ class RoadTester:
             road.pose,
             trajectory,
             simulator_broke=broke,
-            traceback=drive.traceback,
+            trouble=drive.trouble,
             driver_seconds=drive.driver_seconds,
         )
 
@@ -138,17 +138,16 @@ class RoadTester:
             with one_process():
                 drive = self.simulator.drive(road, driver)
         except BrokenDriveError as error:
-            broke, drive = True, self._broken(str(error), error.traceback, error.fault)
+            broke, drive = True, self._broken(error.trouble)
         except Exception as error:
-            broke, drive = True, self._broken(*raised(error, driver))
-        if drive.traceback:
-            logger.debug("%s\n%s", drive.error, drive.traceback)
+            broke, drive = True, self._broken(raised(error, driver))
+        if (trouble := drive.trouble) is not None and trouble.traceback:
+            logger.debug("%s\n%s", trouble.reason, trouble.traceback)
         return drive, broke
 
-    def _broken(self, reason: str, traceback: str, fault: Fault | None) -> Drive:
+    def _broken(self, trouble: Trouble) -> Drive:
         simulator = self.simulator
-        empty = Trajectory.empty()
-        return Drive(empty, simulator.car, simulator.rules, reason, traceback, fault)
+        return Drive(Trajectory.empty(), simulator.car, simulator.rules, trouble=trouble)
 
 
 def _refused(candidate_id: int, reason: str, pose: Pose | None = None) -> Attempt:

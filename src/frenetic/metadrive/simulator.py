@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
 
 from frenetic._support.bounds import Positive, check
 from frenetic._support.words import pip_install
-from frenetic.drive import Breakdown, Drive, Rules, Trajectory
+from frenetic.drive import Drive, Rules, Trajectory
 from frenetic.drivers.camera import Camera, Image
 from frenetic.drivers.driver import (
     Controls,
@@ -20,7 +20,7 @@ from frenetic.drivers.driver import (
     camera_of,
     check_other_world,
 )
-from frenetic.errors import DriverError, FreneticError, describe_error
+from frenetic.errors import DriverError, FreneticError, Trouble, describe_error
 from frenetic.metadrive.car import PHYSICS_STEP, VEHICLE, Decision
 from frenetic.metadrive.drawing import check_drawing, drawn_region
 from frenetic.metadrive.drivers import PolicySimulator, metadrive_driver
@@ -176,9 +176,9 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
         world = self._world_for(road, camera_of(driver))
         try:
             own = metadrive_driver(driver)
-        except DriverError as trouble:
-            path, breakdown = Trajectory.empty(), Breakdown.of(trouble, part="simulator")
-            return Drive.of(path, self.car, self.rules, road, breakdown)
+        except DriverError as error:
+            trouble = Trouble.of(error, "simulator")
+            return Drive(Trajectory.empty(), self.car, self.rules, road, trouble)
         world.load(
             road,
             friction=self.friction,

@@ -11,7 +11,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 
 from frenetic import worker
-from frenetic.drive import Breakdown, CarBody, Drive, Rules, Trajectory
+from frenetic.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.drivers.camera import Image
 from frenetic.drivers.driver import (
     Driver,
@@ -21,7 +21,7 @@ from frenetic.drivers.driver import (
     checked_controls,
     period_of,
 )
-from frenetic.errors import HANGS, DriverError, Fault, FreneticError, traceback_of
+from frenetic.errors import HANGS, DriverError, Fault, FreneticError, Trouble, traceback_of
 from frenetic.road import Road
 from frenetic.simulators.observing import Observer
 from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
@@ -80,7 +80,7 @@ def follow(
     observer = Observer(road, rules, body, most)
     rows: list[list[float]] = []
     waits = False  # for the driver
-    breakdown: Breakdown | None = None
+    trouble: Trouble | None = None
     driver_seconds = 0.0
 
     turn = worker.turn
@@ -153,10 +153,10 @@ def follow(
             f"the driver did not finish its drive within {limit:g} s of wall time"
             f" (it had driven {at:.1f} s{error.place})"
         )
-        breakdown = Breakdown(text, traceback_of(error), Fault("driver", HANGS))
+        trouble = Trouble(text, traceback_of(error), Fault("driver", HANGS))
     except DriverError as error:
-        breakdown = Breakdown.of(error)
+        trouble = Trouble.of(error)
     finally:
         worker.turn.value = False
     path = Trajectory.from_rows(np.array(rows).reshape(-1, len(Trajectory.names())))
-    return Drive.of(path, body, rules, road, breakdown, driver_seconds)
+    return Drive(path, body, rules, road, trouble, driver_seconds)

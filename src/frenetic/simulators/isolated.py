@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import TracebackType
 from typing import Any, Final, Literal, Self
 
-from frenetic.drive import Breakdown, CarBody, Drive, Rules, Trajectory
+from frenetic.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.drivers.driver import Driver, is_of_driver, stack_of, under_layers
 from frenetic.errors import (
     BREAKS_PROTOCOL,
@@ -17,8 +17,8 @@ from frenetic.errors import (
     CampaignError,
     Fault,
     FreneticError,
+    Trouble,
     describe_raised,
-    traceback_of,
 )
 from frenetic.quantities import attributes
 from frenetic.recipe import Named
@@ -44,29 +44,16 @@ logger = logging.getLogger(__name__)
 class BrokenDriveError(FreneticError):
     """A drive in which the simulator or its process broke; the message says who did what."""
 
-    def __init__(self, reason: str, traceback: str = "", fault: Fault | None = None) -> None:
-        super().__init__(reason)
-        self.traceback = traceback
-        self.fault = fault
-
-    @classmethod
-    def of(cls, error: LostWorkerError, fault: Fault | None = None) -> Self:
-        """The drive that ended with its process.
-
-        Args:
-            error: how the process was lost.
-            fault: the driver's, if it lost the process.
-        """
-        reason = error.reason if error.traceback else lost_process(error)
-        return cls(reason, error.traceback, fault)
+    def __init__(self, trouble: Trouble) -> None:
+        super().__init__(trouble.reason)
+        self.trouble = trouble
 
 
-def raised(error: BaseException, driver: Driver) -> Breakdown:
-    """The breakdown that an error in a simulator's ``drive`` tells of, possibly the driver's."""
+def raised(error: BaseException, driver: Driver) -> Trouble:
+    """Return the trouble that an error in a simulator's ``drive`` makes, possibly the driver's."""
     part: Literal["driver", "simulator"]
     part = "driver" if is_of_driver(error, driver) else "simulator"
-    text = f"the {part} raised {describe_raised(error)}"
-    return Breakdown(text, traceback_of(error), Fault.of(part, error))
+    return Trouble.of(error, part, f"the {part} raised {describe_raised(error)}")
 
 
 @dataclass(frozen=True)
@@ -103,10 +90,18 @@ def _is_ours(part: object) -> bool:
     return not isinstance(part, Named) and type(part).__module__.partition(".")[0] == "frenetic"
 
 
-def lost_process(error: LostWorkerError) -> str:
-    """Reason of a drive whose process was lost."""
+def lost_process(error: LostWorkerError, fault: Fault | None = None) -> Trouble:
+    """Return the trouble of a drive whose process was lost.
+
+    Args:
+        error: how the process was lost.
+        fault: the driver's, if the driver lost the process.
+    """
+    if error.trouble.traceback:
+        return replace(error.trouble, fault=fault)
     doubt = ", by itself or by the system, as where memory is short"
-    return f"the driver's process was lost: {error.reason}{doubt * (error.loss is Loss.KILLED)}"
+    loss = f"the driver's process was lost: {error}{doubt * (error.loss is Loss.KILLED)}"
+    return Trouble(loss, fault=fault)
 
 
 def isolated(simulator: Simulator, driver: Driver, drive_limit: float | None = None) -> Simulator:
@@ -183,7 +178,7 @@ class IsolatedSimulator:
             car: CarBody = self._worker.answer()
         except LostWorkerError as error:
             self._kill()
-            raise BrokenDriveError.of(error) from None
+            raise BrokenDriveError(lost_process(error)) from None
         except BaseException:
             self._kill()
             raise
@@ -203,7 +198,7 @@ class IsolatedSimulator:
             try:
                 worker.close()
             except LostWorkerError as lost:
-                raise BrokenDriveError.of(lost) from None
+                raise BrokenDriveError(lost_process(lost)) from None
 
     def drive(self, road: Road, driver: Driver) -> Drive:
         """One drive of the driver along the road.
@@ -231,9 +226,9 @@ class IsolatedSimulator:
         except LostWorkerError as error:
             self._kill()
             fault = Blame.of(self.simulator_inside, driver).fault(error)
-            raise BrokenDriveError.of(error, fault) from None
+            raise BrokenDriveError(lost_process(error, fault)) from None
         if answer.trajectory is None:
-            raise BrokenDriveError(answer.error or "", answer.traceback, answer.fault)
+            raise BrokenDriveError(answer.trouble or Trouble("the drive has no record"))
         return answer.drive(answer.trajectory, road)
 
     def _kill(self) -> None:
@@ -249,9 +244,7 @@ class _DriveAnswer:
     trajectory: Trajectory | None = None
     car: CarBody = field(default_factory=CarBody)
     rules: Rules = field(default_factory=Rules)
-    error: str | None = None
-    traceback: str = ""
-    fault: Fault | None = None
+    trouble: Trouble | None = None
     has_road: bool = False
     driver_seconds: float = 0.0
 
@@ -262,9 +255,7 @@ class _DriveAnswer:
             trajectory=drive.trajectory,
             car=drive.car,
             rules=drive.rules,
-            error=drive.error,
-            traceback=drive.traceback,
-            fault=drive.fault,
+            trouble=drive.trouble,
             has_road=drive.road is not None,
             driver_seconds=drive.driver_seconds,
         )
@@ -275,10 +266,8 @@ class _DriveAnswer:
             trajectory,
             self.car,
             self.rules,
-            self.error,
-            self.traceback,
-            self.fault,
             road if self.has_road else None,
+            self.trouble,
             self.driver_seconds,
         )
 
@@ -310,8 +299,7 @@ class _Held:
             if not isinstance(drive, Drive):
                 raise TypeError(f"drive returned {type(drive).__name__} instead of a Drive")
         except BaseException as error:  # a SystemExit, say
-            text, trace, fault = raised(error, self._driver)
-            return _DriveAnswer(error=text, traceback=trace, fault=fault)
+            return _DriveAnswer(trouble=raised(error, self._driver))
         return _DriveAnswer.of(drive)
 
     def close(self) -> None:

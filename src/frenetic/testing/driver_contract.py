@@ -35,7 +35,7 @@ class DriverContract:
         """A straight road is no challenge."""
         road = Road(np.zeros(11))
         drive = EmbeddedSimulator().drive(road, self.make())
-        assert drive.error is None, drive.error
+        assert drive.trouble is None, drive.trouble
         result = judge(road, drive)
         assert result.outcome is Outcome.PASS, result.reason
 
@@ -58,4 +58,4 @@ class DriverContract:
         """Every answer is `Controls` of finite numbers; simulators cut pedals to 0..1."""
         road = Road(np.array([0.0, 0.03, 0.0, -0.03, 0.0]))
         drive = EmbeddedSimulator().drive(road, self.make())
-        assert drive.error is None, drive.error
+        assert drive.trouble is None, drive.trouble

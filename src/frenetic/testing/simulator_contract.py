@@ -98,7 +98,7 @@ class SimulatorContract:
         """One drive in a fresh simulator, without an error."""
         with self.make(rules or Rules()) as simulator:
             drive = self.drive_in(simulator, road, driver or self.driver())
-        assert drive.error is None, drive.error
+        assert drive.trouble is None, drive.trouble
         assert len(drive.trajectory) > 1, "the drive has fewer than two records"
         return drive
 
@@ -210,13 +210,14 @@ class SimulatorContract:
         with self.make(Rules()) as simulator:
             broken = self.drive_in(simulator, road, Watch(DummyDriver(throttle=0.3), breaking))
             if self.asks_driver:
-                assert broken.error is not None, "a driver raised, but the drive has no error"
-                assert BROKEN in broken.error, f"the error does not say why: {broken.error}"
+                assert broken.trouble is not None, "a driver raised, but the drive has no trouble"
+                text = broken.trouble.reason
+                assert BROKEN in text, f"the trouble does not say why: {text}"
                 fault = judge(road, broken).fault
-                assert fault is not None, "the drive does not say whose fault its error is"
-                assert fault.part == "driver", f"the error is blamed on the {fault.part}"
+                assert fault is not None, "the drive does not say whose fault its trouble is"
+                assert fault.part == "driver", f"the trouble is blamed on the {fault.part}"
             else:
-                assert broken.error is None, broken.error
+                assert broken.trouble is None, broken.trouble
             after = self.drive_in(simulator, road, self.driver())
         self._assert_alike(clean, after)
 
@@ -238,7 +239,7 @@ class SimulatorContract:
                 )
                 driven = replace(road, lane_width=lane_width, speed_limits=np.array(road_limits))
                 drive = self.drive_in(simulator, driven, watch)
-                assert drive.error is None, drive.error
+                assert drive.trouble is None, drive.trouble
                 setup = watch.setups[-1]
                 _assert_told(setup, "lane_width", lane_width)
                 _assert_told(setup, "speed_limit", speed_limit / 3.6)

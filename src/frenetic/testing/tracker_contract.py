@@ -48,7 +48,7 @@ class TrackerContract(DriverContract):
         road = ROADS[name]
         with self.simulator() as simulator:
             drive = simulator.drive(road, self.make())
-        assert drive.error is None, drive.error
+        assert drive.trouble is None, drive.trouble
         seen, path = assess(road, drive), drive.trajectory
         worst = int(np.abs(seen.lateral_offset).argmax())
         offset, steering = seen.lateral_offset[worst], path.steering[worst]

@@ -140,8 +140,8 @@ class Fit:
         """
         found = []
         for one, drive in self.drives(places, drives):
-            if drive.error is not None:
-                raise FreneticError(f"the driver broke: {drive.error}")
+            if drive.trouble is not None:
+                raise FreneticError(f"the driver broke: {drive.trouble.reason}")
             own = states_of(drive, assess(one.road, drive, has_shares=False))
             m = one.states.shape[1]
             k = min(m, own.shape[1])

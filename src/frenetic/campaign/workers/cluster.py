@@ -32,7 +32,7 @@ from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers.local import Seat, lost_attempt
 from frenetic.campaign.workers.workers import Workers
-from frenetic.errors import CampaignError, FreneticError, describe_error, reason_of
+from frenetic.errors import CampaignError, FreneticError, Trouble, describe_error, reason_of
 from frenetic.recipe import Guest, Named
 from frenetic.registry import USER_MODULE, user_files
 from frenetic.search.records import Candidate
@@ -162,7 +162,7 @@ class ClusterWorkers(Workers):
             self._require_connection()
             seconds = time.monotonic() - since
             loss = f"its worker was lost: {reason_of(error)}"
-            attempt = Attempt.lost(number, "the cluster", seconds, loss)
+            attempt = Attempt.lost(number, "the cluster", seconds, Trouble(loss))
         if attempt.worker_lost:
             fields: dict[str, Any] = {
                 "worker": attempt.worker,

@@ -13,7 +13,7 @@ from frenetic._support.json_value import JSONValue
 from frenetic.campaign.log import CampaignLog, LogEvent
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import RoadTester
-from frenetic.errors import CampaignError, Fault, describe_error
+from frenetic.errors import CampaignError, Fault, Trouble, describe_error
 from frenetic.search.records import Candidate
 from frenetic.simulators.capabilities import capabilities
 from frenetic.simulators.isolated import Blame, lost_process
@@ -75,8 +75,10 @@ def lost_attempt(
         fault: the driver's, if it lost the worker.
         seconds: wall time until then.
     """
-    loss = f"{worker} was lost: {error.reason}" if fault is None else lost_process(error)
-    return Attempt.lost(number, worker, seconds, loss, error.traceback, fault)
+    trouble = lost_process(error, fault)
+    if fault is None:
+        trouble = Trouble(f"{worker} was lost: {error}", error.trouble.traceback)
+    return Attempt.lost(number, worker, seconds, trouble)
 
 
 class LocalWorkers:
@@ -178,9 +180,8 @@ class LocalWorkers:
         self._log.write(LogEvent.WORKER_STARTED, f"{name} started", worker=name)
 
     def _answered(self, seat: _Seat, attempt: Attempt) -> Attempt:
-        if attempt.traceback:
-            text = "%s: %s\n%s"
-            logger.debug(text, seat.worker.name, attempt.result.reason, attempt.traceback)
+        if (trouble := attempt.trouble) is not None and trouble.traceback:
+            logger.debug("%s: %s\n%s", seat.worker.name, trouble.reason, trouble.traceback)
         seat.candidates.popleft()
         seat.pace = attempt.seconds
         return replace(attempt, worker=seat.worker.name)
@@ -201,8 +202,8 @@ class LocalWorkers:
             for seat in self._seats:
                 if error is None and seat.is_ready:
                     seat.worker.close()
-        except LostWorkerError as trouble:  # what was driven stands
-            logger.warning("a simulator did not end well: %s", trouble.reason)
+        except LostWorkerError as loss:  # what was driven stands
+            logger.warning("a simulator did not end well: %s", loss)
         finally:  # also if Ctrl-C is pressed meanwhile
             for seat in self._seats:
                 seat.worker.kill()
@@ -223,19 +224,19 @@ class LocalWorkers:
 
     def _lost(self, seat: _Seat, error: LostWorkerError) -> list[Attempt]:
         """Replaces a worker; returns the lost attempt."""
-        if error.traceback:
-            logger.debug("%s: %s\n%s", seat.worker.name, error.reason, error.traceback)
+        if trace := error.trouble.traceback:
+            logger.debug("%s: %s\n%s", seat.worker.name, error, trace)
             if not seat.has_started:
                 seat.failed_starts = STARTS  # that would not change
         attempts = []
         if seat.is_ready and seat.candidates:
             lost = seat.candidates.popleft().id
-            self._note_loss(seat, error.reason, test=lost)
+            self._note_loss(seat, str(error), test=lost)
             seconds = time.monotonic() - seat.worker.since
             fault = self._blame.fault(error)
             attempts.append(lost_attempt(lost, seat.worker.name, error, fault, seconds))
         else:
-            self._note_loss(seat, error.reason)
+            self._note_loss(seat, str(error))
             seat.failed_starts += 1
         self._replace(seat)
         return attempts

@@ -10,7 +10,7 @@ from typing import Any, Final, Protocol, Self
 
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import RoadTester
-from frenetic.errors import CampaignError, reason_of, traceback_of
+from frenetic.errors import CampaignError, Trouble, reason_of, traceback_of
 from frenetic.search.records import Candidate
 
 
@@ -103,8 +103,8 @@ class InProcessWorker(Workers):
         except BaseException as error:
             logger.debug("the simulator broke", exc_info=True)
             seconds = time.perf_counter() - start
-            reason, trace = reason_of(error), traceback_of(error)
-            attempt = Attempt.lost(candidate.id, NAME, seconds, reason, trace)
+            trouble = Trouble(reason_of(error), traceback_of(error))
+            attempt = Attempt.lost(candidate.id, NAME, seconds, trouble)
         if attempt.simulator_broke or attempt.worker_lost:
             self.__exit__(None, None, None)
         self._task = None
@@ -125,8 +125,8 @@ class InProcessWorker(Workers):
             self._started = False
             try:
                 self._tester.simulator.__exit__(*raised)
-            except Exception as trouble:  # what it has driven stands
-                logger.warning("the simulator did not end well: %s", reason_of(trouble))
+            except Exception as error:  # what it has driven stands
+                logger.warning("the simulator did not end well: %s", reason_of(error))
 
     def _start(self) -> None:
         if not self._started:

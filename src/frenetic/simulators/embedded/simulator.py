@@ -19,7 +19,7 @@ from frenetic._support.bounds import Positive, check
 from frenetic._support.compiled import cache_folder
 from frenetic._support.entry_points import imported, installed
 from frenetic._support.kernel_cache import VARIABLE
-from frenetic.drive import Breakdown, Drive, Rules, Trajectory
+from frenetic.drive import Drive, Rules, Trajectory
 from frenetic.drivers import Planner
 from frenetic.drivers.camera import RENDERERS, Camera, Image, Renderer, Scene
 from frenetic.drivers.driver import (
@@ -33,7 +33,7 @@ from frenetic.drivers.driver import (
 )
 from frenetic.drivers.laws import setup_array
 from frenetic.drivers.layers import Noisy, compiled_form
-from frenetic.errors import DriverError
+from frenetic.errors import DriverError, Trouble
 from frenetic.oracle import judge, rules_array
 from frenetic.outcome import Outcome
 from frenetic.road import Road
@@ -234,7 +234,7 @@ class EmbeddedSimulator(StartingPlace, Ready):
             weather,
             limits,
         )
-        return Drive.of(Trajectory(*room[:, :n]), self.car, self.rules, road)
+        return Drive(Trajectory(*room[:, :n]), self.car, self.rules, road)
 
     def _drive_python(self, road: Road, driver: Driver, setup: DriveSetup) -> Drive:
         """The compiled rollout's loop with calls of the driver in between."""
@@ -245,7 +245,7 @@ class EmbeddedSimulator(StartingPlace, Ready):
             camera = camera_of(driver)
             renderer = None if camera is None else _renderer(road, camera, scene_of(driver))
         except DriverError as error:
-            return Drive.of(Trajectory.empty(), self.car, self.rules, road, Breakdown.of(error))
+            return Drive(Trajectory.empty(), self.car, self.rules, road, Trouble.of(error))
         if renderer is not None:
             renderer.draw(*road.pose)  # likewise
         car = _Car(self._start(road), *self._conditions(road), road, renderer)
