@@ -113,16 +113,15 @@ def make_campaign(folder: Path, tests: int) -> None:
             simulations += outcome is not Outcome.INVALID
             failures += outcome is Outcome.FAIL
             elapsed = number * SECONDS_PER_TEST
-            store.told(
-                Test(
-                    candidate=candidate,
-                    attempt=replace(attempt, candidate_id=number),
-                    told=number,
-                    budget_spent=budget.spent(simulations, elapsed, failures),
-                    elapsed=elapsed,
-                    finished_at=present_moment(),
-                )
+            test = Test.of(
+                candidate,
+                attempt,
+                told=number,
+                budget_spent=budget.spent(simulations, elapsed, failures),
+                elapsed=elapsed,
+                finished_at=present_moment(),
             )
+            store.told(test, attempt.packed)
         seconds = tests * SECONDS_PER_TEST
         store.finish(seconds=seconds, interrupted=False, budget=asdict(budget))
     seconds = time.perf_counter() - start

@@ -35,7 +35,6 @@ from pytest_benchmark.fixture import BenchmarkFixture
 from steady import Steady
 
 from frenetic.campaign import Budget, Campaign, CampaignStore, Test
-from frenetic.campaign.record import Attempt
 from frenetic.drivers import Planner
 from frenetic.oracle import Result, judge
 from frenetic.outcome import Outcome
@@ -200,9 +199,15 @@ def test_store(benchmark: BenchmarkFixture, tmp_path: Path) -> None:
 
 
 def record(driven: Driven, candidate: Candidate, number: int) -> Test:
-    trajectory = driven.drive.trajectory
-    attempt = Attempt(number, driven.result, driven.road.pose, trajectory, seconds=0.001)
-    return Test(candidate=candidate, attempt=attempt, told=number, budget_spent=0.5)
+    return Test(
+        candidate=candidate,
+        result=driven.result,
+        pose=driven.road.pose,
+        trajectory=driven.drive.trajectory,
+        told=number,
+        budget_spent=0.5,
+        seconds=0.001,
+    )
 
 
 @pytest.mark.parametrize("suffix", [".png", ".svg"])

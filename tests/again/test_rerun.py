@@ -107,7 +107,7 @@ def test_a_campaign_driven_again_ends_bit_for_bit_alike(campaign: Path, workers:
     assert len(tests) == run.planned == 60
     for drive, test in zip(run.drives, tests, strict=True):
         assert drive.test.result == test.result, "outcome, MOOBD and departure among them"
-        assert drive.test.attempt.pose == test.attempt.pose
+        assert drive.test.pose == test.pose
         assert drive.is_same
     failed = [drive for drive in run.drives if drive.outcome is Outcome.FAIL]
     assert {drive.difference for drive in failed} == {0.0}

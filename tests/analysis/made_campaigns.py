@@ -12,7 +12,6 @@ from frenetic._support.json_value import JSONValue
 from frenetic.analysis.metrics import CampaignMeasures
 from frenetic.campaign import Budget, Campaign, CampaignStore, Test
 from frenetic.campaign.counts import Counts
-from frenetic.campaign.record import Attempt
 from frenetic.drivers import Driver, Planner
 from frenetic.oracle import Result
 from frenetic.outcome import Outcome
@@ -51,7 +50,8 @@ def store_of(
             store.told(
                 Test(
                     candidate=candidate,
-                    attempt=Attempt(told, Result(outcome, ""), seconds=2.0),
+                    result=Result(outcome, ""),
+                    seconds=2.0,
                     told=told,
                     budget_spent=0.0,
                     elapsed=told * elapsed,

@@ -22,8 +22,9 @@ from frenetic.analysis.coverage import (
     domain_coverage,
     varied_axes,
 )
-from frenetic.campaign.record import Attempt, Setting, Test
+from frenetic.campaign.record import Setting, Test
 from frenetic.domain import Domain
+from frenetic.oracle import Result
 from frenetic.outcome import Outcome
 from frenetic.search import Candidate, Origin
 from frenetic.simulators import EmbeddedSimulator
@@ -65,9 +66,7 @@ def made(
         conditions=conditions,
         grade=np.array([[0.0, 0.0], [20.0, grade]]),
     )
-    return Test(
-        candidate=candidate, attempt=Attempt.undriven(1, outcome, ""), told=1, budget_spent=0.0
-    )
+    return Test(candidate=candidate, result=Result(outcome, ""), told=1, budget_spent=0.0)
 
 
 def covered(domain: Domain, tests: Iterable[Test]) -> DomainCoverage:

@@ -331,7 +331,7 @@ def test_points_are_kept_as_they_were_handed_over(
             if test.outcome.is_driven:
                 road = Road.from_points(test.candidate.points)
                 assert road.curvatures.tobytes() == test.candidate.curvatures.tobytes()
-                assert test.attempt.pose == road.pose
+                assert test.pose == road.pose
 
 
 def test_the_plug_in_does_as_the_strategy_does(

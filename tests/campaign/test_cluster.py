@@ -101,7 +101,7 @@ def test_a_campaign_is_the_one_of_a_single_process(cluster: Cluster, tmp_path: P
     there.run()
     assert contents(tmp_path / "there") == contents(tmp_path / "here")
     with CampaignStore.open(tmp_path / "there") as store:
-        workers = {str(test.attempt.worker) for test in store.tests() if test.attempt}
+        workers = {str(test.worker) for test in store.tests()}
     assert all(name.startswith("127.0.0.1:") for name in workers - {"None"})
 
 

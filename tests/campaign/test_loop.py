@@ -278,7 +278,7 @@ class Chance:
         for test in tests:
             losses = self.losses.get(test.id, 0)
             if test.outcome is Outcome.DROPPED:
-                assert (test.attempts, test.attempt.worker) == (0, None)
+                assert (test.attempts, test.worker) == (0, None)
             else:
                 assert test.attempts == 1 + min(losses, 1)
                 assert (test.outcome is Outcome.ERROR) == (losses > 1)

@@ -24,7 +24,7 @@ from small_disk import Bounded, Breaking
 from frenetic._support.json_value import JSONValue
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.lock import lock_file
-from frenetic.campaign.record import ASKED, FINISHED, Attempt, Setting, Test
+from frenetic.campaign.record import ASKED, FINISHED, Setting, Test
 from frenetic.campaign.store import APPLICATION_ID, DATABASE, FORMAT, CampaignStore
 from frenetic.campaign.trajectory_codec import rounded
 from frenetic.drive import CarBody, Rules, Trajectory
@@ -59,16 +59,18 @@ def make_trajectory(seed: int, records: int = 60) -> Trajectory:
 def make_test(id: int, outcome: Outcome | None = None, told: int | None = None) -> Test:  # noqa: A002
     """Outcomes in turn, MOOBDs in no order."""
     outcome = outcome or (Outcome.FAIL, Outcome.PASS, Outcome.INVALID, Outcome.ERROR)[id % 4]
-    attempt = Attempt(id, Result(outcome, f"reason {id}: κ → θ"))
+    result, pose, path = Result(outcome, f"reason {id}: κ → θ"), None, None
     if outcome.is_driven:
         departure = Finding("lane", 0.97, 0.95, "left", 12.5, 118.25, 50.0, 60.0)
         findings = (departure,) if outcome is Outcome.FAIL else ()
         moobd = 0.5 - ((id * 37) % 11) / 10.0
-        result = Result(outcome, attempt.result.reason, moobd, 120.5, 0.5, 24.95, findings)
-        attempt = Attempt(id, result, Pose(10.0 + id, 20.0, np.pi / 3), make_trajectory(id))
+        result = Result(outcome, result.reason, moobd, 120.5, 0.5, 24.95, findings)
+        pose, path = Pose(10.0 + id, 20.0, np.pi / 3), make_trajectory(id)
     return Test(
         candidate=make_candidate(id),
-        attempt=attempt,
+        result=result,
+        pose=pose,
+        trajectory=path,
         told=told or id,
         budget_spent=min(id / 100, 1.0),
         elapsed=id / 8,
@@ -84,14 +86,13 @@ def tell(store: CampaignStore, *ids: int) -> None:
 
 def as_read(test: Test, setting: Setting | None = SETTING) -> Any:
     """A test as it comes back with its trajectory."""
-    attempt, path = test.attempt, test.attempt.trajectory
-    if path is not None:
-        attempt = replace(attempt, trajectory=rounded(path), records=len(path))
-    return plain(replace(test, attempt=attempt, setting=setting))
+    if (path := test.trajectory) is not None:
+        test = replace(test, trajectory=rounded(path), records=len(path))
+    return plain(replace(test, setting=setting))
 
 
 def changed(record: Any, path: str, value: object) -> Any:
-    """A copy of nested records with another value at a place like ``attempt.result.moobd``."""
+    """A copy of nested records with another value at a place like ``result.moobd``."""
     name, _, rest = path.partition(".")
     inner = changed(getattr(record, name), rest, value) if rest else value
     more: dict[str, Any] = {name: inner}
@@ -135,28 +136,25 @@ FULL = Test(
         widening=np.array([[5.0, 0.25]]),
         speed_limits=np.array([[0.0, 50.0]]),
     ),
-    attempt=Attempt(
-        1,
-        Result(
-            Outcome.FAIL,
-            "two\nlines, \0 and \N{SNOWMAN}",
-            -1.5,
-            120.5,
-            0.97,
-            24.95,
-            (
-                Finding("lane", 0.97, 0.95, "left", 12.5, 118.25, 50.0, 60.0),
-                Finding("speed", 21.5, 19.4, None, 13.0, 121.0, 51.0, 61.5),
-                Finding("lane", 0.96, 0.95, "right", 14.0, 130.0, 52.0, 63.0),
-            ),
-            Fault("driver", "ValueError", "mpc.py", 42),
+    result=Result(
+        Outcome.FAIL,
+        "two\nlines, \0 and \N{SNOWMAN}",
+        -1.5,
+        120.5,
+        0.97,
+        24.95,
+        (
+            Finding("lane", 0.97, 0.95, "left", 12.5, 118.25, 50.0, 60.0),
+            Finding("speed", 21.5, 19.4, None, 13.0, 121.0, 51.0, 61.5),
+            Finding("lane", 0.96, 0.95, "right", 14.0, 130.0, 52.0, 63.0),
         ),
-        Pose(10.0, 20.0, np.pi / 3),
-        make_trajectory(1),
-        worker="worker 1",
-        seconds=0.125,
-        budget_spent=0.5,
+        Fault("driver", "ValueError", "mpc.py", 42),
     ),
+    pose=Pose(10.0, 20.0, np.pi / 3),
+    trajectory=make_trajectory(1),
+    worker="worker 1",
+    seconds=0.125,
+    told_share=0.5,
     told=1,
     budget_spent=0.01,
     attempts=2,
@@ -177,13 +175,13 @@ def of_numpy(test: Test) -> Test:
             number = np.float64(0.25) if column.kind == "REAL" else np.int64(1)
             test = changed(test, column.path, number)
     finding = replace(test.result.findings[0], value=np.float64(0.99))
-    return changed(test, "attempt.result.findings", (finding,))  # type: ignore[no-any-return]
+    return changed(test, "result.findings", (finding,))  # type: ignore[no-any-return]
 
 
 def of_half_characters(test: Test) -> Test:
     half = "caf\udce9"
-    test = changed(test, "attempt.result.reason", f"cannot open {half}")
-    test = changed(test, "attempt.result.fault", Fault("simulator", "OSError", half, 1))
+    test = changed(test, "result.reason", f"cannot open {half}")
+    test = changed(test, "result.fault", Fault("simulator", "OSError", half, 1))
     test = changed(test, "candidate.source", Source(half, 1))
     return changed(test, "candidate.notes", {"said": [half]})  # type: ignore[no-any-return]
 
@@ -200,10 +198,10 @@ CASES = {
         candidate=replace(make_candidate(1, 0), points=np.array([[1.0, 2.0], [3.0, 4.0]])),
     ),
     "a failure without MOOBD and trajectory": changed(
-        make_test(1, Outcome.INVALID), "attempt.result", Result(Outcome.FAIL, "it hit a wall")
+        make_test(1, Outcome.INVALID), "result", Result(Outcome.FAIL, "it hit a wall")
     ),
     "a trajectory without records": changed(
-        make_test(1, Outcome.ERROR), "attempt.trajectory", Trajectory.empty()
+        make_test(1, Outcome.ERROR), "trajectory", Trajectory.empty()
     ),
 }
 
@@ -223,7 +221,7 @@ def test_what_was_told_comes_back_equal(folder: Path, name: str) -> None:
         assert plain([candidate, store.candidate(1)]) == 2 * [as_read(test)["candidate"]]
         assert before == 0
         (without,) = store.tests()
-        assert plain(without) == as_read(test) | {"attempt": plain(without.attempt)}
+        assert plain(without) == as_read(test) | {"trajectory": None}
         assert without.trajectory is None
         assert plain(store.trajectory(1)) == plain(read.trajectory)
         for array in (read.candidate.curvatures, read.candidate.points):
@@ -254,7 +252,7 @@ def test_numbers_are_finite(store: CampaignStore, value: float) -> None:
             store.told(changed(FULL, column.path, value))
     (finding, *_) = FULL.result.findings
     with pytest.raises(ValueError, match="limit"):
-        store.told(changed(FULL, "attempt.result.findings", (replace(finding, limit=value),)))
+        store.told(changed(FULL, "result.findings", (replace(finding, limit=value),)))
     store.told(FULL)
     assert plain(store.test(1)) == as_read(FULL)
     assert len(asked) + len(told) > 12
@@ -282,7 +280,7 @@ def require_same(store: CampaignStore, asked: Asked, told: list[Test]) -> None:
     expected = [as_read(test) for test in told]
     assert plain(list(store.tests(with_trajectory=True))) == expected
     assert plain(list(store.candidates())) == plain(asked)
-    failed = [test["told"] for test in expected if test["attempt"]["result"]["outcome"] == "FAIL"]
+    failed = [test["told"] for test in expected if test["result"]["outcome"] == "FAIL"]
     assert [test.told for test in store.tests(Outcome.FAIL, limit=2)] == failed[:2]
     moobds = sorted((test.moobd is None, test.moobd or 0.0) for test in told)
     by_moobd = [test.moobd for test in store.tests(order_by="moobd")]
@@ -298,7 +296,7 @@ def require_same(store: CampaignStore, asked: Asked, told: list[Test]) -> None:
     assert store.stored() == len(told)
     for test in told[-1:]:
         assert plain(store.test(test.id)) == expected[-1]
-        assert plain(store.trajectory(test.id)) == expected[-1]["attempt"]["trajectory"]
+        assert plain(store.trajectory(test.id)) == expected[-1]["trajectory"]
     for candidate, _ in asked[-1:]:
         assert plain(store.candidate(candidate.id)) == plain(candidate)
 

@@ -39,17 +39,17 @@ def campaign(made_campaign: Path) -> Path:
 
 
 def changed(test: Test, **changes: Any) -> Test:
-    """A test with other fields of its result, attempt, origin or candidate."""
-    candidate, attempt = test.candidate, test.attempt
-    parts: dict[str, Any] = {"result": attempt.result, "attempt": attempt, "candidate": candidate}
-    parts["origin"] = candidate.origin
+    """A test with other fields of its own, or of its result, candidate or origin."""
+    parts: dict[str, Any] = {"result": test.result, "test": test, "candidate": test.candidate}
+    parts["origin"] = test.candidate.origin
     for name, value in changes.items():
         part = next(k for k, v in parts.items() if hasattr(v, name))
         parts[part] = replace(parts[part], **{name: value})
+    changed_test: Test = parts["test"]
     return replace(
-        test,
+        changed_test,
         candidate=replace(parts["candidate"], origin=parts["origin"]),
-        attempt=replace(parts["attempt"], result=parts["result"]),
+        result=parts["result"],
     )
 
 

@@ -40,9 +40,9 @@ def campaign(made_campaign: Path) -> Path:
 
 def expected(test: Test) -> dict[str, Any]:
     """A row of the table, made from a test."""
-    candidate, attempt, result = test.candidate, test.attempt, test.result
+    candidate, result = test.candidate, test.result
     curvatures = candidate.curvatures.tolist()
-    x, y, heading = attempt.pose or (None, None, None)
+    x, y, heading = test.pose or (None, None, None)
     departure = test.departure
     return {
         "id": candidate.id,
@@ -70,10 +70,10 @@ def expected(test: Test) -> dict[str, Any]:
         "departure_x": departure and departure.x,
         "departure_y": departure and departure.y,
         "departure_side": departure and departure.side,
-        "seconds": attempt.seconds,
+        "seconds": test.seconds,
         "elapsed": test.elapsed,
         "attempts": test.attempts,
-        "worker": attempt.worker,
+        "worker": test.worker,
         "budget_spent": test.budget_spent,
         "finished_at": datetime.fromisoformat(test.finished_at),
         "repeat": candidate.repeat,
@@ -81,7 +81,7 @@ def expected(test: Test) -> dict[str, Any]:
         and {"campaign": candidate.source.campaign, "test": candidate.source.test},
         "notes": candidate.notes or None,
         "fault": result.fault and vars(result.fault),
-        "records": attempt.records,
+        "records": test.records,
     }
 
 
@@ -129,9 +129,8 @@ def test_a_frame_says_what_only_some_tests_have(
                 source=Source("nightly", 31),
                 notes={"looked at": [4000, None]},
             ),
-            attempt=replace(
-                test.attempt, worker="w1", result=replace(test.result, findings=(), fault=fault)
-            ),
+            worker="w1",
+            result=replace(test.result, findings=(), fault=fault),
             objective=-0.5,
         )
 

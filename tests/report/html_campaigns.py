@@ -9,9 +9,9 @@ import numpy as np
 
 from frenetic._support.json_value import JSONValue
 from frenetic.campaign import Budget, Campaign, CampaignStore, Test
-from frenetic.campaign.record import Attempt
 from frenetic.domain import Domain
 from frenetic.drivers import Planner
+from frenetic.oracle import Result
 from frenetic.outcome import Outcome
 from frenetic.road.classes import RoadClass
 from frenetic.search import Candidate, Frenetic2021, Origin, RandomSearch
@@ -89,7 +89,7 @@ def make_hostile(folder: Path, searched: Path) -> Path:
                 replace(
                     failure,
                     candidate=candidate,
-                    attempt=replace(failure.attempt, result=result),
+                    result=result,
                     told=number,
                     elapsed=0.1 * number,
                 )
@@ -114,7 +114,7 @@ def make_refused(folder: Path, searched: Path) -> Path:
         store.told(
             Test(
                 candidate=candidate,
-                attempt=Attempt.undriven(1, Outcome.INVALID, "too short"),
+                result=Result(Outcome.INVALID, "too short"),
                 told=1,
                 budget_spent=0.0,
             )

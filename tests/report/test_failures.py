@@ -79,7 +79,7 @@ def test_every_failure_gets_a_road_file_that_can_be_read_again(store: CampaignSt
     for path, record in zip(files, failures, strict=True):
         road = read_road(path).road()
         assert np.array_equal(road.curvatures, record.candidate.curvatures)
-        assert road.pose == record.attempt.pose
+        assert road.pose == record.pose
         assert json.loads(path.read_text())["test_outcome"] == "FAIL"
     (refused,) = store.tests(Outcome.INVALID, limit=1)
     document = road_document(refused, store.config)

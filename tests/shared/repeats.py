@@ -9,7 +9,7 @@ import numpy as np
 
 from frenetic.again.verdicts import Repeat
 from frenetic.campaign import CampaignStore
-from frenetic.campaign.record import Attempt, Test
+from frenetic.campaign.record import Test
 from frenetic.criteria import LANE
 from frenetic.drivers import Driver
 from frenetic.oracle import Finding, Result, Side
@@ -35,8 +35,7 @@ def recorded(
     findings = () if place is None else (Finding(LANE, 1.0, 0.5, side, 5.0, place, 0.0, 0.0),)
     result = Result(outcome, reason, moobd, duration=duration, findings=findings)
     candidate = Candidate(id, np.zeros(24), 10.0, Origin("random"), conditions=dict(conditions))
-    attempt = Attempt(id, result, seconds=0.25)
-    return Test(candidate=candidate, attempt=attempt, told=id, budget_spent=0.5)
+    return Test(candidate=candidate, result=result, told=id, budget_spent=0.5, seconds=0.25)
 
 
 def redriven(

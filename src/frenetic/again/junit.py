@@ -41,7 +41,7 @@ def junit(rerun: Rerun) -> bytes:
         "failures": str(sum(test.change in _FAILS for test in tests)),
         "errors": str(rerun.count(Change.NOT_JUDGED)),
         "skipped": "0",
-        "time": _decimals(sum(drive.test.attempt.seconds for drive in rerun.drives), 3),
+        "time": _decimals(sum(drive.test.seconds for drive in rerun.drives), 3),
     }
     name = _text(rerun.campaign)
     top = ET.Element("testsuites", {"name": SUITE, **counts})
@@ -49,7 +49,7 @@ def junit(rerun: Rerun) -> bytes:
     parts = {"driver": rerun.driver, "simulator": rerun.simulator}
     _add_properties(suite, {part: str(described["class"]) for part, described in parts.items()})
     for test in tests:
-        seconds = sum(drive.test.attempt.seconds for drive in test.drives)
+        seconds = sum(drive.test.seconds for drive in test.drives)
         about = {"classname": name, "name": f"test {test.id}", "time": _decimals(seconds, 3)}
         _add_outcome(ET.SubElement(suite, "testcase", about), test)
     ET.indent(top)

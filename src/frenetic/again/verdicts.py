@@ -288,7 +288,7 @@ class Repeats:
                 {
                     "conditions": dict(drive.test.candidate.conditions),
                     **_verdict_json(drive.test),
-                    "seconds": drive.test.attempt.seconds,
+                    "seconds": drive.test.seconds,
                     "match": drive.match,
                     "difference": drive.difference,
                     "is_same": drive.is_same,

@@ -278,7 +278,7 @@ def replay(
         summary.add(candidate, test.outcome, test.moobd)
         summary.measure(objective, evaluation)
         summary.seconds = test.elapsed
-        summary.spend(budget, summary.seconds, test.attempt.budget_spent)
+        summary.spend(budget, summary.seconds, test.told_share)
     ask_until(summary.told)
     return summary, outstanding
 

@@ -166,7 +166,7 @@ class Told(Struct, forbid_unknown_fields=True):
             path,
             worker=WORKER,
             seconds=seconds,
-            budget_spent=self.budget_spent,
+            told_share=self.budget_spent,
         )
         return attempt.pack(keep=True)
 

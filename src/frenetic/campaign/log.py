@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from frenetic._support.json_value import JSONValue
     from frenetic.campaign.record import Attempt, Test
     from frenetic.campaign.summary import Summary
+    from frenetic.errors import Trouble
 
 Level: TypeAlias = Literal["info", "warning", "error"]
 
@@ -108,11 +109,11 @@ class CampaignLog:
         line = {"levelname": level, "msg": message, "event": event, "fields": fields}
         self._file.handle(logging.makeLogRecord(line))
 
-    def result(self, test: Test) -> None:
+    def result(self, test: Test, trouble: Trouble | None = None) -> None:
         """Writes a line of a test that failed, or in which the simulator broke."""
         if test.outcome is Outcome.FAIL:
             text = f"test {test.id} failed: {test.reason}"
-            told = {"test": test.id, "moobd": test.moobd, **_traced(test.attempt)}
+            told = {"test": test.id, "moobd": test.moobd, **_traced(trouble)}
             self.write(LogEvent.TEST_FAILED, text, **told)  # type: ignore[arg-type]
         elif test.outcome is Outcome.ERROR:
             self.write(
@@ -122,7 +123,7 @@ class CampaignLog:
                 test=test.id,
                 attempts=test.attempts,
                 reason=test.reason,
-                **_traced(test.attempt),
+                **_traced(trouble),
             )
 
     def retried(self, attempt: Attempt, tries: int) -> None:
@@ -135,7 +136,7 @@ class CampaignLog:
             attempt=tries,
             worker=attempt.worker,
             reason=attempt.failure,
-            **_traced(attempt),
+            **_traced(attempt.trouble),
         )
 
     def progress(self, summary: Summary) -> None:
@@ -160,10 +161,9 @@ class CampaignLog:
         self._file.close()
 
 
-def _traced(attempt: Attempt) -> dict[str, JSONValue]:
+def _traced(trouble: Trouble | None) -> dict[str, JSONValue]:
     """The field of a line for a traceback, if there is one."""
-    trace = "" if attempt.trouble is None else attempt.trouble.traceback
-    return {"traceback": trace} if trace else {}
+    return {"traceback": trouble.traceback} if trouble is not None and trouble.traceback else {}
 
 
 def told_in_log(folder: Path) -> int:

@@ -27,7 +27,7 @@ from frenetic.campaign.repeat import SecondDrive
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Summary
 from frenetic.campaign.workers.workers import Workers
-from frenetic.errors import BrokenDriverError, CampaignError, StrategyError
+from frenetic.errors import BrokenDriverError, CampaignError, StrategyError, Trouble
 from frenetic.oracle import is_drivers
 from frenetic.outcome import Outcome
 from frenetic.search.random_search import most_frequent
@@ -92,7 +92,7 @@ class Dispatcher:
         self._running: set[int] = set()  # ids
         self._tries: Counter[int] = Counter()
         self._ended: dict[int, Attempt] = {}  # tested or lost for good, not told
-        self._unwritten: list[tuple[Test, Summary]] = []  # told
+        self._unwritten: list[tuple[Test, Trouble | None, Summary]] = []  # told
         self._unreported = unreported  # written
         self._second = second  # drive of the first failure; None if there is to be none
         summary.not_repeatable = "" if second is None else second.note
@@ -138,8 +138,8 @@ class Dispatcher:
         if self._unwritten:
             self._store.write()
             written, self._unwritten = self._unwritten, []
-            for test, summary in written:
-                self._log.result(test)
+            for test, trouble, summary in written:
+                self._log.result(test, trouble)
                 self._unreported.append((test.id, summary))
         while self._unreported:
             yield self._unreported.popleft()
@@ -284,15 +284,16 @@ class Dispatcher:
         self._tell(candidate, Attempt.undriven(candidate.id, Outcome.DROPPED, reason))
 
     def _tell(self, candidate: Candidate, attempt: Attempt) -> None:
+        attempt = attempt.pack(keep=True)
         summary, result = self._summary, attempt.result
         summary.add(candidate, result.outcome, result.moobd)
         summary.drive_seconds += attempt.seconds
         summary.driver_seconds += attempt.driver_seconds
         elapsed = time.perf_counter() - self._start
-        summary.spend(self._budget, elapsed, attempt.budget_spent)
-        test = Test(
-            candidate=candidate,
-            attempt=attempt,
+        summary.spend(self._budget, elapsed, attempt.told_share)
+        test = Test.of(
+            candidate,
+            attempt,
             told=summary.told,
             budget_spent=summary.budget_spent,
             attempts=self._tries.pop(candidate.id, 0),
@@ -305,7 +306,7 @@ class Dispatcher:
         evaluation = evaluation_of(test, attempt.stored_trajectory, self._objective)
         if evaluation.objective is not None:
             test = replace(test, objective=self._objective.value_of(evaluation))
-        self._store.told(test)
+        self._store.told(test, attempt.packed)
         if self._second is not None:
             self._second.see(test)
         del self._outstanding[candidate.id]
@@ -313,7 +314,8 @@ class Dispatcher:
         tell(self._strategy, evaluation, summary)
         self._waits_for_result = False
         self._log_notice()
-        self._unwritten.append((test, summary.now(time.perf_counter() - self._start)))
+        now = summary.now(time.perf_counter() - self._start)
+        self._unwritten.append((test, attempt.trouble, now))
         self._give_up_if_hopeless(test)
 
     def _is_wanted(self, candidate: Candidate) -> bool:

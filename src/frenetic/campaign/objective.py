@@ -320,8 +320,7 @@ def evaluation_of(
     """
     severity = place = None
     if test.outcome.is_driven and objective.name != MOOBD:
-        attempt = replace(test.attempt, trajectory=read_trajectory())
-        drive = replace(test, attempt=attempt).drive
+        drive = replace(test, trajectory=read_trajectory()).drive
         if drive is not None:
             severity = objective.severity(test.road, drive)
             place = objective.place(test.road, drive)

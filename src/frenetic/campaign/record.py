@@ -1,4 +1,4 @@
-"""Records of a candidate's test: an `Attempt` of a worker, and the `Test` that is stored.
+"""Records of a candidate's test: the `Attempt` that a worker answers, and the stored `Test`.
 
 `COLUMNS` declares each value of a test that the database holds. The table, its rows, the records
 made of them and the exported tables follow from it.
@@ -34,7 +34,7 @@ from frenetic.simulators.worlds import rules_in
 
 @dataclass(frozen=True)
 class Attempt:
-    """One attempt to test a candidate."""
+    """What a worker answers: one attempt to test a candidate, small enough to cross processes."""
 
     candidate_id: Count
     result: Result
@@ -42,9 +42,9 @@ class Attempt:
     pose: Pose | None = None
     """Start of the road on the map; None if it fits nowhere."""
     trajectory: Trajectory | None = None
-    """Trajectory; None if nothing was driven, if it is packed, or if it was not read."""
+    """Trajectory; None if nothing was driven, or if it is packed only."""
     packed: bytes | None = None
-    """Encoded trajectory, small enough to travel between processes."""
+    """Encoded trajectory."""
     records: Index | None = None
     """Number of the trajectory's records; None if there is no trajectory, wherever it is."""
     simulator_broke: bool = False
@@ -56,10 +56,10 @@ class Attempt:
     seconds: NotNegative = 0.0
     """Wall time that it took, in s."""
     driver_seconds: float = field(default=0.0, compare=False)
-    """That in the driver's own code, in s; not stored."""
+    """Wall time in the driver's own code, in s."""
     trouble: Trouble | None = None
     """What broke in the driver, the simulator or the worker; None if nothing did."""
-    budget_spent: Share | None = None
+    told_share: Share | None = None
     """Spent share of the budget, as whoever drives tells it; None if the campaign counts."""
 
     @classmethod
@@ -141,16 +141,29 @@ class Setting:
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Test(Shown):
-    """One road test: its candidate, and the attempt that stands."""
+    """One road test: a candidate with its result."""
 
     __test__: ClassVar[bool] = False  # no test class of pytest's
 
     candidate: Candidate
-    attempt: Attempt
+    result: Result
+    """Verdict; of an undriven road only outcome and reason."""
     told: Count
     """Number from 1 in the order of telling."""
     budget_spent: Share
     """Share of the campaign's budget spent when this was told, 0..1."""
+    told_share: Share | None = None
+    """That share, if whoever drives told it; None if the campaign counts."""
+    pose: Pose | None = None
+    """Start of the road on the map; None if it fits nowhere."""
+    trajectory: Trajectory | None = None
+    """Trajectory; None if nothing was driven, or if the test was read without it."""
+    records: Index | None = None
+    """Number of the trajectory's records, also if it was not read; None if there is none."""
+    worker: str | None = None
+    """Name of the worker."""
+    seconds: NotNegative = 0.0
+    """Wall time of the attempt that stands, in s."""
     attempts: Index = 1
     """Number of attempts; 0 if it was dropped before."""
     elapsed: NotNegative = 0.0
@@ -162,40 +175,60 @@ class Test(Shown):
     setting: Setting | None = None
     """Setting of its drive; None if the campaign does not record it."""
 
+    @classmethod
+    def of(
+        cls,
+        candidate: Candidate,
+        attempt: Attempt,
+        *,
+        told: int,
+        budget_spent: float,
+        attempts: int = 1,
+        elapsed: float = 0.0,
+        finished_at: str = "",
+        setting: Setting | None = None,
+    ) -> Self:
+        """Return the test of a candidate whose attempt stands, without its trajectory."""
+        return cls(
+            candidate=candidate,
+            result=attempt.result,
+            told=told,
+            budget_spent=budget_spent,
+            told_share=attempt.told_share,
+            pose=attempt.pose,
+            records=attempt.records,
+            worker=attempt.worker,
+            seconds=attempt.seconds,
+            attempts=attempts,
+            elapsed=elapsed,
+            finished_at=finished_at,
+            setting=setting,
+        )
+
     @property
     def id(self) -> int:
         """The candidate's id."""
         return self.candidate.id
 
     @property
-    def result(self) -> Result:
-        """The verdict."""
-        return self.attempt.result
-
-    @property
     def outcome(self) -> Outcome:
         """The verdict's outcome."""
-        return self.attempt.result.outcome
+        return self.result.outcome
 
     @property
     def reason(self) -> str:
         """The verdict's reason, for people."""
-        return self.attempt.result.reason
+        return self.result.reason
 
     @property
     def moobd(self) -> float | None:
         """Minimum oob distance in m; None unless PASS or FAIL, or if nobody measured it."""
-        return self.attempt.result.moobd
+        return self.result.moobd
 
     @property
     def departure(self) -> Finding | None:
         """Place where the car left its lane, None if it did not."""
-        return self.attempt.result.departure
-
-    @property
-    def trajectory(self) -> Trajectory | None:
-        """Trajectory; None if nothing was driven, or if the test was read without it."""
-        return self.attempt.trajectory
+        return self.result.departure
 
     @cached_property
     def road(self) -> Road:
@@ -205,7 +238,7 @@ class Test(Shown):
             CampaignError: the campaign does not record the width of its lanes.
         """
         setting = self._setting
-        return self.candidate.road(setting.lane_width, self.attempt.pose, setting.road_class)
+        return self.candidate.road(setting.lane_width, self.pose, setting.road_class)
 
     @cached_property
     def drive(self) -> Drive | None:
@@ -350,29 +383,25 @@ ASKED: Final = (
 
 TOLD: Final = (
     Column("told", "told", "INTEGER", "counts from 1 in the order of telling"),
-    Column("outcome", "attempt.result.outcome", "TEXT", "PASS, FAIL, INVALID, ERROR or DROPPED"),
-    Column("reason", "attempt.result.reason", "TEXT", "why it ended so"),
+    Column("outcome", "result.outcome", "TEXT", "PASS, FAIL, INVALID, ERROR or DROPPED"),
+    Column("reason", "result.reason", "TEXT", "why it ended so"),
     Column("budget_spent", "budget_spent", "REAL", "share of the budget when it was told"),
-    Column("told_share", "attempt.budget_spent", "REAL", "that share, if whoever drives told it"),
-    Column("x", "attempt.pose.x", "REAL", "of the pose in which the road starts on the map", "m"),
-    Column("y", "attempt.pose.y", "REAL", "likewise", "m"),
-    Column("heading", "attempt.pose.heading", "REAL", "likewise, counter-clockwise from +x", "rad"),
-    Column("moobd", "attempt.result.moobd", "REAL", "minimum oob distance", "m"),
-    Column(
-        "moobd_distance", "attempt.result.moobd_distance", "REAL", "along the road to there", "m"
-    ),
-    Column(
-        "max_oob_share", "attempt.result.max_oob_share", "REAL", "largest share of the car outside"
-    ),
-    Column("duration", "attempt.result.duration", "REAL", "simulated time of the drive", "s"),
-    Column("fault", "attempt.result.fault", "JSON", "whose code broke, and where"),
+    Column("told_share", "told_share", "REAL", "that share, if whoever drives told it"),
+    Column("x", "pose.x", "REAL", "of the pose in which the road starts on the map", "m"),
+    Column("y", "pose.y", "REAL", "likewise", "m"),
+    Column("heading", "pose.heading", "REAL", "likewise, counter-clockwise from +x", "rad"),
+    Column("moobd", "result.moobd", "REAL", "minimum oob distance", "m"),
+    Column("moobd_distance", "result.moobd_distance", "REAL", "along the road to there", "m"),
+    Column("max_oob_share", "result.max_oob_share", "REAL", "largest share of the car outside"),
+    Column("duration", "result.duration", "REAL", "simulated time of the drive", "s"),
+    Column("fault", "result.fault", "JSON", "whose code broke, and where"),
     Column("objective", "objective", "REAL", "what the search minimised, if not the MOOBD"),
-    Column("seconds", "attempt.seconds", "REAL", "wall time of the test", "s"),
+    Column("seconds", "seconds", "REAL", "wall time of the test", "s"),
     Column("elapsed", "elapsed", "REAL", "the campaign's time when it was told", "s"),
     Column("finished_at", "finished_at", "TEXT", "when it was told"),
     Column("attempts", "attempts", "INTEGER", "how often it was tried"),
-    Column("worker", "attempt.worker", "TEXT", "who drove it"),
-    Column("records", "attempt.records", "INTEGER", "number of records of its trajectory"),
+    Column("worker", "worker", "TEXT", "who drove it"),
+    Column("records", "records", "INTEGER", "number of records of its trajectory"),
 )
 """Columns of a result; all are NULL while a candidate is outstanding."""
 
@@ -432,19 +461,17 @@ def read_test(
         ValueError: a row is damaged; the message names the place.
     """
     values = _nested(FINISHED, row)
-    attempt = values["attempt"]
-    attempt["candidate_id"] = values["candidate"]["id"]
-    if pose := attempt.pop("pose"):
-        attempt["pose"] = [pose.get(name) for name in Pose._fields]
+    if pose := values.pop("pose"):
+        values["pose"] = [pose.get(name) for name in Pose._fields]
     names = [column.name for column in FINDING]
-    attempt["result"]["findings"] = [dict(zip(names, one, strict=True)) for one in findings]
+    values["result"]["findings"] = [dict(zip(names, one, strict=True)) for one in findings]
     test: Test = convert(values, Test)
-    return replace(test, attempt=replace(test.attempt, trajectory=trajectory), setting=setting)
+    return replace(test, trajectory=trajectory, setting=setting)
 
 
 def _nested(columns: Sequence[Column], row: Sequence[Any]) -> dict[str, Any]:
     """Values of a row, nested by the paths of their columns; missing ones are left out."""
-    values: dict[str, Any] = {"candidate": {"origin": {}}, "attempt": {"result": {}, "pose": {}}}
+    values: dict[str, Any] = {"candidate": {"origin": {}}, "result": {}, "pose": {}}
     for column, value in zip(columns, row, strict=False):
         if value is None:
             continue

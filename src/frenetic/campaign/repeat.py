@@ -161,7 +161,8 @@ class SecondDrive:
     def take(self, attempt: Attempt) -> None:
         """Compares the second drive with the first, and keeps what it says."""
         first = self._store.test(attempt.candidate_id)
-        again = replace(first, attempt=replace(attempt, trajectory=attempt.stored_trajectory()))
+        path = attempt.stored_trajectory()
+        again = replace(first, result=attempt.result, pose=attempt.pose, trajectory=path)
         other = other_ending(first, again)
         word, follows = "repeatable", "every verdict holds for single drives only"
         if not other:

@@ -50,7 +50,7 @@ from frenetic.campaign.record import (
     read_test,
     row_of,
 )
-from frenetic.campaign.trajectory_codec import decode
+from frenetic.campaign.trajectory_codec import decode, encode
 from frenetic.drive import Trajectory
 from frenetic.errors import CampaignError, CampaignGoneError
 from frenetic.outcome import Outcome
@@ -352,16 +352,22 @@ class CampaignStore(Shown):
         self._held[_INSERT].append((*row_of(candidate, ASKED), self._told))
         self._last_asked = candidate.id
 
-    def told(self, test: Test) -> None:
+    def told(self, test: Test, packed: bytes | None = None) -> None:
         """Takes the result of an outstanding candidate for the next `write`.
+
+        Args:
+            test: the test.
+            packed: its encoded trajectory, if the worker has encoded it.
 
         Raises:
             ValueError: a number is not finite.
         """
         self._require_writer()
-        test = replace(test, attempt=test.attempt.pack(keep=True))
+        if packed is None and test.trajectory is not None:
+            packed = encode(test.trajectory)
+            test = replace(test, records=len(test.trajectory))
         findings = enumerate([row_of(finding, FINDING) for finding in test.result.findings], 1)
-        self._held[_UPDATE].append((*row_of(test, TOLD), test.attempt.packed, test.id))
+        self._held[_UPDATE].append((*row_of(test, TOLD), packed, test.id))
         self._held[_INSERT_FINDING] += [(test.id, number, *row) for number, row in findings]
         self._told += 1
 

@@ -328,14 +328,12 @@ def _compared(
     A drive with another driver, simulator, rules or conditions is not compared, nor is that of a
     road file.
     """
-    from frenetic.campaign.record import Attempt
     from frenetic.campaign.repeat import other_ending, other_moobd
 
     if asked.test is None or not _is_as_recorded(asked, simulator, driver):
         return {}
     path = None if drive is None else drive.trajectory
-    attempt = Attempt(asked.test.id, result, asked.road.pose, path)
-    again = replace(asked.test, attempt=attempt)
+    again = replace(asked.test, result=result, pose=asked.road.pose, trajectory=path)
     differs = other_ending(asked.test, again) or other_moobd(asked.test, again, simulator)
     return {"differs": differs}
 

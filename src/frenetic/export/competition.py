@@ -227,7 +227,7 @@ def write_competition_folder(
             continue
         numbers[outcome] += 1
         simulated += record.result.duration or 0.0
-        driven_for += 0.0 if outcome is Outcome.INVALID else record.attempt.seconds
+        driven_for += 0.0 if outcome is Outcome.INVALID else record.seconds
         elapsed = record.elapsed
         if outcome is Outcome.FAIL and departure is not None:
             by_side[str(departure.side)] += 1

@@ -269,7 +269,7 @@ def _row_of(test: Test) -> dict[str, Any]:
         row["departure_time"] = simulated_time(departure.time)
     row |= {f"{_CONDITION}{name}": amount for name, amount in candidate.conditions.items()}
     # Some of a road's profiles follow from its class; what was refused may be no road.
-    whole = test.road if test.attempt.pose is not None and len(curvatures) > 1 else candidate
+    whole = test.road if test.pose is not None and len(curvatures) > 1 else candidate
     for name in profile.NAMES:
         pairs = getattr(whole, name)
         row[name] = None if pairs is None else pairs.tolist() or None
