@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-import json
 import shutil
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 from campaigns import campaign, refused
-from contents import contents, execute
+from contents import contents, execute, plain
 
 from frenetic.analysis.failures import distinct_failures
 from frenetic.campaign import Campaign, CampaignStore
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.earlier import driven_again, read_earlier, still_failing
+from frenetic.campaign.objective import Objective, evaluation_of
 from frenetic.drivers import Planner
 from frenetic.outcome import Outcome
 from frenetic.search import Evaluation, Frenetic, Frenetic2021, RandomSearch
@@ -64,11 +66,12 @@ def test_roads_of_the_earlier_campaign_are_driven_again_first(first: Path, secon
         assert operators[0] == EARLIER
         assert EARLIER not in operators[SIMULATIONS // 2 :]
         for number, test in again.items():
-            was, now = old.test(test.test), new.test(number)
+            assert test.candidate.source is not None
+            was, now = old.test(test.candidate.source.test), new.test(number)
             assert was.candidate.curvatures.tobytes() == now.candidate.curvatures.tobytes()
             # The same driver drives it the same.
             assert (was.outcome, was.moobd) == (now.outcome, now.moobd)
-        failed = sum(test.evaluation.outcome is Outcome.FAIL for test in again.values())
+        failed = sum(test.outcome is Outcome.FAIL for test in again.values())
         assert failed > 5
         assert (
             still_failing(new) == f"{failed} of {failed} earlier failures driven again still failed"
@@ -78,7 +81,7 @@ def test_roads_of_the_earlier_campaign_are_driven_again_first(first: Path, secon
         assert (told.folder, told.taken, told.left_out) == (str(first), taken, 0)
         assert (told.simulations, told.failures) == (counts.simulations, counts.failed)
         # What was known is told apart from what is new.
-        still = {n for n, test in again.items() if test.evaluation.outcome is Outcome.FAIL}
+        still = {n for n, test in again.items() if test.outcome is Outcome.FAIL}
         clusters = distinct_failures(new)
         assert 0 < clusters.known < len(clusters)
         assert still <= {number for one in clusters if one.was_known for number in one.ids}
@@ -122,13 +125,30 @@ def test_another_objective_is_measured_on_the_stored_drives(tmp_path: Path, firs
     assert all(value is not None and -25.0 < value < -1.0 for value in severities)
 
 
+@pytest.mark.parametrize("objective", ["moobd", "lateral-acceleration"])
+def test_a_strategy_is_told_what_the_earlier_drives_measure(
+    objective: str, tmp_path: Path, first: Path
+) -> None:
+    strategy = Noting(seed=5)
+    search(tmp_path / "v2", first, strategy=strategy, objective=objective, simulations=3).run()
+    measured = Objective.load(objective)
+    with CampaignStore.open(first) as old, CampaignStore.open(tmp_path / "v2") as new:
+        for test, told in zip(read_earlier(new), strategy.earlier, strict=True):
+            assert test.candidate.source is not None
+            number = test.candidate.source.test
+            was = evaluation_of(old.test(number), partial(old.trajectory, number), measured)
+            assert replace(was, candidate=told.candidate, budget_spent=0.0) == told
+            again = evaluation_of(test, partial(new.earlier_trajectory, test.id), measured)
+            assert plain(again.trace) == plain(was.trace)
+
+
 def test_several_campaigns_do_not_give_a_road_twice(
     tmp_path: Path, first: Path, second: Path
 ) -> None:
     both = search(tmp_path / "v3", second, first, simulations=2)
     both.run()
     with CampaignStore.open(tmp_path / "v3") as store:
-        roads = [test.evaluation.candidate.curvatures.tobytes() for test in read_earlier(store)]
+        roads = [test.candidate.curvatures.tobytes() for test in read_earlier(store)]
     assert len(set(roads)) == len(roads) == sum(one.taken for one in both.start_from)
     assert min(one.taken for one in both.start_from) > 0
 
@@ -150,18 +170,23 @@ def test_without_a_road_that_fits_nothing_is_written(tmp_path: Path, first: Path
 
 
 @pytest.mark.parametrize(
-    ("name", "value"),
-    [("curvatures", "AAAA"), ("moobd", None), ("outcome", "ERROR"), ("speed", ""), ("side", "up")],
+    ("table", "change", "finding"),
+    [
+        ("test", "curvatures = x'00'", "earlier test 3: buffer size must be a multiple"),
+        ("test", "moobd = NULL", "earlier test 3 is FAIL, with a MOOBD of None and"),
+        ("test", "outcome = 'ERROR'", "earlier test 3 is ERROR, with a MOOBD of -"),
+        ("test", "records = 0", "and 0 records; restore it from a copy"),
+        ("test", "trajectory = NULL", "the trajectory of earlier test 3 is gone"),
+        ("finding", "side = 'up'", "earlier test 3: Invalid enum value 'up'"),
+    ],
 )
 def test_a_changed_warm_start_is_found_and_not_resumed(
-    name: str, value: object, tmp_path: Path, second: Path
+    table: str, change: str, finding: str, tmp_path: Path, second: Path
 ) -> None:
     folder = tmp_path / "v2"
     shutil.copytree(second, folder)
-    with CampaignStore.open(folder) as store:
-        rows: Any = store.fact("earlier")
-    (rows[2] if name in rows[2] else rows[2]["arrays"])[name] = value
-    change = "UPDATE fact SET value = ? WHERE name = 'earlier'"
-    execute(folder, change, json.dumps(rows))
-    with refused("is damaged: what it started from"):
+    key = "id" if table == "test" else "test"
+    assert execute(folder, f"UPDATE earlier_{table} SET {change} WHERE {key} = 3") == 1
+    assert any(finding in text for text in check_campaign(folder).findings)
+    with refused(finding):
         search(folder, simulations=SIMULATIONS + 5).resume()

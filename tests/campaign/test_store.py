@@ -367,14 +367,15 @@ def test_a_reader_sees_the_moment_it_asked_while_the_writer_goes_on(store: Campa
 
 
 def test_facts_are_replaced(folder: Path) -> None:
-    with CampaignStore.create(folder, CONFIG, {"earlier": [{"a": 1}], "pi": 3.25}) as store:
+    facts: dict[str, JSONValue] = {"earlier_settings": {"a": 1}, "pi": 3.25}
+    with CampaignStore.create(folder, CONFIG, facts) as store:
         assert store.facts.keys() == {"created_at", "pi"}
         store.finish(seconds=1.5, ended="budget")
         store.finish(seconds=np.float64(2.5))
         with pytest.raises(ValueError, match="JSON"):
             store.finish(rate=float("nan"))
     with CampaignStore.open(folder, readonly=False) as store:
-        assert store.fact("earlier") == [{"a": 1}]
+        assert store.fact("earlier_settings") == {"a": 1}
         assert store.facts.keys() == {"created_at", "pi", "finished_at", "seconds", "ended"}
         assert store.facts["seconds"] == 2.5
         assert store.fact("nothing") is None
@@ -522,8 +523,8 @@ def foreign_database(path: Path, application_id: int, version: int) -> bytes:
     [
         ((0, 0), "is not a campaign's database"),
         ((42, FORMAT), "is not a campaign's database"),
-        ((APPLICATION_ID, FORMAT - 1), "has format 5, .* reads format 6: use the version"),
-        ((APPLICATION_ID, FORMAT + 1), "has format 7, .* reads format 6: use the version"),
+        ((APPLICATION_ID, FORMAT - 1), "has format 6, .* reads format 7: use the version"),
+        ((APPLICATION_ID, FORMAT + 1), "has format 8, .* reads format 7: use the version"),
         (b"no database at all" * 500, "is not a database"),
         (b"", "is not a campaign's database"),
         (b"SQLite format 3\0" + b"x" * 84, "is not a"),

@@ -48,7 +48,7 @@ def everything(folder: Path) -> list[object]:
             for value in (
                 store.config,
                 store.facts,
-                store.fact("earlier"),
+                store.earlier(),
                 list(store.tests(with_trajectory=True)),
                 list(store.candidates()),
                 store.counts(),

@@ -25,7 +25,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import Any, Final
 
@@ -41,7 +41,8 @@ from frenetic.analysis.segments import (
     segment_of_test,
     segments_of,
 )
-from frenetic.campaign.earlier import EarlierTest, read_earlier
+from frenetic.campaign.earlier import read_earlier
+from frenetic.campaign.objective import MOOBD, Objective, evaluation_of
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.criteria import EDGE_DISTANCE
@@ -59,7 +60,7 @@ from frenetic.search.approach import (
     states_before,
 )
 from frenetic.search.archive import SIDES, places_of
-from frenetic.search.records import Trace
+from frenetic.search.records import Evaluation, Trace
 
 IntArray = npt.NDArray[np.int64]
 
@@ -358,18 +359,20 @@ def distinct_among(store: CampaignStore, failures: Sequence[Failure]) -> Cluster
     Raises:
         CampaignError: the campaign is damaged.
     """
-    found, earlier = cluster_failures(failures), read_earlier(store)
+    found = cluster_failures(failures)
+    moobd = Objective.load(MOOBD)
+    earlier = [
+        evaluation_of(test, partial(store.earlier_trajectory, test.id), moobd)
+        for test in read_earlier(store)
+        if test.outcome is Outcome.FAIL
+    ]
     return _with_known(found, failures, earlier) if earlier else found
 
 
 def _with_known(
-    clusters: Clusters, failures: Iterable[Failure], earlier: Iterable[EarlierTest]
+    clusters: Clusters, failures: Iterable[Failure], earlier: Iterable[Evaluation]
 ) -> Clusters:
-    places = [
-        places_of(test.evaluation, test.evaluation.candidate, 0.0)[0]
-        for test in earlier
-        if test.evaluation.outcome is Outcome.FAIL
-    ]
+    places = [places_of(evaluation, evaluation.candidate, 0.0)[0] for evaluation in earlier]
     theirs = {
         side: np.array([one.vector for one in places if one.side == SIDES[side]]).reshape(-1, SIZE)
         for side in SIDES

@@ -11,7 +11,6 @@ from typing import Any, Final
 from msgspec import convert
 
 from frenetic._support.files import require_list
-from frenetic.campaign.earlier import FACT
 from frenetic.campaign.objective import MOOBD
 from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.criteria import Profile
@@ -19,6 +18,7 @@ from frenetic.description import part_text
 from frenetic.domain import Domain
 from frenetic.errors import CampaignError
 from frenetic.registry import part_name
+from frenetic.road import profile
 from frenetic.road.classes import RoadClass
 from frenetic.versions import short_version
 
@@ -97,18 +97,24 @@ def parts_of(folder: Path | str) -> dict[str, Any]:
         CampaignError: it is not there or damaged.
     """
     with CampaignStore.open(folder) as store:
-        config, facts, earlier = store.config, store.facts, store.fact(FACT)
+        config, facts, start_from = store.config, store.facts, _start_of(store)
     parts: dict[str, Any] = {name: config.get(name) for name in PARTS}
     parts["budget"] = facts.get("budget", parts["budget"])
     parts["objective"] = config.get("objective", MOOBD)
-    parts["start_from"] = None
-    if earlier is not None:
-        parts["start_from"] = hashlib.sha256(json.dumps(earlier).encode()).hexdigest()
+    parts["start_from"] = start_from
     strategy = parts["strategy"]
     if isinstance(strategy, dict) and isinstance(strategy.get("options"), dict):
         options = {k: v for k, v in strategy["options"].items() if k != "seed"}
         parts["strategy"] = {**strategy, "options": options}
     return parts
+
+
+def _start_of(store: CampaignStore) -> str | None:
+    """A digest of the roads and drives that a campaign starts from; None if there are none."""
+    columns = ", ".join(("outcome", "moobd", "step", "curvatures", *profile.NAMES, "trajectory"))
+    select = f"SELECT {columns} FROM earlier_test ORDER BY id"  # noqa: S608
+    rows = list(store.rows(select))
+    return hashlib.sha256(repr(rows).encode()).hexdigest() if rows else None
 
 
 def _names(configurations: list[dict[str, Any]]) -> list[str]:

@@ -17,7 +17,6 @@ import numpy as np
 from frenetic._support.child_processes import one_process
 from frenetic._support.json_value import JSONValue, plain
 from frenetic._support.outside_text import read_json
-from frenetic.campaign.earlier import EarlierTest
 from frenetic.campaign.objective import Objective, evaluation_of
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.store import CampaignStore
@@ -88,7 +87,7 @@ def require_valid_roads(strategy: Strategy) -> None:
         raise CampaignError(str(raised(error))) from error
 
 
-def start(strategy: Strategy, earlier: Sequence[EarlierTest], summary: Summary) -> None:
+def start(strategy: Strategy, earlier: Sequence[Evaluation], summary: Summary) -> None:
     """Tells the strategy what earlier campaigns drove, if anything; its time is counted.
 
     Raises:
@@ -103,7 +102,7 @@ def start(strategy: Strategy, earlier: Sequence[EarlierTest], summary: Summary) 
         )
     _mark_used(strategy)
     with _own_time(summary, CampaignError):
-        strategy.start_from([test.evaluation for test in earlier])
+        strategy.start_from(earlier)
 
 
 def ask(strategy: Strategy, summary: Summary) -> Candidate | None:
@@ -227,7 +226,7 @@ def replay(
     budget: Budget,
     objective: Objective,
     *,
-    earlier: Sequence[EarlierTest] = (),
+    earlier: Sequence[Evaluation] = (),
 ) -> tuple[Summary, dict[int, Candidate]]:
     """Replays the log to a fresh strategy, asking and telling in the same order.
 
@@ -236,7 +235,7 @@ def replay(
         strategy: fresh.
         budget: of the campaign.
         objective: of the campaign.
-        earlier: tests of earlier campaigns that it started from.
+        earlier: evaluations of earlier campaigns that it started from.
 
     Returns:
         The progress, and the candidates that were asked but not told, by id in the order of asking.

@@ -33,9 +33,8 @@ from frenetic.campaign.asking import (
     start,
 )
 from frenetic.campaign.earlier import (
-    fact_of,
-    read_earlier,
-    stored_earlier,
+    earlier_evaluations,
+    numbered,
     take_earlier,
     take_roads,
 )
@@ -70,6 +69,7 @@ from frenetic.spec import (
     EarlierCampaign,
     Part,
     Spec,
+    earlier_of,
     require_count,
 )
 from frenetic.versions import package_versions, version_of
@@ -383,7 +383,7 @@ class Campaign(Shown):
             return self._go_on(*self._search_so_far, limit, on_event)
         folders = [earlier.folder for earlier in self.start_from]
         step = (options_of(self.strategy) or {}).get("step")
-        self.start_from, taken = take_earlier(folders, self.tester, self.objective, step)
+        self.start_from, taken, settings = take_earlier(folders, self.tester, self.objective, step)
         starts = [str(earlier) for earlier in self.start_from]
         unread: list[str] = []
         if self.from_roads is not None:
@@ -391,11 +391,12 @@ class Campaign(Shown):
             starts, taken = [words, *starts], [*roads, *taken]
         self.notes = (*(f"starts from {source}" for source in starts), *unread)
         facts: dict[str, JSONValue] = {SOURCES: self._sources(), STARTED_IN: str(Path.cwd())}
-        facts |= fact_of(taken)
-        made = CampaignStore.create(self.folder, self.configuration(), facts)
+        made = CampaignStore.create(
+            self.folder, self.configuration(), facts | settings, numbered(taken)
+        )
         with made as store:
             summary = Summary(seed=self.seed, folder=self.folder, lane_width=self.tester.lane_width)
-            start(self.strategy, read_earlier(store), summary)
+            start(self.strategy, earlier_evaluations(store, self.objective), summary)
             return self._search(LogEvent.STARTED, store, summary, {}, limit, on_event)
 
     def _allow(self, simulations: int | None) -> int | None:
@@ -470,13 +471,14 @@ class Campaign(Shown):
                 self.budget = stored_budget(store)
             prepare(self.tester.simulator, is_here=self.cluster is None)
             self._keep_margin()
-            self.start_from, taken = stored_earlier(store)
+            self.start_from = earlier_of(store.config)
+            earlier = earlier_evaluations(store, self.objective)
             if self._is_usual_lookahead and isinstance(theirs := store.config["lookahead"], int):
                 self.lookahead = theirs
             self._check_same(store, self.configuration())
             store.require_sound()
             summary, outstanding = replay(
-                store, self.strategy, self.budget, self.objective, earlier=taken
+                store, self.strategy, self.budget, self.objective, earlier=earlier
             )
             summary.seed, summary.folder = self.seed, self.folder
             return self._search(LogEvent.RESUMED, store, summary, outstanding, None, on_event)

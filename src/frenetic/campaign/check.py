@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from frenetic.campaign.counts import Counts
+from frenetic.campaign.earlier import read_earlier
 from frenetic.campaign.log import told_in_log
 from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.errors import CampaignError
@@ -56,7 +57,9 @@ def _findings(store: CampaignStore) -> Iterator[str]:
                 yield f"SQLite says: {' '.join(line.split())}"
         if fault := fault_of(store.config):
             yield f"the configuration: {fault}"
-        _ = store.facts, store.fact("earlier")
+        _ = store.facts
+        for test in read_earlier(store):
+            store.earlier_trajectory(test.id)
         for (number,) in store.rows("SELECT test FROM finding EXCEPT SELECT id FROM test"):
             yield f"there are findings of test {number}, which is missing"
         numbers = list(store.rows("SELECT id, told FROM test ORDER BY told IS NULL, told, id"))

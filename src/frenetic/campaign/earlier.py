@@ -9,23 +9,23 @@ earlier campaign is needed no more.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Final
 
 import numpy as np
-from msgspec import Struct, convert, to_builtins
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.bounds import Finite, Index, NotNegative, Positive
 from frenetic._support.json_value import JSONValue
 from frenetic._support.words import counted
 from frenetic.campaign.objective import Objective, evaluation_of
-from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.record import Setting, Test
+from frenetic.campaign.store import EARLIER_SETTINGS, CampaignStore
 from frenetic.campaign.tester import RoadTester, fitted
+from frenetic.drive import Trajectory
 from frenetic.errors import CampaignError, RoadError
-from frenetic.oracle import Side
+from frenetic.oracle import Result
 from frenetic.outcome import Outcome
 from frenetic.road import profile
 from frenetic.road.files import find_roads
@@ -33,8 +33,8 @@ from frenetic.road.stretches import fitting, step_of, stretches_of
 from frenetic.search.approach import nearest_square
 from frenetic.search.archive import places_of
 from frenetic.search.random_search import EARLIER, GIVEN
-from frenetic.search.records import Candidate, Evaluation, Origin, Trace
-from frenetic.spec import EarlierCampaign, earlier_of
+from frenetic.search.records import Candidate, Evaluation, Origin, Source
+from frenetic.spec import EarlierCampaign
 
 _APART: Final = 1.0
 """Least difference of two taken tests, in m."""
@@ -44,21 +44,9 @@ _MOST: Final = {Outcome.FAIL: (500, 5000), Outcome.PASS: (100, 1000)}
 """Most tests that are taken, and that are looked at for it, of each campaign."""
 
 
-@dataclass(frozen=True, eq=False)
-class EarlierTest:
-    """Test of an earlier campaign, or stretch of a real road, that a search starts from."""
-
-    campaign: int
-    """Number from 1 of the campaign among those that it starts from; 0 for a real road."""
-    test: int
-    """Id of the test there; 0 for a real road."""
-    evaluation: Evaluation
-    """Result, as the strategy is told it; its candidate counts from 1 in this order."""
-
-
 def take_roads(
     folder: Path | str, tester: RoadTester, step: float | None
-) -> tuple[str, list[str], list[EarlierTest]]:
+) -> tuple[str, list[str], list[Test]]:
     """The stretches of the roads in a folder, see `frenetic.road.stretches`, in words and as tests.
 
     They are fitted to the rules of the new campaign's road class. Those that are not valid in it
@@ -74,7 +62,7 @@ def take_roads(
     """
     found = find_roads([folder])
     stretches = stretches_of(found.roads, step_of(found.roads) if step is None else step)
-    tests: list[EarlierTest] = []
+    tests: list[Test] = []
     for name, road in stretches.items():
         if tester.road_class is not None:
             road = fitting(road, tester.road_class)
@@ -87,7 +75,11 @@ def take_roads(
             **{name: getattr(road, name) for name in profile.NAMES},
         )
         if fitted(candidate, tester)[1].valid:
-            tests.append(EarlierTest(0, 0, Evaluation(candidate, Outcome.DROPPED, None, 0.0)))
+            result = Result(Outcome.DROPPED, "a stretch of a real road, which nobody has driven")
+            number = len(tests) + 1
+            tests.append(
+                Test(candidate=candidate, result=result, told=number, budget_spent=0.0, attempts=0)
+            )
     if not tests:
         raise RoadError(
             f"nothing can be taken from {folder}: none of {counted(len(found.roads), 'road')} there"
@@ -99,7 +91,7 @@ def take_roads(
     reasons = [f"left out: {reason}" for reason in found.skipped[:_REASONS]]
     if len(found.skipped) > _REASONS:
         reasons.append(f"left out: {len(found.skipped) - _REASONS} more")
-    limits = _limits_in_words([test.evaluation.candidate for test in tests], tester)
+    limits = _limits_in_words([test.candidate for test in tests], tester)
     text = f"{taken} {counted(len(found.roads), 'real road')}{unread}; {limits}"
     return text, reasons, tests
 
@@ -127,8 +119,8 @@ def _limits_in_words(stretches: Sequence[Candidate], tester: RoadTester) -> str:
 
 def take_earlier(
     folders: Sequence[Path | str], tester: RoadTester, objective: Objective, step: float | None
-) -> tuple[tuple[EarlierCampaign, ...], list[EarlierTest]]:
-    """What is taken from the campaigns in some folders.
+) -> tuple[tuple[EarlierCampaign, ...], list[Test], dict[str, JSONValue]]:
+    """What is taken from the campaigns in some folders, and the fact with their settings.
 
     The failures come first, then the passing tests, both by their MOOBD. One that differs by less
     than 1 m (`frenetic.search.approach`) from a taken one is left out; so are those beyond 500
@@ -145,8 +137,9 @@ def take_earlier(
     """
     near: dict[int, list[FloatArray]] = {}  # by side, what was taken
     campaigns: list[EarlierCampaign] = []
-    tests: list[EarlierTest] = []
-    for number, folder in enumerate(folders, start=1):
+    tests: list[Test] = []
+    settings: dict[str, JSONValue] = {}
+    for folder in folders:
         taken = left_out = 0
         with CampaignStore.open(Path(folder)) as store:
             for outcome, (most, looked_at) in _MOST.items():
@@ -161,8 +154,11 @@ def take_earlier(
                     is_known = told.trace is not None and told.moobd is not None
                     if is_known and _is_new(told, near):
                         taken += 1
-                        tests.append(_kept(number, record.id, told, len(tests) + 1))
+                        path = store.trajectory(record.id)
+                        tests.append(_taken(folder, record, path, objective.value_of(told)))
             counts = store.counts()
+            names = [item.name for item in fields(Setting) if item.name in store.config]
+            settings[str(folder)] = {name: store.config[name] for name in names}
         campaigns.append(
             EarlierCampaign(str(folder), counts.simulations, counts.failures, taken, left_out)
         )
@@ -171,7 +167,7 @@ def take_earlier(
             f"nothing can be taken from {', '.join(map(str, folders))}: no drive there has records,"
             " a MOOBD, and a road that fits this map and the strategy's step; start without them"
         )
-    return tuple(campaigns), tests
+    return tuple(campaigns), tests, {EARLIER_SETTINGS: settings} if settings else {}
 
 
 def _fits(road: Candidate, tester: RoadTester, step: float | None) -> bool:
@@ -189,34 +185,83 @@ def _is_new(told: Evaluation, near: dict[int, list[FloatArray]]) -> bool:
     return True
 
 
-def _kept(campaign: int, test: int, told: Evaluation, number: int) -> EarlierTest:
-    """A result under another number, which needs its campaign no more."""
-    road, trace = told.candidate, told.trace
-    slopes: dict[str, Any] = {name: getattr(road, name) for name in profile.NAMES}
-    candidate = Candidate(number, road.curvatures, road.step, Origin(EARLIER), **slopes)
-    told = replace(told, candidate=candidate, budget_spent=0.0, read_trace=lambda: trace)
-    return EarlierTest(campaign, test, told)
+def _taken(
+    folder: Path | str, record: Test, path: Trajectory | None, objective: float | None
+) -> Test:
+    """A test of an earlier campaign as the new one keeps it."""
+    road = record.candidate
+    candidate = Candidate(
+        road.id,
+        road.curvatures,
+        road.step,
+        Origin(EARLIER),
+        conditions=road.conditions,
+        source=Source(str(folder), road.id),
+        **{name: getattr(road, name) for name in profile.NAMES},
+    )
+    return replace(
+        record,
+        candidate=candidate,
+        budget_spent=0.0,
+        told_share=None,
+        objective=objective,
+        trajectory=path,
+    )
 
 
-def stored_earlier(
-    store: CampaignStore,
-) -> tuple[tuple[EarlierCampaign, ...], list[EarlierTest]]:
-    """The campaigns from which a stored one started, and what it took from them.
+def numbered(tests: Sequence[Test]) -> list[Test]:
+    """The tests with numbers from 1 in this order, as candidates and as results."""
+    return [
+        replace(test, candidate=replace(test.candidate, id=number), told=number)
+        for number, test in enumerate(tests, start=1)
+    ]
+
+
+def read_earlier(store: CampaignStore) -> list[Test]:
+    """What a campaign took from earlier ones and from real roads, without trajectories.
 
     Raises:
-        CampaignError: the stored campaign is damaged.
+        CampaignError: it is damaged.
     """
-    return earlier_of(store.config), read_earlier(store)
+    tests = store.earlier()
+    for test in tests:
+        is_known = test.outcome.is_driven and test.moobd is not None and bool(test.records)
+        if not is_known and test.outcome is not Outcome.DROPPED:
+            raise CampaignError(
+                f"{store.folder} is damaged: earlier test {test.id} is {test.outcome}, with a MOOBD"
+                f" of {test.moobd} and {test.records} records; restore it from a copy"
+            )
+    return tests
 
 
-def driven_again(store: CampaignStore) -> dict[int, EarlierTest]:
+def earlier_evaluations(store: CampaignStore, objective: Objective) -> list[Evaluation]:
+    """What a strategy is told of the earlier campaigns and real roads that a campaign starts from.
+
+    The roads come without the conditions in which they were driven.
+
+    Args:
+        store: the campaign.
+        objective: its objective, measured on the drives.
+
+    Raises:
+        CampaignError: the campaign is damaged, or the objective has no value for a drive.
+    """
+    evaluations = []
+    for test in read_earlier(store):
+        told = evaluation_of(test, partial(store.earlier_trajectory, test.id), objective)
+        road = replace(test.candidate, conditions={})
+        evaluations.append(replace(told, candidate=road))
+    return evaluations
+
+
+def driven_again(store: CampaignStore) -> dict[int, Test]:
     """Id of each test that drove the road of an earlier campaign again -> the test there.
 
     Raises:
         CampaignError: the campaign is damaged.
     """
     earlier = {
-        (test.evaluation.candidate.step, test.evaluation.candidate.curvatures.tobytes()): test
+        (test.candidate.step, test.candidate.curvatures.tobytes()): test
         for test in read_earlier(store)
     }
     select = """
@@ -237,98 +282,10 @@ def still_failing(store: CampaignStore) -> str:
     had_failed = [
         number
         for number, test in driven_again(store).items()
-        if test.evaluation.outcome is Outcome.FAIL and number not in repeats
+        if test.outcome is Outcome.FAIL and number not in repeats
     ]
     if not had_failed:
         return ""
     failing = {number for (number,) in store.rows("SELECT id FROM test WHERE outcome = 'FAIL'")}
     still = len(failing.intersection(had_failed))
     return f"{still} of {counted(len(had_failed), 'earlier failure')} driven again still failed"
-
-
-class _Row(Struct):
-    """An `EarlierTest` in the fact."""
-
-    campaign: Index
-    test: Index
-    step: Positive
-    outcome: Literal["PASS", "FAIL", "DROPPED"]
-    moobd: Finite | None
-    objective: Finite | None
-    place: Finite | None
-    side: Side | None
-    duration: NotNegative | None
-    arrays: dict[str, bytes]
-    """Curvatures, profiles and trace: float64, in base64."""
-    name: str | None = None
-    """Of a real road."""
-
-
-FACT: Final = "earlier"
-"""Name of the fact with the tests that were taken."""
-_OF_EVALUATION: Final = ("outcome", "moobd", "objective", "place", "side", "duration")
-_OF_ROAD: Final = ("curvatures", *profile.NAMES)
-_OF_TRACE: Final = ("distance", "lateral_offset", "speed")
-
-
-def fact_of(tests: Sequence[EarlierTest]) -> dict[str, JSONValue]:
-    """The fact with what was taken from earlier campaigns; none if nothing was."""
-    return {FACT: [to_builtins(_row_of(test), builtin_types=()) for test in tests]} if tests else {}
-
-
-def _row_of(test: EarlierTest) -> _Row:
-    told, road = test.evaluation, test.evaluation.candidate
-    arrays = {name: getattr(road, name) for name in _OF_ROAD}
-    arrays |= {name: getattr(told.trace, name, None) for name in _OF_TRACE}
-    return _Row(
-        test.campaign,
-        test.test,
-        float(road.step),
-        **{name: getattr(told, name) for name in _OF_EVALUATION},
-        arrays={
-            name: np.ascontiguousarray(values, np.float64).tobytes()
-            for name, values in arrays.items()
-            if values is not None
-        },
-        name=road.notes.get(GIVEN),
-    )
-
-
-def read_earlier(store: CampaignStore) -> list[EarlierTest]:
-    """What a campaign took from earlier ones.
-
-    Raises:
-        CampaignError: it is damaged.
-    """
-    try:
-        rows = convert(store.fact(FACT) or [], list[_Row])
-        return [_test_of(number, row) for number, row in enumerate(rows, start=1)]
-    except ValueError as error:
-        raise CampaignError(
-            f"{store.folder} is damaged: what it started from: {error}; restore it from a copy"
-        ) from None
-
-
-def _test_of(number: int, row: _Row) -> EarlierTest:
-    arrays: dict[str, Any] = {name: np.frombuffer(data) for name, data in row.arrays.items()}
-    road = {name: arrays[name] for name in _OF_ROAD if name in arrays}
-    slopes = {name: values.reshape(-1, 2) for name, values in road.items() if name in profile.NAMES}
-    is_driven = row.outcome != "DROPPED"
-    trace = None
-    if is_driven:
-        trace = Trace(*(arrays.get(name, np.empty(0)) for name in _OF_TRACE))
-        if not 1 <= len(trace.distance) == len(trace.lateral_offset) == len(trace.speed):
-            raise ValueError("a drive has not as many offsets and speeds as distances")
-        if row.moobd is None:
-            raise ValueError("a drive has no MOOBD")
-    candidate = Candidate(
-        number,
-        road.get("curvatures", np.empty(0)),
-        row.step,
-        Origin(EARLIER if is_driven else GIVEN),
-        notes={} if row.name is None else {GIVEN: row.name},
-        **slopes,
-    )
-    values: dict[str, Any] = {name: getattr(row, name) for name in _OF_EVALUATION}
-    told = Evaluation(candidate, budget_spent=0.0, **values, read_trace=lambda: trace)
-    return EarlierTest(row.campaign, row.test, told)

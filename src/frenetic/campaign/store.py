@@ -8,6 +8,8 @@ SQLite can read it, while the campaign runs and long afterwards:
 | fact | fact about the campaign (JSON): its configuration, when it was made and finished |
 | test | road that the strategy asked for, with its result and drive once it is told |
 | finding | breach of a criterion in a drive |
+| earlier_test | test of another campaign, or real road, that this one starts from |
+| earlier_finding | breach of a criterion in such a test |
 
 `frenetic.campaign.record` declares the columns. A test's trajectory is compressed by
 `frenetic.campaign.trajectory_codec`.
@@ -25,12 +27,14 @@ import os
 import sqlite3
 from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, Literal, Self, TypeAlias
 
 from filelock import FileLock
+from msgspec import convert
 
 from frenetic._support.files import FolderInUse, flush
 from frenetic._support.json_value import JSONValue, plain
@@ -59,33 +63,25 @@ from frenetic.search.records import Candidate
 
 DATABASE: Final = "campaign.sqlite"
 """Name of the database in a campaign's folder."""
-FORMAT: Final = 6
+FORMAT: Final = 7
 """Format of the database (`PRAGMA user_version`); another one is refused."""
 APPLICATION_ID: Final = int.from_bytes(b"FrnC")
 """Mark of our campaigns among SQLite files (`PRAGMA application_id`)."""
 LOCK: Final = "campaign.lock"
 """Name of the lock file in a campaign's folder."""
+EARLIER_SETTINGS: Final = "earlier_settings"
+"""Fact with the settings of the campaigns from which this one starts, by their folders."""
 Order: TypeAlias = Literal["told", "moobd"]
 
 _BUSY_TIMEOUT: Final = 10.0  # s that a reader waits for the writer
 _AT_ONCE: Final = 500  # tests read by one SELECT
 _ENDINGS: Final = ("finished_at", "seconds", "interrupted", "ended", "notice")
-_UNLISTED: Final = ("config", "earlier", "sources", "started_in")  # large, or shown elsewhere
-_FINDING: Final = ", ".join(f'"{column.name}"' for column in FINDING)
-_SCHEMA: Final = f"""
-PRAGMA application_id = {APPLICATION_ID};
-PRAGMA user_version = {FORMAT};
-CREATE TABLE fact (name TEXT PRIMARY KEY, value TEXT NOT NULL) STRICT, WITHOUT ROWID;
-CREATE TABLE test (
-    {", ".join(f"{column.name} {column.sql_type}" for column in FINISHED)},
-    asked_after INTEGER NOT NULL, trajectory BLOB, PRIMARY KEY (id)
-) STRICT;
-CREATE TABLE finding (
-    test INTEGER NOT NULL REFERENCES test (id), number INTEGER NOT NULL,
-    {", ".join(f'"{column.name}" {column.sql_type}' for column in FINDING)},
-    PRIMARY KEY (test, number)
-) STRICT, WITHOUT ROWID;
-"""  # asked_after is the number of results told before a road was asked for
+_UNLISTED: Final = (
+    "config",
+    EARLIER_SETTINGS,
+    "sources",
+    "started_in",
+)  # large, or shown elsewhere
 
 
 def _sql(columns: Sequence[object]) -> str:
@@ -94,12 +90,92 @@ def _sql(columns: Sequence[object]) -> str:
 
 _ASKED: Final = [*(column.name for column in ASKED), "asked_after"]
 _TOLD: Final = [*(column.name for column in TOLD), "trajectory"]
-_INSERT: Final = f"INSERT INTO test ({_sql(_ASKED)}) VALUES ({_sql('?' * len(_ASKED))})"  # noqa: S608
-_UPDATE: Final = f"UPDATE test SET {_sql([f'{name} = ?' for name in _TOLD])} WHERE id = ?"  # noqa: S608
-_INSERT_FINDING: Final = f"INSERT INTO finding VALUES ({_sql('?' * (len(FINDING) + 2))})"  # noqa: S608
+
+
+@dataclass(frozen=True)
+class _Tables:
+    """Two tables, one of tests and one of their findings, and the statements for them."""
+
+    test: str
+    finding: str
+    label: str
+    """What one of the tests is called in messages."""
+
+    @property
+    def schema(self) -> str:
+        """Statements that make the tables."""
+        # asked_after is the number of results told before a road was asked for
+        return f"""
+            CREATE TABLE {self.test} (
+                {_sql([f"{column.name} {column.sql_type}" for column in FINISHED])},
+                asked_after INTEGER NOT NULL, trajectory BLOB, PRIMARY KEY (id)
+            ) STRICT;
+            CREATE TABLE {self.finding} (
+                test INTEGER NOT NULL REFERENCES {self.test} (id), number INTEGER NOT NULL,
+                {_sql([f'"{column.name}" {column.sql_type}' for column in FINDING])},
+                PRIMARY KEY (test, number)
+            ) STRICT, WITHOUT ROWID;
+        """
+
+    @cached_property
+    def insert(self) -> str:
+        """Statement that adds a candidate."""
+        return f"INSERT INTO {self.test} ({_sql(_ASKED)}) VALUES ({_sql('?' * len(_ASKED))})"  # noqa: S608
+
+    @cached_property
+    def update(self) -> str:
+        """Statement that adds the result of a candidate."""
+        values = _sql([f"{name} = ?" for name in _TOLD])
+        return f"UPDATE {self.test} SET {values} WHERE id = ?"  # noqa: S608
+
+    @cached_property
+    def insert_finding(self) -> str:
+        """Statement that adds a finding."""
+        return f"INSERT INTO {self.finding} VALUES ({_sql('?' * (len(FINDING) + 2))})"  # noqa: S608
+
+    def select(self, count: int) -> str:
+        """Return the statement that reads so many tests by their ids."""
+        columns = _sql([column.name for column in FINISHED])
+        return f"SELECT {columns} FROM {self.test} WHERE id IN ({_sql('?' * count)})"  # noqa: S608
+
+    def select_findings(self, count: int) -> str:
+        """Return the statement that reads the findings of so many tests."""
+        columns = _sql([f'"{column.name}"' for column in FINDING])
+        return (
+            f"SELECT test, {columns} FROM {self.finding}"  # noqa: S608
+            f" WHERE test IN ({_sql('?' * count)}) ORDER BY test, number"
+        )
+
+    def rows_of(self, test: Test, packed: bytes | None = None) -> dict[str, list[tuple[Any, ...]]]:
+        """Return the statements that add the result of a test, each with its rows.
+
+        Args:
+            test: the test.
+            packed: its encoded trajectory; None to encode that of the test.
+
+        Raises:
+            ValueError: a number is not finite.
+        """
+        if packed is None and test.trajectory is not None:
+            packed = encode(test.trajectory)
+            test = replace(test, records=len(test.trajectory))
+        findings = enumerate([row_of(finding, FINDING) for finding in test.result.findings], 1)
+        return {
+            self.update: [(*row_of(test, TOLD), packed, test.id)],
+            self.insert_finding: [(test.id, number, *row) for number, row in findings],
+        }
+
+
+_TESTS: Final = _Tables("test", "finding", "test")
+_EARLIER: Final = _Tables("earlier_test", "earlier_finding", "earlier test")
+_SCHEMA: Final = f"""
+PRAGMA application_id = {APPLICATION_ID};
+PRAGMA user_version = {FORMAT};
+CREATE TABLE fact (name TEXT PRIMARY KEY, value TEXT NOT NULL) STRICT, WITHOUT ROWID;
+{_TESTS.schema}
+{_EARLIER.schema}
+"""
 _REPLACE_FACT: Final = "INSERT OR REPLACE INTO fact VALUES (?, ?)"
-_SELECT: Final = f"SELECT {_sql([column.name for column in FINISHED])} FROM test WHERE id IN "  # noqa: S608
-_SELECT_FINDINGS: Final = f"SELECT test, {_FINDING} FROM finding WHERE test IN "  # noqa: S608
 _KEYS: Final = (
     f"SELECT id, outcome, conditions, step, curvatures, points, {_sql(profile.NAMES)} FROM test"  # noqa: S608
     " WHERE told IS NOT NULL AND outcome <> 'DROPPED' ORDER BY told"
@@ -128,7 +204,7 @@ class CampaignStore(Shown):
         self._opened = self._path.stat()
         self._in_use = FolderInUse(folder)
         self._held: dict[str, list[tuple[Any, ...]]] = {  # for the next transaction
-            statement: [] for statement in (_INSERT, _UPDATE, _INSERT_FINDING)
+            statement: [] for statement in (_TESTS.insert, _TESTS.update, _TESTS.insert_finding)
         }
         self._repeats: tuple[int, frozenset[int]] | None = None  # of so many results
         ((self._last_asked, self._told),) = self._select(
@@ -150,16 +226,30 @@ class CampaignStore(Shown):
         folder: Path | str,
         config: Mapping[str, JSONValue],
         facts: Mapping[str, JSONValue] = MappingProxyType({}),
+        earlier: Sequence[Test] = (),
     ) -> Self:
         """A new campaign in a folder, which is made if need be.
 
+        Args:
+            folder: the folder.
+            config: its configuration.
+            facts: other facts.
+            earlier: tests of other campaigns, and real roads, that it starts from.
+
         Raises:
             CampaignError: the folder holds a campaign already or cannot be written.
-            ValueError: the configuration or a fact is not JSON (NaN and infinity are not).
+            ValueError: the configuration or a fact is not JSON (NaN and infinity are not), or a
+                number of a test is not finite.
         """
         folder = Path(folder)
         named = {"config": dict(config), "created_at": present_moment(), **facts}
-        rows = [_fact_row(*fact) for fact in named.items()]
+        rows = {
+            _REPLACE_FACT: [_fact_row(*fact) for fact in named.items()],
+            _EARLIER.insert: [(*row_of(test.candidate, ASKED), 0) for test in earlier],
+        }
+        for test in earlier:
+            for statement, added in _EARLIER.rows_of(test).items():
+                rows.setdefault(statement, []).extend(added)
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -349,7 +439,7 @@ class CampaignStore(Shown):
                 f"{self._path} already holds candidate {self._last_asked}: the next one needs a"
                 f" higher id, not {candidate.id}"
             )
-        self._held[_INSERT].append((*row_of(candidate, ASKED), self._told))
+        self._held[_TESTS.insert].append((*row_of(candidate, ASKED), self._told))
         self._last_asked = candidate.id
 
     def told(self, test: Test, packed: bytes | None = None) -> None:
@@ -363,12 +453,8 @@ class CampaignStore(Shown):
             ValueError: a number is not finite.
         """
         self._require_writer()
-        if packed is None and test.trajectory is not None:
-            packed = encode(test.trajectory)
-            test = replace(test, records=len(test.trajectory))
-        findings = enumerate([row_of(finding, FINDING) for finding in test.result.findings], 1)
-        self._held[_UPDATE].append((*row_of(test, TOLD), packed, test.id))
-        self._held[_INSERT_FINDING] += [(test.id, number, *row) for number, row in findings]
+        for statement, rows in _TESTS.rows_of(test, packed).items():
+            self._held[statement] += rows
         self._told += 1
 
     def write(self) -> None:
@@ -523,15 +609,45 @@ class CampaignStore(Shown):
             CampaignError: it is damaged.
         """
         self.write()
-        for records, packed in self._select(
-            "SELECT records, trajectory FROM test WHERE id = ?", (operator.index(id),)
-        ):
+        return self._trajectory(operator.index(id), _TESTS)
+
+    def _trajectory(self, number: int, tables: _Tables) -> Trajectory | None:
+        select = f"SELECT records, trajectory FROM {tables.test} WHERE id = ?"  # noqa: S608
+        for records, packed in self._select(select, (number,)):
             if packed is not None:
-                with self._reading(f"the trajectory of test {id}"):
+                with self._reading(f"the trajectory of {tables.label} {number}"):
                     return decode(packed)
             if records is not None:
-                raise self._damaged(f"the trajectory of test {id} is gone")
+                raise self._damaged(f"the trajectory of {tables.label} {number} is gone")
         return None
+
+    def earlier(self) -> list[Test]:
+        """The tests of other campaigns, and real roads, that this one starts from.
+
+        They come without their trajectories, numbered from 1, each with the setting of its own
+        campaign.
+
+        Raises:
+            CampaignError: one is damaged or missing.
+        """
+        with self._reading("the settings of the campaigns that it started from"):
+            settings = convert(self.fact(EARLIER_SETTINGS) or {}, dict[str, Setting])
+        ids = self._ids(f"SELECT id FROM {_EARLIER.test} ORDER BY id")  # noqa: S608
+        return [
+            replace(test, setting=settings.get(test.candidate.source.campaign))
+            if test.candidate.source is not None
+            else test
+            for start in range(0, len(ids), _AT_ONCE)
+            for test in self._read(ids[start : start + _AT_ONCE], False, _EARLIER)
+        ]
+
+    def earlier_trajectory(self, id: int) -> Trajectory | None:  # noqa: A002
+        """The trajectory of an `earlier` test; None for a real road.
+
+        Raises:
+            CampaignError: it is damaged.
+        """
+        return self._trajectory(id, _EARLIER)
 
     def candidate(self, id: int) -> Candidate:  # noqa: A002
         """The candidate with this id, whether it has a result or not.
@@ -556,18 +672,22 @@ class CampaignStore(Shown):
             for candidate in self._read_candidates(ids[start : start + _AT_ONCE])
         )
 
-    def _read(self, ids: Sequence[int], with_trajectory: bool | Container[int]) -> list[Test]:
+    def _read(
+        self,
+        ids: Sequence[int],
+        with_trajectory: bool | Container[int],
+        tables: _Tables = _TESTS,
+    ) -> list[Test]:
         """The tests of some candidates, in this order."""
         has_path = ids if with_trajectory is True else with_trajectory or ()
         setting = self._setting if isinstance(self._setting, Setting) else None
         findings: dict[int, list[Sequence[Any]]] = {}
-        select = f"{_SELECT_FINDINGS}({_sql('?' * len(ids))}) ORDER BY test, number"
-        for number, *values in self._select(select, ids):
+        for number, *values in self._select(tables.select_findings(len(ids)), ids):
             findings.setdefault(number, []).append(values)
         tests = []
-        for row in self._rows(ids):
-            path = self.trajectory(row[0]) if row[0] in has_path else None
-            with self._reading(f"test {row[0]}"):
+        for row in self._rows(ids, tables):
+            path = self._trajectory(row[0], tables) if row[0] in has_path else None
+            with self._reading(f"{tables.label} {row[0]}"):
                 tests.append(read_test(row, findings.get(row[0], ()), path, setting))
         return tests
 
@@ -578,13 +698,13 @@ class CampaignStore(Shown):
                 candidates.append(read_candidate(row))
         return candidates
 
-    def _rows(self, ids: Sequence[int]) -> list[tuple[Any, ...]]:
+    def _rows(self, ids: Sequence[int], tables: _Tables = _TESTS) -> list[tuple[Any, ...]]:
         """The rows of some candidates, in this order.
 
         Raises:
             CampaignError: one is missing.
         """
-        rows = {row[0]: row for row in self._select(f"{_SELECT}({_sql('?' * len(ids))})", ids)}
+        rows = {row[0]: row for row in self._select(tables.select(len(ids)), ids)}
         for number in ids:
             if number not in rows:
                 raise self._damaged(f"candidate {number} is missing")
@@ -774,7 +894,7 @@ def _check_identity(connection: sqlite3.Connection, path: Path) -> None:
         )
 
 
-def _make_database(path: Path, facts: Sequence[tuple[str, str]]) -> None:
+def _make_database(path: Path, rows: Mapping[str, Sequence[tuple[Any, ...]]]) -> None:
     """Writes a complete campaign without tests to a new file."""
     connection = _connect(path, "mode=rwc")
     try:
@@ -782,7 +902,10 @@ def _make_database(path: Path, facts: Sequence[tuple[str, str]]) -> None:
         connection.execute("PRAGMA synchronous = OFF")
         connection.execute("PRAGMA journal_mode = MEMORY").fetchone()
         connection.executescript(_SCHEMA)
-        connection.executemany(_REPLACE_FACT, facts)
+        connection.execute("BEGIN")
+        for statement, values in rows.items():
+            connection.executemany(statement, values)
+        connection.execute("COMMIT")
         connection.execute("PRAGMA journal_mode = WAL").fetchone()
     finally:
         connection.close()

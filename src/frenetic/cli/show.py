@@ -338,7 +338,7 @@ def _part(config: Mapping[str, Any], kind: str) -> str:
 
 
 def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
-    from frenetic.campaign.earlier import driven_again, stored_earlier
+    from frenetic.campaign.earlier import driven_again
     from frenetic.campaign.objective import value_in_words
     from frenetic.report.failures import FAILURES, PICTURES, file_stem, road_document
     from frenetic.report.minimised import minimised_drives, minimised_road
@@ -362,9 +362,9 @@ def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
     source = origin.operator
     if origin.parents:
         source += f" of {', '.join(map(str, origin.parents))}"
-    if origin.operator == EARLIER and (earlier := driven_again(store).get(test_id)):
-        folder = stored_earlier(store)[0][earlier.campaign - 1].folder
-        source += f", the road of test {earlier.test} of {folder}"
+    earlier = driven_again(store).get(test_id) if origin.operator == EARLIER else None
+    if earlier is not None and (road := earlier.candidate.source) is not None:
+        source += f", the road of test {road.test} of {road.campaign}"
     if GIVEN in notes:
         source += f", {notes[GIVEN]}"
     short = minimised_drives(store, [test_id]).get(test_id)
