@@ -113,7 +113,7 @@ class RoadTester:
         return replace(attempt, worker=worker, seconds=time.perf_counter() - start)
 
     def drive(self, road: Road) -> Drive:
-        """Drives a road; a simulator that raises gives a drive with an error."""
+        """Drives a road; a simulator that raises gives a drive with trouble."""
         return self._drive(road, self.driver)[0]
 
     def _driven(self, candidate_id: int, road: Road, driver: Driver) -> Attempt:

@@ -130,7 +130,7 @@ class IsolatedSimulator:
     """A simulator in a process of its own, with a copy of the driver.
 
     A driver that kills the process, hangs, closes its files or moves to another folder harms
-    nothing else: its drive has an error with a reason, and the next drive has a new process. All
+    nothing else: that drive raises `BrokenDriveError`, and the next drive has a new process. All
     else is as in the simulator itself, whose attributes it has; the same drives come out. A driver
     is copied before its first drive, so changing it later has no effect.
 

@@ -21,7 +21,7 @@ class Simulator(Protocol):
 
     `drive` puts the car at rest on the centre of the ego lane at the road's first point, aligned
     with the road, and records it at a fixed rate until `frenetic.oracle` says that the drive has
-    ended. A driver or simulator that breaks gives a `Drive` with `error` set instead of an
+    ended. A driver or simulator that breaks gives a `Drive` with its `trouble` instead of an
     exception, and leaves the next drive clean. The same road and driver give the same drive.
     """
 
