@@ -62,6 +62,29 @@ class Finding:
     y: Finite
     """Coordinate of the centre of mass, in m."""
 
+    @classmethod
+    def departure(
+        cls,
+        side: Side,
+        distance: float,
+        *,
+        oob_share: float = 1.0,
+        time: float = 0.0,
+        x: float = 0.0,
+        y: float = 0.0,
+    ) -> Finding:
+        """Return the finding that a car left its lane, for whoever knows only some of it.
+
+        Args:
+            side: side of the lane on which the car left it.
+            distance: distance along the road, in m.
+            oob_share: share of the car's box outside the lane, 0..1.
+            time: simulated time, in s.
+            x: coordinate of the centre of mass, in m.
+            y: coordinate of the centre of mass, in m.
+        """
+        return cls(LANE, oob_share, oob_share, side, time, distance, x, y)
+
 
 @dataclass(frozen=True)
 class Result:

@@ -78,8 +78,7 @@ def failure_reason(road: Road, drive: Drive) -> FailureReason | None:
     result = judge(road, drive)
     if result.outcome is not Outcome.FAIL:
         return None
-    side = None if result.departure is None else result.departure.side
-    return FailureReason.of(side, result.duration, drive.rules.timeout(road.length))
+    return FailureReason.of(result.departure, result.duration, drive.rules.timeout(road.length))
 
 
 def alone(road: Road) -> FailureReason | None:

@@ -215,13 +215,14 @@ class Watching(Frenetic):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
-        self.told: list[tuple[object, ...]] = []
+        self.told: list[tuple[Any, ...]] = []
 
     def tell(self, evaluation: Evaluation) -> None:
         trace = evaluation.trace
         seen = [] if trace is None else [trace.distance, trace.lateral_offset, trace.speed]
-        told = (evaluation.place, evaluation.side, evaluation.duration, evaluation.severity)
-        self.told.append((*told, *(column.tobytes() for column in seen)))
+        told = (evaluation.finding, evaluation.worst_place, evaluation.duration)
+        columns = (column.tobytes() for column in seen)
+        self.told.append((*told, evaluation.severity, *columns))
         super().tell(evaluation)
 
 
@@ -231,6 +232,7 @@ def test_a_resumed_strategy_is_told_of_drives_what_it_was_told(tmp_path: Path) -
     campaign(tmp_path, 40, strategy=strategy, **parts).run()
     campaign(tmp_path, 42, strategy=resumed, **parts).resume()
     assert len(strategy.told[0]) == 7
-    assert {told[1] for told in strategy.told} == {"left", "right", None}
+    sides = {None if finding is None else finding.side for finding, *_ in strategy.told}
+    assert sides == {"left", "right", None}
     assert resumed.told[: len(strategy.told)] == strategy.told
     assert len(resumed.told) > len(strategy.told)

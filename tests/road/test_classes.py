@@ -17,6 +17,7 @@ from road_rules import RULES, violations
 
 from frenetic import Frenetic, Frenetic2021, RandomSearch, Road
 from frenetic.errors import FreneticError
+from frenetic.oracle import Finding
 from frenetic.outcome import Outcome
 from frenetic.road.classes import RoadClass
 from frenetic.search import Evaluation, Strategy
@@ -103,14 +104,15 @@ def test_strategies_stay_in_their_class(name: str, strategy: Callable[..., Strat
         along = np.arange(0.0, length, 5.0)
         offsets, speeds = (rng.normal(middle, 3.0, len(along)) for middle in (0.0, 20.0))
         trace = Trace(along, offsets, speeds)
+        place = float(rng.uniform(0.0, length))
         search.tell(
             Evaluation(
                 candidate,
                 Outcome.FAIL if moobd < -1.0 else Outcome.PASS,
                 moobd,
                 i / ROADS,
-                place=float(rng.uniform(0.0, length)),
-                side="left" if moobd < -1.0 else None,
+                finding=Finding.departure("left", place) if moobd < -1.0 else None,
+                worst_place=place,
                 read_trace=lambda trace=trace: trace,  # type: ignore[misc]
             )
         )

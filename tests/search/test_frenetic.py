@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from frenetic._support.arrays import FloatArray
+from frenetic.oracle import Finding
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.search import Candidate, Evaluation, Frenetic, Trace
@@ -37,8 +37,16 @@ def drive(candidate: Candidate, moobd: float, place: float, spent: float = 0.5) 
     along = np.linspace(0.0, length, 200)
     offset = (2.0 - moobd) * np.exp(-(((along - place) / 8.0) ** 2))
     trace = Trace(along, offset, 10.0 + 200.0 * (0.07 - np.abs(_curvature(candidate, along))))
-    told = Evaluation(candidate, Outcome.PASS, moobd, spent, place=place, read_trace=lambda: trace)
-    return replace(told, outcome=Outcome.FAIL, side="left") if moobd < -1.5 else told
+    has_failed = moobd < -1.5
+    return Evaluation(
+        candidate,
+        Outcome.FAIL if has_failed else Outcome.PASS,
+        moobd,
+        spent,
+        finding=Finding.departure("left", place) if has_failed else None,
+        worst_place=place,
+        read_trace=lambda: trace,
+    )
 
 
 def _curvature(candidate: Candidate, along: FloatArray) -> FloatArray:
@@ -134,7 +142,9 @@ def test_a_second_peak_is_kept_if_it_is_apart() -> None:
     along = np.linspace(0.0, 150.0, 300)
     offset = 2.5 * np.exp(-(((along - 40.0) / 5.0) ** 2)) - np.exp(-(((along - 100.0) / 5.0) ** 2))
     trace = Trace(along, offset, np.full(300, 15.0))
-    told = Evaluation(candidate, Outcome.PASS, -0.5, 0.1, place=40.0, read_trace=lambda: trace)
+    told = Evaluation(
+        candidate, Outcome.PASS, -0.5, 0.1, worst_place=40.0, read_trace=lambda: trace
+    )
     first, second = places_of(told, candidate, -0.5)
     assert (first.side, second.side) == (LEFT, RIGHT)
     assert second.distance == pytest.approx(100.0, abs=1.0)

@@ -55,7 +55,9 @@ def search(strategy: Strategy, drives: int) -> list[tuple[str, float, bool]]:
         found.append((candidate.origin.operator, bent, verdict.valid))
         moobd = 2.0 - bent
         strategy.tell(
-            Evaluation(candidate, Outcome.PASS, moobd, 0.0, place=100.0, read_trace=lambda: trace)
+            Evaluation(
+                candidate, Outcome.PASS, moobd, 0.0, worst_place=100.0, read_trace=lambda: trace
+            )
         )
     return found
 

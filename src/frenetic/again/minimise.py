@@ -41,6 +41,7 @@ from frenetic.errors import (
     Fault,
     FreneticError,
 )
+from frenetic.oracle import Finding
 from frenetic.outcome import Outcome
 from frenetic.quantities import in_words, named, quantity, without
 from frenetic.road import Road, profile
@@ -82,27 +83,25 @@ class FailureReason(StrEnum):
     @classmethod
     def of(
         cls,
-        side: str | None,
+        finding: Finding | None,
         duration: float | None,
         timeout: float,
         fault: Fault | None = None,
-        criterion: str | None = None,
     ) -> FailureReason:
         """The reason of a failed drive.
 
         Args:
-            side: of the lane on which the car left it; None if it did not.
+            finding: gravest breach of a criterion; None if there is none.
             duration: simulated time in s.
             timeout: s that the road's drive may take.
             fault: the driver's, if it ended the drive.
-            criterion: name of the criterion that was exceeded, if any.
         """
         if fault is not None:
             return cls.DRIVER_BROKE
-        if criterion not in (None, LANE):
+        if finding is not None and finding.criterion != LANE:
             return cls.EXCEEDED_A_LIMIT
-        if side is not None:
-            return cls.LEFT_LANE_LEFT if side == "left" else cls.LEFT_LANE_RIGHT
+        if finding is not None:
+            return cls.LEFT_LANE_LEFT if finding.side == "left" else cls.LEFT_LANE_RIGHT
         return cls.RAN_OUT_OF_TIME if (duration or 0.0) > timeout else cls.STOOD_STILL
 
 
@@ -266,7 +265,7 @@ class Minimising(Strategy):
                 self.shrinker = Shrinker(
                     _shape_of(candidate),
                     lambda shape: (shape.scaled(1.0 - GUARD), shape.scaled(1.0 + GUARD)),
-                    place=evaluation.place if evaluation.criterion else None,
+                    place=None if evaluation.finding is None else evaluation.finding.distance,
                 )
                 self.smallest = candidate
                 self._run = self._work()
@@ -294,8 +293,7 @@ class Minimising(Strategy):
             return None
         timeout = self._rules.timeout(candidate.length)
         fault = evaluation.fault
-        side, criterion = evaluation.side, evaluation.criterion
-        reason = FailureReason.of(side, evaluation.duration, timeout, fault, criterion)
+        reason = FailureReason.of(evaluation.finding, evaluation.duration, timeout, fault)
         approach = places_of(evaluation, candidate, 0.0)[0].vector
         return _Found(reason, approach, evaluation.objective, fault)
 

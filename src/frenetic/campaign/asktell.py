@@ -40,7 +40,6 @@ from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.campaign.summary import Event, Summary
 from frenetic.campaign.tester import RoadTester, fitted
 from frenetic.campaign.workers import Workers
-from frenetic.criteria import LANE
 from frenetic.domain import Domain
 from frenetic.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
@@ -149,7 +148,9 @@ class Told(Struct, forbid_unknown_fields=True):
             x, y, _ = road.pose_at(min(max(self.place, 0.0), road.length))
             share = 1.0 if self.oob_share is None else self.oob_share
             at = self.duration or 0.0
-            findings = [Finding(LANE, share, share, self.side, at, self.place, x, y)]
+            findings = [
+                Finding.departure(self.side, self.place, oob_share=share, time=at, x=x, y=y)
+            ]
         result = Result(
             outcome,
             self.reason or f"told as {outcome}",

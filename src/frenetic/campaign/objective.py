@@ -342,19 +342,13 @@ def _told(
     place: float | None,
     read_trace: Callable[[], Trace | None],
 ) -> Evaluation:
-    first = result.finding
-    if first is not None:
-        place = first.distance
-    elif place is None:
-        place = result.moobd_distance
     return Evaluation(
         candidate,
         result.outcome,
         result.moobd,
         budget_spent,
-        place=place,
-        side=None if first is None else first.side,
-        criterion=None if first is None else first.criterion,
+        finding=result.finding,
+        worst_place=result.moobd_distance if place is None else place,
         duration=result.duration,
         fault=result.fault,
         objective=severity,

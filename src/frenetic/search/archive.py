@@ -168,13 +168,15 @@ def places_of(evaluation: Evaluation, candidate: Candidate, severity: float) -> 
         return Place(distance, side, severity, has_failed, as_vector(road, *states))
 
     has_failed = evaluation.outcome is Outcome.FAIL
+    finding = evaluation.finding
+    left_on = SIDES[None if finding is None else finding.side]
     if trace is None:
         distance = 0.5 * length if evaluation.place is None else evaluation.place
-        return [place_at(distance, SIDES[evaluation.side], severity, has_failed)]
+        return [place_at(distance, left_on, severity, has_failed)]
     away = np.abs(trace.lateral_offset)
     peak = int(np.argmax(away))
     distance = float(trace.distance[peak]) if evaluation.place is None else evaluation.place
-    side = SIDES[evaluation.side] if has_failed else _side(trace, peak)
+    side = left_on if has_failed else _side(trace, peak)
     found = [place_at(distance, side, severity, has_failed)]
     apart = np.where(np.abs(trace.distance - distance) > APART, away, 0.0)
     second = int(np.argmax(apart))

@@ -386,12 +386,12 @@ class Rests:
 
     def see(self, candidate: Candidate, evaluation: Evaluation) -> None:
         """Keep what is left of a road that was told, if it is long enough to drive fast on it."""
-        place = evaluation.place
-        if self._road_class is None or evaluation.side is None or place is None:
+        finding = evaluation.finding
+        if self._road_class is None or finding is None or finding.side is None:
             return
-        if evaluation.criterion not in (None, LANE):  # which does not end a drive
+        if finding.criterion != LANE:  # others do not end a drive
             return
-        first = max(math.ceil(place / candidate.step), 1)
+        first = max(math.ceil(finding.distance / candidate.step), 1)
         left = (len(candidate.curvatures) - 1 - first) * candidate.step
         if left >= TO_GO_ON * self._road_class.design_speed / 3.6:
             self._waiting.append((candidate, first))

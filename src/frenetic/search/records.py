@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from frenetic.outcome import Outcome
 
 if TYPE_CHECKING:
     from frenetic.errors import Fault
+    from frenetic.oracle import Finding
     from frenetic.road import Pose, Road
     from frenetic.road.classes import RoadClass
 
@@ -172,16 +173,16 @@ class Evaluation:
     nobody measured it."""
     budget_spent: float
     """Share of the campaign's budget spent when this was told, 0..1."""
-    place: float | None = None
-    """Distance along the road to where the car left its lane, or else was furthest off, in m."""
-    side: Literal["left", "right"] | None = None
-    """Side of the lane on which the car left it; None if it did not."""
+    finding: Finding | None = None
+    """Gravest breach of a criterion, see `frenetic.oracle.Result`; None if there is none, as for a
+    car that stood still."""
+    worst_place: float | None = None
+    """Distance along the road to where the drive was worst by the objective, for the MOOBD to where
+    the car was furthest off its lane's centre, in m."""
     duration: float | None = None
     """Simulated time, in s."""
     fault: Fault | None = None
     """Fault of the driver that ended the drive."""
-    criterion: str | None = None
-    """Name of the criterion that it exceeded; None if it exceeded none, or stood still."""
     objective: float | None = None
     """Value to be minimised, if the campaign has another objective than the MOOBD."""
     read_trace: Callable[[], Trace | None] = field(default=_no_trace, compare=False, repr=False)
@@ -189,6 +190,11 @@ class Evaluation:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "outcome", Outcome(self.outcome))
+
+    @property
+    def place(self) -> float | None:
+        """Distance along the road to the finding, or else to the worst place, in m."""
+        return self.worst_place if self.finding is None else self.finding.distance
 
     @property
     def severity(self) -> float | None:

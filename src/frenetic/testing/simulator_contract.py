@@ -95,7 +95,7 @@ class SimulatorContract:
         return gentle_road()
 
     def drive(self, road: Road, rules: Rules | None = None, driver: Driver | None = None) -> Drive:
-        """One drive in a fresh simulator, without an error."""
+        """One drive in a fresh simulator, without trouble."""
         with self.make(rules or Rules()) as simulator:
             drive = self.drive_in(simulator, road, driver or self.driver())
         assert drive.trouble is None, drive.trouble

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from frenetic._support.arrays import FloatArray
+from frenetic.oracle import Finding, Side
 from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate, Evaluation, Trace
 from frenetic.search.strategy import SearchEnded, Strategy, has_own
@@ -317,13 +318,15 @@ def _made_up(candidate: Candidate, budget_spent: float) -> Evaluation:
         return Evaluation(candidate, outcome, moobd, budget_spent)
     distance = candidate.length * places
     stands = outcome is not Outcome.FAIL or candidate.id % 7 == 0  # some fail in the lane
+    side: Side = "left" if offset[worst] > 0.0 else "right"
+    place = float(distance[worst])
     return Evaluation(
         candidate,
         outcome,
         moobd,
         budget_spent,
-        place=float(distance[worst]),
-        side=None if stands else "left" if offset[worst] > 0.0 else "right",
+        finding=None if stands else Finding.departure(side, place),
+        worst_place=place,
         duration=duration,
         read_trace=lambda: Trace(distance, offset.copy(), speed.copy()),
     )
