@@ -11,6 +11,8 @@ import pytest
 
 from frenetic.errors import (
     DriverError,
+    Fault,
+    Trouble,
     describe_error,
     describe_raised,
     place_of,
@@ -126,3 +128,15 @@ def test_the_traceback_of_our_own_error_is_that_of_its_cause() -> None:
     assert "in singular\n" in trace
     assert trace.endswith("LinAlgError: Singular matrix\n")
     assert traceback_of(DriverError("the driver returned nothing")) == ""
+
+
+def test_trouble_is_an_error_with_its_traceback_and_whose_fault_it_is() -> None:
+    def steer() -> None:
+        raise ValueError("no lane ahead")
+
+    error = raised(steer)
+    trouble = Trouble.of(error, "driver")
+    assert trouble.reason == reason_of(error)
+    assert trouble.traceback == traceback_of(error)
+    assert trouble.fault == Fault.of("driver", error)
+    assert Trouble.of(error, "simulator", "it stopped").reason == "it stopped"

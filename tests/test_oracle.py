@@ -331,6 +331,12 @@ def test_a_fault_of_the_driver_fails_its_drive() -> None:
     )
 
 
+def test_a_drive_takes_no_text_as_its_trouble() -> None:
+    text: Any = "no connection"
+    with pytest.raises(TypeError, match="trouble is 'no connection': a frenetic"):
+        Drive(Trajectory.empty(), trouble=text)
+
+
 @pytest.mark.parametrize("trouble", [None, Trouble("the simulator did not start")])
 def test_an_empty_drive_is_an_error(trouble: Trouble | None) -> None:
     result = judge(STRAIGHT, Drive(trajectory(STRAIGHT, []), trouble=trouble))

@@ -260,6 +260,12 @@ class Drive:
     driver_seconds: float = field(default=0.0, compare=False)
     """Wall time in the driver's own code, in s; 0 if the simulator does not say."""
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.trouble, Trouble | None):
+            raise TypeError(
+                f"the drive's trouble is {self.trouble!r}: a frenetic.errors.Trouble is needed"
+            )
+
     def __repr__(self) -> str:
         """The drive at a glance."""
         road = "" if self.road is None else f" on {self.road.length:.0f} m of road"

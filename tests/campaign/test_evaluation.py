@@ -82,3 +82,11 @@ def test_what_was_not_driven_or_broke_has_no_moobd_and_an_objective_its_value() 
     assert evaluate(candidate, road, drive).severity == accelerated.moobd
     with pytest.raises(FreneticError, match="nothing"):
         evaluate(candidate, road, drive, objective="nothing")
+
+
+def test_the_place_is_that_of_the_finding_or_else_the_worst() -> None:
+    candidate = Candidate(1, np.zeros(20), 10.0, Origin("mine"))
+    passed = Evaluation(candidate, Outcome.PASS, 0.5, 0.1, worst_place=40.0)
+    departure = frenetic.Finding.departure("left", 87.0)
+    failed = replace(passed, outcome=Outcome.FAIL, finding=departure)
+    assert (passed.place, failed.place) == (40.0, 87.0)
