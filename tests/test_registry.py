@@ -1,12 +1,17 @@
-"""Names that other packages add."""
+"""Names that other packages add, and where a user's own parts are loaded from."""
 
 from __future__ import annotations
 
 import importlib.metadata
+import py_compile
+import subprocess
+import sys
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import pytest
+from user_modules import own_modules
 
 from frenetic._support.entry_points import Entry
 from frenetic.errors import FreneticError
@@ -16,7 +21,7 @@ from frenetic.registry import DRIVERS, OBJECTIVES, SIMULATORS, STRATEGIES, Regis
 @pytest.fixture
 def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder of installed packages, still empty."""
-    folder = tmp_path / "site"
+    folder = tmp_path / "site-packages"
     folder.mkdir()
     monkeypatch.syspath_prepend(str(folder))
     return folder
@@ -141,3 +146,146 @@ def test_a_package_defines_what_its_modules_do(
     monkeypatch.syspath_prepend(str(tmp_path))
     with pytest.raises(FreneticError, match=r"'Clam'; did you mean 'Calm'\? It defines: Calm$"):
         DRIVERS.load("defining_package:Clam")
+
+
+# Where a user's own parts are loaded from
+
+OWN: Final = """
+{imports}
+class Own:
+    def reset(self, setup): pass
+    def act(self, observation): pass
+"""
+RUNS: Final = "from pathlib import Path; Path({mark!r}).touch()"
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The current folder; what is loaded from it is forgotten in the end."""
+    monkeypatch.chdir(tmp_path)
+    with own_modules():
+        yield tmp_path
+
+
+def write(folder: Path, **imports: str) -> None:
+    """Writes drivers: name of the file -> what it imports."""
+    for name, text in imports.items():
+        (folder / f"{name}.py").write_text(OWN.format(imports=text))
+
+
+def write_marking(file: Path) -> Path:
+    """Writes a module, or its bytecode, that leaves a mark when it is run; that mark."""
+    mark = file.parent.parent / "mark"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    source = file.with_suffix(".py")
+    source.write_text(RUNS.format(mark=str(mark)))
+    if file.suffix == ".pyc":
+        py_compile.compile(str(source), str(file), doraise=True)
+        source.unlink()
+    return mark
+
+
+@pytest.mark.parametrize("spec", ["own.py:Own", "own:Own"])
+def test_no_neighbour_of_a_users_part_is_taken_for_an_installed_module(
+    spec: str, folder: Path
+) -> None:
+    """Whatever this package imports later."""
+    place = folder / "here"
+    files = ("matplotlib.py", "glob.py", "colorsys.pyc", "shapely/__init__.py")
+    marks = {write_marking(place / file) for file in files}
+    write(place, own="")
+    code = (
+        f"from frenetic.registry import STRATEGIES; STRATEGIES.load({spec!r});"
+        " import colorsys, glob, matplotlib, shapely"
+    )
+    subprocess.run([sys.executable, "-P", "-c", code], cwd=place, check=True)
+    assert not any(mark.exists() for mark in marks)
+
+
+@pytest.mark.parametrize("spec", ["own.py:Own", "own:Own"])
+@pytest.mark.parametrize("file", ["colorsys.py", "colorsys.pyc", "colorsys/__init__.py", "onnx.py"])
+@pytest.mark.parametrize("way", ["", "helper", "package.helper"])
+def test_a_helper_that_another_module_shadows_is_one_line(
+    spec: str, file: str, way: str, folder: Path
+) -> None:
+    place = folder / "here"
+    mark = write_marking(place / file)
+    name = file.partition(".")[0].partition("/")[0]
+    lazy = f"def load(): import {name}"
+    write(place, own=f"import {way}" if way else lazy, helper=lazy)
+    (place / "package").mkdir()
+    (place / "package" / "__init__.py").write_text("from . import helper")
+    write(place / "package", helper=lazy)
+    with pytest.raises(FreneticError) as refused:
+        DRIVERS.load(spec, place)
+    text = str(refused.value)
+    assert f" imports {name!r}: Python takes " in text
+    assert text.endswith(f" for it, not {place / file}: rename that")
+    assert not mark.exists()
+
+
+def test_a_neighbour_shadows_nothing_that_is_not_imported(folder: Path) -> None:
+    (folder / "json").mkdir()  # of data
+    write_marking(folder / "colorsys.py")
+    write(folder, glob="import glob, json; assert glob.glob", own="import json")
+    for spec in ("glob.py:Own", "own:Own"):
+        DRIVERS.make(spec)
+
+
+def test_a_folder_with_the_name_of_an_installed_package_does_not_win(
+    folder: Path, site: Path
+) -> None:
+    install(site, "careful-drivers", "[frenetic.drivers]\ncareful = careful:Own\n")
+    write(site, careful="")
+    mark = write_marking(folder / "careful" / "__init__.py").parent / "mark"
+    with pytest.raises(FreneticError, match=r"Python takes .*careful.py for the module 'careful'"):
+        DRIVERS.load("careful:Own")
+    assert DRIVERS.load("careful").__module__ == "careful"
+    (folder / "careful" / "__init__.py").unlink()
+    write(folder / "careful", mine="")
+    assert DRIVERS.load("careful:Own") is DRIVERS.load("careful"), "a folder alone is no package"
+    assert not mark.exists()
+
+
+def test_a_file_of_data_has_no_attribute(folder: Path) -> None:
+    mark = write_marking(folder / "here" / "model" / "onnx.py")
+    (folder / "here" / "model" / "__init__.py").touch()
+    (folder / "here" / "model.onnx").touch()
+    for name in ("model.onnx", "model.ONNX"):
+        with pytest.raises(FreneticError, match=f"has no class 'Own': name the file alone, {name}"):
+            DRIVERS.load(f"{name}:Own", folder / "here")
+    assert not mark.exists()
+
+
+def test_a_part_comes_from_the_folder_that_is_given(folder: Path) -> None:
+    there = folder / "there"
+    there.mkdir()
+    for place, gain in ((folder, 1), (there, 2)):
+        write(place, alone="import gain; GAIN = gain.GAIN", module="from gain import GAIN")
+        (place / "gain.py").write_text(f"GAIN = {gain}\n")
+    for spec in ("alone.py:Own", "module:Own"):
+        loaded = DRIVERS.load(spec, there)
+        assert sys.modules[loaded.__module__].GAIN == 2
+        assert type(DRIVERS.make(spec, there)) is loaded
+        assert type(DRIVERS.make_from(spec, {}, {}, folder=there)) is loaded
+    loads: Any = DRIVERS.load("net.onnx", there)
+    assert loads.args == (str(there / "net.onnx"),)
+    with pytest.raises(FreneticError, match=r"there is no file 'own\.py' in .*there$"):
+        DRIVERS.load("own.py:Own", there)
+
+
+def test_a_module_that_another_folder_has_too_is_one_line(folder: Path) -> None:
+    """Python would give the other one."""
+    there = folder / "there"
+    there.mkdir()
+    for place in (folder, there):
+        write(place, own="", lazy="def load(): import own", uses="import own")
+    DRIVERS.load("lazy.py:Own")
+    DRIVERS.load("lazy.py:Own", there)
+    DRIVERS.load("uses.py:Own", there)
+    assert Path(str(sys.modules["own"].__file__)).parent == there, "its own neighbour"
+    with pytest.raises(FreneticError, match=r"imports 'own': Python takes .*there/own.py for it"):
+        DRIVERS.load("uses.py:Own")
+    assert DRIVERS.load("own:Own", there) is sys.modules["own"].Own
+    with pytest.raises(FreneticError, match=r"Python takes .*there/own.py for the module 'own'"):
+        DRIVERS.load("own:Own", folder)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import difflib
 import hashlib
 import importlib
+import importlib.machinery
 import importlib.util
 import inspect
 import os
@@ -23,9 +24,10 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from frenetic._support.entry_points import Entry, installed
+from frenetic._support.source_imports import files_of, imported_names
 from frenetic.criteria import QUANTITIES
 from frenetic.errors import FreneticError, UnknownNameError, describe_raised, place_of
 
@@ -167,10 +169,12 @@ class Registry:
             return False
         return module.endswith(".py") or module.partition(".")[0] != __package__
 
-    def load(self, spec: str) -> Callable[..., Any]:
+    def load(self, spec: str, folder: Path | str | None = None) -> Callable[..., Any]:
         """The class (or factory) of a name, ``module:Class``, ``file.py:Class`` or a file of data.
 
-        Modules may lie in the current folder.
+        Args:
+            spec: the name.
+            folder: where relative files and the user's modules lie; by default the current one.
 
         Raises:
             UnknownNameError: no such name; the message lists the known ones.
@@ -180,9 +184,16 @@ class Registry:
         if spec in known:
             return self._import(known[spec].target, spec)
         if (suffix := Path(spec).suffix.lower()) in self.files:
-            return partial(self._import(self.files[suffix], spec), spec)
+            file = spec if folder is None else str(_path_in(folder, spec))
+            return partial(self._import(self.files[suffix], spec), file)
         if ":" in spec:
-            return self._import(spec, spec, own=True)
+            place, _, attribute = spec.rpartition(":")
+            if Path(place).suffix.lower() in self.files:
+                raise FreneticError(
+                    f"{self.kind} {spec!r}: a file of data has no {self.target} {attribute!r}: name"
+                    f" the file alone, {place}"
+                )
+            return self._import(spec, spec, own=True, folder=folder)
         files = "".join(f" or path/to/file{suffix}" for suffix in self.files)
         word = self.target.capitalize()
         if spec.endswith(".py"):
@@ -194,13 +205,18 @@ class Registry:
             f" your own goes as package.module:{word} or path/to/file.py:{word}{files}"
         )
 
-    def make(self, spec: str, /, **options: Any) -> Any:
+    def make(self, spec: str, folder: Path | str | None = None, /, **options: Any) -> Any:
         """An instance of the part that `spec` names, made with the given options.
+
+        Args:
+            spec: which part.
+            folder: as for `load`.
+            options: of its class.
 
         Raises:
             FreneticError: as `load`; or the options do not suit, or it lacks a needed method.
         """
-        return self._make(self.load(spec), spec, options)
+        return self._make(self.load(spec, folder), spec, options)
 
     def _make(self, factory: Callable[..., Any], spec: str, options: Mapping[str, Any]) -> Any:
         self._check_options(factory, spec, options)
@@ -237,6 +253,7 @@ class Registry:
         options: Mapping[str, Any],
         available: Mapping[str, object],
         factory: Callable[..., Any] | None = None,
+        folder: Path | str | None = None,
     ) -> Any:
         """An instance made with the given options and those available ones that its class takes.
 
@@ -245,6 +262,7 @@ class Registry:
             options: given ones.
             available: others.
             factory: what `load` gave, if that was called.
+            folder: as for `load`.
 
         Raises:
             FreneticError: as `make`; or an option is one of those that are available.
@@ -255,7 +273,7 @@ class Registry:
                     f"the option {name} of the {self.kind} is not allowed here: it follows from"
                     " what else is given"
                 )
-        factory = factory or self.load(spec)
+        factory = factory or self.load(spec, folder)
         takes = self.option_names(factory)
         taken = {k: v for k, v in available.items() if takes is None or k in takes}
         return self._make(factory, spec, {**options, **taken})
@@ -310,14 +328,16 @@ class Registry:
                     f"{self.kind} {spec!r}: {name} is {value!r}: {needed} is needed"
                 )
 
-    def _import(self, target: str, spec: str, own: bool = False) -> Callable[..., Any]:
+    def _import(
+        self, target: str, spec: str, own: bool = False, folder: Path | str | None = None
+    ) -> Callable[..., Any]:
         place, _, attribute = target.rpartition(":")
         try:
             with redirect_stdout(sys.stderr):  # stdout is for results
                 if place.endswith(".py"):
-                    module = load_user_file(place)
+                    module = load_user_file(place, folder)
                 elif own:
-                    module = _load_own_module(place)
+                    module = _load_own_module(place, folder)
                 else:
                     module = importlib.import_module(place)
         except FreneticError:
@@ -325,7 +345,7 @@ class Registry:
         except ModuleNotFoundError as error:
             raise FreneticError(
                 f"{self.kind} {spec!r}: there is no module {error.name!r}; is it installed, or in"
-                " the current folder?"
+                f" {'the current folder' if folder is None else folder}?"
             ) from error
         except (Exception, SystemExit) as error:
             raise FreneticError(
@@ -364,12 +384,106 @@ def _line(error: BaseException) -> str:
     return " ".join(str(error).split()) or type(error).__name__
 
 
-def _load_own_module(name: str) -> Any:
-    """A module the user named, which may lie in the current folder."""
-    folder = str(Path.cwd())
-    if folder not in sys.path:
-        sys.path.insert(0, folder)
+def _path_in(folder: Path | str | None, name: str) -> Path:
+    """A user's file, from a folder, or from the current one without it."""
+    return Path(folder or "", Path(name).expanduser())
+
+
+_FOLDERS: Final[set[str]] = set()
+"""Folders of users' parts that this process has added to the module path."""
+
+
+def _add_folder(folder: Path) -> None:
+    """Puts the folder of a user's part behind the module path, before those of earlier parts.
+
+    So a module beside the part comes before one beside another part, but after all that is
+    installed.
+    """
+    place = str(folder)
+    if place in sys.path and place not in _FOLDERS:
+        return
+    _FOLDERS.add(place)
+    earlier = [path for path in sys.path if path in _FOLDERS and path != place]
+    sys.path[:] = [*(path for path in sys.path if path not in _FOLDERS), place, *earlier]
+
+
+def _load_own_module(name: str, folder: Path | str | None) -> Any:
+    """A module the user named, which may lie in a folder, by default the current one.
+
+    Raises:
+        FreneticError: Python would take another module for it or for what it imports.
+    """
+    place = Path(folder or "").resolve()
+    _add_folder(place)
+    top = name.partition(".")[0]
+    if (shadowed := _shadowed(top, place)) is None:
+        _check_helpers(files_of(name, [place]), place)
+    elif folder is not None or not (
+        Path(shadowed.by).is_absolute() and is_local(Path(shadowed.by))
+    ):
+        raise FreneticError(
+            f"Python takes {shadowed.by} for the module {top!r}, not {shadowed.file}: rename that,"
+            " or name a file in it, such as path/to/file.py:Class"
+        )
     return importlib.import_module(name)
+
+
+class _Shadowed(NamedTuple):
+    """A module of a user's folder in whose place Python takes another of this name."""
+
+    file: Path
+    by: str
+    """The other one's file; ``built-in`` or ``frozen`` if it is a part of Python without a file."""
+
+
+def _check_helpers(files: Iterable[tuple[str, Path, Path]], folder: Path) -> None:
+    """Checks that Python takes the modules beside a user's file for what that file imports.
+
+    Args:
+        files: name, file and folder of each module, as `files_of` gives them.
+        folder: where modules beside them lie.
+
+    Raises:
+        FreneticError: it would take a standard, installed or other one for one of them.
+    """
+    waiting, sources = list(files), set[Path]()
+    while waiting:
+        module, file, _ = waiting.pop()
+        if file in sources:
+            continue
+        sources.add(file)
+        package = module if file.name == "__init__.py" else module.rpartition(".")[0]
+        for imported in imported_names(file.read_text("utf-8", "replace"), package):
+            top = imported.partition(".")[0]
+            shadowed = _shadowed(top, folder)
+            if shadowed is not None and shadowed.file not in sources:
+                raise FreneticError(
+                    f"{file} imports {top!r}: Python takes {shadowed.by} for it, not"
+                    f" {shadowed.file}: rename that"
+                )
+            waiting += files_of(imported, [folder])
+
+
+def _shadowed(name: str, folder: Path) -> _Shadowed | None:
+    """The module of a folder if Python takes another of its name; None if there is no such pair.
+
+    Args:
+        name: of the module, without dots.
+        folder: on the module path.
+    """
+    stems = (f"{name}/__init__", name) if name else ()
+    suffixes = importlib.machinery.all_suffixes()
+    files = [folder / f"{stem}{suffix}" for stem in stems for suffix in suffixes]
+    file = next((file for file in files if file.is_file()), None)
+    if file is None:
+        return None
+    try:
+        spec = importlib.util.find_spec(name)
+    except (ImportError, ValueError):  # `__main__` has no spec
+        return None
+    if spec is None or (spec.has_location and Path(spec.origin or "").resolve() == file.resolve()):
+        return None
+    return _Shadowed(file, spec.origin or f"another {name}")
 
 
 def is_local(file: Path) -> bool:
@@ -387,15 +501,21 @@ def user_files() -> list[str]:
     ]
 
 
-def load_user_file(name: str) -> Any:
+def load_user_file(name: str, folder: Path | str | None = None) -> Any:
     """The module in a user's file; loaded once, under the same name in every process.
 
+    Args:
+        name: of the file.
+        folder: from which its path goes; by default the current one.
+
     Raises:
-        FreneticError: the file does not exist or is no Python.
+        FreneticError: the file does not exist or is no Python, or Python would take another module
+            for one beside it that it imports.
     """
-    path = Path(name).expanduser()
+    path = _path_in(folder, name)
     if not path.is_file():
-        raise FreneticError(f"there is no file {name!r}")
+        where = "" if folder is None or Path(name).is_absolute() else f" in {folder}"
+        raise FreneticError(f"there is no file {name!r}{where}")
     path = path.resolve()
     # The same name in every process, so that its objects can be sent between processes.
     digest = hashlib.sha256(os.fsencode(path)).hexdigest()[:12]
@@ -405,11 +525,11 @@ def load_user_file(name: str) -> Any:
     spec = importlib.util.spec_from_file_location(module_name, path)
     if spec is None or spec.loader is None:
         raise FreneticError(f"{name!r} cannot be read as Python")
+    # The file may import its neighbours, but none of them in the place of an installed module.
+    _add_folder(path.parent)
+    _check_helpers([("", path, path.parent)], path.parent)
     module = importlib.util.module_from_spec(spec)
     sys.modules[module_name] = module
-    # The file may import its neighbours, as under ``python file.py``.
-    if str(path.parent) not in sys.path:
-        sys.path.insert(0, str(path.parent))
     try:
         spec.loader.exec_module(module)
     except BaseException:

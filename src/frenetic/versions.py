@@ -10,20 +10,20 @@ opens by itself, are not in it.
 
 from __future__ import annotations
 
-import ast
 import hashlib
 import inspect
 import json
 import os
 import platform
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from types import FunctionType
 from typing import Any, Final
 
+from frenetic._support.source_imports import files_of, imported_names
 from frenetic.errors import describe_error
 from frenetic.registry import USER_MODULE, is_local, made_by, part_name
 
@@ -87,10 +87,14 @@ def _version(part: object, arguments: Mapping[str, Any]) -> Version:
     return Version(", ".join(dict.fromkeys(texts)), sources)
 
 
-def sources_named(name: str) -> dict[str, str]:
+def sources_named(name: str, folder: Path | str | None = None) -> dict[str, str]:
     """The source of ``file.py:Class`` or ``package.module:Class``, by the names of its files.
 
     Those of the local modules that it imports are among them; nothing is imported for it.
+
+    Args:
+        name: of the part.
+        folder: where relative files and the user's modules lie; by default the current one.
 
     Raises:
         OSError: a file cannot be read.
@@ -98,16 +102,16 @@ def sources_named(name: str) -> dict[str, str]:
     module = name.rpartition(":")[0]
     if not module.endswith(".py"):
         is_ours = module.partition(".")[0] in ("", _OURS)
-        found = None if is_ours else _local_file(module)
+        found = None if is_ours else _local_file(module, Path(folder or "").resolve())
         return {} if found is None else _sources(found, module)
-    file = Path(module).expanduser().resolve()
+    file = Path(folder or "", Path(module).expanduser()).resolve()
     return _sources(file, f"{USER_MODULE}{file.stem}") if file.is_file() else {}
 
 
-def _local_file(module: str) -> Path | None:
+def _local_file(module: str, folder: Path) -> Path | None:
     """The file of a local module as an import of a user's own finds it; None if there is none."""
-    parts, here = Path(*module.split(".")), str(Path.cwd())
-    for place in map(Path, sys.path if here in sys.path else [here, *sys.path]):
+    parts = Path(*module.split("."))
+    for place in map(Path, [*sys.path, str(folder)]):
         for file in (place / parts.with_suffix(".py"), place / parts / "__init__.py"):
             if file.is_file():
                 return file if is_local(file) else None
@@ -121,7 +125,7 @@ def _sources(path: Path, name: str) -> dict[str, str]:
     root = path.parents[packages]
     others = (Path(place) for place in sys.path if place and is_local(Path(place) / "x"))
     places = [root, *others]
-    waiting = [("", path, root)] if is_alone else list(_files_of(name, [root]))
+    waiting = [("", path, root)] if is_alone else list(files_of(name, [root]))
     sources: dict[str, str] = {}
     files: set[Path] = set()
     while waiting:
@@ -132,42 +136,9 @@ def _sources(path: Path, name: str) -> dict[str, str]:
         text = file.read_bytes().decode("utf-8", "replace").replace("\r\n", "\n")
         sources[file.relative_to(place).as_posix()] = text
         package = module if file.name == "__init__.py" else module.rpartition(".")[0]
-        for imported in _imports(text, package):
-            waiting += _files_of(imported, places)
+        for imported in imported_names(text, package):
+            waiting += files_of(imported, places)
     return sources
-
-
-def _imports(text: str, package: str) -> Iterator[str]:
-    """Names that a source may import modules by, also inside functions; none if it is no Python."""
-    try:
-        nodes = list(ast.walk(ast.parse(text)))
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        return
-    for node in nodes:
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            above = package.split(".")[: package.count(".") + 2 - node.level] if node.level else []
-            base = ".".join([*above, *([node.module] if node.module else [])])
-            yield from (f"{base}.{alias.name}" for alias in node.names)
-
-
-def _files_of(name: str, places: Iterable[Path]) -> Iterator[tuple[str, Path, Path]]:
-    """Files that importing a module loads, of packages above it, too: its name, file and place."""
-    parts = name.split(".")
-    if parts[0] in ("", _OURS):
-        return
-    for place in places:
-        top = place / parts[0]
-        if not (top.is_dir() or top.with_suffix(".py").is_file()):
-            continue
-        for number in range(1, len(parts) + 1):
-            at = place.joinpath(*parts[:number])
-            for file in (at / "__init__.py", at.with_suffix(".py")):
-                if file.is_file():
-                    yield ".".join(parts[:number]), file, place
-                    break
-        return
 
 
 def _file(module: str) -> str | None:

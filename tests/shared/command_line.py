@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from user_modules import own_modules
 
 from frenetic.cli import main
 
@@ -104,7 +105,7 @@ def frenetic(
 
     def call(*arguments: str) -> Answer:
         capsys.readouterr()
-        with pictures(), pytest.raises(SystemExit) as stop:
+        with pictures(), own_modules(), pytest.raises(SystemExit) as stop:
             main([str(argument) for argument in arguments])
         captured = capsys.readouterr()
         assert isinstance(stop.value.code, int)
@@ -132,7 +133,8 @@ def prepare() -> Callable[..., None]:
     """Runs a command line that has to succeed, for what several tests share."""
 
     def call(*arguments: str) -> None:
-        with empty_pictures(), redirect_stdout(StringIO()), pytest.raises(SystemExit) as stop:
+        quiet = redirect_stdout(StringIO())
+        with empty_pictures(), quiet, own_modules(), pytest.raises(SystemExit) as stop:
             main(list(arguments))
         assert stop.value.code == 0
 
