@@ -54,7 +54,7 @@ def test_the_planted_cause_is_named(driver: type[planted.Sound], tmp_path: Path)
     most = max(clusters.causes, key=lambda one: one.failures)
     assert most.words.startswith(str(CAUSES[driver]).partition("{")[0])
     assert most.failures >= SHARE * summary.failed
-    ((_, found),) = minimise_causes(tmp_path, clusters, campaign.tester, 50, 60.0)
+    ((_, found),) = minimise_causes(tmp_path, clusters.causes, campaign.tester, 50, 60.0)
     assert isinstance(found, Minimised)
     causes = [Failure.of_test(one) for one in (found.original, found.smallest)]
     assert len({one.cause and one.cause.kind for one in causes if one}) == 1

@@ -7,7 +7,7 @@ interrupted. `Minimising` is its strategy.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import zip_longest
@@ -22,7 +22,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic.again.campaigns import How, campaign_again, complete
 from frenetic.again.shrinking import Answer, Shape, Shrinker, Trials
 from frenetic.analysis.causes import kind_number
-from frenetic.analysis.failures import THRESHOLD, Clusters, Failure
+from frenetic.analysis.failures import THRESHOLD, CauseGroup, Failure
 from frenetic.campaign.asking import replay
 from frenetic.campaign.objective import Objective
 from frenetic.campaign.record import Test
@@ -517,13 +517,13 @@ def _minimised(
 
 def minimise_causes(
     folder: Path | str,
-    clusters: Clusters,
+    causes: Sequence[CauseGroup],
     tester: RoadTester,
     drives: int,
-    seconds: float,
+    seconds: float | None = None,
     **how: Unpack[How],
 ) -> Iterator[tuple[int, Minimised | FreneticError]]:
-    """Minimises a failure of each cause, of the most frequent ones first.
+    """Minimises a failure of each cause, of the first ones first.
 
     Each gets the same share of the drives, at most `MOST_EACH`; causes for which less than
     `LEAST_EACH` were left get none, nor do drivers that hang or end their process, which takes
@@ -531,26 +531,24 @@ def minimise_causes(
 
     Args:
         folder: of the campaign.
-        clusters: its distinct failures.
+        causes: of its failures, the most frequent ones first.
         tester: drives as the campaign did.
         drives: most drives for all of them.
-        seconds: most wall time for all of them; less may shorten them less.
+        seconds: most wall time for all of them; less may shorten them less. None for any.
         how: see `How`.
 
     Yields:
         Id of a test, and the minimised road or why there is none: it does not fail again, say.
     """
     lasting = HANGS, ENDS_ITS_PROCESS, IS_KILLED, BREAKS_PROTOCOL
-    causes = [
-        cause for cause in clusters.causes if not (cause.fault and cause.fault.kind in lasting)
-    ]
-    chosen = causes[: max(1, drives // LEAST_EACH)]
+    quick = [cause for cause in causes if not (cause.fault and cause.fault.kind in lasting)]
+    chosen = quick[: max(1, drives // LEAST_EACH)]
     if not chosen:
         return
     with CampaignStore.open(folder) as store:
         tests = [store.test(cause.example) for cause in chosen]
     most = max(LEAST_EACH, min(MOST_EACH, drives // len(tests)))
-    share = seconds / len(tests)
+    share = None if seconds is None else seconds / len(tests)
     for test in tests:
         try:
             found = minimise_test(folder, test, tester, max_drives=most, seconds=share, **how)

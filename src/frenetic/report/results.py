@@ -158,9 +158,9 @@ def shorten_causes(campaign: Campaign, findings: Findings, summary: Summary) -> 
     Yields:
         Why a road was not shortened, or what else the user should know.
     """
-    folder, tester = campaign.folder, campaign.tester
+    folder, tester, causes = campaign.folder, campaign.tester, findings.clusters.causes
     drives, seconds = summary.simulations // SHORTENING_SHARE, _shortening_seconds(summary)
-    for test_id, answer in minimise_causes(folder, findings.clusters, tester, drives, seconds):
+    for test_id, answer in minimise_causes(folder, causes, tester, drives, seconds):
         if isinstance(answer, FreneticError):
             yield f"test {test_id} was not shortened: {answer}"
             continue

@@ -28,9 +28,8 @@ from typing import Any, Final, TypeVar
 from frenetic._support.bounds import check
 from frenetic._support.files import write_file
 from frenetic._support.words import counted
-from frenetic.again.minimise import minimise_test
+from frenetic.again.minimise import Minimised, minimise_causes
 from frenetic.analysis.causes import cause_of, in_words
-from frenetic.analysis.failures import distinct_failures
 from frenetic.analysis.segments import segment_of
 from frenetic.campaign import Budget, Campaign, CampaignStore, Event, RoadTester, Test
 from frenetic.campaign.campaign import LOOKAHEAD
@@ -53,7 +52,7 @@ _FAILURES: Final = 20
 _CAUSES: Final = 3
 """Most causes that are told, and minimised."""
 _MINIMISING: Final = 100
-"""Most drives to minimise a road."""
+"""Most drives to minimise the road of each."""
 _REMEDY: Final = "let pytest write there"
 
 _MOST_STEM: Final = 60  # characters of a module's and of a test's name in that of a file
@@ -70,10 +69,6 @@ class DriverFailedError(AssertionError):
 
 SHOWN: Final = (DriverFailedError, FreneticError)
 """What the plug-in shows without a traceback."""
-
-
-class _TimeIsUpError(Exception):
-    """The search took longer than its time."""
 
 
 def keeps_lane(
@@ -271,40 +266,39 @@ class _Check:
                 if event.kind == "interrupted":
                     raise KeyboardInterrupt
                 if event.kind == "result" and time.monotonic() > end:
-                    raise _TimeIsUpError
+                    campaign.stop()
 
-            is_cut, note = False, ""
-            try:
-                note = campaign.run(on_event=on_event).not_repeatable
-            except _TimeIsUpError:
-                is_cut = True
+            summary = campaign.run(on_event=on_event)
+            if summary.errors and not summary.failed:
+                raise FreneticError(summary.broken)
+            if not summary.failed:
+                if summary.interrupted:
+                    self._notice(
+                        f"stopped after {self.seconds:g} s and {summary.simulations} of"
+                        f" {budget.simulations} simulations, none of which failed"
+                    )
+                return ""
             with CampaignStore.open(folder) as store:
-                counts = store.counts()
-                if counts.errors and not counts.failed:
-                    raise FreneticError(counts.broken)
-                if not counts.failed:
-                    if is_cut:
-                        self._notice(
-                            f"stopped after {self.seconds:g} s and {counts.simulations} of"
-                            f" {budget.simulations} simulations, none of which failed"
-                        )
-                    return ""
                 found = list(self._remembered(store, tester))
-            failures = counted(counts.failures, "failure")
-            title = f"{failures} in {counted(counts.simulations, 'simulation')}"
-            return self._text(title, found, note)
+            failures = counted(summary.failures, "failure")
+            title = f"{failures} in {counted(summary.simulations, 'simulation')}"
+            return self._text(title, found, summary.not_repeatable)
 
     def _remembered(self, store: CampaignStore, tester: RoadTester) -> Iterator[list[str]]:
         """A failure of each of the most frequent causes, shortened and written."""
-        clusters = distinct_failures(store)
-        for cause in clusters.causes[:_CAUSES]:
+        from frenetic.report.results import Findings  # imports slowly
+
+        clusters = Findings.of(store).clusters
+        causes = clusters.causes[:_CAUSES]
+        drives = _MINIMISING * len(causes)
+        shortened = dict(minimise_causes(store.folder, causes, tester, drives))
+        for cause in causes:
             test, note = store.test(cause.example), ""
-            smallest: Test = test
-            try:
-                short = minimise_test(store.folder, test, tester, max_drives=_MINIMISING)
-                smallest = short.smallest
-            except FreneticError as error:
-                note = f"it was not shortened: {error}"
+            smallest, answer = test, shortened.get(test.id)
+            if isinstance(answer, Minimised):
+                smallest = answer.smallest
+            elif answer is not None:
+                note = f"it was not shortened: {answer}"
             words = f"{cause.words} ({cause.failures} of {clusters.failures})"
             yield self._kept(smallest, words, note, test.road.length)
 
