@@ -14,31 +14,46 @@ Where the road decides and not the conditions, that gains nothing: then the rest
 Every drive counts in the figure. As long as few failures carry it, the upper end allows for one
 more failure, in the conditions that were drawn least often. So it falls with the number of drives,
 wherever they were drawn.
+
+The drives are a campaign, whose strategy `Draws` proposes them stage by stage::
+
+    domain = Domain.of("town.toml")
+    tester = RoadTester(EmbeddedSimulator(), MyDriver(), road_class=domain.road_class)
+    print(estimate(domain, tester, drives=1000, workers=4, out="town-estimate").in_words())
 """
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, ClassVar, Final, Literal, NamedTuple, Unpack
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.files import read_bounded
+from frenetic._support.files import check_writable, read_bounded, write_file
 from frenetic._support.outside_text import read_json
 from frenetic._support.words import counted
+from frenetic.again.campaigns import How, campaign_again, complete
 from frenetic.analysis.statistics import weighted_interval
+from frenetic.campaign import Campaign, CampaignStore, Event, new_folder
+from frenetic.campaign.asking import replay
+from frenetic.campaign.record import Test
+from frenetic.campaign.store import DATABASE
 from frenetic.campaign.tester import RoadTester
+from frenetic.description import describe
 from frenetic.domain import Domain
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.search.random_search import RANDOM, RandomRoads
-from frenetic.search.records import Candidate, Origin
-from frenetic.simulators.worlds import check_pair_in
-from frenetic.spec import require_count
+from frenetic.search.records import Candidate, Evaluation, Origin
+from frenetic.search.strategy import Ledger, SearchEnded, Strategy
+from frenetic.spec import Budget, Part, Spec, require_count
 
 FILE: Final = "estimate.json"
 """Name of the file in a campaign's folder."""
@@ -65,6 +80,8 @@ _SURE: Final = 100.0
 _AROUND: Final = (0.1, 0.15, 0.2, 0.25, 0.3)
 """Shares of the drives left around failures, at which these are looked at anew."""
 _REDRAWS: Final = 1000
+"""Roads in a row that are drawn at most until one is valid."""
+_REMEDY: Final = "make room, or let it be written"
 
 Method = Literal["plain", "importance sampling", "none"]
 
@@ -133,102 +150,83 @@ class Estimate:
 
 
 @dataclass(frozen=True)
-class Point:
-    """A drive in a domain."""
+class _Point:
+    """Conditions of a drive in a domain, and how it ended."""
 
     conditions: FloatArray
     """Normal numbers of the conditions, (d,)."""
     failed: bool
-    length: float
-    """Length of the drive in km."""
 
 
-class Draws:
-    """Random drives in a domain.
+@dataclass(frozen=True)
+class _Stage:
+    """Drives in conditions that are drawn from one distribution: normal numbers around centres."""
 
-    Raises:
-        FreneticError: the domain's roads do not fit the map.
-    """
+    conditions: Sequence[FloatArray | None]
+    """(d,) normal numbers of each drive; None for some that are drawn as the domain distributes
+    them, for each road anew."""
+    often: Callable[[FloatArray], FloatArray]
+    """Says how often it draws (n, d) conditions, where the domain's distribution does once."""
+    least: float
+    """How often it draws the conditions that it draws least often."""
+    is_plain: bool = False
+    """Whether it is the domain's distribution."""
 
-    def __init__(self, domain: Domain, tester: RoadTester, rng: np.random.Generator) -> None:
-        self.domain, self.rng = domain, rng
-        self.drives = self.failures = 0
-        self._tester = tester
-        self._roads = RandomRoads(map_size=tester.map_size, road_class=tester.road_class)
-        self._roads.keep_margin(tester.margin)
-
-    def drive(self, conditions: FloatArray | None = None) -> Point:
-        """A drive as the domain distributes them, or in these conditions, (d,) normal numbers.
-
-        Raises:
-            FreneticError: the simulator broke.
-        """
-        for _ in range(_REDRAWS):
-            point = conditions
-            if point is None:
-                point = self.rng.standard_normal(self.domain.dimension)
-            candidate = self._candidate(point)
-            attempt = self._tester.test(candidate)
-            result = attempt.result
-            if result.outcome is Outcome.INVALID:
-                continue
-            self.drives += 1
-            if result.outcome not in (Outcome.PASS, Outcome.FAIL):
-                raise FreneticError(
-                    f"the simulator broke, which says nothing of the driver: {result.reason}"
-                )
-            failed = result.outcome is Outcome.FAIL
-            self.failures += failed
-            way = candidate.length
-            if failed and result.finding is not None and result.finding.distance is not None:
-                way = result.finding.distance
-            if result.fault is not None:  # before it, the car may not have moved
-                path = attempt.trajectory
-                way = 0.0 if path is None else float(np.hypot(*np.diff([path.x, path.y])).sum())
-            return Point(point, failed, way / 1000.0)
-        raise FreneticError(
-            f"none of {_REDRAWS} random roads of {self.domain.name} is valid on a map of"
-            f" {self._tester.map_size:g} m"
-        )
-
-    def _candidate(self, point: FloatArray) -> Candidate:
-        """A random road, which may be invalid, in these conditions."""
-        roads = self._roads
-        numbers = _uniform(self.rng.standard_normal(roads.numbers))
-        rng = np.random.default_rng(int(self.rng.integers(2**62)))
-        values = roads.made(rng, numbers)
-        conditions = self.domain.at(_uniform(point), (len(values) - 1) * roads.step)
-        grade = roads.grade(rng, values)
-        origin = Origin(RANDOM)
-        return Candidate(1, values, roads.step, origin, conditions=conditions, grade=grade)
+    def __len__(self) -> int:
+        """Return the number of drives."""
+        return len(self.conditions)
 
 
 class _Weighted:
     """Drives in conditions from several distributions, which count together.
 
-    A distribution is normal numbers around centres. A failure weighs as much as its conditions are
-    more probable in the domain than among all draws, by the balance heuristic.
+    A failure weighs as much as its conditions are more probable in the domain than among all draws,
+    by the balance heuristic.
+
+    Args:
+        dimension: number of the normal numbers of conditions.
+        rng: draws.
     """
 
-    def __init__(self, draws: Draws, on_drive: Callable[[], object]) -> None:
-        self._draws, self._on_drive = draws, on_drive
-        self._points: list[Point] = []
-        self._sources: list[tuple[int, Callable[[FloatArray], FloatArray]]] = []
+    def __init__(self, dimension: int, rng: np.random.Generator) -> None:
+        self._dimension, self._rng = dimension, rng
+        self._points: list[_Point] = []
+        self._stages: list[_Stage] = []
         self._least_drawn = 0.0  # draws of the conditions drawn least often, per chance 1 of them
-        self.plain: list[Point] = []
+        self.plain: list[_Point] = []
         """The plain drives."""
 
-    def plainly(self, count: int) -> None:
-        """Draws conditions as the domain distributes them."""
-        start = len(self._points)
-        self._drive([None] * count, lambda points: np.ones(len(points)), least=1.0)
-        self.plain += self._points[start:]
+    def stages(self, drives: int) -> Iterator[_Stage]:
+        """Yield the drives, stage by stage; `add` has to take each before the next is wanted.
 
-    def widely(self, count: int) -> None:
-        """Draws each condition from the domain's distribution or from a wider one."""
-        shape = count, self._draws.domain.dimension
-        rng = self._draws.rng
-        wide = np.where(rng.random(shape) < 0.5, _WIDE, 1.0)
+        Plain drives come first. Others follow as long as these carry the estimate better.
+        """
+        yield self._plainly(round(_PILOT * drives))
+        failures, pilot = self.failures, self.drives
+        is_common = failures / pilot * drives >= _ENOUGH
+        remaining, gains = drives - pilot, not is_common and self._dimension > 0
+        for share in _WIDELY:
+            if gains and self.carried <= failures:  # none but plain ones
+                yield self._widely(round(share * remaining))
+        first, remaining, spent = self.drives, drives - self.drives, 0.0
+        for number, share in enumerate(_AROUND):
+            spent += share
+            # Else as many plain drives would carry the estimate better, or nothing has failed.
+            plainly = failures / pilot * self.drives if number > 1 else 0.0
+            gains = gains and self.carried > plainly
+            if gains:
+                yield self._around_failures(first + round(spent * remaining) - self.drives)
+        if self.drives < drives:
+            yield self._plainly(drives - self.drives)
+
+    def _plainly(self, count: int) -> _Stage:
+        """Return drives in conditions as the domain distributes them."""
+        return _Stage([None] * count, lambda points: np.ones(len(points)), 1.0, is_plain=True)
+
+    def _widely(self, count: int) -> _Stage:
+        """Draw each condition from the domain's distribution or from a wider one."""
+        shape = count, self._dimension
+        wide = np.where(self._rng.random(shape) < 0.5, _WIDE, 1.0)
 
         def often(points: FloatArray) -> FloatArray:
             squares = points**2
@@ -238,11 +236,11 @@ class _Weighted:
 
         # Each condition is least often drawn where it is the usual one: half of the time as usual.
         least = (0.5 + 0.5 / _WIDE) ** shape[1]
-        self._drive(wide * rng.standard_normal(shape), often, least=least)
+        return _Stage([*(wide * self._rng.standard_normal(shape))], often, least)
 
-    def around_failures(self, count: int) -> None:
-        """Draws around the conditions of the failures so far, from the usual ones to them."""
-        rng, centres, shares = self._draws.rng, self._failed, self._shares / self._shares.sum()
+    def _around_failures(self, count: int) -> _Stage:
+        """Draw around the conditions of the failures so far, from the usual ones to them."""
+        rng, centres, shares = self._rng, self._failed, self._shares / self._shares.sum()
         if len(shares) > _CENTRES:
             centres = centres[rng.choice(len(shares), _CENTRES, p=shares)]
             shares = np.full(_CENTRES, 1.0 / _CENTRES)
@@ -263,7 +261,13 @@ class _Weighted:
             return total
 
         least = float(often[scales == 0.0].sum())  # those around the usual ones
-        self._drive(around[which] + rng.standard_normal((count, len(around[0]))), ratios, least)
+        conditions = around[which] + rng.standard_normal((count, len(around[0])))
+        return _Stage([*conditions], ratios, least)
+
+    @property
+    def drives(self) -> int:
+        """Number of drives."""
+        return len(self._points)
 
     @property
     def carried(self) -> float:
@@ -287,40 +291,18 @@ class _Weighted:
         low, high = weighted_interval(self._shares, min(largest, rarest), CONFIDENCE)
         return float(np.sum(self._shares)), low, high
 
-    def _drive(
-        self,
-        conditions: Iterable[FloatArray | None],
-        often: Callable[[FloatArray], FloatArray],
-        least: float,
-    ) -> None:
-        """Drives in some conditions, and counts the drives.
-
-        Args:
-            conditions: (d,) normal numbers of each drive; None for the domain's distribution.
-            often: as for `_add`.
-            least: how often the conditions are drawn that are drawn least often.
-        """
-        points = []
-        for numbers in conditions:
-            points.append(self._draws.drive(numbers))
-            self._on_drive()
-        self._least_drawn += least * len(points)
-        self._add(points, often)
-
-    def _add(self, points: list[Point], often: Callable[[FloatArray], FloatArray]) -> None:
-        """Counts drives from a distribution.
-
-        Args:
-            points: the drives.
-            often: how often it has (n, d) conditions, where once in the domain's distribution.
-        """
+    def add(self, stage: _Stage, points: Sequence[_Point]) -> None:
+        """Count the drives of a stage, in its order."""
         self._points += points
-        self._sources.append((len(points), often))
+        self._stages.append(stage)
+        self._least_drawn += stage.least * len(stage)
+        if stage.is_plain:
+            self.plain += points
         failed = [point.conditions for point in self._points if point.failed]
-        self._failed = np.array(failed).reshape(-1, self._draws.domain.dimension)
+        self._failed = np.array(failed).reshape(len(failed), self._dimension)
         drawn = np.zeros(len(failed))
-        for count, often in self._sources:
-            drawn += count * often(self._failed)
+        for earlier in self._stages:
+            drawn += len(earlier) * earlier.often(self._failed)
         self._shares = 1.0 / drawn
         """Of each failure in the chance."""
 
@@ -332,81 +314,294 @@ def _uniform(normal: FloatArray) -> FloatArray:
     return shares
 
 
+class _Draw(NamedTuple):
+    """A road and conditions that were drawn."""
+
+    number: int
+    """Place in its stage, from 0."""
+    conditions: FloatArray
+    """(d,) normal numbers."""
+    candidate: Candidate
+
+
+class Draws(Strategy):
+    """Proposes random drives in a domain, and conditions in which they fail more often.
+
+    The drives of a stage follow from the results of the stages before alone. So at the end of a
+    stage nothing is proposed until its last result is told. A drive in which the simulator broke is
+    proposed again.
+
+    Args:
+        domain: the domain, whose conditions the drives have.
+        tester: says which roads are drawn, and which of them are valid.
+        drives: number of drives in all, at least 100.
+        seed: of the draws.
+    """
+
+    BEHAVIOUR: Final = 1
+    expects_failures: ClassVar[bool] = True
+
+    def __init__(self, domain: Domain, tester: RoadTester, drives: int, seed: int) -> None:
+        self.domain = self._domain = domain
+        self.road_class = tester.road_class
+        self.options: Mapping[str, Any] = {"drives": drives, "seed": seed}
+        self._tester = tester
+        self._rng = np.random.default_rng(seed)
+        self._roads = RandomRoads(map_size=tester.map_size, road_class=tester.road_class)
+        self._ledger = Ledger()
+        self._first: _Draw | None = None
+        self._waiting: dict[int, _Draw] = {}  # candidate's id -> its draw, until it is told
+        self._broken: deque[_Draw] = deque()  # to be proposed again
+        self._weighted = _Weighted(domain.dimension, self._rng)  # drives of the stages before
+        self.plain: set[int] = set()
+        """Ids of the plain drives."""
+        self._stages = self._weighted.stages(drives)
+        self._begin_stage()
+
+    def _begin_stage(self) -> None:
+        self._stage = next(self._stages, None)
+        self._drawn = 0  # drives of the stage that were drawn
+        self._points: dict[int, _Point] = {}  # number of a drive in the stage -> its result
+
+    @property
+    def is_begun(self) -> bool:
+        """Whether it has proposed a drive."""
+        return self._ledger.issued > 0
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether all drives were told."""
+        return self._stage is None
+
+    def require_valid_roads(self) -> None:
+        """Refuse a domain of which no road is valid.
+
+        Raises:
+            ValueError: None of 1000 random roads is valid on the map.
+        """
+        assert self._stage is not None
+        self._first = self._draw(self._stage)
+
+    def ask(self) -> Candidate | None:
+        """Return the next drive; None at the end of a stage, until its last result is told."""
+        if self._stage is None:
+            raise SearchEnded("all drives were made")
+        if self._broken:
+            draw = self._broken.popleft()
+        elif self._drawn < len(self._stage):
+            draw = self._first or self._draw(self._stage)
+            self._first = None
+            self._drawn += 1
+        else:
+            return None
+        road = draw.candidate
+        candidate = self._ledger.issue(
+            road.curvatures,
+            road.step,
+            road.origin,
+            conditions=road.conditions,
+            grade=road.grade,
+            repeat=road.repeat,
+        )
+        self._waiting[candidate.id] = draw
+        return candidate
+
+    def tell(self, evaluation: Evaluation) -> None:
+        """Take the result of a drive; the last one of a stage begins the next stage.
+
+        Raises:
+            ValueError: see `Ledger.settle`.
+        """
+        candidate = self._ledger.settle(evaluation)
+        draw, stage = self._waiting.pop(candidate.id), self._stage
+        assert stage is not None
+        if evaluation.outcome not in (Outcome.PASS, Outcome.FAIL):
+            again = replace(candidate, repeat=candidate.repeat + 1)
+            self._broken.append(draw._replace(candidate=again))
+            return
+        self._points[draw.number] = _Point(draw.conditions, evaluation.outcome is Outcome.FAIL)
+        if stage.is_plain:
+            self.plain.add(candidate.id)
+        if len(self._points) == len(stage):
+            self._weighted.add(stage, [self._points[i] for i in range(len(stage))])
+            self._begin_stage()
+
+    def _draw(self, stage: _Stage) -> _Draw:
+        """Draw the stage's next drive, again until its road is valid.
+
+        Raises:
+            ValueError: none of 1000 roads is.
+        """
+        for _ in range(_REDRAWS):
+            conditions = stage.conditions[self._drawn]
+            if conditions is None:
+                conditions = self._rng.standard_normal(self._domain.dimension)
+            candidate = self._candidate(conditions)
+            road, verdict = self._tester.laid(candidate)
+            if road is not None and verdict.valid:
+                return _Draw(self._drawn, conditions, candidate)
+        raise ValueError(
+            f"none of {_REDRAWS} random roads of {self._domain.name} is valid on a map of"
+            f" {self._tester.map_size:g} m"
+        )
+
+    def _candidate(self, conditions: FloatArray) -> Candidate:
+        """Return a random road, which may be invalid, in these conditions."""
+        roads = self._roads
+        numbers = _uniform(self._rng.standard_normal(roads.numbers))
+        rng = np.random.default_rng(int(self._rng.integers(2**62)))
+        values = roads.made(rng, numbers)
+        amounts = self._domain.at(_uniform(conditions), (len(values) - 1) * roads.step)
+        grade = roads.grade(rng, values)
+        return Candidate(1, values, roads.step, Origin(RANDOM), conditions=amounts, grade=grade)
+
+    def estimate(self, kilometres: float) -> Estimate:
+        """Return the estimate from all drives.
+
+        Args:
+            kilometres: length of the plain drives, in km.
+
+        Raises:
+            FreneticError: the plain drives have no length.
+        """
+        weighted, drives = self._weighted, self._weighted.drives
+        plain = len(weighted.plain)
+        if not kilometres:
+            raise FreneticError(
+                f"the driver broke in each of {plain} drives before the car moved, so there is no"
+                " distance to count failures over: 'frenetic run' says how it breaks"
+            )
+        length = kilometres / plain
+        rate, low, high = (chance * 1000.0 / length for chance in weighted.interval())
+        failures = sum(point.failed for point in weighted.plain)
+        method: Method = "plain" if plain == drives else "importance sampling"
+        return Estimate(
+            domain=self._domain.name,
+            method=method if weighted.failures else "none",
+            rate=rate if weighted.failures else None,
+            low=low,
+            high=high,
+            drives=drives,
+            failures=failures,
+            plain=plain,
+            kilometres=kilometres,
+            length=length,
+            seed=self.options["seed"],
+            note=_note(method, weighted.carried),
+            other_failures=weighted.failures - failures,
+        )
+
+
 def estimate(
     domain: Domain,
     tester: RoadTester,
     *,
     drives: int = 10_000,
     seed: int = 0,
-    on_drive: Callable[[int, int], object] = lambda _, __: None,
+    campaign: Path | str | None = None,
+    spec: Spec | None = None,
+    **how: Unpack[How],
 ) -> Estimate:
-    """How often the driver leaves its lane in a domain.
+    """Estimate how often the driver leaves its lane in a domain.
+
+    The drives are a campaign; the same call goes on with an interrupted one and reads a complete
+    one. Where no campaign is given, that is so with ``out`` alone.
 
     Args:
         domain: the domain, whose roads the tester drives.
-        tester: drives on its terms.
+        tester: drives on its terms; its simulator is not yet entered.
         drives: number of drives; refused roads cost none.
         seed: of the draws.
-        on_drive: called after each drive, with the drives and failures so far.
+        campaign: folder of the campaign whose driver and domain they are; it keeps the drives and,
+            in `FILE`, the estimate. By default a campaign of its own keeps both, in a new folder
+            under ``campaigns/``.
+        spec: names of driver and simulator, for the record.
+        how: see `How`.
 
     Raises:
-        FreneticError: its roads do not fit, the simulator broke, or simulator or driver cannot have
-            its conditions.
+        KeyboardInterrupt: Ctrl-C came before the last drive.
+        FreneticError: no road of the domain is valid, the simulator broke, or simulator or driver
+            cannot have the domain's conditions.
+        CampaignError: as for `frenetic.again.campaigns`.
         ValueError: a number is out of range.
     """
     drives = require_count("drives", drives, least=100)
-    check_pair_in(domain.all_at_once(), tester.simulator, tester.driver)
-    draws = Draws(domain, tester, np.random.default_rng(seed))
-    weighted = _Weighted(draws, lambda: on_drive(draws.drives, draws.failures))
-    _draw_all(weighted, draws, drives)
-    plain = weighted.plain
-    way = math.fsum(point.length for point in plain)
-    if not way:
-        raise FreneticError(
-            f"the driver broke in each of {len(plain)} drives before the car moved, so there is no"
-            " distance to count failures over: 'frenetic run' says how it breaks"
-        )
-    length = way / len(plain)
-    rate, low, high = (chance * 1000.0 / length for chance in weighted.interval())
-    failures = sum(point.failed for point in plain)
-    method: Method = "plain" if len(plain) == drives else "importance sampling"
-    return Estimate(
-        domain=domain.name,
-        method=method if weighted.failures else "none",
-        rate=rate if weighted.failures else None,
-        low=low,
-        high=high,
-        drives=draws.drives,
-        failures=failures,
-        plain=len(plain),
-        kilometres=way,
-        length=length,
-        seed=seed,
-        note=_note(method, weighted.carried),
-        other_failures=weighted.failures - failures,
+    draws = Draws(domain, tester, drives, seed)
+    if campaign is None:
+        how["out"] = how.get("out") or new_folder()
+    else:
+        check_writable(Path(campaign) / FILE, remedy=_REMEDY)
+    driving = campaign_again(
+        campaign,
+        draws,
+        tester,
+        Budget(simulations=drives),
+        what=[describe(draws), domain.entries(), tester.terms],
+        terms={"estimate": True},
+        how=how,
     )
+    if spec is not None:
+        driving.named = replace(spec, strategy=Part(), seed=seed)
+    driving.lookahead = None  # whatever is out, the same is drawn
+    errors = _errors(driving.folder)
+    budget = driving.budget = Budget(simulations=drives + errors)  # those are driven again
+    on_event = how.get("on_event")
+
+    def watch(event: Event) -> None:
+        if event.summary.errors > errors and event.test is not None:
+            raise FreneticError(
+                f"the simulator broke, which says nothing of the driver: {event.test.reason}; the"
+                f" drives so far are kept in {driving.folder}"
+            )
+        if on_event is not None:
+            on_event(event)
+
+    complete(driving, {**how, "on_event": watch})
+    result = _result(driving, draws, budget)
+    document = json.dumps(result.as_json()) + "\n"
+    for folder in {driving.folder, Path(campaign or driving.folder)}:
+        write_file(folder / FILE, document, remedy=_REMEDY)
+    return result
 
 
-def _draw_all(weighted: _Weighted, draws: Draws, drives: int) -> None:
-    """Draws plain drives, and others as long as these carry the estimate better."""
-    weighted.plainly(round(_PILOT * drives))
-    failures = weighted.failures
-    pilot = draws.drives
-    is_common = failures / pilot * drives >= _ENOUGH
-    remaining, gains = drives - pilot, not is_common and draws.domain.dimension > 0
-    for share in _WIDELY:
-        if gains and weighted.carried <= failures:  # none but plain ones
-            weighted.widely(round(share * remaining))
-    first, remaining, spent = draws.drives, drives - draws.drives, 0.0
-    for stage, share in enumerate(_AROUND):
-        spent += share
-        # Else as many plain drives would carry the estimate better, or nothing has failed.
-        plainly = failures / pilot * draws.drives if stage > 1 else 0.0
-        gains = gains and weighted.carried > plainly
-        if gains:
-            weighted.around_failures(first + round(spent * remaining) - draws.drives)
-    if draws.drives < drives:
-        weighted.plainly(drives - draws.drives)
+def _result(driving: Campaign, draws: Draws, budget: Budget) -> Estimate:
+    """Return the estimate from the drives of a campaign.
+
+    Raises:
+        KeyboardInterrupt: drives are missing.
+        FreneticError: see `Draws.estimate`.
+    """
+    if not draws.is_begun:  # nothing was left to be driven
+        with suppress(CampaignError):  # a damaged file is written anew
+            if (result := Estimate.read(driving.folder)) is not None:
+                return result
+    with CampaignStore.open(driving.folder) as store:
+        if not draws.is_begun:
+            replay(store, draws, budget, driving.objective)
+        if not draws.is_complete:
+            raise KeyboardInterrupt
+        tests = [test for test in store.tests() if test.id in draws.plain]
+        return draws.estimate(math.fsum(_metres(test, store) / 1000.0 for test in tests))
+
+
+def _errors(folder: Path) -> int:
+    """Return in how many drives of a campaign the simulator broke; 0 without a campaign."""
+    if not (folder / DATABASE).is_file():
+        return 0
+    with CampaignStore.open(folder) as store:
+        return store.counts().errors
+
+
+def _metres(test: Test, store: CampaignStore) -> float:
+    """Return how far the car came in a drive until it failed, in m."""
+    result = test.result
+    if result.fault is not None:  # before it, the car may not have moved
+        path = store.trajectory(test.id)
+        return 0.0 if path is None else float(np.hypot(*np.diff([path.x, path.y])).sum())
+    if result.outcome is Outcome.FAIL and result.finding is not None:
+        distance = result.finding.distance
+        return test.candidate.length if distance is None else distance
+    return test.candidate.length
 
 
 def _note(method: Method, carried: float) -> str:

@@ -1,7 +1,8 @@
-"""Campaigns that drive roads of another one again, in the folder ``again`` of that one's.
+"""Campaigns beside another one: they drive its roads again, or how often its driver fails.
 
-Each has a folder of its own, named after a digest of what it drives with what. So the same call
-goes on with an interrupted one, gives a complete one as it is, and never replaces another.
+They lie in the folder ``again`` of that one's. Each has a folder of its own, named after a digest
+of what it drives with what. So the same call goes on with an interrupted one, gives a complete one
+as it is, and never replaces another.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from frenetic.spec import require_count
 from frenetic.versions import SHORT
 
 FOLDER: Final = "again"
-"""Folder, in that of a campaign, of the campaigns that drive its roads again."""
+"""Folder, in that of a campaign, of the campaigns beside it."""
 TERMS: Final = "again"
 """Entry of such a campaign's configuration: why it drives them."""
 
@@ -43,7 +44,7 @@ class How(TypedDict, total=False):
 
 
 def campaign_again(
-    folder: Path | str,
+    folder: Path | str | None,
     strategy: Strategy,
     tester: RoadTester,
     budget: Budget,
@@ -56,7 +57,8 @@ def campaign_again(
     """The campaign that drives roads of another one again, not yet run.
 
     Args:
-        folder: of the campaign whose roads they are.
+        folder: of the campaign whose roads they are; None if they are no campaign's, then ``out``
+            is needed.
         strategy: fresh.
         tester: drives.
         budget: of the driving campaign; a larger one than before lets it go on.
@@ -69,13 +71,13 @@ def campaign_again(
         CampaignError: ``out`` holds something else, or the folder is gone.
         ValueError: an option is out of range.
     """
-    if not Path(folder).is_dir():  # the new campaign must not make a part of it again
+    if folder is not None and not Path(folder).is_dir():  # the new one must not make it again
         raise CampaignGoneError(f"{folder} was moved or deleted while its roads were driven again")
     simulator, driver = tester.simulator, tester.driver
     parts = describe(driver), describe(simulator), simulator.rules.as_json()
     text = json.encode([what, terms, parts], order="sorted", enc_hook=plain)
     digest = hashlib.sha256(text).hexdigest()[:SHORT]
-    place = Path(how.get("out") or Path(folder) / FOLDER / digest)
+    place = Path(how.get("out") or Path(folder or "") / FOLDER / digest)
     workers = require_count("workers", how.get("workers", 1))
     if (place / DATABASE).is_file():
         with CampaignStore.open(place) as store:
@@ -104,8 +106,10 @@ def complete(campaign: Campaign, how: How) -> None:
     try:
         _drive_missing(campaign, how.get("on_event"))
     except CampaignGoneError as error:
+        if campaign.folder.parent.name != FOLDER:
+            raise
         folder = campaign.folder.parents[1]  # of the campaign whose roads they are
-        if campaign.folder.parent.name != FOLDER or folder.is_dir():
+        if folder.is_dir():
             raise
         fate = "deleted while its roads were driven again, and the drives with it: restore a copy"
         if error.place is not None:

@@ -85,18 +85,27 @@ class RoadTester:
             )
         check_pair(self.simulator, self.driver)
 
+    def laid(self, candidate: Candidate) -> tuple[Road | None, Verdict]:
+        """Return a candidate's road as it would be driven, and whether it may be, see `fitted`.
+
+        A road that the simulator cannot lay is invalid, too.
+        """
+        road, verdict = fitted(candidate, self)
+        if road is not None and verdict.valid:
+            try:
+                check_road(self.simulator, self.driver, road)
+            except RoadError as error:
+                return None, Verdict(False, str(error))
+        return road, verdict
+
     def test(self, candidate: Candidate) -> Attempt:
         """Drives a candidate's road, in its conditions, if it is one, fits the map and is valid.
 
         A road that the simulator cannot lay is INVALID, too.
         """
-        road, verdict = fitted(candidate, self)
+        road, verdict = self.laid(candidate)
         if road is None or not verdict.valid:
             return _refused(candidate.id, verdict.message, road.pose if road else None)
-        try:
-            check_road(self.simulator, self.driver, road)
-        except RoadError as error:
-            return _refused(candidate.id, str(error))
         if not candidate.conditions:
             return self._driven(candidate.id, road, self.driver)
         check_conditions(candidate.conditions)

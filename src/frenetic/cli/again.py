@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from frenetic.cli import Invocation
 from frenetic.cli.console import Log, announced_compilation, counted_progress, this_command
 from frenetic.cli.options import as_usage_error
 from frenetic.cli.parts import given_options, with_given, without_place
@@ -145,7 +146,10 @@ def shown_driving(
         yield on_event
 
 
-def interrupted(log: Log, what: str) -> click.exceptions.Exit:
-    """Print what is left to do, and that the same command goes on; end the command."""
-    log.print(f"Interrupted: {what}; the same command goes on: {this_command()}", markup=False)
+def interrupted(log: Log, what: str, command: Invocation | None = None) -> click.exceptions.Exit:
+    """Print what is left to do, and which command goes on, by default the same; end this one."""
+    goes_on = f"the same command goes on: {this_command()}"
+    if command is not None:
+        goes_on = f"go on: {command}"
+    log.print(f"Interrupted: {what}; {goes_on}", markup=False)
     return click.exceptions.Exit(130)

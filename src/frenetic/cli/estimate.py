@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import json
+from collections import deque
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from frenetic._support.files import check_writable, write_file
 from frenetic._support.words import counted
-from frenetic.cli import echo
-from frenetic.cli.console import Log, announced_compilation, live_line
-from frenetic.cli.options import as_usage_error, count_option, json_option
+from frenetic.cli import Invocation, echo
+from frenetic.cli.console import Log, shell, this_command
+from frenetic.cli.options import (
+    as_usage_error,
+    count_option,
+    folder_option,
+    json_option,
+    workers_option,
+)
 from frenetic.cli.parts import (
     check_drawn,
     criteria_option,
@@ -23,6 +29,9 @@ from frenetic.cli.parts import (
 )
 from frenetic.spec import Spec
 
+if TYPE_CHECKING:
+    from frenetic.campaign import Event, Summary
+
 
 @click.command()
 @click.argument("campaign", type=click.Path(path_type=Path), required=False)
@@ -30,6 +39,11 @@ from frenetic.spec import Spec
 @part_options
 @criteria_option
 @count_option("--drives", "Drive N times.", least=100, default=10_000)
+@workers_option
+@folder_option(
+    "Campaign that drives. [default: a folder in again/ of the CAMPAIGN, or a new one under"
+    " campaigns/]"
+)
 @json_option
 @click.pass_context
 def estimate(
@@ -37,6 +51,8 @@ def estimate(
     /,
     campaign: Path | None,
     drives: int,
+    workers: int,
+    out: Path | None,
     as_json: bool,
     **_: Any,
 ) -> None:
@@ -44,13 +60,14 @@ def estimate(
 
     The domain is --odd FILE, or that of a CAMPAIGN, whose driver it is then and whose report says
     it, too. Common failures are counted in plain drives; for rare ones, conditions in which the
-    driver fails are drawn more often and weighed. A search's failures take no part.
+    driver fails are drawn more often and weighed. A search's failures take no part. The same
+    command goes on with an interrupted one, and shows a complete one; without a CAMPAIGN it needs
+    --out DIR for that.
     """
     from frenetic.again.rerun import campaign_tester
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.tester import RoadTester
-    from frenetic.cli.again import recorded_spec
-    from frenetic.estimate import FILE
+    from frenetic.cli.again import interrupted, recorded_spec, shown_driving
     from frenetic.estimate import estimate as estimated
 
     given, domain = given_options(context), context.params["domain"]
@@ -60,11 +77,12 @@ def estimate(
         raise click.UsageError(
             f"{campaign} is estimated as it was driven: options are for --odd FILE without it"
         )
+    isolate = workers == 1
     if campaign is None:
         given["road_class"] = domain.road_class
         spec = with_given(Spec(), given, has_roads=False)
         check_drawn(spec, given)
-        driver, simulator = spec.make_parts(isolate=True)
+        driver, simulator = spec.make_parts(isolate=isolate)
         with as_usage_error():
             tester = RoadTester.on(spec, simulator, driver)
     else:
@@ -72,25 +90,42 @@ def estimate(
             domain = store.setting.domain
             if domain is None:
                 raise click.UsageError(f"{campaign} searched no domain: one with --odd did")
-            check_writable(campaign / FILE, remedy="let it be written")
             spec = recorded_spec(store, {})
-            driver, simulator = spec.make_parts(isolate=True)
+            driver, simulator = spec.make_parts(isolate=isolate)
             tester = campaign_tester(store, simulator, driver)
     log = Log()
-    with announced_compilation(log) as compiled, tester.simulator, live_line(log) as show:
-        compiled()
+    latest: deque[Summary] = deque(maxlen=1)
+    try:
+        with shown_driving(log, "Driving") as show:
 
-        def on_drive(driven: int, failures: int) -> None:
-            text = f"{driven} of {counted(drives, 'drive')}, {counted(failures, 'failure')}"
-            show(driven / drives, lambda: text)
+            def on_event(event: Event) -> None:
+                latest.append(event.summary)
+                show(event)
 
-        with as_usage_error():
-            result = estimated(domain, tester, drives=drives, on_drive=on_drive)
-    document = json.dumps(result.as_json())
-    if campaign is not None:
-        write_file(campaign / FILE, document + "\n", remedy="make room, or let it be written")
+            result = estimated(
+                domain,
+                tester,
+                drives=drives,
+                campaign=campaign,
+                spec=spec,
+                workers=workers,
+                out=out,
+                on_event=on_event,
+            )
+    except KeyboardInterrupt:
+        if not latest:  # nothing is kept
+            raise
+        left = counted(drives - latest[-1].passed - latest[-1].failed, "drive")
+        command = None
+        if campaign is None and out is None:
+            words = (*this_command().words, "--out", str(latest[-1].folder))
+            command = Invocation(words)
+        raise interrupted(log, f"{left} to go", command) from None
+    folder = latest[-1].folder
+    kept = f"Kept in {folder}; to see it: frenetic report {shell(campaign or folder)}"
     if as_json:
-        echo(document)
+        echo(json.dumps(result.as_json()))
+        log.print(kept, markup=False)
         return
     echo(result.in_words())
     echo(
@@ -102,3 +137,4 @@ def estimate(
             f"{counted(other_drives, 'drive')} in conditions drawn more often than they occur had"
             f" {counted(result.other_failures, 'failure')}, which weigh less"
         )
+    echo(kept)

@@ -76,8 +76,8 @@ def resume(
         )
     if "again" in config:
         raise click.UsageError(
-            f"{campaign} drives the roads of another campaign again: the command that began it,"
-            " 'frenetic rerun' or 'minimise', goes on with it"
+            f"{campaign} does not search: the command that began it, 'frenetic rerun', 'minimise',"
+            " 'compare' or 'estimate', goes on with it"
         )
     if is_told(config):
         raise click.UsageError(
