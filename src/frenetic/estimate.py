@@ -18,7 +18,7 @@ wherever they were drawn.
 The drives are a campaign, whose strategy `Draws` proposes them stage by stage::
 
     domain = Domain.of("town.toml")
-    tester = RoadTester(EmbeddedSimulator(), MyDriver(), road_class=domain.road_class)
+    tester = RoadTester(EmbeddedSimulator(), MyDriver(), map_size=500, road_class=domain.road_class)
     print(estimate(domain, tester, drives=1000, workers=4, out="town-estimate").in_words())
 """
 

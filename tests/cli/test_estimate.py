@@ -3,31 +3,47 @@
 from __future__ import annotations
 
 import math
+import signal
+import sys
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from events import on_result
 
-from frenetic import Controls, DriveSetup, EmbeddedSimulator, Observation, Planner
+from frenetic import (
+    Controls,
+    Drive,
+    Driver,
+    DriveSetup,
+    EmbeddedSimulator,
+    Observation,
+    Planner,
+    Road,
+    Verdict,
+)
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis.statistics import rate_interval
-from frenetic.campaign import RoadTester
+from frenetic.campaign import CampaignStore, Event, RoadTester
 from frenetic.campaign.record import Attempt
 from frenetic.domain import Domain
-from frenetic.errors import FreneticError
-from frenetic.estimate import Estimate, estimate
-from frenetic.oracle import Result
+from frenetic.errors import CampaignError, FreneticError
+from frenetic.estimate import Draws, Estimate, estimate
+from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.road.classes import RoadClass
 from frenetic.search.random_search import RandomRoads
-from frenetic.search.records import Candidate
+from frenetic.search.records import Candidate, Evaluation
+from frenetic.search.strategy import SearchEnded
 
 if TYPE_CHECKING:
     from command_line import Frenetic
+    from interpreters import Interpreter
 
-pytest_plugins = ["command_line"]
+pytest_plugins = ["command_line", "interpreters"]
 
 ENTRIES: dict[str, Any] = {
     "roads": "urban-50,length=200",
@@ -42,6 +58,9 @@ class Known(RoadTester):
 
     share: float = 0.1
 
+    def laid(self, candidate: Candidate) -> tuple[Road | None, Verdict]:
+        return _ROAD, Verdict(True, "")
+
     def test(self, candidate: Candidate) -> Attempt:
         conditions = candidate.conditions
         dry, calm = (conditions["friction"] - 0.2) / 0.8, 1.0 - conditions.get("gust", 0.0) / 20.0
@@ -51,15 +70,8 @@ class Known(RoadTester):
         return Attempt(candidate.id, result, None, None)
 
 
-def _passed() -> Result:
-    from frenetic import Road
-    from frenetic.oracle import judge
-
-    road = Road([0.0] * 5)
-    return judge(road, EmbeddedSimulator().drive(road, Planner()))
-
-
-_RESULT = _passed()
+_ROAD = Road([0.0] * 5)
+_RESULT = judge(_ROAD, EmbeddedSimulator().drive(_ROAD, Planner()))
 
 
 def known(share: float) -> Known:
@@ -74,12 +86,35 @@ def known(share: float) -> Known:
     )
 
 
+def estimate_of(
+    tester: RoadTester,
+    drives: int,
+    seed: int,
+    order: Callable[[list[Candidate]], object] = lambda _: None,
+) -> Estimate:
+    """The estimate of drives that no campaign keeps, told in the order into which they are put."""
+    draws, outstanding, metres = Draws(DOMAIN, tester, drives, seed), list[Candidate](), 0.0
+    while not draws.is_complete:
+        while (candidate := draws.ask()) is not None:
+            outstanding.append(candidate)
+        order(outstanding)
+        while outstanding:
+            candidate = outstanding.pop(0)
+            result = tester.test(candidate).result
+            draws.tell(Evaluation(candidate, result.outcome, result.moobd, 0.0))
+            if candidate.id in draws.plain:
+                metres += candidate.length
+    with pytest.raises(SearchEnded):
+        draws.ask()
+    return draws.estimate(metres / 1000.0)
+
+
 def per_1000_km(found: Estimate, share: float) -> float:
     return share / found.length * 1000.0
 
 
 def test_common_failures_are_counted() -> None:
-    found = estimate(DOMAIN, known(0.2), drives=400, seed=1)
+    found = estimate_of(known(0.2), drives=400, seed=1)
     assert found.method == "plain"
     assert found.rate is not None
     assert found.drives == found.plain == 400
@@ -91,7 +126,7 @@ def test_common_failures_are_counted() -> None:
 def test_rare_failures_are_drawn_more_often_and_weighed(share: float) -> None:
     drives, held = 3000, 0
     for seed in range(6):
-        found = estimate(DOMAIN, known(share), drives=drives, seed=seed)
+        found = estimate_of(known(share), drives=drives, seed=seed)
         assert found.method == "importance sampling"
         assert found.drives == drives
         held += found.low <= per_1000_km(found, share) <= found.high
@@ -126,7 +161,7 @@ def test_where_the_road_decides_the_rest_are_plain_drives() -> None:
     tester = replace(Winding(**vars(known(0.5))), angle=angle)
     held, plain = 0, []
     for seed in range(6):
-        found = estimate(DOMAIN, tester, drives=6000, seed=seed)
+        found = estimate_of(tester, drives=6000, seed=seed)
         held += found.low <= per_1000_km(found, 3e-3) <= found.high
         assert found.drives == 6000
         plain.append(found.plain / found.drives)
@@ -135,7 +170,7 @@ def test_where_the_road_decides_the_rest_are_plain_drives() -> None:
 
 
 def test_it_says_what_it_cannot_know() -> None:
-    found = estimate(DOMAIN, known(0.0), drives=300, seed=1)
+    found = estimate_of(known(0.0), drives=300, seed=1)
     assert found.rate is None
     assert found.low == 0.0
     assert "give it more --drives" in found.note
@@ -149,26 +184,45 @@ def test_it_says_what_it_cannot_know() -> None:
 def test_more_drives_tighten_the_limit_wherever_they_are_drawn(share: float) -> None:
     """Also where the other drives had the only failures, and so few that they carry nothing."""
     for seed in range(4):
-        few, more = (estimate(DOMAIN, known(share), drives=n, seed=seed) for n in (200, 1000))
+        few, more = (estimate_of(known(share), drives=n, seed=seed) for n in (200, 1000))
         assert more.high < 0.5 * few.high
         plain_alone = rate_interval(few.failures, few.kilometres / 1000.0)[1]
         assert few.high < plain_alone, "the other drives count, too"
 
 
-def test_progress_counts_each_drive_up_to_the_total() -> None:
-    for share in (0.0, 1e-3, 0.01, 0.2):
-        counts: list[tuple[int, int]] = []
-        estimate(DOMAIN, known(share), drives=333, on_drive=lambda *now: counts.append(now))  # noqa: B023
-        assert [driven for driven, _ in counts] == list(range(1, 334))
-
-
-def test_the_same_seed_gives_the_same_estimate() -> None:
-    one, same, other = (estimate(DOMAIN, known(0.01), drives=500, seed=s) for s in (1, 1, 2))
+def test_the_same_seed_gives_the_same_estimate_in_whatever_order_its_results_are_told() -> None:
+    rng = np.random.default_rng(2)
+    tester = known(0.01)
+    one, same, other = (estimate_of(tester, 500, seed) for seed in (1, 1, 2))
     assert one == same
     assert one != other
+    assert estimate_of(tester, 500, 1, order=rng.shuffle) == one
 
 
-def test_kilometres_are_those_that_the_car_drove() -> None:
+def test_a_stage_waits_for_the_results_of_the_one_before() -> None:
+    draws = Draws(DOMAIN, known(0.01), 100, 1)
+    stage = [draws.ask() for _ in range(21)]
+    assert None not in stage[:20]
+    assert stage[20] is draws.ask() is None
+    for candidate in stage[:20]:
+        assert candidate is not None
+        draws.tell(Evaluation(candidate, Outcome.PASS, 1.0, 0.0))
+    assert draws.ask() is not None
+
+
+def test_a_drive_in_which_the_simulator_broke_is_proposed_again() -> None:
+    draws = Draws(DOMAIN, known(0.01), 100, 1)
+    first, second = draws.ask(), draws.ask()
+    assert first is not None
+    assert second is not None
+    draws.tell(Evaluation(first, Outcome.ERROR, None, 0.0))
+    again = draws.ask()
+    assert again is not None
+    assert (again.id, again.repeat, again.conditions) == (3, 1, first.conditions)
+    assert np.array_equal(again.curvatures, first.curvatures)
+
+
+def test_kilometres_are_those_that_the_car_drove(tmp_path: Path) -> None:
     class Broken:
         def __init__(self, when: float) -> None:
             self.when = when
@@ -183,19 +237,140 @@ def test_kilometres_are_those_that_the_car_drove() -> None:
 
     terms = {"map_size": 400.0, "lane_width": 3.25, "road_class": DOMAIN.road_class}
     soon = RoadTester(EmbeddedSimulator(), Broken(0.5), **terms)  # type: ignore[arg-type]
-    found = estimate(DOMAIN, soon, drives=100, seed=1)
+    found = estimate(DOMAIN, soon, drives=100, seed=1, out=tmp_path / "soon")
     assert found.failures == found.plain
     assert 0.0 < found.length < 0.002, "km until half a second"
     never = RoadTester(EmbeddedSimulator(), Broken(0.0), **terms)  # type: ignore[arg-type]
     with pytest.raises(FreneticError, match="before the car moved"):
-        estimate(DOMAIN, never, drives=100, seed=1)
+        estimate(DOMAIN, never, drives=100, seed=1, out=tmp_path / "never")
 
 
-def test_roads_are_those_that_are_driven() -> None:
+def test_roads_are_those_that_are_driven(tmp_path: Path) -> None:
     """Also where they are others than the domain's own."""
     longer = RoadClass.of("urban-50", {"length": 600.0})
     tester = RoadTester(EmbeddedSimulator(), Planner(), map_size=longer.map_size, road_class=longer)
-    assert estimate(DOMAIN, tester, drives=100, seed=1).length > 0.3
+    assert estimate(DOMAIN, tester, drives=100, seed=1, out=tmp_path / "c").length > 0.3
+
+
+def test_a_domain_without_conditions_has_plain_drives(tmp_path: Path) -> None:
+    flat = Domain.made("flat", {"roads": "urban-50,length=200"})
+    found = estimate(flat, embedded(), drives=100, out=tmp_path / "c")
+    assert (found.method, found.plain, found.failures) == ("none", 100, 0)
+
+
+def test_a_domain_of_which_no_road_is_valid_is_refused_before_anything_is_made(
+    tmp_path: Path,
+) -> None:
+    tester = replace(embedded(), map_size=50.0)
+    with pytest.raises(CampaignError, match=r"^none of 1000 random roads of town is valid"):
+        estimate(DOMAIN, tester, drives=100, out=tmp_path / "c")
+    assert not (tmp_path / "c").exists()
+
+
+# As a campaign
+
+
+def embedded(simulator: EmbeddedSimulator | None = None) -> RoadTester:
+    roads = DOMAIN.road_class
+    assert roads is not None
+    return RoadTester(
+        simulator or EmbeddedSimulator(),
+        Planner(),
+        map_size=roads.map_size,
+        lane_width=roads.lane_width,
+        road_class=roads,
+    )
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Estimate:
+    """The estimate of uninterrupted drives, with one worker."""
+    found = estimate(DOMAIN, embedded(), drives=100, out=tmp_path_factory.mktemp("whole") / "c")
+    assert found.method == "importance sampling"
+    assert found.other_failures
+    return found
+
+
+def test_it_does_not_depend_on_the_workers(whole: Estimate, tmp_path: Path) -> None:
+    counts: list[int] = []
+    count = on_result(lambda now: counts.append(now.simulations))
+    out = tmp_path / "c"
+    assert estimate(DOMAIN, embedded(), drives=100, workers=3, out=out, on_event=count) == whole
+    assert counts == list(range(1, 101))
+    with CampaignStore.open(out) as store:
+        assert store.counts().failed == whole.failures + whole.other_failures
+        assert store.setting.domain == DOMAIN
+    assert Estimate.read(out) == whole
+
+
+@pytest.mark.parametrize("workers", [(1, 1), (1, 3), (3, 1)])
+def test_after_ctrl_c_the_same_call_goes_on(
+    whole: Estimate, tmp_path: Path, workers: tuple[int, int]
+) -> None:
+    def interrupt(event: Event) -> None:
+        if event.kind == "result" and event.summary.simulations == 30:
+            signal.raise_signal(signal.SIGINT)
+
+    out = tmp_path / "c"
+    first, second = workers
+    with pytest.raises(KeyboardInterrupt):
+        estimate(DOMAIN, embedded(), drives=100, workers=first, out=out, on_event=interrupt)
+    assert Estimate.read(out) is None
+    events: list[Event] = []
+    assert (
+        estimate(DOMAIN, embedded(), drives=100, workers=second, out=out, on_event=events.append)
+        == whole
+    )
+    results = [event for event in events if event.kind == "result"]
+    assert len(results) == 70 if first == 1 else len(results) < 70
+
+
+def test_a_complete_one_is_read_and_not_driven(
+    whole: Estimate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def drive(*_: object) -> Drive:
+        raise AssertionError("it drives")
+
+    out = tmp_path / "c"
+    estimate(DOMAIN, embedded(), drives=100, out=out)
+    monkeypatch.setattr(EmbeddedSimulator, "drive", drive)
+    for text in (None, "damaged"):
+        if text is not None:
+            (out / "estimate.json").write_text(text)
+        events: list[Event] = []
+        assert estimate(DOMAIN, embedded(), drives=100, out=out, on_event=events.append) == whole
+        assert [event.kind for event in events] == ["complete"]
+    assert Estimate.read(out) == whole
+    with pytest.raises(CampaignError, match="holds another campaign"):
+        estimate(DOMAIN, embedded(), drives=101, out=out)
+
+
+class Breaking(EmbeddedSimulator):
+    """Raises from its 25th drive on, as long as it is broken."""
+
+    is_broken = True
+    drives = 0
+
+    def drive(self, road: Road, driver: Driver) -> Drive:
+        Breaking.drives += 1
+        if Breaking.is_broken and Breaking.drives >= 25:
+            raise OSError("no graphics")
+        return super().drive(road, driver)
+
+
+def test_a_simulator_that_breaks_ends_it_and_the_same_call_goes_on(
+    whole: Estimate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Breaking, "drives", 0)
+    out = tmp_path / "c"
+    for attempt in range(2):
+        with pytest.raises(FreneticError, match=r"simulator broke, .*: no graphics .*; the drives"):
+            estimate(DOMAIN, embedded(Breaking()), drives=100, out=out)
+        with CampaignStore.open(out) as store:
+            counts = store.counts()
+            assert (counts.passed + counts.failed, counts.errors) == (24, attempt + 1)
+    monkeypatch.setattr(Breaking, "is_broken", False)
+    assert estimate(DOMAIN, embedded(Breaking()), drives=100, out=out) == whole
 
 
 def test_on_the_command_line(frenetic: Frenetic, tmp_path: Path) -> None:
@@ -221,3 +396,67 @@ def test_on_the_command_line(frenetic: Frenetic, tmp_path: Path) -> None:
     assert "searched no domain" in frenetic("estimate", "d").err
     with pytest.raises(FreneticError):
         Domain.of(tmp_path / "none.toml")
+
+
+TOWN = """
+roads = "urban-50,length=200"
+[conditions]
+friction = { low = 0.2, high = 1.0 }
+gust = { low = 0.0, high = 20.0 }
+"""
+KILLED = """
+import os, signal
+from unittest.mock import patch
+from frenetic.cli import main
+with patch("frenetic.estimate._Weighted.add", lambda *_: os.kill(os.getpid(), signal.SIGKILL)):
+    main(["estimate", "--odd", "town.toml", "--drives", "100", "--out", "c"])
+"""
+"""It is killed at the end of its first stage."""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a process kills itself by a POSIX signal")
+def test_killed_in_the_middle_the_same_command_goes_on(
+    frenetic: Frenetic, interpreter: Interpreter, tmp_path: Path
+) -> None:
+    (tmp_path / "town.toml").write_text(TOWN, encoding="utf-8")
+    assert interpreter.python(KILLED, folder=tmp_path).code == -signal.SIGKILL
+    with CampaignStore.open("c") as store:
+        assert 0 < store.counts().simulations <= 20
+    words = ("estimate", "--odd", "town.toml", "--drives", "100", "--out")
+    found = frenetic(*words, "c", "--workers", "2", "--json")
+    assert found.code == 0, found.err
+    assert found.json == frenetic(*words, "whole", "--json").json
+    again = frenetic(*words, "c")
+    assert again.out.splitlines()[-1] == "Kept in c; to see it: frenetic report c"
+    assert "how often" in frenetic("show", "c").out
+    assert frenetic("resume", "c").refuses("c does not search", "'estimate', goes on with it")
+
+
+def test_after_ctrl_c_a_line_says_where_the_drives_are_and_which_command_goes_on(
+    frenetic: Frenetic, stopping_driver: Callable[[int], str], tmp_path: Path
+) -> None:
+    (tmp_path / "town.toml").write_text(TOWN, encoding="utf-8")
+    words = ("estimate", "--odd", "town.toml", "--driver", stopping_driver(30), "--drives", "100")
+    stopped = frenetic(*words)
+    (folder,) = Path("campaigns").iterdir()
+    assert stopped.code == 130
+    last = stopped.err.splitlines()[-1]
+    command = f"frenetic {' '.join(words)} --out {folder}"
+    assert last == f"Interrupted: 70 drives to go; go on: {command}"
+    stopping_driver(0)
+    done = frenetic(*words, "--out", str(folder))
+    assert done.code == 0, done.err
+    assert done.out.splitlines()[-1] == f"Kept in {folder}; to see it: frenetic report {folder}"
+    assert list(Path("campaigns").iterdir()) == [folder]
+
+
+def test_that_of_a_campaign_lies_in_it(frenetic: Frenetic, tmp_path: Path) -> None:
+    (tmp_path / "town.toml").write_text(TOWN, encoding="utf-8")
+    assert frenetic("run", "--odd", "town.toml", "--simulations", "5", "--out", "c").code == 0
+    words = ("estimate", "c", "--drives", "100")
+    told = frenetic(*words)
+    (folder,) = Path("c/again").iterdir()
+    assert told.out.splitlines()[-1] == f"Kept in {folder}; to see it: frenetic report c"
+    assert Estimate.read(Path("c")) == Estimate.read(folder) is not None
+    assert frenetic(*words, "--workers", "2").out == told.out
+    assert list(Path("c/again").iterdir()) == [folder]

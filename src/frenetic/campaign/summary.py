@@ -149,8 +149,8 @@ class Event:
     kind: EventKind
     """``started``: the folder is made and the simulator has started, the budget's time begins;
     ``result``: a result was stored and told, in the order of telling; ``interrupted``: Ctrl-C was
-    pressed for the first time; ``complete``: no drive was missing, which only reruns, minimising
-    and comparisons of versions say."""
+    pressed for the first time; ``complete``: no drive was missing, which only reruns, minimising,
+    comparisons of versions and estimates say."""
     summary: Summary
     """The campaign so far."""
     read_test: Callable[[], Test] | None = field(default=None, repr=False, compare=False)

@@ -1,4 +1,4 @@
-"""Shared parts of the commands that drive recorded roads: drive, rerun, minimise, compare."""
+"""Shared parts of the commands that drive recorded roads, and of estimate, which draws them."""
 
 from __future__ import annotations
 
