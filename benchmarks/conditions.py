@@ -36,6 +36,7 @@ from frenetic.drivers.layers import Delayed, Hasty, LimitedView
 from frenetic.estimate import Draws, Estimate, estimate
 from frenetic.road import Road
 from frenetic.search import Strategy
+from frenetic.terms import Terms
 from frenetic.vision.appearance import Worn
 
 DOMAIN: dict[str, Any] = {
@@ -178,9 +179,6 @@ def campaign(fault: str, kind: type[Strategy], seed: int, drives: int) -> tuple[
     planted = WithCamera if is_seen else Planted
     strategy = kind(seed=seed, road_class=domain.road_class, domain=domain)  # type: ignore[call-arg]
     driver, told = planted(FAULTS[fault][0]), ""
-    terms: dict[str, Any] = {}
-    if domain.road_class is not None:
-        terms = {"map_size": domain.road_class.map_size, "road_class": domain.road_class}
     with TemporaryDirectory() as folder:
         made = Campaign(
             strategy=strategy,
@@ -189,15 +187,14 @@ def campaign(fault: str, kind: type[Strategy], seed: int, drives: int) -> tuple[
             budget=Budget(simulations=drives),
             folder=folder,
             lookahead=16,
-            **terms,
         )
         made.run()
         with CampaignStore.open(folder) as store:
             failed = [test for test in store.tests() if test.outcome is Outcome.FAIL]
-            sound = RoadTester.on(store.setting, Telling(), planted())
+            sound = RoadTester(Telling(), planted(), store.setting.terms)
             by_fault = [t for t in failed if sound.test(t.candidate).result.outcome is Outcome.PASS]
             if by_fault and kind is Frenetic:
-                tester = RoadTester.on(store.setting, Telling(), driver)
+                tester = RoadTester(Telling(), driver, store.setting.terms)
                 test = store.test(by_fault[0].id)
                 told = minimise_test(folder, test, tester, max_drives=150).conditions_in_words()
     return len(by_fault), told
@@ -247,18 +244,16 @@ _CHUNK = 5000
 
 
 def _tester(domain: Domain) -> RoadTester:
-    assert domain.road_class is not None
-    terms = {"map_size": domain.road_class.map_size, "road_class": domain.road_class}
-    width = domain.road_class.lane_width
     driver = Planner(lateral_acceleration=1.8, braking=1.5, lookahead_time=1.6)
-    return RoadTester(EmbeddedSimulator(), driver, lane_width=width, **terms)  # type: ignore[arg-type]
+    terms = Terms.of_class(domain.road_class, domain=domain)
+    return RoadTester(EmbeddedSimulator(), driver, terms)
 
 
 def _brute(seed: int, name: str) -> tuple[int, float]:
     """Failures of plain drives, and km."""
     domain = Domain.made(name, DOMAINS[name])
     tester = _tester(domain)
-    draws = Draws(domain, tester, drives=5 * _CHUNK, seed=10_000 + seed)
+    draws = Draws(tester, drives=5 * _CHUNK, seed=10_000 + seed)
     failures, lengths = 0, []
     for _ in range(_CHUNK):  # the first fifth, which is plain
         candidate = draws.ask()
@@ -273,7 +268,7 @@ def _brute(seed: int, name: str) -> tuple[int, float]:
 def _estimated(seed: int, name: str, drives: int) -> Estimate:
     domain = Domain.made(name, DOMAINS[name])
     with TemporaryDirectory() as folder:
-        return estimate(domain, _tester(domain), drives=drives, seed=seed, out=f"{folder}/drives")
+        return estimate(_tester(domain), drives=drives, seed=seed, out=f"{folder}/drives")
 
 
 def frequency(name: str, brute: int, repeats: int, drives: int, processes: int) -> None:

@@ -133,7 +133,6 @@ def run_ours(map_size: float) -> Callable[[int, int], Measured]:
                 driver=Planner(),
                 budget=Budget(simulations=total),
                 folder=folder,
-                map_size=map_size,
             )
 
         compile_kernels()

@@ -34,11 +34,11 @@ from frenetic import (
 )
 from frenetic.analysis.failures import distinct_failures
 from frenetic.campaign import CampaignStore
-from frenetic.drive_entries import COMPETITION
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.road.classes import RoadClass, classes
 from frenetic.search.random_search import RandomRoads
+from frenetic.spec import COMPETITION
 
 README = Path(__file__).parents[1] / "README.md"
 STRATEGIES = {"random": RandomSearch, "frenetic": Frenetic}

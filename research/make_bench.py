@@ -20,7 +20,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from frenetic import Budget, Campaign, CampaignStore
+from frenetic import Campaign, CampaignStore
+from frenetic._support.words import part_word
 from frenetic.analysis import Comparison
 from frenetic.analysis.comparison import MeasureComparison, PairComparison, compare, p_text
 from frenetic.analysis.failures import Failure, cluster_failures, failures_of
@@ -70,21 +71,21 @@ class Published:
     simulations: int
     entrants: tuple[Entrant, ...] = ENTRANTS
     drive: Mapping[str, Any] = field(default_factory=dict)
-    """Options of `frenetic bench` that say how roads are driven."""
+    """Entries of a spec that say how roads are driven."""
     seeds: Sequence[int] = SEEDS
     is_main: bool = False
     """Whether it has a picture, and distinct failures are counted by other distances, too."""
 
     def campaign(self, entrant: Entrant, seed: int, folder: Path) -> Campaign:
         """A run of an entrant; its folder is within `folder`."""
-        asked = {"strategy": entrant.spec, "strategy_options": entrant.options, **self.drive}
-        budget = Budget(simulations=self.simulations)
-        spec = replace(Spec().replaced(asked), seed=seed, budget=budget)
+        strategy = part_word(entrant.spec, entrant.options)
+        own = {"strategy": strategy, "seed": seed, "simulations": self.simulations}
+        spec = Spec.of(self.drive, own)
         return Campaign.of(spec, folder=folder / self.name / entrant.name / str(seed), workers=1)
 
 
 def _driver(name: str, **options: Any) -> dict[str, Any]:
-    return {"driver": name, "driver_options": options}
+    return {"driver": part_word(name, options)}
 
 
 BENCHES: Final = (
@@ -110,8 +111,7 @@ BENCHES: Final = (
         "metadrive-200",
         200,
         (RANDOM, LISTING_1, OURS),
-        _driver("metadrive-idm", target_speed=46.0)
-        | {"simulator": "metadrive", "simulator_options": {}},
+        _driver("metadrive-idm", target_speed=46.0) | {"simulator": "metadrive"},
         seeds=SEEDS[:10],
     ),
     Published("planner-5000", 5000, (RANDOM, LISTING_1, OURS), seeds=SEEDS[:10]),

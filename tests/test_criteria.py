@@ -22,7 +22,6 @@ from frenetic.analysis.failures import caution
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.criteria import DRIVER, QUANTITIES, Criterion, Profile, Quantity, profiles, quantity
 from frenetic.drive import CarBody, Drive, Rules, Trajectory
-from frenetic.drive_entries import read_rules
 from frenetic.drivers import Planner, Stanley
 from frenetic.errors import Fault, FreneticError, Trouble
 from frenetic.measures import Seen, mean, rate, spread, worst
@@ -31,14 +30,17 @@ from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.search import RandomSearch
 from frenetic.simulators import EmbeddedSimulator
+from frenetic.spec import Spec
 
 RATE = 0.05  # s
 ISO = profiles()["after-iso-11270"]
 
 
-def read_criteria(text: Any) -> Profile:
-    found: Profile = read_rules(text)["criteria"]
-    return found
+def read_criteria(entry: Any) -> Profile:
+    """The criteria of an entry or of an option's text."""
+    profile = Spec(criteria=entry).rules.criteria
+    assert isinstance(profile, Profile)
+    return profile
 
 
 def along(road: Road, speed: float, aside: float = 0.0) -> Drive:
@@ -425,9 +427,3 @@ def test_less_time_than_the_criteria_ask_for_is_said(tmp_path: Path) -> None:
         with CampaignStore.open(campaign.folder) as store:
             assert ("after-un-r157 asks for 300 s" in caution(store)) is is_said
             assert ("less than the 5 min" in criteria_in_words(store)) is is_said
-
-
-def criteria_of(text: Any) -> Profile:
-    """The criteria of a text or of entries."""
-    found: Profile = read_rules(text)["criteria"]
-    return found

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from statistics import NormalDist
 from typing import Any
@@ -12,14 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from frenetic import Budget, Campaign, CampaignStore, Evaluation, Outcome
+from frenetic import Campaign, CampaignStore, Evaluation, Outcome
 from frenetic.domain import Distribution, Domain
 from frenetic.errors import FreneticError
 from frenetic.quantities import SEED, in_words
-from frenetic.run_file import read_run_file
 from frenetic.search import Frenetic, RandomSearch
 from frenetic.search.conditions import moved_along
-from frenetic.spec import Spec
+from frenetic.spec import FILE, Spec
 
 TEXT = """
 about = "Town roads in all weather"
@@ -134,8 +132,7 @@ def test_a_campaign_in_a_domain_goes_on_and_is_driven_again(
     name: str, path: Path, tmp_path: Path
 ) -> None:
     domain = Domain.of(path)
-    spec = Spec().replaced({"strategy": name, "domain": domain, "road_class": domain.road_class})
-    spec = replace(spec, seed=3, lookahead=4, budget=Budget(simulations=60))
+    spec = Spec(strategy=name, odd=domain.entries(), seed=3, lookahead=4, simulations=60)
     whole = Campaign.of(spec, folder=tmp_path / "whole", workers=1)
     whole.run()
     parts = Campaign.of(spec, folder=tmp_path / "parts", workers=1)
@@ -150,9 +147,9 @@ def test_a_campaign_in_a_domain_goes_on_and_is_driven_again(
         assert [one.outcome for one in tests] == [one.outcome for one in others]
         assert all(one.candidate.conditions for one in tests if one.outcome.is_driven)
         assert a.setting.domain == domain
-    entries = read_run_file(tmp_path / "whole" / "campaign.toml")[0]
-    assert entries.domain == domain
-    assert entries.road_class == domain.road_class
+    written = Spec.read(tmp_path / "whole" / FILE)
+    assert written.domain == domain
+    assert written.road_class == domain.road_class
 
 
 def test_without_a_domain_nothing_changes() -> None:

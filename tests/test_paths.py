@@ -22,13 +22,13 @@ from frenetic.again.junit import write_junit
 from frenetic.again.rerun import rerun
 from frenetic.analysis import compare, find_campaigns, measure_campaign
 from frenetic.analysis.groups import group_campaigns
-from frenetic.bench import Bench, Entrant, Terms, open_bench
-from frenetic.campaign import new_folder
+from frenetic.bench import Bench, Entrant, RunTerms, open_bench
+from frenetic.campaign import RoadTester, new_folder
 from frenetic.errors import FreneticError
 from frenetic.export import ExportedRoad, format_of, write_road
 from frenetic.report import draw_road
 from frenetic.road.files import find_roads
-from frenetic.spec import Part, Spec
+from frenetic.spec import Spec
 from frenetic.testing import DummyDriver, DummySimulator
 from frenetic.twin.calibration import read_recordings
 from frenetic.twin.profile import Profile
@@ -48,7 +48,7 @@ def test_texts_are_paths(tmp_path: Path) -> None:
     write_junit(nothing, str(tmp_path / "a.xml"))
     assert len(read_recordings([folder]).drives) == 2
     entrant = Entrant(name="one", spec="m:C", path=folder, copy=folder, python=sys.executable)  # type: ignore[arg-type]
-    terms = Terms(simulator=EmbeddedSimulator(), driver=Planner(), simulations=1)
+    terms = RunTerms(RoadTester(EmbeddedSimulator(), Planner()), simulations=1)
     bench = Bench(entrants=(entrant,), terms=terms, folder=folder)  # type: ignore[arg-type]
     assert bench.folder == entrant.path == entrant.copy == tmp_path / "one"
     with pytest.raises(FreneticError, match="holds no bench"):
@@ -57,7 +57,9 @@ def test_texts_are_paths(tmp_path: Path) -> None:
     write_road(ExportedRoad(ROAD, "road"), format_of(road).name, road)
     assert list(find_roads([road]).roads) == [road]
     draw_road(ROAD, str(tmp_path / "road.png"))
-    Profile.of("twin", Spec(driver=Part("stanley"))).write(str(tmp_path / "twin.json"))
+    Profile.of("twin", Spec(driver="stanley", simulator="embedded")).write(
+        str(tmp_path / "twin.json")
+    )
     assert Profile.read(str(tmp_path / "twin.json")).name == "twin"
 
 

@@ -18,6 +18,23 @@ from frenetic.errors import FreneticError
 from frenetic.registry import DRIVERS, OBJECTIVES, SIMULATORS, STRATEGIES, Registry
 
 
+@pytest.mark.parametrize(
+    ("name", "is_own"),
+    [
+        ("planner", False),
+        ("unknown", False),
+        ("model.onnx", False),
+        ("folder:with/model.onnx", False),
+        ("frenetic.testing:DummyDriver", False),
+        ("frenetic.py:Mine", True),
+        ("mine.py:Mine", True),
+        ("frenetics.drivers:Mine", True),
+    ],
+)
+def test_a_part_of_ones_own_is_neither_ours_nor_a_model(name: str, is_own: bool) -> None:
+    assert DRIVERS.is_own(name) is is_own
+
+
 @pytest.fixture
 def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder of installed packages, still empty."""

@@ -139,7 +139,7 @@ def test_a_program_that_a_strangers_simulator_starts_is_refused(
 ) -> None:
     with CampaignStore.open("own") as store:
         config: dict[str, Any] = json.loads(json.dumps(dict(store.config)))
-    config["run"] |= {"simulator": "beamng,home=/opt/theirs"}
+    config["spec"] |= {"simulator": "beamng,home=/opt/theirs"}
     shutil.rmtree("c")
     CampaignStore.create("c", config).close()
     refused = frenetic(*(DRIVING | OTHERS)[command]())
@@ -148,7 +148,7 @@ def test_a_program_that_a_strangers_simulator_starts_is_refused(
 
 
 def is_trusted(kind: str, name: str, **options: object) -> bool:
-    spec = Spec(**{kind: Part(name, options)})  # type: ignore[arg-type]
+    spec = Spec.of({kind: str(Part(name, options))})
     try:
         spec.require_trusted("c")
     except FreneticError:

@@ -19,8 +19,7 @@ from typing import Any, Final
 from frenetic._support.json_value import JSONValue
 from frenetic._support.words import part_word
 from frenetic.errors import describe_error
-from frenetic.recipe import Named
-from frenetic.registry import USER_MODULE, arguments_of, options_of, part_name
+from frenetic.registry import USER_MODULE, Made, arguments_of, options_of, part_name
 from frenetic.versions import differences, innermost, other_version, over_each_other, version_of
 
 # Imports inside functions below are too slow for help.
@@ -38,27 +37,27 @@ _UNKNOWN: Final = object()
 """Stands for the value of an option that is not known."""
 
 
-def describe(part: object) -> dict[str, JSONValue]:
+def describe(part: object, made: Made | None = None) -> dict[str, JSONValue]:
     """A part of a campaign for its record: class, options, version, and the part under it.
 
     A driver's camera is there, too. The options are the part's ``options`` if it has any, or the
-    fields of a dataclass; of a part of
-    your own also the other arguments of its constructor, as far as they can be found
-    (`frenetic.registry.arguments_of`). See `frenetic.versions` for the version.
+    fields of a dataclass; of a part of your own also the other arguments of its constructor. See
+    `frenetic.versions` for the version.
+
+    Args:
+        part: the object.
+        made: how it was made by its name; without it, the arguments are those that a part of your
+            own keeps as attributes (`frenetic.registry.arguments_of`).
     """
     from frenetic.drivers.camera import Camera  # numpy takes its time
     from frenetic.drivers.driver import inner_driver  # likewise
-    from frenetic.simulators.capabilities import bare  # likewise
 
-    part = bare(part)
-    if isinstance(part, Named):
-        return dict(part.told.described)
     described: dict[str, JSONValue] = {"class": _class_name(type(part))}
     inner = inner_driver(part)
-    arguments = _options_and_arguments(part, without="" if inner is None else "driver")
+    arguments = _options_and_arguments(part, made, without="" if inner is None else "driver")
     if arguments:
         described["options"] = {name: _plain(value) for name, value in arguments.items()}
-    described["version"] = version_of(part, arguments).text
+    described["version"] = version_of(part, arguments, made).text
     camera = getattr(part, "camera", None)
     if isinstance(camera, Camera):
         described["camera"] = asdict(camera)
@@ -74,28 +73,25 @@ def describe_terms() -> dict[str, str]:
     return {"rules": f"version {oracle.BEHAVIOUR}", "map": f"version {road.BEHAVIOUR}"}
 
 
-def sources_of(part: object) -> dict[str, str]:
+def sources_of(part: object, made: Made | None = None) -> dict[str, str]:
     """The user's own source of a part and of those under it: name of a file -> its text."""
     from frenetic.drivers.driver import inner_driver  # numpy takes its time
-    from frenetic.simulators.capabilities import bare  # likewise
 
-    part = bare(part)
-    if isinstance(part, Named):
-        return dict(part.told.sources)
     inner = inner_driver(part)
-    arguments = _options_and_arguments(part, without="" if inner is None else "driver")
+    arguments = _options_and_arguments(part, made, without="" if inner is None else "driver")
     under = {} if inner is None else sources_of(inner)
-    return under | dict(version_of(part, arguments).sources)
+    return under | dict(version_of(part, arguments, made).sources)
 
 
-def _options_and_arguments(part: object, *, without: str) -> dict[str, Any]:
+def _options_and_arguments(part: object, made: Made | None, *, without: str) -> dict[str, Any]:
     try:
         options = options_of(part)
         if options is None and is_dataclass(part):
             options = {item.name: getattr(part, item.name, None) for item in fields(part)}
         found = {str(name): value for name, value in (options or {}).items()}
         if not is_built_in(part):
-            found |= {k: v for k, v in arguments_of(part).items() if k not in found}
+            arguments = arguments_of(part) if made is None else made.arguments
+            found |= {k: v for k, v in arguments.items() if k not in found}
     except Exception as error:  # a foreign class may raise anything
         logger.warning("what %s was made with is unknown: %s", type(part), describe_error(error))
         return {}
@@ -174,8 +170,8 @@ def recorded_part(config: Mapping[str, Any], kind: str) -> str:
         config: the configuration.
         kind: ``strategy``, ``driver`` or ``simulator``.
     """
-    run = config.get("run")
-    return part_text(config.get(kind), word=run.get(kind) if isinstance(run, Mapping) else None)
+    said = config.get("spec")
+    return part_text(config.get(kind), word=said.get(kind) if isinstance(said, Mapping) else None)
 
 
 def _part_word(part: Mapping[str, Any], recorded: Mapping[str, Any]) -> str:
@@ -241,12 +237,14 @@ def changed_parts(recorded: Mapping[str, Any], ours: Mapping[str, Any]) -> dict[
     return {kind: texts for kind, texts in found.items() if texts}
 
 
-def version_notes(recorded: Mapping[str, JSONValue], **parts: object) -> list[str]:
+def version_notes(
+    recorded: Mapping[str, JSONValue], described: Mapping[str, JSONValue]
+) -> list[str]:
     """Which parts are other versions of those in a configuration, each in words.
 
     Args:
         recorded: the configuration.
-        parts: kind -> object: ``simulator``, ``driver``.
+        described: kind -> part as `describe` gives it: ``simulator``, ``driver``.
     """
-    notes = [other_version(kind, recorded.get(kind), describe(one)) for kind, one in parts.items()]
+    notes = [other_version(kind, recorded.get(kind), part) for kind, part in described.items()]
     return [note for note in notes if note]

@@ -18,8 +18,9 @@ wherever they were drawn.
 The drives are a campaign, whose strategy `Draws` proposes them stage by stage::
 
     domain = Domain.of("town.toml")
-    tester = RoadTester(EmbeddedSimulator(), MyDriver(), map_size=500, road_class=domain.road_class)
-    print(estimate(domain, tester, drives=1000, workers=4, out="town-estimate").in_words())
+    terms = Terms.of_class(domain.road_class, domain=domain)
+    tester = RoadTester(EmbeddedSimulator(), MyDriver(), terms)
+    print(estimate(tester, drives=1000, workers=4, out="town-estimate").in_words())
 """
 
 from __future__ import annotations
@@ -36,24 +37,24 @@ from typing import Any, ClassVar, Final, Literal, NamedTuple, Unpack
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.bounds import require_count
 from frenetic._support.files import check_writable, read_bounded, write_file
 from frenetic._support.outside_text import read_json
 from frenetic._support.words import counted
 from frenetic.again.campaigns import How, campaign_again, complete
 from frenetic.analysis.statistics import weighted_interval
-from frenetic.campaign import Campaign, CampaignStore, Event, new_folder
+from frenetic.campaign import LOOKAHEAD, Campaign, CampaignStore, Event, new_folder
 from frenetic.campaign.asking import replay
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import DATABASE
 from frenetic.campaign.tester import RoadTester
 from frenetic.description import describe
-from frenetic.domain import Domain
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.search.random_search import RANDOM, RandomRoads
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.strategy import Ledger, SearchEnded, Strategy
-from frenetic.spec import Budget, Part, Spec, require_count
+from frenetic.spec import Budget
 
 FILE: Final = "estimate.json"
 """Name of the file in a campaign's folder."""
@@ -332,7 +333,6 @@ class Draws(Strategy):
     proposed again.
 
     Args:
-        domain: the domain, whose conditions the drives have.
         tester: says which roads are drawn, and which of them are valid.
         drives: number of drives in all, at least 100.
         seed: of the draws.
@@ -341,13 +341,18 @@ class Draws(Strategy):
     BEHAVIOUR: Final = 1
     expects_failures: ClassVar[bool] = True
 
-    def __init__(self, domain: Domain, tester: RoadTester, drives: int, seed: int) -> None:
+    def __init__(self, tester: RoadTester, drives: int, seed: int) -> None:
+        domain = tester.terms.domain
+        if domain is None:
+            raise ValueError("the terms of the tester have no domain: give them one")
         self.domain = self._domain = domain
-        self.road_class = tester.road_class
+        self.road_class = tester.terms.road_class
         self.options: Mapping[str, Any] = {"drives": drives, "seed": seed}
         self._tester = tester
         self._rng = np.random.default_rng(seed)
-        self._roads = RandomRoads(map_size=tester.map_size, road_class=tester.road_class)
+        self._roads = RandomRoads(
+            map_size=tester.terms.map_size, road_class=tester.terms.road_class
+        )
         self._ledger = Ledger()
         self._first: _Draw | None = None
         self._waiting: dict[int, _Draw] = {}  # candidate's id -> its draw, until it is told
@@ -442,7 +447,7 @@ class Draws(Strategy):
                 return _Draw(self._drawn, conditions, candidate)
         raise ValueError(
             f"none of {_REDRAWS} random roads of {self._domain.name} is valid on a map of"
-            f" {self._tester.map_size:g} m"
+            f" {self._tester.terms.map_size:g} m"
         )
 
     def _candidate(self, conditions: FloatArray) -> Candidate:
@@ -493,29 +498,25 @@ class Draws(Strategy):
 
 
 def estimate(
-    domain: Domain,
     tester: RoadTester,
     *,
     drives: int = 10_000,
     seed: int = 0,
     campaign: Path | str | None = None,
-    spec: Spec | None = None,
     **how: Unpack[How],
 ) -> Estimate:
-    """Estimate how often the driver leaves its lane in a domain.
+    """Estimate how often the driver leaves its lane in the domain of a tester.
 
     The drives are a campaign; the same call goes on with an interrupted one and reads a complete
     one. Where no campaign is given, that is so with ``out`` alone.
 
     Args:
-        domain: the domain, whose roads the tester drives.
-        tester: drives on its terms; its simulator is not yet entered.
+        tester: drives on its terms, which have a domain; its simulator is not yet entered.
         drives: number of drives; refused roads cost none.
         seed: of the draws.
         campaign: folder of the campaign whose driver and domain they are; it keeps the drives and,
             in `FILE`, the estimate. By default a campaign of its own keeps both, in a new folder
             under ``campaigns/``.
-        spec: names of driver and simulator, for the record.
         how: see `How`.
 
     Raises:
@@ -526,7 +527,7 @@ def estimate(
         ValueError: a number is out of range.
     """
     drives = require_count("drives", drives, least=100)
-    draws = Draws(domain, tester, drives, seed)
+    draws = Draws(tester, drives, seed)
     if campaign is None:
         how["out"] = how.get("out") or new_folder()
     else:
@@ -536,13 +537,11 @@ def estimate(
         draws,
         tester,
         Budget(simulations=drives),
-        what=[describe(draws), domain.entries(), tester.terms],
+        what=[describe(draws), tester.terms],
         terms={"estimate": True},
         how=how,
+        lookahead=LOOKAHEAD,  # whatever is out, the same is drawn
     )
-    if spec is not None:
-        driving.named = replace(spec, strategy=Part(), seed=seed)
-    driving.lookahead = None  # whatever is out, the same is drawn
     errors = _errors(driving.folder)
     budget = driving.budget = Budget(simulations=drives + errors)  # those are driven again
     on_event = how.get("on_event")

@@ -17,7 +17,6 @@ import os
 import re
 import sys
 import sysconfig
-import weakref
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import redirect_stdout, suppress
 from dataclasses import dataclass
@@ -45,7 +44,7 @@ def options_of(part: object) -> Mapping[str, Any] | None:
 
 @dataclass(frozen=True)
 class Made:
-    """How a part was made here."""
+    """How a part of a name is made."""
 
     factory: Callable[..., Any]
     """Its class, or a function."""
@@ -53,34 +52,20 @@ class Made:
     """Name -> value of each argument, defaults included."""
 
 
-_MADE: Final[dict[int, tuple[weakref.ref[Any], Made]]] = {}
-"""Identity of a part -> itself and how it was made."""
-
-
-def made_by(part: object) -> Made | None:
-    """How a part was made, if this process made it by name."""
-    found = _MADE.get(id(part))
-    return found[1] if found is not None and found[0]() is part else None
-
-
 def arguments_of(part: object) -> dict[str, Any]:
-    """The arguments with which a part was made, defaults included.
+    """The arguments of an object's constructor that it keeps as attributes.
 
-    Of an object from Python, those that it keeps as an attribute of the same name, or of this name
-    after an underscore.
+    An attribute has the name of the argument, or this name after an underscore.
     """
-    made = made_by(part)
-    if made is not None:
-        return dict(made.arguments)
-    found = {}
+    arguments = {}
     for name in (parameter.name for parameter in _parameters(type(part))):
         for attribute in (name, f"_{name}"):
             try:
-                found[name] = getattr(part, attribute)
+                arguments[name] = getattr(part, attribute)
                 break
             except Exception:  # noqa: S112  # a foreign attribute may raise anything
                 continue
-    return found
+    return arguments
 
 
 def _parameters(factory: Callable[..., Any]) -> list[inspect.Parameter]:
@@ -90,20 +75,6 @@ def _parameters(factory: Callable[..., Any]) -> list[inspect.Parameter]:
     except (TypeError, ValueError):
         return []
     return [p for p in parameters if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
-
-
-def _remember(part: object, factory: Callable[..., Any], options: Mapping[str, Any]) -> None:
-    """Keeps how a part was made for as long as it lives."""
-    arguments = dict(options)
-    try:
-        bound = inspect.signature(factory).bind(**options)
-        bound.apply_defaults()
-        arguments = {p.name: bound.arguments[p.name] for p in _parameters(factory)} | arguments
-    except (TypeError, ValueError):  # it hides what it takes
-        pass
-    key = id(part)
-    with suppress(TypeError):  # objects with slots have no weak references
-        _MADE[key] = weakref.ref(part, lambda _: _MADE.pop(key, None)), Made(factory, arguments)
 
 
 @dataclass(frozen=True)
@@ -244,16 +215,10 @@ class Registry:
             raise FreneticError(
                 f"{spec!r} is no {self.kind}: it has no method {' and no method '.join(missing)}"
             )
-        _remember(made, factory, options)
         return made
 
     def make_from(
-        self,
-        spec: str,
-        options: Mapping[str, Any],
-        available: Mapping[str, object],
-        factory: Callable[..., Any] | None = None,
-        folder: Path | str | None = None,
+        self, spec: str, options: Mapping[str, Any], available: Mapping[str, object]
     ) -> Any:
         """An instance made with the given options and those available ones that its class takes.
 
@@ -261,22 +226,40 @@ class Registry:
             spec: which part.
             options: given ones.
             available: others.
-            factory: what `load` gave, if that was called.
-            folder: as for `load`.
 
         Raises:
             FreneticError: as `make`; or an option is one of those that are available.
         """
+        factory = self.load(spec)
+        return self._make(factory, spec, self._taken(factory, options, available))
+
+    def made(self, spec: str, options: Mapping[str, Any], available: Mapping[str, object]) -> Made:
+        """How `make_from` makes a part; raises as it does before the part is made."""
+        factory = self.load(spec)
+        arguments = self._taken(factory, options, available)
+        try:
+            bound = inspect.signature(factory).bind(**arguments)
+        except (TypeError, ValueError):  # it hides what it takes
+            return Made(factory, arguments)
+        bound.apply_defaults()
+        named = {p.name: bound.arguments[p.name] for p in _parameters(factory)}
+        return Made(factory, named | arguments)
+
+    def _taken(
+        self,
+        factory: Callable[..., Any],
+        options: Mapping[str, Any],
+        available: Mapping[str, object],
+    ) -> dict[str, Any]:
+        """The given options and those available ones that a factory takes."""
         for name in options:
             if name in available:
                 raise FreneticError(
-                    f"the option {name} of the {self.kind} is not allowed here: it follows from"
-                    " what else is given"
+                    f"the option {name} of the {self.kind} is not allowed: it follows from the"
+                    " options of the command"
                 )
-        factory = factory or self.load(spec, folder)
         takes = self.option_names(factory)
-        taken = {k: v for k, v in available.items() if takes is None or k in takes}
-        return self._make(factory, spec, {**options, **taken})
+        return {**options, **{k: v for k, v in available.items() if takes is None or k in takes}}
 
     def needs(self, factory: Callable[..., Any]) -> list[str]:
         """Names of the options without which a factory makes nothing, as far as it shows them."""

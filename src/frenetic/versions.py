@@ -16,7 +16,8 @@ import json
 import os
 import platform
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -25,7 +26,7 @@ from typing import Any, Final
 
 from frenetic._support.source_imports import files_of, imported_names
 from frenetic.errors import describe_error
-from frenetic.registry import USER_MODULE, is_local, made_by, part_name
+from frenetic.registry import USER_MODULE, Made, is_local, part_name
 
 SHORT: Final = 8
 """Characters of a digest for people."""
@@ -46,21 +47,23 @@ class Version:
     """Name of a local file, from where its packages lie -> its text."""
 
 
-def version_of(part: object, arguments: Mapping[str, Any] | None = None) -> Version:
+def version_of(
+    part: object, arguments: Mapping[str, Any] | None = None, made: Made | None = None
+) -> Version:
     """The version of a strategy, driver, layer, simulator or other part; never raises.
 
     Args:
         part: the object.
         arguments: of its constructor.
+        made: how it was made by its name, if it was: its factory may be no class.
     """
     try:
-        return _version(part, arguments or {})
+        return _version(part, arguments or {}, made)
     except Exception as error:  # foreign classes, loaders and files may raise anything
         return Version(f"unknown ({describe_error(error)})")
 
 
-def _version(part: object, arguments: Mapping[str, Any]) -> Version:
-    made = made_by(part)
+def _version(part: object, arguments: Mapping[str, Any], made: Made | None) -> Version:
     kinds = inspect.getmro(type(part)) if not isinstance(part, FunctionType) else [part]
     texts: list[str] = []
     sources: dict[str, str] = {}
@@ -106,6 +109,21 @@ def sources_named(name: str, folder: Path | str | None = None) -> dict[str, str]
         return {} if found is None else _sources(found, module)
     file = Path(folder or "", Path(module).expanduser()).resolve()
     return _sources(file, f"{USER_MODULE}{file.stem}") if file.is_file() else {}
+
+
+def edited_files(names: Iterable[str], sources: object) -> list[str]:
+    """Names of users' own files that are not as a campaign keeps them; nothing is imported.
+
+    Args:
+        names: of parts, as `sources_named` takes them.
+        sources: name of a file -> its text, as the campaign keeps them.
+    """
+    known = sources if isinstance(sources, Mapping) else {}
+    present: dict[str, str] = {}
+    for name in names:
+        with suppress(OSError, ValueError, RuntimeError):
+            present |= sources_named(name)
+    return [name for name, text in sorted(present.items()) if known.get(name, text) != text]
 
 
 def _local_file(module: str, folder: Path) -> Path | None:

@@ -11,7 +11,6 @@ this side sends is pickled.
 
 from __future__ import annotations
 
-import io
 import logging
 import os
 import pickle
@@ -22,7 +21,6 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from enum import Enum
-from functools import partial
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -51,7 +49,7 @@ from frenetic._support.messages import (
     to_bytes,
 )
 from frenetic.errors import CampaignError, Trouble, describe_error, reason_of, traceback_of
-from frenetic.registry import load_user_file, made_by, user_files
+from frenetic.registry import load_user_file, user_files
 
 START_LIMIT: Final = 600.0
 """Time that a worker may take to start what it holds, in s."""
@@ -119,15 +117,24 @@ class Worker:
     Args:
         name: for messages.
         held: the object, see `pack`.
+        files: users' files that the process loads before the object; by default those that this
+            one has loaded.
         preloads: modules that the server of processes imports beside the usual ones.
     """
 
-    def __init__(self, name: str, held: bytes, preloads: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        name: str,
+        held: bytes,
+        preloads: Sequence[str] = (),
+        files: Sequence[str] | None = None,
+    ) -> None:
         self.name = name
         self.since = 0.0
         """When its present call began, on the monotonic clock."""
         self._held = held
         self._preloads = preloads
+        self._files = files
         self._calls: deque[Call] = deque()  # the present one first
         self._number = 0
         self._process: BaseProcess | None = None
@@ -168,7 +175,12 @@ class Worker:
         turn = SharedFlag()
         try:
             self._process, connection = start_process(
-                context, _serve, user_files(), self._held, turn, name=self.name
+                context,
+                _serve,
+                user_files() if self._files is None else self._files,
+                self._held,
+                turn,
+                name=self.name,
             )
         except BaseException:
             turn.close()
@@ -408,7 +420,8 @@ def _serve(connection: Connection, files: Sequence[str], held: bytes, shared: An
     try:
         for file in files:
             load_user_file(file)
-        thing = unpack(held)
+        # It comes from our own parent, so it may be unpickled.
+        thing = pickle.loads(held)  # noqa: S301
         for sender.number, method, args in _calls(channel):
             with one_process():
                 value = getattr(thing, method)(*args)
@@ -432,7 +445,7 @@ def _calls(channel: Channel) -> Iterator[tuple[int, str, Any]]:
             _require_whole(channel)
             return
         for frame in frames.feed(data):
-            # It comes from our own parent, so it may be unpickled.
+            # Likewise.
             method, args = pickle.loads(frame.body)  # noqa: S301
             yield frame.number, method, args
 
@@ -489,74 +502,17 @@ def _attach_log(send: Callable[[int, object], None]) -> None:
 # Copies of objects for other processes
 
 
-class StandIn:
-    """A part that is not made in this process; its copy by `pack` is the part itself."""
-
-    @property
-    def maker(self) -> Callable[[], Any]:
-        """Makes the part."""
-        raise NotImplementedError
-
-
-def pack(part: object, known: object = None) -> bytes:
+def pack(part: object) -> bytes:
     """An object as bytes for a process that has loaded the user's files.
-
-    What cannot be pickled, such as a loaded network, is made anew there, if it was made by name.
-
-    Args:
-        part: a driver, a simulator, or what holds them.
-        known: a part of it that the other process has already.
 
     Raises:
         CampaignError: it cannot be copied.
     """
-    errors: list[Exception] = []
-    for by_name in (False, True):
-        file = io.BytesIO()
-        try:
-            _Pickler(file, known, by_name).dump(part)
-        except Exception as error:
-            errors.append(error)
-        else:
-            return file.getvalue()
-    raise CampaignError(
-        "the driver or simulator cannot be copied to another process"
-        f" ({describe_error(errors[0])}): define it in a module of its own, or drive it in this"
-        " process, with a Campaign of objects and one worker"
-    ) from errors[0]
-
-
-def unpack(data: bytes, known: object = None) -> Any:
-    """The object in bytes from `pack`; any error for other bytes."""
-    return _Unpickler(data, known).load()
-
-
-class _Pickler(pickle.Pickler):
-    """Leaves out a known part, and writes the names of others."""
-
-    def __init__(self, file: io.BytesIO, known: object, by_name: bool) -> None:
-        super().__init__(file)
-        self._known = known
-        self._by_name = by_name
-
-    def persistent_id(self, part: object) -> str | None:
-        return "known" if part is self._known and part is not None else None
-
-    def reducer_override(self, part: object) -> Any:
-        if isinstance(part, StandIn):
-            return part.maker, ()
-        made = made_by(part) if self._by_name else None
-        if made is None:
-            return NotImplemented
-        return partial(made.factory, **made.arguments), ()
-
-
-class _Unpickler(pickle.Unpickler):
-    """Puts the known part in its place; the bytes come from our own process."""
-
-    def __init__(self, data: bytes, known: object) -> None:
-        super().__init__(io.BytesIO(data))
-        self._known = known
-
-    def persistent_load(self, pid: str) -> object:  # noqa: ARG002 - there is one
-        return self._known
+    try:
+        return pickle.dumps(part)
+    except Exception as error:
+        raise CampaignError(
+            "the driver or simulator cannot be copied to another process"
+            f" ({describe_error(error)}): name it in a Spec, so that each process makes its own, or"
+            " drive it in this process, with one worker"
+        ) from error

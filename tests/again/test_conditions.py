@@ -44,7 +44,6 @@ def searched(folder: Path, entries: dict[str, Any], *, seed: int = 1, name: str 
         driver=Planner(),
         budget=Budget(simulations=25),
         folder=folder,
-        map_size=domain.road_class.map_size,
     ).run()
     return folder
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from pids import LIMIT
 from repeats import Counting, driven_in, failures_in, recorded
 
 from frenetic.again.verdicts import Change
@@ -20,7 +24,7 @@ from frenetic.again.versions import (
     compare_versions,
     fresh_roads,
 )
-from frenetic.campaign import Budget, Campaign, Event
+from frenetic.campaign import Budget, Campaign, Event, RoadTester
 from frenetic.drivers import Planner
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
@@ -89,10 +93,10 @@ def test_what_is_stored_is_not_driven_again(found: BackToBack, campaign: Path) -
 
 
 def test_fresh_roads_are_not_those_of_the_campaign(tmp_path: Path) -> None:
-    parts: Any = {"simulator": EmbeddedSimulator(), "driver": Planner()}
-    budget = Budget(simulations=1)
+    tester, budget = RoadTester(EmbeddedSimulator(), Planner()), Budget(simulations=1)
+    parts: Any = {"simulator": tester.simulator, "driver": tester.driver}
     Campaign(strategy=Frenetic(seed=0), budget=budget, folder=tmp_path, **parts).run()
-    assert fresh_roads(tmp_path, *parts.values(), fresh=1).seed == 1
+    assert fresh_roads(tmp_path, tester, fresh=1).seed == 1
 
 
 def test_ctrl_c_loses_nothing(found: BackToBack, campaign: Path) -> None:
@@ -113,12 +117,12 @@ def test_ctrl_c_loses_nothing(found: BackToBack, campaign: Path) -> None:
     known = len(found.known.pairs)
     for at in (7, None):
         on_event = interrupted(at)
-        roads = fresh_roads(
-            campaign, EmbeddedSimulator(), Planner(), fresh=FRESH, on_event=on_event
-        )
+        tester = RoadTester(EmbeddedSimulator(), Planner())
+        roads = fresh_roads(campaign, tester, fresh=FRESH, on_event=on_event)
         assert len(roads.tests) == (at or FRESH)
     for at in (FRESH - 1, FRESH + 1, None):
-        new = compare_versions(roads, EmbeddedSimulator(), CALMER, on_event=interrupted(at))
+        tester = RoadTester(EmbeddedSimulator(), CALMER)
+        new = compare_versions(roads, tester, on_event=interrupted(at))
         assert (new.missing > 0) is (at is not None)
     assert new.missing == 0 < known
     assert driven_by(new) == driven_by(found)
@@ -128,6 +132,57 @@ def test_ctrl_c_loses_nothing(found: BackToBack, campaign: Path) -> None:
 def test_a_version_is_not_compared_with_itself(campaign: Path) -> None:
     with pytest.raises(CampaignError, match="both versions are the same, planner"):
         compared(campaign, new=Planner())
+
+
+HELPER = """
+import os
+
+VERSION = {version}
+with open({log!r}, "a") as file:
+    file.write(f"{{os.getpid()}} {{VERSION}}\\n")
+"""
+DRIVER = """
+import helper
+from frenetic import Planner
+
+class Mine(Planner):
+    def __init__(self):
+        super().__init__(aggression=1.0 / helper.VERSION)
+
+    def reset(self, setup):
+        super().reset(setup)
+        assert helper.VERSION == {version}
+"""
+
+
+def test_two_versions_of_a_helper_never_meet_in_one_process(tmp_path: Path) -> None:
+    log = tmp_path / "imported"
+    for version in (1, 2):
+        folder = tmp_path / f"v{version}"
+        folder.mkdir()
+        (folder / "helper.py").write_text(HELPER.format(version=version, log=str(log)))
+        (folder / "driver.py").write_text(DRIVER.format(version=version))
+
+    def frenetic(*words: str) -> str:
+        log.write_text("")
+        command = [sys.executable, "-m", "frenetic", *words]
+        done = subprocess.run(
+            command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=LIMIT
+        )
+        assert done.returncode in (0, 1, 3), done.stderr
+        return done.stdout
+
+    search = ("--strategy", "random", "--simulations", "4", "--seed", "3", "--workers", "1")
+    frenetic("run", "--driver", "v1/driver.py:Mine", *search, "--out", "c")
+    compare = ("compare", "c", "--driver", "v2/driver.py:Mine", "--fresh", "4", "--json")
+    found = json.loads(frenetic(*compare))
+    imported = [line.split() for line in log.read_text().splitlines()]
+    assert {version for _, version in imported} == {"1", "2"}
+    assert len({process for process, _ in imported}) == len(imported)
+    assert found["fresh"]["judged"] == 4
+    for place in tmp_path.glob("c/again/*"):
+        for test in driven_in(place):
+            assert test.result.fault is None, test.reason
 
 
 # What is said

@@ -24,6 +24,7 @@ from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.search import Candidate, Frenetic2021
 from frenetic.simulators import Drive, EmbeddedSimulator
+from frenetic.terms import Terms
 from frenetic.testing import DummyDriver, DummySimulator, converse
 
 
@@ -191,7 +192,8 @@ def test_roads_of_many_points_and_wide_lanes(failures: list[Road]) -> None:
     assert minimised.shapes[0].step == road.step < 1.0
     assert minimised.road.step >= 2.0
     assert len(minimised.road.curvatures) < 60
-    tester = RoadTester(DummySimulator(lambda road: 6.0), DummyDriver(), lane_width=5.0)
+    terms = Terms(lane_width=5.0)
+    tester = RoadTester(DummySimulator(lambda road: 6.0), DummyDriver(), terms)
     wide = minimise(Road([0.0, 0.02] * 6, lane_width=5.0), tester).road
     assert wide.lane_width == 5.0
     assert wide.length <= 30.0  # at least 20 m make a valid road

@@ -20,7 +20,6 @@ from frenetic.again.campaigns import FOLDER
 from frenetic.again.conditions import Variation
 from frenetic.again.rerun import (
     Rerun,
-    campaign_tester,
     drive_tests,
     elsewhere,
     own_repeats,
@@ -30,7 +29,7 @@ from frenetic.again.rerun import (
 from frenetic.again.verdicts import Change
 from frenetic.analysis.failures import Failure
 from frenetic.analysis.segments import segment_of
-from frenetic.campaign import Budget, Campaign, CampaignStore, Event, Summary, Test
+from frenetic.campaign import Budget, Campaign, CampaignStore, Event, RoadTester, Summary, Test
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.store import DATABASE
 from frenetic.drivers import Driver, Planner
@@ -57,7 +56,8 @@ def again(
     **how: Any,
 ) -> Rerun:
     with CampaignStore.open(folder) as store:
-        tester = campaign_tester(store, simulator or EmbeddedSimulator(), driver or Planner())
+        parts = simulator or EmbeddedSimulator(), driver or Planner()
+        tester = RoadTester(*parts, store.setting.terms)
     tests = driven_in(folder)[:6] if tests is None else tests
     ids = [test.id for test in tests]
     return drive_tests(folder, tester, ids, conditions, how=how)  # type: ignore[arg-type]

@@ -22,6 +22,7 @@ from frenetic.drivers import Delayed, Planner
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.search import Frenetic2021, RandomSearch
+from frenetic.terms import Terms
 from frenetic.testing import DummyDriver, DummySimulator
 
 SIMULATIONS = 160
@@ -245,12 +246,21 @@ def test_groups_that_differ_in_more_than_one_thing_are_noted(tmp_path: Path) -> 
         tmp_path,
         "b",
         driver=DummyDriver(),
-        map_size=None,
         strategy=Frenetic2021(seed=1, max_redraws=10),
     )
     about_drivers, note = compare({"x": [first], "y": [other]}).notes
     assert "compare one campaign with the other driver" in about_drivers
     assert note == "the groups differ in more than one thing: strategy, driver"
+
+
+def test_campaigns_in_other_conditions_are_no_repeats(tmp_path: Path) -> None:
+    noisy = made(tmp_path, "noisy", terms=Terms(conditions={"noise": 0.2}))
+    usual = made(tmp_path, "usual", seed=2)
+    groups = group_campaigns([noisy, usual])
+    assert groups == {"with noise 0.2 m": [noisy], "in the usual conditions": [usual]}
+    assert compare(groups).shared["driver"] == "planner"
+    again = made(tmp_path, "again", seed=2, terms=Terms(conditions={"noise": 0.2}))
+    assert compare({"x": [noisy], "y": [again]}).shared["conditions"] == "noise 0.2 m"
 
 
 def test_campaigns_of_other_lengths_or_without_an_end_are_noted(tmp_path: Path) -> None:

@@ -16,12 +16,12 @@ from made_drives import departing
 from frenetic.analysis import Clusters, Failure, cluster_failures, nearest_misses, segments_of
 from frenetic.analysis import failures as module
 from frenetic.analysis.failures import describe, distinct_failures, representative_failures
-from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.campaign import Campaign, CampaignStore
 from frenetic.oracle import Side
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
 from frenetic.search import RandomSearch
-from frenetic.spec import Part, Spec
+from frenetic.spec import Spec
 from frenetic.testing.dummy import DummyDriver, DummySimulator
 
 PLACE = 70.0
@@ -198,7 +198,7 @@ def test_clusters_come_most_severe_first_with_their_worst_and_their_typical_fail
 
 
 def test_the_example_of_a_cause_has_it(tmp_path: Path) -> None:
-    spec = Spec(strategy=Part("frenetic"), seed=3, budget=Budget(simulations=120))
+    spec = Spec(strategy="frenetic", seed=3, simulations=120)
     Campaign.of(spec, folder=tmp_path / "night", workers=1).run()
     with CampaignStore.open(tmp_path / "night") as store:
         found = distinct_failures(store)

@@ -22,12 +22,13 @@ from frenetic.analysis.coverage import (
     domain_coverage,
     varied_axes,
 )
-from frenetic.campaign.record import Setting, Test
+from frenetic.campaign.record import Test
 from frenetic.domain import Domain
 from frenetic.oracle import Result
 from frenetic.outcome import Outcome
 from frenetic.search import Candidate, Origin
 from frenetic.simulators import EmbeddedSimulator
+from frenetic.terms import Setting
 
 SIMULATOR = EmbeddedSimulator()
 GUSTY = Domain.made(

@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from beamng_stand_in import DROP, StandIn, program
@@ -51,11 +51,10 @@ def test_campaign_and_its_resumption_at_another_place(
         answer = frenetic(*more, "--simulator", f"port={other.port}")
     assert answer.json["simulations"] == 3, answer.err
     with CampaignStore.open(Path("c")) as store:
-        run = store.config["run"]
-        assert store.config["workers"] == 1, "a BeamNG.tech serves one"
-    assert isinstance(run, dict)
-    assert run["wall_limit"] == 600.0
-    assert run["simulator"] == f"beamng,port={stand_in.port},aggression=0.9"
+        config: Any = store.config
+    assert config["workers"] == 1, "a BeamNG.tech serves one"
+    assert config["simulator"]["options"]["wall_limit"] == 600.0
+    assert config["spec"]["simulator"] == f"beamng,port={stand_in.port},aggression=0.9"
     assert frenetic("check", "c").code == 0, "the stored verdicts are those of the stored drives"
 
 

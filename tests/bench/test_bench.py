@@ -18,20 +18,21 @@ import pytest
 from bench_parts import Frail, Reluctant
 from pids import LIMIT, descendants, until_gone
 
-from frenetic.bench import Bench, End, Entrant, RunState, Terms
+from frenetic.bench import Bench, End, Entrant, RunState, RunTerms
 from frenetic.bench.bench import unusual_endings
 from frenetic.bench.generator import GeneratorProcess
 from frenetic.bench.results import write_results
 from frenetic.bench.runs import assignment
 from frenetic.bench.strategy import Ending
-from frenetic.campaign import CampaignStore
+from frenetic.campaign import CampaignStore, RoadTester
 from frenetic.campaign.check import check_campaign
-from frenetic.drivers import Planner
+from frenetic.drivers import Driver, Planner
 from frenetic.errors import FreneticError
 from frenetic.export import export_campaign
 from frenetic.outcome import Outcome
 from frenetic.road import Road
-from frenetic.simulators import EmbeddedSimulator
+from frenetic.simulators import EmbeddedSimulator, Simulator
+from frenetic.terms import Terms
 from frenetic.testing import DummyDriver
 
 pytestmark = pytest.mark.usefixtures("new_process_server")
@@ -45,16 +46,19 @@ def generator(spec: str, name: str = "") -> Entrant:
     return Entrant(name=name or spec.rpartition(":")[2], spec=spec, path=GENERATORS)
 
 
-def bench_of(folder: Path, *entrants: Entrant, repeats: int = 1, **terms: object) -> Bench:
-    options: dict[str, object] = {
-        "simulator": EmbeddedSimulator(),
-        "driver": Planner(),
-        "simulations": SIMULATIONS,
-        "seconds_per_test": SECONDS_PER_TEST,
-    }
+def bench_of(
+    folder: Path,
+    *entrants: Entrant,
+    repeats: int = 1,
+    simulator: Simulator | None = None,
+    driver: Driver | None = None,
+    **terms: Any,
+) -> Bench:
+    tester = RoadTester(simulator or EmbeddedSimulator(), driver or Planner())
+    usual = {"simulations": SIMULATIONS, "seconds_per_test": SECONDS_PER_TEST}
     return Bench(
         entrants=entrants,
-        terms=Terms(**{**options, **terms}),  # type: ignore[arg-type]
+        terms=RunTerms(tester, **{**usual, **terms}),
         repeats=repeats,
         folder=folder,
     )
@@ -537,6 +541,10 @@ def test_a_bench_has_one_folder_and_one_process(tmp_path: Path) -> None:
     )
     with pytest.raises(FreneticError, match="holds a bench with another simulations: 10, not 2"):
         other.run(resume=True)
+    tester = replace(bench.terms.tester, terms=Terms(conditions={"noise": 0.1}))
+    noisy = replace(bench, terms=replace(bench.terms, tester=tester))
+    with pytest.raises(FreneticError, match=r"holds a bench with another with: \{\}, not"):
+        noisy.run(resume=True)
 
 
 @pytest.mark.parametrize(
@@ -547,10 +555,10 @@ def test_a_bench_has_one_folder_and_one_process(tmp_path: Path) -> None:
         ({"patience": -1.0}, "patience is -1.0"),
     ],
 )
-def test_terms_out_of_range(options: dict[str, float], why: str) -> None:
-    terms = {"simulator": EmbeddedSimulator(), "driver": Planner(), **options}
+def test_terms_out_of_range(options: dict[str, Any], why: str) -> None:
+    tester = RoadTester(EmbeddedSimulator(), Planner())
     with pytest.raises((FreneticError, ValueError), match=why):
-        Terms(**terms)  # type: ignore[arg-type]
+        RunTerms(tester, **options)
 
 
 def test_strategies_of_ones_own_take_part_and_one_that_raises_gives_up(tmp_path: Path) -> None:

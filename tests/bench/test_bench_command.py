@@ -256,14 +256,17 @@ def test_a_bench_is_a_file_and_every_bench_keeps_one(frenetic: Frenetic, wiggly:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("generators = ['a.py:B']", ["unknown field `generators`", "does not say a bench"]),
+        (
+            "generators = ['a.py:B']",
+            ["does not say a bench: there is no entry 'generators'; did you mean 'generator'?"],
+        ),
         ("simulations = 0", ["Expected `int` >= 1 - at `$.simulations`"]),
         ("seconds_per_test = 0", ["Expected `float` > 0.0 - at `$.seconds_per_test`"]),
         ("patience = 'soon'", ["'soon' is not a time"]),
         ("objective = 'x.py:f'", ["names the objective 'x.py:f'"]),
         ("strategy = ['x.py:Mine']", ["names the strategy 'x.py:Mine'"]),
         ("driver = 'x.py:Mine'", ["names the driver 'x.py:Mine'"]),
-        ("margin = 3.0", ["unknown field `margin`"]),
+        ("margin = 3.0", ["there is no entry 'margin'"]),
     ],
 )
 def test_mistakes_in_a_file(frenetic: Frenetic, text: str, words: list[str]) -> None:

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from frenetic.bench import RECIPES, Bench, End, Terms
+from frenetic.bench import RECIPES, Bench, End, RunTerms
 from frenetic.bench.recipes import Recipe, find_recipe
+from frenetic.campaign import RoadTester
 from frenetic.drivers import Planner
 from frenetic.errors import FreneticError
 from frenetic.simulators import EmbeddedSimulator
@@ -70,8 +71,8 @@ def test_a_generator_that_keeps_its_last_seconds_free_needs_dearer_drives(tmp_pa
     recipe.check(40.0)
     bench = Bench(
         entrants=(recipe.entrant(folder),),
-        terms=Terms(
-            simulator=EmbeddedSimulator(), driver=Planner(), simulations=3, seconds_per_test=40.0
+        terms=RunTerms(
+            RoadTester(EmbeddedSimulator(), Planner()), simulations=3, seconds_per_test=40.0
         ),
         repeats=1,
         folder=tmp_path / "bench",

@@ -42,8 +42,8 @@ from frenetic.campaign.log import CampaignLog
 from frenetic.campaign.workers import cluster as cluster_module
 from frenetic.campaign.workers.cluster import ClusterWorkers
 from frenetic.drivers import Driver
+from frenetic.registry import DRIVERS
 from frenetic.simulators import Simulator
-from frenetic.spec import driver_of
 from frenetic.testing import DummyDriver, DummySimulator
 
 pytest_plugins = ["campaign_fixtures"]
@@ -97,7 +97,7 @@ def workers_of(
 
 def test_a_campaign_is_the_one_of_a_single_process(cluster: Cluster, tmp_path: Path) -> None:
     campaign(tmp_path / "here", simulator=Uneven(), lookahead=16).run()
-    there = campaign(tmp_path / "there", simulator=Uneven(), lookahead=16, cluster=cluster.address)
+    there = campaign(tmp_path / "there", simulator=Uneven(), lookahead=16, workers=cluster.address)
     there.run()
     assert contents(tmp_path / "there") == contents(tmp_path / "here")
     with CampaignStore.open(tmp_path / "there") as store:
@@ -111,7 +111,7 @@ def test_workers_need_no_copy_of_a_users_file(
     was_there = write_mine(tmp_path, "placed")
     monkeypatch.chdir(tmp_path)
     with own_modules():
-        driver = driver_of("placed:Mine", {}, {})
+        driver = DRIVERS.make("placed:Mine")
         with workers_of(cluster, tmp_path, DummySimulator(), driver) as workers:
             for path in tmp_path.glob("*.py"):
                 path.unlink()
@@ -135,7 +135,7 @@ def test_what_goes_wrong_with_a_drive_costs_an_attempt(
         8,
         strategy=Straight(8, 9, 10, 11),
         simulator=FaultySimulator(marks.folder, drive=deeds),
-        cluster=cluster.address,
+        workers=cluster.address,
         drive_limit=2.0,
     )
     assert search.run().passed == 8
@@ -198,7 +198,7 @@ marks = Path({marks!r})
 once = Fault(await_go, marks, times=1)
 Campaign(
     strategy=Straight(8, 9), simulator=FaultySimulator(marks, drive=once), driver=DummyDriver(),
-    budget=Budget(time=1000.0), folder="campaign", cluster={address!r},
+    budget=Budget(time=1000.0), folder="campaign", workers={address!r},
 ).run()
 """
 
@@ -239,7 +239,7 @@ def test_a_cluster_that_loses_its_scheduler(
             if progress.tests == 3:
                 end(cluster.scheduler)
 
-        search = campaign(folder, 20, strategy=Straight(8, 9), cluster=cluster.address)
+        search = campaign(folder, 20, strategy=Straight(8, 9), workers=cluster.address)
         with refused(f"the Dask scheduler {cluster.address} is lost"):
             search.run(on_event=on_result(lose))
     theirs.removeHandler(caplog.handler)
@@ -251,7 +251,7 @@ def test_a_cluster_that_loses_its_scheduler(
     assert (summary.passed, summary.errors, summary.tests) == (20, 0, 20)
 
 
-@pytest.mark.parametrize("address", ["127.0.0.1:1", "nonsense://a", ""])
+@pytest.mark.parametrize("address", ["127.0.0.1:1", "nonsense://a"])
 def test_an_unreachable_scheduler_is_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, address: str
 ) -> None:
@@ -260,7 +260,7 @@ def test_an_unreachable_scheduler_is_one_line(
         f"there is no Dask scheduler at {re.escape(repr(address))}.*start one with 'dask scheduler'"
     )
     with refused(why):
-        campaign(tmp_path / "campaign", cluster=address).run()
+        campaign(tmp_path / "campaign", workers=address).run()
     assert not (tmp_path / "campaign").exists()
 
 
@@ -291,4 +291,4 @@ def test_a_missing_extra_says_what_brings_it(
             monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "distributed", None)
     with refused(r'not installed: pip install "\.\[cluster\]"'):
-        campaign(tmp_path / "campaign", cluster="tcp://127.0.0.1:1").run()
+        campaign(tmp_path / "campaign", workers="tcp://127.0.0.1:1").run()

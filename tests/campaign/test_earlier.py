@@ -15,6 +15,7 @@ from contents import contents, execute, plain
 from frenetic.analysis.failures import distinct_failures
 from frenetic.campaign import Campaign, CampaignStore
 from frenetic.campaign.check import check_campaign
+from frenetic.campaign.configuration import earlier_of
 from frenetic.campaign.earlier import driven_again, read_earlier, still_failing
 from frenetic.campaign.objective import Objective, evaluation_of
 from frenetic.drivers import Planner
@@ -22,7 +23,6 @@ from frenetic.outcome import Outcome
 from frenetic.search import Evaluation, Frenetic, Frenetic2021, RandomSearch
 from frenetic.search.random_search import EARLIER
 from frenetic.simulators import EmbeddedSimulator
-from frenetic.spec import Spec
 
 SIMULATIONS = 60
 
@@ -76,7 +76,7 @@ def test_roads_of_the_earlier_campaign_are_driven_again_first(first: Path, secon
         assert (
             still_failing(new) == f"{failed} of {failed} earlier failures driven again still failed"
         )
-        (told,) = Spec.from_json(new.config, source=second).start_from
+        (told,) = earlier_of(new.config)
         counts, taken = old.counts(), len(read_earlier(new))
         assert (told.folder, told.taken, told.left_out) == (str(first), taken, 0)
         assert (told.simulations, told.failures) == (counts.simulations, counts.failed)

@@ -68,8 +68,6 @@ def from_roads(place: Path, folder: Path, *, simulations: int = SIMULATIONS) -> 
         driver=Planner(aggression=1.3),
         simulator=EmbeddedSimulator(friction=0.4),
         from_roads=folder,
-        lane_width=shown.lane_width,
-        map_size=shown.map_size,
     )
 
 

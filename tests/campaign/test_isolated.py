@@ -1,4 +1,4 @@
-"""A simulator in a process of its own: the same drives, and whose it is; faults: test_workers.py"""
+"""Drives in a process of their own: the same drives, and whose a lost process is."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
@@ -37,9 +36,9 @@ from numba.core.registry import CPUDispatcher
 from pids import LIMIT, is_running, until_gone
 
 from frenetic.analysis.failures import distinct_failures
-from frenetic.campaign import CampaignStore
+from frenetic.campaign import CampaignStore, RoadTester
 from frenetic.campaign.check import check_campaign
-from frenetic.description import describe
+from frenetic.campaign.workers import DriveProcess, driving, is_isolable
 from frenetic.drivers import (
     Controls,
     Delayed,
@@ -56,16 +55,17 @@ from frenetic.errors import (
     GIVES_NO_CONTROLS,
     HANGS,
     IS_KILLED,
+    CampaignError,
     DriverError,
     FreneticError,
     Trouble,
 )
 from frenetic.outcome import Outcome
-from frenetic.registry import DRIVERS
 from frenetic.road import Road
 from frenetic.simulators import EmbeddedSimulator, Simulator
-from frenetic.simulators.isolated import Blame, BrokenDriveError, IsolatedSimulator, isolated
-from frenetic.simulators.worlds import in_conditions
+from frenetic.simulators.blame import Blame
+from frenetic.spec import Spec
+from frenetic.terms import Terms
 from frenetic.testing import DummyDriver, DummySimulator
 from frenetic.worker import Loss, LostWorkerError
 
@@ -115,9 +115,8 @@ def ready_kernels() -> set[tuple[str, str]]:
 def test_a_campaign_is_the_same_bit_for_bit(tmp_path: Path) -> None:
     """Each proposal knows the result before it, as without a process of its own."""
     driver = Delayed(PythonPlanner(), seconds=0.1)
-    apart = IsolatedSimulator(EmbeddedSimulator())
-    for name, simulator in (("apart", apart), ("here", EmbeddedSimulator())):
-        parts = {"simulator": simulator, "driver": driver}
+    for name, isolate in (("apart", True), ("here", False)):
+        parts = {"simulator": EmbeddedSimulator(), "driver": driver, "isolate": isolate}
         campaign(tmp_path / name, 25, **parts).run()
     assert contents(tmp_path / "apart") == contents(tmp_path / "here")
     with (
@@ -131,66 +130,54 @@ def test_a_campaign_is_the_same_bit_for_bit(tmp_path: Path) -> None:
 def test_no_kernel_is_loaded_on_a_drivers_time() -> None:
     """The wall limit is for the driver alone, also in a fresh process."""
     driver = Delayed(LimitedView(Noisy(Watching())))
-    with IsolatedSimulator(EmbeddedSimulator()) as apart:
-        assert apart.drive(Road([0.0] * 3), driver).trouble is None
+    with DriveProcess(RoadTester(EmbeddedSimulator(), driver)) as process:
+        assert process.drive(Road([0.0] * 3)).trouble is None
 
 
 def test_conditions_reach_the_other_process() -> None:
-    here = EmbeddedSimulator()
     conditions = {"friction": 0.4, "speed": 50.0, "noise": 0.3, "start": 0.5, "heading": 0.02}
-    driver = PythonPlanner()
-    with IsolatedSimulator(EmbeddedSimulator()) as apart:
-        usual = apart.drive(ROAD, driver).trajectory.to_rows()
-        drives = []
-        for simulator in (here, apart):
-            with in_conditions(conditions, simulator, driver) as layered:
-                drives.append(simulator.drive(ROAD, layered))
+    tester = RoadTester(EmbeddedSimulator(), PythonPlanner())
+    with DriveProcess(tester) as process:
+        usual = process.drive(ROAD).trajectory.to_rows()
+        drives = [drive(ROAD, conditions) for drive in (tester.drive, process.drive)]
         assert drives[1].rules.speed_limit == 50.0
         rows = [drive.trajectory.to_rows() for drive in drives]
         np.testing.assert_array_equal(rows[0], rows[1])
-        np.testing.assert_array_equal(apart.drive(ROAD, driver).trajectory.to_rows(), usual)
-    wet, dummy = {"friction": 0.5}, IsolatedSimulator(DummySimulator())
-    with (
-        pytest.raises(FreneticError, match="DummySimulator cannot vary friction"),
-        in_conditions(wet, dummy, driver),
-    ):
-        pass
-
-
-def test_it_is_described_as_the_simulator_itself() -> None:
-    simulator = EmbeddedSimulator(friction=0.8)
-    apart = IsolatedSimulator(simulator)
-    assert describe(apart) == describe(simulator)
-    assert (apart.rules, apart.car, apart.wall_limit) == (simulator.rules, simulator.car, 60.0)
-    apart.rules = replace(apart.rules, speed_limit=30.0)
-    assert simulator.rules.speed_limit == 30.0
-    assert not hasattr(apart, "aggression")
+        np.testing.assert_array_equal(process.drive(ROAD).trajectory.to_rows(), usual)
+    wet = Terms(conditions={"friction": 0.5})
+    with pytest.raises(FreneticError, match="DummySimulator cannot vary friction"):
+        RoadTester(DummySimulator(), PythonPlanner(), wet)
 
 
 def test_only_drives_of_our_compiled_code_stay_here() -> None:
     embedded = EmbeddedSimulator()
     for driver in (Planner(), Noisy(Planner()), Delayed(Noisy(Planner()))):
-        assert isolated(embedded, driver) is embedded
+        assert not is_isolable(RoadTester(embedded, driver))
     for simulator, driver in (
         (embedded, PythonPlanner()),
         (embedded, Noisy(Noisy(Planner()))),
         (DummySimulator(), Planner()),
     ):
-        assert isinstance(isolated(simulator, driver), IsolatedSimulator)
+        assert is_isolable(RoadTester(simulator, driver))
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="by POSIX means")
 def test_a_driver_that_breaks_its_process_costs_its_drive(marks: Marks) -> None:
-    with IsolatedSimulator(FaultySimulator(marks.folder)) as simulator:
-        lost = "^the driver's process was lost: it ended with exit code 7$"
-        with refused(lost, BrokenDriveError):
-            simulator.drive(ROAD, FaultyDriver(Fault(leave, marks.folder)))
-        assert simulator.drive(ROAD, DummyDriver()).trouble is None
+    simulator = FaultySimulator(marks.folder)
+    driver = FaultyDriver(Fault(leave, marks.folder, times=1))
+    with DriveProcess(RoadTester(simulator, driver)) as process:
+        trouble = process.drive(ROAD).trouble
+        assert trouble is not None
+        assert trouble.reason == "the driver's process was lost: it ended with exit code 7"
+        assert process.drive(ROAD).trouble is None
     until_gone(marks.pids())
     start = Fault(refuse_connection, marks.folder)
-    simulator = IsolatedSimulator(FaultySimulator(marks.folder, start=start))
-    with pytest.raises(BrokenDriveError, match="ConnectionRefusedError: nobody listens on port"):
-        simulator.__enter__()
+    simulator = FaultySimulator(marks.folder, start=start)
+    with (
+        pytest.raises(CampaignError, match="ConnectionRefusedError: nobody listens on port"),
+        DriveProcess(RoadTester(simulator, DummyDriver())),
+    ):
+        pass
     until_gone(marks.pids())
 
 
@@ -501,13 +488,14 @@ class Parent(PythonPlanner):
 @pytest.mark.parametrize("leaves", [False, True])
 @pytest.mark.parametrize("kind", CHILDREN)
 def test_what_a_driver_starts_ends_with_its_process(marks: Marks, kind: str, leaves: bool) -> None:
-    with IsolatedSimulator(EmbeddedSimulator()) as simulator:
-        driver = Parent(marks.folder, kind, leaves)
+    driver = Parent(marks.folder, kind, leaves)
+    with DriveProcess(RoadTester(EmbeddedSimulator(), driver)) as process:
         if leaves:
-            with refused("it ended with exit code 7", BrokenDriveError):
-                simulator.drive(ROAD, driver)
+            trouble = process.drive(ROAD).trouble
+            assert trouble is not None
+            assert "it ended with exit code 7" in trouble.reason
             assert not any(is_running(pid) for pid in marks.pids())
-        assert simulator.drive(ROAD, driver).trouble is None
+        assert process.drive(ROAD).trouble is None
     assert len(marks.pids()) == 1
     assert not any(is_running(pid) for pid in marks.pids())
 
@@ -523,12 +511,17 @@ class Uncopied(DummyDriver):
 def test_a_driver_that_cannot_be_copied_is_made_anew_by_its_name_or_drives_here(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    named, simulator = DRIVERS.make(f"{__name__}:Uncopied"), DummySimulator()
-    for driver in (named, Noisy(named)):
-        with isolated(simulator, driver) as apart:
-            assert isinstance(apart, IsolatedSimulator)
-            assert apart.drive(ROAD, driver).trouble is None
-    assert isolated(simulator, Uncopied()) is simulator
+    parts = {"driver": f"{__name__}:Uncopied", "simulator": "frenetic.testing:DummySimulator"}
+    for conditions in ({}, {"noise": 0.1}):
+        named = RoadTester.of(Spec.of(parts, {"with": conditions}))
+        assert is_isolable(named)
+        with driving(named, isolate=True) as drive:
+            assert drive(ROAD, {}).trouble is None
+    assert not caplog.text
+    tester = RoadTester(DummySimulator(), Uncopied())
+    assert not is_isolable(tester)
     assert "nothing protects this process from the driver" in caplog.text
-    with IsolatedSimulator(simulator) as apart, refused("be copied"):
-        apart.drive(ROAD, Uncopied())
+    with driving(tester, isolate=True) as drive:
+        assert drive(ROAD, {}).trouble is None
+    with refused("be copied"):
+        DriveProcess(tester)

@@ -28,6 +28,7 @@ from frenetic.drivers import Planner
 from frenetic.drivers.loading import load_driver
 from frenetic.search import Candidate, Evaluation, Frenetic, Frenetic2021, RandomSearch
 from frenetic.simulators import EmbeddedSimulator, Rules
+from frenetic.terms import Terms
 from frenetic.testing import DummySimulator
 
 pytest_plugins = ["campaign_fixtures"]
@@ -190,9 +191,10 @@ def test_a_campaign_goes_on_with_the_parts_that_it_was_made_with(
 @pytest.mark.parametrize(
     ("term", "changed"),
     [
-        ("map size", {"map_size": 150.0}),
-        ("margin", {"margin": 5.0}),
-        ("lane width", {"lane_width": 3.5}),
+        ("map size", {"terms": Terms(map_size=150.0)}),
+        ("margin", {"terms": Terms(margin=5.0)}),
+        ("lane width", {"terms": Terms(lane_width=3.5)}),
+        ("conditions", {"terms": Terms(conditions={"noise": 0.1})}),
         ("lookahead", {"lookahead": 16}),
         ("objective", {"objective": "oob-share"}),
         ("rules", {"simulator": DummySimulator(bend, rules=Rules(speed_limit=50.0))}),
@@ -204,7 +206,7 @@ def test_other_terms_are_refused_and_nothing_is_changed(
     tmp_path: Path, finished: Path, term: str, changed: dict[str, Any]
 ) -> None:
     shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
-    usual = {"strategy": Scripted()} if "map_size" in changed else {}
+    usual = {"strategy": Scripted()} if term == "map size" else {}
     with refused(f"was made with another {term}: "):
         campaign(tmp_path, 30, **(usual | changed)).resume()
     assert contents(tmp_path) == contents(finished)

@@ -24,7 +24,7 @@ from small_disk import Bounded, Breaking
 from frenetic._support.json_value import JSONValue
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.lock import lock_file
-from frenetic.campaign.record import ASKED, FINISHED, Setting, Test
+from frenetic.campaign.record import ASKED, FINISHED, Test
 from frenetic.campaign.store import APPLICATION_ID, DATABASE, FORMAT, CampaignStore
 from frenetic.campaign.trajectory_codec import rounded
 from frenetic.drive import CarBody, Rules, Trajectory
@@ -33,10 +33,11 @@ from frenetic.oracle import Finding, Result
 from frenetic.outcome import Outcome
 from frenetic.road import Pose
 from frenetic.search.records import Candidate, Origin, Source
+from frenetic.terms import Setting
 
 pytest_plugins = ["campaign_fixtures"]
 
-SETTING = Setting(4.0, 200.0, 1.0, Rules(), CarBody())
+SETTING = Setting(lane_width=4.0, map_size=200.0, margin=1.0, rules=Rules(), car=CarBody())
 CONFIG: dict[str, JSONValue] = {
     "strategy": "frenetic",
     "seed": 7,

@@ -2,20 +2,37 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from campaigns import refused
+from pids import LIMIT
+from user_modules import own_modules
 
-from frenetic.campaign import RoadTester
+from frenetic.campaign import Campaign, CampaignStore, RoadTester
 from frenetic.campaign.record import Attempt
-from frenetic.drivers import Driver, Planner
+from frenetic.campaign.workers import DriveProcess
+from frenetic.drivers import Delayed, Driver, Planner
 from frenetic.outcome import Outcome
+from frenetic.registry import DRIVERS, STRATEGIES
 from frenetic.road import Road
 from frenetic.search import Candidate, Origin
-from frenetic.simulators import Drive, EmbeddedSimulator, Trajectory
+from frenetic.simulators import Drive, EmbeddedSimulator, Rules, Trajectory
+from frenetic.spec import Spec
+from frenetic.terms import Terms
 from frenetic.testing import DummyDriver, DummySimulator
+
+if TYPE_CHECKING:
+    from command_line import Frenetic
+
+pytest_plugins = ["command_line"]
 
 
 def curved(*curvatures: float) -> Candidate:
@@ -122,3 +139,143 @@ def test_a_simulator_that_raises_or_records_no_numbers_is_an_error_of_its_test()
     assert 'raise ConnectionError("lost the\\nsimulator")' in result.reason
     assert broken.trouble is not None
     assert "in break_down\n" in broken.trouble.traceback
+
+
+SAME = """
+import numpy as np
+from frenetic.search import Candidate, Origin, Strategy
+
+class Same(Strategy):
+    def __init__(self, domain=None):
+        self.domain = domain
+
+    def ask(self):
+        domain, values = self.domain, np.array([0.0, 0.02, 0.04, 0.04, 0.02, 0.0, 0.0, 0.0])
+        conditions = {} if domain is None else domain.at(np.full(domain.dimension, 0.5), 70.0)
+        return Candidate(1, values, 10.0, Origin("same"), conditions=conditions)
+
+    def tell(self, evaluation):
+        pass
+"""
+"""A strategy that proposes the same road always, in the conditions of its domain."""
+AMOUNTS = {"delay": 0.1, "friction": 0.6, "speed": 50.0}
+TOML = "\n".join(f"{name} = {amount}" for name, amount in AMOUNTS.items())
+
+
+def test_conditions_give_the_same_drive_wherever_they_are_said(frenetic: Frenetic) -> None:
+    """As options, in a file, by a domain, as variations of a rerun, and as terms from Python."""
+    Path("same.py").write_text(SAME)
+    Path("run.toml").write_text(f"[with]\n{TOML}\n")
+    Path("domain.toml").write_text(f"[conditions]\n{TOML}\n")
+    search = ("--strategy", "same.py:Same", "--simulations", "1", "--workers", "1", "--out")
+    options = [text for n, amount in AMOUNTS.items() for text in ("--with", f"{n}={amount}")]
+    vary = [text for n, amount in AMOUNTS.items() for text in ("--vary", f"{n}={amount}:{amount}")]
+    says = {
+        "options": options,
+        "file": ["run.toml"],
+        "domain": ["--odd", "domain.toml"],
+        "usual": [],
+    }
+    for folder, said in says.items():
+        answer = frenetic("run", *said, *search, folder)
+        assert answer.code == 0, answer.err
+    assert frenetic("rerun", "usual", "1", *vary, "--times", "1", "--out", "varied").code in (0, 1)
+    Campaign(
+        strategy=STRATEGIES.make("same.py:Same"),
+        simulator=EmbeddedSimulator(),
+        driver=Planner(),
+        terms=Terms(conditions=AMOUNTS),
+        folder="terms",
+    ).run(1)
+    drives = {}
+    for folder in Path().glob("*/campaign.sqlite"):
+        with CampaignStore.open(folder.parent) as store:
+            trajectory = store.test(1).trajectory
+            assert trajectory is not None
+            drives[folder.parent.name] = trajectory.to_rows()
+    usual = drives.pop("usual")
+    assert len(drives) == 5, drives.keys()
+    by_hand = EmbeddedSimulator(rules=Rules().with_speed(50.0), friction=0.6)
+    with CampaignStore.open("terms") as store:
+        drive = by_hand.drive(store.test(1).road, Delayed(Planner(), seconds=0.1))
+    for rows in drives.values():
+        assert rows.shape != usual.shape
+        np.testing.assert_allclose(rows, drive.trajectory.to_rows(), atol=0.002)
+        np.testing.assert_array_equal(rows, drives["terms"])
+
+
+OWN = """
+import os
+from frenetic import Planner
+
+class Mine(Planner):
+    def __init__(self):
+        super().__init__()
+        self.made_in = os.getpid()
+        self.session = lambda: None  # no copy of it can be sent
+
+class Plain(Planner):
+    def __init__(self):
+        super().__init__()
+        self.made_in = os.getpid()
+"""
+
+
+class Telling(EmbeddedSimulator):
+    """Says in a file in which process its driver was made, and in which it drives."""
+
+    def drive(self, road: Road, driver: Driver) -> Drive:
+        Path("told").write_text(f"{driver.made_in} {os.getpid()}")  # type: ignore[attr-defined]
+        return super().drive(road, driver)
+
+
+def test_a_tester_of_names_is_made_anew_elsewhere_and_one_of_objects_is_copied(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("own.py").write_text(OWN)
+    simulator = f"{__name__}:Telling"
+
+    def told(tester: RoadTester) -> list[int]:
+        with DriveProcess(tester) as process:
+            assert process.drive(Road([0.0] * 8)).trouble is None
+        return [int(text) for text in Path("told").read_text().split()]
+
+    with own_modules():
+        named = RoadTester.of(Spec(driver="own.py:Mine", simulator=simulator))
+        made_in, driven_in = told(named)
+        assert made_in == driven_in != os.getpid()
+        copied = RoadTester(Telling(), DRIVERS.make("own.py:Plain"))
+        made_in, driven_in = told(copied)
+        assert made_in == os.getpid() != driven_in
+        with refused("cannot be copied to another process"):
+            DriveProcess(RoadTester(Telling(), DRIVERS.make("own.py:Mine")))
+
+
+COUNTED = """
+import os
+from frenetic import Planner
+
+class Counted(Planner):
+    def __init__(self):
+        super().__init__(aggression=0.5)
+        with open("made", "a") as file:
+            file.write(f"{os.getpid()}\\n")
+"""
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_users_driver_is_made_once_in_each_process_that_uses_it(
+    tmp_path: Path, workers: int
+) -> None:
+    (tmp_path / "counted.py").write_text(COUNTED)
+    search = ["run", "--driver", "counted.py:Counted", "--simulations", "4", "--strategy", "random"]
+    subprocess.run(
+        [sys.executable, "-m", "frenetic", *search, "--seed", "1", "--workers", str(workers)],
+        cwd=tmp_path,
+        check=True,
+        timeout=LIMIT,
+        capture_output=True,
+    )
+    processes = (tmp_path / "made").read_text().split()
+    assert len(processes) == len(set(processes)) == 1 + workers

@@ -61,7 +61,6 @@ from frenetic.drivers import Driver
 from frenetic.outcome import Outcome
 from frenetic.registry import DRIVERS
 from frenetic.simulators import Simulator
-from frenetic.simulators.isolated import IsolatedSimulator
 from frenetic.testing import DummyDriver, DummySimulator
 from frenetic.worker import Loss, LostWorkerError, Worker, pack, ready
 
@@ -101,9 +100,7 @@ class TestThisProcess(WorkersContract):
 class TestIsolated(WorkersContract):
     @pytest.fixture
     def workers_of(self, tmp_path: Path) -> WorkersOf:
-        return lambda inside, *driver: this_process(
-            IsolatedSimulator(inside), *driver, folder=tmp_path
-        )
+        return partial(local, folder=tmp_path, count=1)
 
 
 class TestLocal(ProcessesContract):

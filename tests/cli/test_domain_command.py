@@ -118,9 +118,11 @@ def test_a_condition_goes_where_it_belongs(frenetic: Frenetic) -> None:
     words = ("run", "--simulations", "1", "--seed", "1", "--out", "c")
     done = frenetic(*words, "--with", "friction=0.5", "--with", "speed=60", "--with", "delay=0.1")
     assert done.code == 0
-    config = frenetic("show", "c", "--json").json["config"]["run"]
-    assert config["simulator"] == "embedded,friction=0.5"
-    assert config["with"] == {"delay": 0.1, "speed": 60.0}
+    config = frenetic("show", "c", "--json").json["config"]
+    assert config["spec"]["with"] == {"friction": 0.5, "delay": 0.1, "speed": 60.0}
+    assert config["conditions"] == config["spec"]["with"]
+    assert config["spec"]["simulator"] == "embedded"
+    assert "conditions friction 0.5, speed 60 km/h, delay 0.1 s\n" in frenetic("show", "c").out
 
 
 def test_a_strategy_without_conditions_is_refused(frenetic: Frenetic, path: Path) -> None:

@@ -38,6 +38,7 @@ from frenetic.road.classes import RoadClass
 from frenetic.search.random_search import RandomRoads
 from frenetic.search.records import Candidate, Evaluation
 from frenetic.search.strategy import SearchEnded
+from frenetic.terms import Terms
 
 if TYPE_CHECKING:
     from command_line import Frenetic
@@ -50,6 +51,7 @@ ENTRIES: dict[str, Any] = {
     "conditions": {"friction": {"low": 0.2, "high": 1.0}, "gust": {"low": 0.0, "high": 20.0}},
 }
 DOMAIN = Domain.made("town", ENTRIES)
+TERMS = Terms.of_class(DOMAIN.road_class, domain=DOMAIN)
 
 
 @dataclass(frozen=True)
@@ -75,15 +77,7 @@ _RESULT = judge(_ROAD, EmbeddedSimulator().drive(_ROAD, Planner()))
 
 
 def known(share: float) -> Known:
-    assert DOMAIN.road_class is not None
-    return Known(
-        EmbeddedSimulator(),
-        Planner(),
-        map_size=DOMAIN.road_class.map_size,
-        lane_width=DOMAIN.road_class.lane_width,
-        road_class=DOMAIN.road_class,
-        share=share,
-    )
+    return Known(EmbeddedSimulator(), Planner(), TERMS, share=share)
 
 
 def estimate_of(
@@ -93,7 +87,7 @@ def estimate_of(
     order: Callable[[list[Candidate]], object] = lambda _: None,
 ) -> Estimate:
     """The estimate of drives that no campaign keeps, told in the order into which they are put."""
-    draws, outstanding, metres = Draws(DOMAIN, tester, drives, seed), list[Candidate](), 0.0
+    draws, outstanding, metres = Draws(tester, drives, seed), list[Candidate](), 0.0
     while not draws.is_complete:
         while (candidate := draws.ask()) is not None:
             outstanding.append(candidate)
@@ -200,7 +194,7 @@ def test_the_same_seed_gives_the_same_estimate_in_whatever_order_its_results_are
 
 
 def test_a_stage_waits_for_the_results_of_the_one_before() -> None:
-    draws = Draws(DOMAIN, known(0.01), 100, 1)
+    draws = Draws(known(0.01), 100, 1)
     stage = [draws.ask() for _ in range(21)]
     assert None not in stage[:20]
     assert stage[20] is draws.ask() is None
@@ -211,7 +205,7 @@ def test_a_stage_waits_for_the_results_of_the_one_before() -> None:
 
 
 def test_a_drive_in_which_the_simulator_broke_is_proposed_again() -> None:
-    draws = Draws(DOMAIN, known(0.01), 100, 1)
+    draws = Draws(known(0.01), 100, 1)
     first, second = draws.ask(), draws.ask()
     assert first is not None
     assert second is not None
@@ -235,35 +229,36 @@ def test_kilometres_are_those_that_the_car_drove(tmp_path: Path) -> None:
                 raise ValueError("lost")
             return Controls(0.0, throttle=0.5)
 
-    terms = {"map_size": 400.0, "lane_width": 3.25, "road_class": DOMAIN.road_class}
-    soon = RoadTester(EmbeddedSimulator(), Broken(0.5), **terms)  # type: ignore[arg-type]
-    found = estimate(DOMAIN, soon, drives=100, seed=1, out=tmp_path / "soon")
+    soon = RoadTester(EmbeddedSimulator(), Broken(0.5), TERMS)
+    found = estimate(soon, drives=100, seed=1, out=tmp_path / "soon")
     assert found.failures == found.plain
     assert 0.0 < found.length < 0.002, "km until half a second"
-    never = RoadTester(EmbeddedSimulator(), Broken(0.0), **terms)  # type: ignore[arg-type]
+    never = RoadTester(EmbeddedSimulator(), Broken(0.0), TERMS)
     with pytest.raises(FreneticError, match="before the car moved"):
-        estimate(DOMAIN, never, drives=100, seed=1, out=tmp_path / "never")
+        estimate(never, drives=100, seed=1, out=tmp_path / "never")
 
 
 def test_roads_are_those_that_are_driven(tmp_path: Path) -> None:
     """Also where they are others than the domain's own."""
     longer = RoadClass.of("urban-50", {"length": 600.0})
-    tester = RoadTester(EmbeddedSimulator(), Planner(), map_size=longer.map_size, road_class=longer)
-    assert estimate(DOMAIN, tester, drives=100, seed=1, out=tmp_path / "c").length > 0.3
+    terms = Terms(map_size=longer.map_size, road_class=longer, domain=DOMAIN)
+    tester = RoadTester(EmbeddedSimulator(), Planner(), terms)
+    assert estimate(tester, drives=100, seed=1, out=tmp_path / "c").length > 0.3
 
 
 def test_a_domain_without_conditions_has_plain_drives(tmp_path: Path) -> None:
     flat = Domain.made("flat", {"roads": "urban-50,length=200"})
-    found = estimate(flat, embedded(), drives=100, out=tmp_path / "c")
+    tester = replace(embedded(), terms=replace(TERMS, domain=flat))
+    found = estimate(tester, drives=100, out=tmp_path / "c")
     assert (found.method, found.plain, found.failures) == ("none", 100, 0)
 
 
 def test_a_domain_of_which_no_road_is_valid_is_refused_before_anything_is_made(
     tmp_path: Path,
 ) -> None:
-    tester = replace(embedded(), map_size=50.0)
+    tester = replace(embedded(), terms=replace(TERMS, map_size=50.0))
     with pytest.raises(CampaignError, match=r"^none of 1000 random roads of town is valid"):
-        estimate(DOMAIN, tester, drives=100, out=tmp_path / "c")
+        estimate(tester, drives=100, out=tmp_path / "c")
     assert not (tmp_path / "c").exists()
 
 
@@ -271,21 +266,13 @@ def test_a_domain_of_which_no_road_is_valid_is_refused_before_anything_is_made(
 
 
 def embedded(simulator: EmbeddedSimulator | None = None) -> RoadTester:
-    roads = DOMAIN.road_class
-    assert roads is not None
-    return RoadTester(
-        simulator or EmbeddedSimulator(),
-        Planner(),
-        map_size=roads.map_size,
-        lane_width=roads.lane_width,
-        road_class=roads,
-    )
+    return RoadTester(simulator or EmbeddedSimulator(), Planner(), TERMS)
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Estimate:
     """The estimate of uninterrupted drives, with one worker."""
-    found = estimate(DOMAIN, embedded(), drives=100, out=tmp_path_factory.mktemp("whole") / "c")
+    found = estimate(embedded(), drives=100, out=tmp_path_factory.mktemp("whole") / "c")
     assert found.method == "importance sampling"
     assert found.other_failures
     return found
@@ -295,7 +282,7 @@ def test_it_does_not_depend_on_the_workers(whole: Estimate, tmp_path: Path) -> N
     counts: list[int] = []
     count = on_result(lambda now: counts.append(now.simulations))
     out = tmp_path / "c"
-    assert estimate(DOMAIN, embedded(), drives=100, workers=3, out=out, on_event=count) == whole
+    assert estimate(embedded(), drives=100, workers=3, out=out, on_event=count) == whole
     assert counts == list(range(1, 101))
     with CampaignStore.open(out) as store:
         assert store.counts().failed == whole.failures + whole.other_failures
@@ -314,12 +301,11 @@ def test_after_ctrl_c_the_same_call_goes_on(
     out = tmp_path / "c"
     first, second = workers
     with pytest.raises(KeyboardInterrupt):
-        estimate(DOMAIN, embedded(), drives=100, workers=first, out=out, on_event=interrupt)
+        estimate(embedded(), drives=100, workers=first, out=out, on_event=interrupt)
     assert Estimate.read(out) is None
     events: list[Event] = []
     assert (
-        estimate(DOMAIN, embedded(), drives=100, workers=second, out=out, on_event=events.append)
-        == whole
+        estimate(embedded(), drives=100, workers=second, out=out, on_event=events.append) == whole
     )
     results = [event for event in events if event.kind == "result"]
     assert len(results) == 70 if first == 1 else len(results) < 70
@@ -332,17 +318,17 @@ def test_a_complete_one_is_read_and_not_driven(
         raise AssertionError("it drives")
 
     out = tmp_path / "c"
-    estimate(DOMAIN, embedded(), drives=100, out=out)
+    estimate(embedded(), drives=100, out=out)
     monkeypatch.setattr(EmbeddedSimulator, "drive", drive)
     for text in (None, "damaged"):
         if text is not None:
             (out / "estimate.json").write_text(text)
         events: list[Event] = []
-        assert estimate(DOMAIN, embedded(), drives=100, out=out, on_event=events.append) == whole
+        assert estimate(embedded(), drives=100, out=out, on_event=events.append) == whole
         assert [event.kind for event in events] == ["complete"]
     assert Estimate.read(out) == whole
     with pytest.raises(CampaignError, match="holds another campaign"):
-        estimate(DOMAIN, embedded(), drives=101, out=out)
+        estimate(embedded(), drives=101, out=out)
 
 
 class Breaking(EmbeddedSimulator):
@@ -365,12 +351,12 @@ def test_a_simulator_that_breaks_ends_it_and_the_same_call_goes_on(
     out = tmp_path / "c"
     for attempt in range(2):
         with pytest.raises(FreneticError, match=r"simulator broke, .*: no graphics .*; the drives"):
-            estimate(DOMAIN, embedded(Breaking()), drives=100, out=out)
+            estimate(embedded(Breaking()), drives=100, out=out)
         with CampaignStore.open(out) as store:
             counts = store.counts()
             assert (counts.passed + counts.failed, counts.errors) == (24, attempt + 1)
     monkeypatch.setattr(Breaking, "is_broken", False)
-    assert estimate(DOMAIN, embedded(Breaking()), drives=100, out=out) == whole
+    assert estimate(embedded(Breaking()), drives=100, out=out) == whole
 
 
 def test_on_the_command_line(frenetic: Frenetic, tmp_path: Path) -> None:
@@ -440,9 +426,10 @@ def test_after_ctrl_c_a_line_says_where_the_drives_are_and_which_command_goes_on
     stopped = frenetic(*words)
     (folder,) = Path("campaigns").iterdir()
     assert stopped.code == 130
-    last = stopped.err.splitlines()[-1]
-    command = f"frenetic {' '.join(words)} --out {folder}"
-    assert last == f"Interrupted: 70 drives to go; go on: {command}"
+    left, command = stopped.err.splitlines()[-1].split("; go on: ")
+    assert left.startswith("Interrupted: ")
+    assert 0 < int(left.split()[1]) <= 70, "what was under way is driven to its end"
+    assert command == f"frenetic {' '.join(words)} --out {folder}"
     stopping_driver(0)
     done = frenetic(*words, "--out", str(folder))
     assert done.code == 0, done.err

@@ -1,7 +1,8 @@
-"""Drivers that misbehave while they drive."""
+"""Users' own drivers: where they drive, and what harm one does that misbehaves there."""
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -105,3 +106,38 @@ def test_a_drive_that_a_driver_breaks_fails_and_the_others_are_as_usual(
     assert {i: (test.outcome, test.moobd) for i, test in tests.items()} == {
         i: result for i, result in usual.items() if i != 3
     }
+
+
+WHERE: Final = """
+import os
+
+from frenetic import Planner
+from frenetic.drivers import Delayed
+
+class Own(Planner):
+    def reset(self, setup):
+        with open("drives", "a") as file:
+            print(os.getpid(), id(self), file=file)
+        super().reset(setup)
+
+    def act(self, observation):
+        return super().act(observation)
+
+class Layered(Delayed):
+    def __init__(self):
+        super().__init__(Own(), seconds=0.05)
+"""
+"""A driver that notes where it drives, and a layer of the same file over it."""
+
+
+@pytest.mark.parametrize("name", ["Own", "Layered"])
+def test_one_object_drives_all_roads_in_another_process(frenetic: Frenetic, name: str) -> None:
+    Path("where.py").write_text(WHERE, encoding="utf-8")
+    run = ("run", "--simulations", "4", "--seed", "1", "--strategy", "random", "--workers", "1")
+    ran = frenetic(*run, "--driver", f"where.py:{name}", "--with", "noise=0.1", "--out", "c")
+    assert ran.code == 0, ran.err
+    drives = [line.split() for line in Path("drives").read_text().splitlines()]
+    assert len(drives) >= 4
+    objects = dict(drives)
+    assert str(os.getpid()) not in objects
+    assert [[process, objects[process]] for process, _ in drives] == drives

@@ -15,7 +15,7 @@ import pytest
 from frenetic.campaign import Campaign, CampaignStore
 from frenetic.campaign.store import DATABASE
 from frenetic.cli.console import Results
-from frenetic.run_file import RunFile
+from frenetic.spec import Spec
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -91,8 +91,8 @@ def test_deeply_nested_input_is_one_line_wherever_it_is_read(
 def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small campaign with failures."""
     folder = tmp_path_factory.mktemp("campaign") / "c"
-    run_file = RunFile(strategy="random", driver="planner,aggression=1.5", simulations=6, seed=1)
-    Campaign.of(run_file.spec(), folder=folder, workers=1).run()
+    spec = Spec(strategy="random", driver="planner,aggression=1.5", simulations=6, seed=1)
+    Campaign.of(spec, folder=folder, workers=1).run()
     return folder
 
 

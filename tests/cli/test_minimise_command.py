@@ -62,7 +62,8 @@ def test_a_failure_of_a_campaign(frenetic: Frenetic) -> None:
     stored = json.loads(road.read_text(encoding="utf-8"))
     assert (stored["id"], stored["test_outcome"]) == (item["test"], Outcome.FAIL)
     assert stored["origin"] == {"operator": "minimise", "parents": [item["test"]]}
-    assert stored["driver"]["class"].endswith(":Noisy")
+    assert stored["driver"]["class"].endswith(":Planner")
+    assert stored["driven"]["with"].keys() == {"noise"}
     assert check_validity(stored["road_points"], 210.0).valid
     assert Road(stored["curvatures"], stored["step"]).length == item["length"]
     again = frenetic("drive", item["road"], "--json").json

@@ -194,5 +194,5 @@ def test_the_exit_code_and_the_junit_file_say_what_became_of_them(
     worse = frenetic("rerun", copied, "--all", "--driver", "aggression=2.0", "--json").json
     assert len(worse["tests"]) == sum(worse["changes"].values()) == 60
     assert worse["changes"]["fails now"] > 0
-    assert worse["driver"]["driver"]["options"]["aggression"] == 2.0
-    assert worse["driver"]["options"] == {"seconds": 0.05}, "the recorded delay stays"
+    assert worse["driver"]["options"]["aggression"] == 2.0
+    assert worse["conditions"] == {"delay": 0.05}, "the recorded delay stays"

@@ -13,7 +13,7 @@ import pytest
 from frenetic.campaign import CampaignStore
 from frenetic.road import Road
 from frenetic.road.classes import RoadClass
-from frenetic.run_file import NAME, read_run_file
+from frenetic.spec import FILE, Spec
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -46,7 +46,7 @@ def test_a_search_keeps_the_class(slippery: Path) -> None:
     for test in tests:
         assert road_class.breach(test.road) == ""
         assert test.road.grade.any()
-    assert read_run_file(slippery / NAME)[0].road_class == road_class
+    assert Spec.read(slippery / FILE).road_class == road_class
 
 
 def test_metres_inside_the_lane_stand_beside_half_of_the_class_lane(frenetic: Frenetic) -> None:
@@ -96,11 +96,11 @@ def test_show_names_the_class_and_says_how_a_road_lies(frenetic: Frenetic, slipp
 
 
 def test_a_file_repeats_it_and_resume_goes_on(frenetic: Frenetic, slippery: Path) -> None:
-    assert frenetic("run", str(slippery / NAME), "--out", "again", "--json").code == 0
-    first, again = ((folder / NAME).read_text() for folder in (slippery, Path("again")))
+    assert frenetic("run", str(slippery / FILE), "--out", "again", "--json").code == 0
+    first, again = ((folder / FILE).read_text() for folder in (slippery, Path("again")))
     assert first == again
     assert frenetic("resume", "again", "--simulations", "3", "--json").json["simulations"] == 15
-    assert "roads" not in Path("again", NAME).read_text().replace("[roads", "")
+    assert "roads" not in Path("again", FILE).read_text().replace("[roads", "")
 
 
 def test_given_options_win(frenetic: Frenetic) -> None:

@@ -202,7 +202,7 @@ def test_what_it_advises_after_a_crash_works_once_the_driver_is_mended(frenetic:
     assert answer.code == 0
     config = frenetic("show", "d", "--json").json["config"]
     assert config["seed"] == 1
-    assert config["driver"]["options"] == {"seconds": 0.05}
+    assert config["conditions"] == {"delay": 0.05}
     assert config["rules"]["speed_limit"] == 60.0
     here = Path.cwd()
     Path("other").mkdir()

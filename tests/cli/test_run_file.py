@@ -1,31 +1,23 @@
-"""A run as a TOML file: what it takes, what every campaign writes, and what is refused."""
+"""A run as a TOML file: every campaign writes one, commands read it, and what is refused."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+import tomllib
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from specs import positive, specs, texts
 
-from frenetic.campaign import Campaign, CampaignStore
-from frenetic.drivers import Planner
-from frenetic.run_file import NAME, read_run_file, write_run_file
-from frenetic.search import RandomSearch
-from frenetic.simulators import EmbeddedSimulator, Rules
-from frenetic.spec import Budget, EarlierCampaign, Part, Spec
+from frenetic.campaign import CampaignStore
+from frenetic.spec import FILE, Budget, Spec
 
 if TYPE_CHECKING:
     from command_line import Frenetic
 
 pytest_plugins = ["command_line"]
 
-ONE = ("--workers", "1", "--json")
+ALONE = ("--workers", "1", "--json")
 
 
 def results_of(folder: str) -> list[object]:
@@ -37,57 +29,80 @@ def results_of(folder: str) -> list[object]:
     "options",
     [
         ("--seed", "3", "--with", "noise=0.1", "--driver", "aggression=1.1"),
+        ("--seed", "5", "--strategy", "frenetic-2021,threshold=-0.2"),
         (
-            "--seed",
-            "5",
-            "--strategy",
-            "frenetic-2021,threshold=-0.2",
+            *("--simulator", "embedded,friction=0.8", "--map-size", "250"),
+            *("--criteria", "competition,oob_tolerance=0.5"),
         ),
-        (
-            "--simulator",
-            "embedded,friction=0.8",
-            "--map-size",
-            "250",
-            "--criteria",
-            "competition,oob_tolerance=0.5",
-        ),
+        ("--roads", "rural-80,length=800", "--map-size", "1000", "--criteria", "speed_limit=70"),
         ("--objective", "oob-share", "--strategy", "random"),
     ],
 )
 def test_a_campaigns_own_file_runs_the_same_campaign(
     frenetic: Frenetic, options: tuple[str, ...]
 ) -> None:
-    assert frenetic("run", "--simulations", "12", *options, *ONE, "--out", "first").code == 0
-    assert frenetic("run", f"first/{NAME}", "--out", "again", "--json").code == 0
+    assert frenetic("run", "--simulations", "12", *options, *ALONE, "--out", "first").code == 0
+    assert frenetic("run", f"first/{FILE}", "--out", "again", "--json").code == 0
     assert results_of("again") == results_of("first")
-    first, again = (Path(folder, NAME).read_text() for folder in ("first", "again"))
+    first, again = (Path(folder, FILE).read_text() for folder in ("first", "again"))
     assert first == again
 
 
-def test_a_search_that_starts_from_another_is_repeated(frenetic: Frenetic) -> None:
-    frenetic("run", "--simulations", "20", "--seed", "3", *ONE, "--out", "one")
-    frenetic("run", "--simulations", "8", "--seed", "4", "--from", "one", *ONE, "--out", "first")
-    assert frenetic("run", f"first/{NAME}", "--out", "again", "--json").code == 0
+def test_a_campaigns_file_holds_what_was_said_and_what_makes_it_repeatable(
+    frenetic: Frenetic,
+) -> None:
+    frenetic("run", "--simulations", "1", "--with", "delay=0.1", *ALONE, "--out", "c")
+    entries = tomllib.loads(Path("c", FILE).read_text())
+    usual = {"strategy": "frenetic", "driver": "planner", "simulator": "embedded"}
+    said = {"simulations": 1, "workers": 1, "with": {"delay": 0.1}}
+    assert entries.keys() == {*usual, *said, "seed", "lookahead"}
+    assert entries.items() >= {**usual, **said}.items()
+
+
+def test_a_search_that_starts_from_others_is_repeated(frenetic: Frenetic) -> None:
+    for name, seed in (("one", "3"), ("two", "4")):
+        frenetic("run", "--simulations", "20", "--seed", seed, *ALONE, "--out", name)
+    start = ("--from", "one", "--from", "two")
+    frenetic("run", "--simulations", "8", "--seed", "5", *start, *ALONE, "--out", "first")
+    assert Spec.read(Path("first", FILE)).start_from == ("one", "two")
+    assert frenetic("run", f"first/{FILE}", "--out", "again", "--json").code == 0
     assert results_of("again") == results_of("first")
-    frenetic("resume", "first", "--simulations", "4", *ONE)
-    assert "simulations = 12\n" in Path("first", NAME).read_text()
+    frenetic("resume", "first", "--simulations", "4", *ALONE)
+    assert "simulations = 12\n" in Path("first", FILE).read_text()
 
 
 def test_given_options_win(frenetic: Frenetic) -> None:
     Path("run.toml").write_text(
         'driver = "stanley,aggression=1.1"\nsimulations = 50\nfailures = 50\nseed = 3\n'
-        'time = "1h"\nworkers = 1\n[with]\ndelay = 0.1\n'
+        'time = "1h"\nworkers = 1\n[with]\ndelay = 0.1\nview = 50\n'
     )
-    options = ("--simulations", "2", "--driver", "smoothing=0.5", "--with", "noise=0.1")
-    assert frenetic("run", "run.toml", *options, "--out", "c", "--json").json["simulations"] == 2
-    written, _ = read_run_file(Path("c", NAME))
-    assert written.driver == Part("stanley", {"aggression": 1.1, "smoothing": 0.5})
-    assert written.layers == {"delay": 0.1, "noise": 0.1}
+    options = ("--simulations", "2", "--driver", "smoothing=0.5")
+    amounts = ("--with", "noise=0.1", "--with", "view=inf")
+    ran = frenetic("run", "run.toml", *options, *amounts, "--out", "c", "--json")
+    assert ran.json["simulations"] == 2
+    written = Spec.read(Path("c", FILE))
+    assert written.driver == "stanley,aggression=1.1,smoothing=0.5"
+    assert written.conditions == {"delay": 0.1, "noise": 0.1}
     assert written.budget == Budget(simulations=2, time=3600.0, failures=50)
     assert written.seed == 3
 
 
-def test_other_commands_drive_as_it_says(frenetic: Frenetic) -> None:
+@pytest.mark.parametrize("is_first", [True, False])
+def test_options_beside_roads_hold_in_whatever_order(frenetic: Frenetic, is_first: bool) -> None:
+    roads = ("--roads", "rural-80,length=250")
+    others = ("--map-size", "200", "--criteria", "speed_limit=70")
+    words = (*roads, *others) if is_first else (*others, *roads)
+    assert frenetic("run", *words, "--simulations", "1", *ALONE, "--out", "c").code == 0
+    with CampaignStore.open("c") as store:
+        assert store.setting.map_size == 200.0
+        assert store.setting.rules.speed_limit == 70.0
+        assert store.setting.lane_width == 3.5
+
+
+# Other commands
+
+
+def test_as_drives_as_a_file_says(frenetic: Frenetic) -> None:
     Path("road.json").write_text(json.dumps({"curvatures": [0.0, 0.02, 0.0]}))
     Path("how.toml").write_text('driver = "stanley"\nspeed_limit = 30\nsimulations = 5\n')
     driven = frenetic("drive", "road.json", "--as", "how.toml")
@@ -96,57 +111,50 @@ def test_other_commands_drive_as_it_says(frenetic: Frenetic) -> None:
     assert slow > frenetic("drive", "road.json", "--driver", "stanley", "--json").json["duration"]
 
 
+def test_as_replaces_how_a_file_drives_and_options_win(frenetic: Frenetic) -> None:
+    Path("run.toml").write_text(
+        'driver = "planner,aggression=1.2"\nspeed_limit = 50\nroads = "rural-80"\nseed = 3\n'
+        'simulations = 2\nobjective = "oob-share"\nworkers = 1\n[with]\ndelay = 0.1\n'
+    )
+    Path("how.toml").write_text(
+        'driver = "stanley"\nmap_size = 250\nseed = 7\n[with]\nnoise = 0.1\n'
+    )
+    options = ("--as", "how.toml", "--driver", "smoothing=0.5", "--with", "view=30")
+    assert frenetic("run", "run.toml", *options, "--out", "c").code == 0
+    written = Spec.read(Path("c", FILE))
+    assert written.driver == "stanley,smoothing=0.5"
+    assert written.conditions == {"noise": 0.1, "view": 30.0}
+    assert (written.speed_limit, written.roads, written.map_size) == (None, None, 250.0)
+    assert (written.seed, written.simulations, written.objective) == (3, 2, "oob-share")
+
+
+def test_options_of_a_strangers_driver_do_not_name_it(frenetic: Frenetic) -> None:
+    Path("theirs.py").write_text("raise SystemExit('it ran')\n")
+    Path("run.toml").write_text('driver = "theirs.py:Driver"\n')
+    refused = frenetic("run", "run.toml", "--driver", "aggression=1.1")
+    assert refused.refuses("code that you have not run", "--driver theirs.py:Driver")
+
+
 WRONG = {
-    "simulation = 5": "unknown field `simulation`",
-    "simulations = 0": "`int` >= 1 - at `$.simulations`",
-    "speed_limit = 'fast'": "$.speed_limit",
-    "map_size = inf": "$.map_size",
+    "simulation = 5": "there is no entry 'simulation'; did you mean 'simulations'?",
+    "simulations = 0": "simulations is 0: a whole number >= 1 is needed",
+    "speed_limit = 'fast'": "speed_limit is 'fast': a number is needed",
+    "map_size = inf": "map_size is inf: a number that is finite is needed",
     "time = 'soon'": "'soon' is not a time",
     "driver = 'planner,aggression'": "'aggression' is not OPTION=VALUE",
-    "[with]\nfogg = 3": "unknown quantity 'fogg', did you mean 'fog'?",
-    "[with]\nfog = 'thick'": "$.with",
-    "oob_tolerance = 0": "oob_tolerance is 0",
+    "[with]\nfogg = 3": "unknown quantity 'fogg'; did you mean 'fog'?",
+    "[with]\nfog = 'thick'": "with is {'fog': 'thick'}: a number is needed",
+    "oob_tolerance = 0": "oob_tolerance is 0: a number > 0 is needed",
+    "roads = 'rural-81'": "there is no road class 'rural-81': choose",
+    "odd = {fog = 3}": "there is no entry fog",
     "simulations = ": "line 1",
     "\x00": "line 1",
 }
 """What a file says, and words of the line that refuses it."""
 
 
-def test_a_wrong_file_is_one_line(frenetic: Frenetic) -> None:
-    for text, words in WRONG.items():
-        Path("run.toml").write_text(f"{text}\n")
-        assert frenetic("run", "run.toml", "--out", "c").refuses("run.toml", *words.split(", "))
-        assert not Path("c").exists()
-
-
-def test_a_campaign_of_objects_writes_none(tmp_path: Path) -> None:
-    Campaign(
-        strategy=RandomSearch(seed=1),
-        simulator=EmbeddedSimulator(),
-        driver=Planner(),
-        budget=Budget(simulations=1),
-        folder=tmp_path / "c",
-    ).run()
-    assert not (tmp_path / "c" / NAME).exists()
-
-
-@given(
-    specs(
-        rules=st.builds(Rules, oob_tolerance=st.floats(0.01, 1.0))
-        | st.builds(
-            Rules,
-            speed_limit=st.floats(1.0, 1e3),
-            oob_tolerance=st.floats(0.01, 1.0),
-            road_limits=st.just("ignored"),
-        ),
-        wall_limit=st.none() | positive,
-        objective=texts.filter(bool),
-        start_from=st.lists(st.builds(EarlierCampaign, texts), max_size=2).map(tuple),
-    )
-)
-def test_what_is_written_is_read_back(spec: Spec) -> None:
-    with TemporaryDirectory() as folder:
-        write_run_file(spec, Path(folder))
-        again, entries = read_run_file(Path(folder, NAME))
-    assert replace(again, workers=spec.workers) == spec
-    assert (entries.lookahead, entries.workers) == (spec.lookahead, spec.workers)
+@pytest.mark.parametrize("text", WRONG)
+def test_a_wrong_file_is_one_line(frenetic: Frenetic, text: str) -> None:
+    Path("run.toml").write_text(f"{text}\n")
+    assert frenetic("run", "run.toml", "--out", "c").refuses("run.toml", WRONG[text])
+    assert not Path("c").exists()

@@ -20,7 +20,8 @@ pytest_plugins = ["command_line"]
 def test_show_a_campaign_and_a_test(frenetic: Frenetic, copied: str) -> None:
     whole = frenetic("show", "c")
     assert "strategy   frenetic [version" in whole.out
-    assert "driver     planner, delayed (seconds 0.05) [version" in whole.out
+    assert "driver     planner [version" in whole.out
+    assert "conditions delay 0.05 s\n" in whole.out
     assert "seed       3\n" in whole.out
     assert "speed limit 70 km/h, assumed, 0.95 of the car may be out, map of 200 m" in whole.out
     assert "60 simulations" in whole.out

@@ -10,6 +10,7 @@ import numpy as np
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.tester import RoadTester
+from frenetic.campaign.workers import DriveProcess
 from frenetic.drive import Drive, Rules
 from frenetic.drivers import BeamngAi, Planner
 from frenetic.drivers.layers import Noisy, compiled_form
@@ -17,7 +18,7 @@ from frenetic.oracle import assess
 from frenetic.road import Road
 from frenetic.search import RandomSearch
 from frenetic.simulators.embedded import EmbeddedSimulator, Vehicle
-from frenetic.spec import Part, Spec
+from frenetic.spec import Spec
 from frenetic.twin.model import Model
 
 BEND = Road(np.array([0, 0, 0, 2, 5, 5, 5, 2, 0, 0, 0]) / 100)
@@ -70,11 +71,10 @@ def test_a_campaign_records_the_car_that_it_brings(tmp_path: Path) -> None:
 
 def test_in_a_process_of_its_own_it_has_its_car() -> None:
     drives = []
-    for options in ({}, {"vehicle": "etk800"}):
-        spec = Spec(driver=Part("beamng-ai"), simulator=Part("embedded", options))
-        driver, simulator = spec.make_parts(isolate=True)
-        with simulator:
-            drives.append(RoadTester.on(spec, simulator, driver).drive(BEND))
+    for simulator in ("embedded", "embedded,vehicle=etk800"):
+        tester = RoadTester.of(Spec(driver="beamng-ai", simulator=simulator))
+        with DriveProcess(tester) as process:
+            drives.append(process.drive(BEND))
     brought, chosen = drives
     np.testing.assert_array_equal(brought.trajectory.to_rows(), chosen.trajectory.to_rows())
     assert brought.car == chosen.car

@@ -82,7 +82,7 @@ def test_every_failure_gets_a_road_file_that_can_be_read_again(store: CampaignSt
         assert road.pose == record.pose
         assert json.loads(path.read_text())["test_outcome"] == "FAIL"
     (refused,) = store.tests(Outcome.INVALID, limit=1)
-    document = road_document(refused, store.config)
+    document = road_document(refused, store.config, None)
     assert document["is_valid"] is False
     assert document["validation_message"] == refused.reason
 

@@ -52,6 +52,7 @@ from frenetic.report.html.timeline import POINTS, timeline_of
 from frenetic.road import Road, profile
 from frenetic.search import RandomSearch
 from frenetic.simulators import EmbeddedSimulator
+from frenetic.terms import Terms
 
 pytest_plugins = ["reported_campaign"]
 
@@ -188,6 +189,20 @@ def test_headline_counts_what_the_campaign_holds(searched: Path) -> None:
     assert headline.data["warning"] == ""
     some, _ = report_of(searched, clusters=few)
     assert f" of at least {len(few)} distinct failure" in some.title
+
+
+def test_the_headline_says_the_conditions_of_all_drives(tmp_path: Path) -> None:
+    Campaign(
+        strategy=RandomSearch(seed=1),
+        simulator=EmbeddedSimulator(),
+        driver=Planner(),
+        terms=Terms(conditions={"noise": 0.2}),
+        budget=Budget(simulations=2),
+        folder=tmp_path,
+    ).run()
+    (headline,) = report_of(tmp_path)[1]["summary"].blocks
+    assert isinstance(headline, Part)
+    assert headline.data["facts"]["conditions"] == "noise 0.2 m"
 
 
 def test_campaigns_without_results_have_a_report(searched: Path, tmp_path: Path) -> None:

@@ -63,7 +63,7 @@ def test_what_is_no_description_is_unknown(part: object) -> None:
 
 
 def test_a_campaigns_part_is_as_its_command_line_wrote_it() -> None:
-    config = {"driver": describe(Planner(aggression=1.2)), "run": {"driver": "mine.py:Bold,a=1"}}
+    config = {"driver": describe(Planner(aggression=1.2)), "spec": {"driver": "mine.py:Bold,a=1"}}
     assert recorded_part(config, "driver") == "mine.py:Bold,a=1"
-    assert recorded_part({**config, "run": None}, "driver") == "planner,aggression=1.2"
+    assert recorded_part({**config, "spec": None}, "driver") == "planner,aggression=1.2"
     assert recorded_part({}, "driver") == "unknown"

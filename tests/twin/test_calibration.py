@@ -104,9 +104,10 @@ def test_a_known_parameter_is_found_and_an_idle_one_is_called_undetermined(
     profile.write(tmp_path / "twin.json")
     read = Profile.read(tmp_path / "twin.json")
     assert read == profile
-    driver, simulator = read.spec().make_parts(isolate=False)
+    driver: Any = read.spec().make_driver()
+    simulator: Any = read.spec().make_simulator()
     values = [found.value, idle.value]
-    assert [driver.lateral_acceleration, simulator.vehicle.brake_deceleration] == values  # type: ignore[attr-defined]
+    assert [driver.lateral_acceleration, simulator.vehicle.brake_deceleration] == values
 
 
 def test_parameters_that_make_up_for_each_other_are_not_determined(recordings: Recordings) -> None:

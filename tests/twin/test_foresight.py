@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,18 +15,19 @@ from contents import contents
 from events import on_result
 
 from frenetic import EmbeddedSimulator, Stanley
-from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic._support.words import part_word
+from frenetic.campaign import Campaign, CampaignStore
 from frenetic.campaign.asking import FACTS
 from frenetic.campaign.check import check_campaign
+from frenetic.campaign.configuration import recorded_spec
 from frenetic.campaign.objective import evaluate
-from frenetic.domain import Domain
 from frenetic.drivers.driver import Driver
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.search import Candidate, Evaluation, Frenetic, RandomSearch
 from frenetic.search.archive import places_of
 from frenetic.simulators.worlds import in_conditions
-from frenetic.spec import Part, Spec
+from frenetic.spec import Spec
 from frenetic.twin.foresight import CAR, LAWS, SPEED, OnlineTwin, foresight
 from frenetic.twin.model import Model
 from frenetic.twin.profile import Fitted, Profile
@@ -39,7 +39,7 @@ pytest_plugins = ["command_line"]
 
 HIDDEN = Stanley(lateral_acceleration=7.5, offset_gain=0.8, braking=4.0)
 """The driver under test, whose parameters the twin has to find."""
-TWIN = Profile.of("twin", Spec(driver=Part("planner", {"lateral_acceleration": 7.8})))
+TWIN = Profile.of("twin", Spec(driver="planner,lateral_acceleration=7.8"))
 
 
 def driven(
@@ -48,7 +48,7 @@ def driven(
     simulator = EmbeddedSimulator(rules=spec.rules)
     found = []
     for candidate in candidates:
-        road = candidate.road(spec.lane_width)
+        road = candidate.road(spec.terms.lane_width)
         with in_conditions(candidate.conditions, simulator, driver) as own:
             drive = simulator.drive(road, own)
         found.append((candidate, evaluate(candidate, road, drive)))
@@ -83,16 +83,19 @@ def test_a_twin_learns_a_driver_and_foresees_where_it_fails() -> None:
 
 def spec_of(**options: Any) -> Spec:
     """A search whose twin is the driver under test but for its speed in bends."""
-    strategy = Part("foresight", {"random_roads": 15, "random_budget": 0.5, **options})
-    driver = Part("stanley", {"lateral_acceleration": 7.5})
-    budget = Budget(simulations=36)
-    return Spec(strategy=strategy, driver=driver, seed=3, lookahead=4, budget=budget)
+    return Spec(
+        strategy=part_word("foresight", {"random_roads": 15, "random_budget": 0.5, **options}),
+        driver="stanley,lateral_acceleration=7.5",
+        seed=3,
+        lookahead=4,
+        simulations=36,
+    )
 
 
 @pytest.fixture
 def profile(tmp_path: Path) -> Path:
     """A profile whose one parameter is to be fitted."""
-    spec = replace(spec_of(), driver=Part("stanley", {"lateral_acceleration": 7.0}))
+    spec = Spec.of(spec_of(), {"driver": "lateral_acceleration=7.0"})
     entries = {"low": 3.0, "high": 12.0, "from": 6.0, "to": 8.0}
     speed = {"name": "driver.lateral_acceleration", "value": 7.0, **entries}
     fitted = msgspec.convert({**speed, "is_determined": True, "at_bound": False}, Fitted)
@@ -117,7 +120,7 @@ def test_a_campaign_with_foresight_finds_more_and_goes_on_with_the_same_roads(
     first = Campaign.of(spec_of(profile=str(profile)), folder=tmp_path / "found", workers=1)
     assert first.run(on_event=on_result(stop)).interrupted
     with CampaignStore.open(tmp_path / "found") as store:
-        recorded = Spec.from_json(store.config, source="campaign")
+        recorded = recorded_spec(store.config, source="campaign")
     before = profile.read_bytes()
     msgspec.structs.replace(Profile.read(profile), name="another").write(profile)
     with pytest.raises(CampaignError, match="made with another strategy"):
@@ -145,8 +148,7 @@ def test_a_profile_foresees_from_the_start_and_is_fitted_on(profile: Path) -> No
 
 def test_a_domain_is_searched_in_the_twins_conditions(profile: Path) -> None:
     conditions = {"friction": {"low": 0.5, "high": 1.0}, "fog": {"low": 20.0, "high": 200.0}}
-    domain = Domain.made("icy", {"conditions": conditions})
-    search = foresight(replace(spec_of(), domain=domain), profile)
+    search = foresight(Spec.of(spec_of(), {"odd": {"conditions": conditions}}), profile)
     assert isinstance(search, Frenetic)
     simulator = EmbeddedSimulator()
     for _ in range(40):
@@ -200,6 +202,6 @@ def test_a_twin_that_does_not_suit_is_refused_in_a_line(
 
 def test_a_twin_needs_the_same_lane(tmp_path: Path) -> None:
     TWIN.write(tmp_path / "twin.json")
-    made = partial(foresight, replace(Spec(), lane_width=5.0), tmp_path / "twin.json")
+    made = partial(foresight, Spec(lane_width=5.0), tmp_path / "twin.json")
     with pytest.raises(FreneticError, match="lane width 4, not 5"):
         made()

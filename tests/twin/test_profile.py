@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,9 +11,11 @@ import pytest
 
 from frenetic import EmbeddedSimulator, Road, Rules, Stanley, Vehicle
 from frenetic._support.files import MAX_BYTES
+from frenetic.campaign import RoadTester
+from frenetic.cli.entries import Given
 from frenetic.drivers import Delayed
 from frenetic.errors import FreneticError
-from frenetic.spec import Part, Spec
+from frenetic.spec import Spec
 from frenetic.twin.profile import Profile
 
 if TYPE_CHECKING:
@@ -23,10 +26,11 @@ pytest_plugins = ["command_line"]
 TWIN = Profile.of(
     "twin",
     Spec(
-        driver=Part("stanley", {"aggression": 1.2}),
-        layers={"delay": 0.05},
-        simulator=Part("embedded", {"vehicle": {"name": "metadrive", "mass": 1300.0}}),
-        rules=Rules(speed_limit=80.0, oob_tolerance=0.85),
+        driver="stanley,aggression=1.2",
+        conditions={"delay": 0.05},
+        simulator='embedded,vehicle={"name":"metadrive","mass":1300.0}',
+        speed_limit=80.0,
+        oob_tolerance=0.85,
         map_size=210.0,
         lane_width=4.5,
     ),
@@ -48,22 +52,23 @@ def test_it_is_read_as_written_and_drives_as_its_parts_made_by_hand(tmp_path: Pa
     TWIN.write(tmp_path / "new" / "twin.json")
     read = Profile.read(tmp_path / "new" / "twin.json")
     assert read == TWIN
-    driver, simulator = read.spec().make_parts(isolate=False)
+    tester = RoadTester.of(read.spec())
     by_hand = EmbeddedSimulator(
         vehicle=Vehicle.of({"name": "metadrive", "mass": 1300.0}),
-        rules=Rules(speed_limit=80.0, oob_tolerance=0.85),
+        rules=Rules(speed_limit=80.0, oob_tolerance=0.85, road_limits="ignored"),
     )
     road = Road(ROAD, lane_width=4.5)
-    found = simulator.drive(road, driver).trajectory.to_rows()
+    drive = tester.drive(road)
     expected = by_hand.drive(road, Delayed(Stanley(aggression=1.2), seconds=0.05))
-    assert (found == expected.trajectory.to_rows()).all()
+    assert (drive.trajectory.to_rows() == expected.trajectory.to_rows()).all()
+    assert drive.rules == expected.rules
 
 
 @pytest.mark.parametrize(
     ("driven", "entries", "message"),
     [
-        ({"driver": None}, {}, r"missing required field `driver`"),
-        ({"driver": 3}, {}, r"Expected `str`, got `int` - at `\$.driver`"),
+        ({"driver": None}, {}, r"it has no driver"),
+        ({"driver": 3}, {}, r"Expected `str \| null`, got `int` - at `\$.driver`"),
         ({}, {"versoin": 1}, r"unknown field `versoin`"),
         ({}, {"version": 99}, r"at `\$.version`"),
         ({"haze": 0.1}, {}, r"unknown field `haze`"),
@@ -89,34 +94,34 @@ def test_what_is_no_profile_is_refused(tmp_path: Path, content: bytes) -> None:
         Profile.read(path)
 
 
-def test_given_options_lie_over_those_of_the_profile() -> None:
-    campaign = Spec(layers={"noise": 0.2}, map_size=300.0, lane_width=5.0)
+def test_given_options_lie_over_those_of_the_profile(tmp_path: Path) -> None:
+    TWIN.write(tmp_path / "twin.json")
+    campaign = Spec(conditions={"noise": 0.2}, map_size=300.0, lane_width=5.0)
 
-    def over(has_roads: bool = True, **given: Any) -> Spec:
-        return campaign.driven_as(TWIN.spec(), given, source="twin.json", has_roads=has_roads)
+    def over(has_roads: bool = True, **entries: Any) -> Spec:
+        given = Given(Spec(**entries), tmp_path / "twin.json")
+        return given.over(campaign, has_roads=has_roads)
 
-    found = over(driver_options=(("braking", 3.0),), speed_limit=60.0)
-    assert found.driver == Part("stanley", {"aggression": 1.2, "braking": 3.0})
-    assert found.layers == {"delay": 0.05}
-    assert (found.rules.speed_limit, found.rules.oob_tolerance) == (60.0, 0.85)
+    spec = over(driver="braking=3.0", speed_limit=60.0)
+    assert spec.driver == "stanley,aggression=1.2,braking=3.0"
+    assert spec.conditions == {"delay": 0.05}
+    assert (spec.rules.speed_limit, spec.rules.oob_tolerance) == (60.0, 0.85)
     # The roads are the campaign's.
-    assert (found.map_size, found.lane_width) == (300.0, 5.0)
+    assert (spec.map_size, spec.lane_width) == (300.0, 5.0)
     anew = over(has_roads=False)
     assert (anew.map_size, anew.lane_width) == (210.0, 4.5)
-    assert over(driver="planner").driver == Part("planner")
+    assert over(driver="planner").driver == "planner"
     assert over(driver="stanley").driver == TWIN.spec().driver
 
 
 def test_a_profile_loads_nobodys_code_unasked(tmp_path: Path) -> None:
     path = changed(tmp_path / "twin.json", {"driver": "elsewhere.py:Bold,aggression=1.2"})
-    with pytest.raises(FreneticError, match=r"if you trust it, name it yourself: --driver els"):
-        Profile.read(path).spec()
-    theirs = Spec.read(path)
-    with pytest.raises(FreneticError, match=r"if you trust it, name it yourself: --driver els"):
-        Spec().driven_as(theirs, {}, source=path, has_roads=False)
-    given = {"driver": "elsewhere.py:Bold"}
-    found = Spec().driven_as(theirs, given, source=path, has_roads=False)
-    assert found.driver.options == {"aggression": 1.2}
+    for unasked in (Profile.read(path).spec, partial(Given(Spec(), path).over, Spec())):
+        with pytest.raises(FreneticError, match=r"if you trust it, name it yourself: --driver els"):
+            unasked()
+    named = Spec(driver="elsewhere.py:Bold")
+    spec = Given(named, path).over(Spec(), has_roads=False)
+    assert spec.part("driver").options == {"aggression": 1.2}
 
 
 def test_commands_drive_with_a_profile_and_its_campaign_keeps_what_it_says(
@@ -131,7 +136,8 @@ def test_commands_drive_with_a_profile_and_its_campaign_keeps_what_it_says(
     assert recorded["lane_width"] == 4.5
     again = frenetic("drive", str(road), "--json").json
     assert again["moobd"] == recorded["moobd"]
-    assert again["driver"]["driver"]["options"]["aggression"] == 1.2
+    assert again["driver"]["options"]["aggression"] == 1.2
+    assert again["conditions"] == {"delay": 0.05}
     assert again["simulator"]["options"]["vehicle"]["mass"] == 1300.0
     again = frenetic("rerun", "c", "--as", "moved.json", "--driver", "aggression=1.1", "--json")
     assert "'aggression': 1.1" in str(again.json)
@@ -140,4 +146,4 @@ def test_commands_drive_with_a_profile_and_its_campaign_keeps_what_it_says(
     as_road = ("--as", str(road), "--simulations", "2", "--seed", "1", "--workers", "1")
     assert frenetic("run", *as_road, "--out", "r", "--json").json["simulations"] == 2
     shown = frenetic("show", "r", "--json").json["config"]
-    assert (shown["lane_width"], shown["run"]["driver"]) == (4.5, "stanley,aggression=1.2")
+    assert (shown["lane_width"], shown["spec"]["driver"]) == (4.5, "stanley,aggression=1.2")

@@ -25,16 +25,20 @@ from frenetic.campaign.record import Test
 from frenetic.drivers.loading import load_driver
 from frenetic.report.html import campaign_report
 from frenetic.report.html.tests import Film
+from frenetic.terms import Terms
 from frenetic.vision import appearance
 from frenetic.vision.film import LARGEST, MOST_PICTURES, camera_film
 from frenetic.vision.rendering import Renderer
 
 
-def run(folder: Path, driver: Driver, simulations: int) -> None:
+def run(
+    folder: Path, driver: Driver, simulations: int, conditions: Mapping[str, float] | None = None
+) -> None:
     Campaign(
         strategy=RandomSearch(seed=3),
         simulator=EmbeddedSimulator(),
         driver=driver,
+        terms=Terms(conditions=conditions or {}),
         budget=Budget(simulations=simulations),
         folder=folder,
     ).run()
@@ -44,11 +48,15 @@ def camera_data(record: Test, config: Mapping[str, JSONValue]) -> Film | None:
     return camera_film(config)(record)
 
 
-@pytest.fixture(scope="module")
-def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
+@pytest.fixture(scope="module", params=["layers", "conditions"])
+def searched(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A campaign in fog, laid over the driver by hand or as a condition of the campaign."""
     folder = tmp_path_factory.mktemp("seen") / "campaign"
-    driver = load_driver("marking-follower", fog=25.0, delay=0.1)
-    run(folder, driver, 2)
+    amounts = {"fog": 25.0, "delay": 0.1}
+    if request.param == "layers":
+        run(folder, load_driver("marking-follower", None, fog=25.0, delay=0.1), 2)
+    else:
+        run(folder, load_driver("marking-follower"), 2, amounts)
     return folder
 
 

@@ -187,7 +187,7 @@ def test_a_model_file_names_a_driver(
     answer = frenetic("run", "--driver", "m.onnx", *how, "--strategy", "random", "--out", "c")
     assert answer.code == 0, answer.err
     shown = frenetic("show", "c", "--json").json["config"]
-    assert shown["run"]["driver"] == "m.onnx"
+    assert shown["spec"]["driver"] == "m.onnx"
     assert "onnxruntime" in shown["driver"]["version"]
     assert frenetic("resume", "c", "--simulations", "4", "--json").code == 0
     answering(tmp_path / "m.onnx", 0.1, max_speed=30.0)

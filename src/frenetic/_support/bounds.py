@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
+import numbers
 import re
 import sys
 from collections.abc import Mapping
 from functools import cache
 from typing import Annotated, Any, Final, Literal, TypeAlias, get_args, get_origin, get_type_hints
 
-from msgspec import Meta, ValidationError, convert
+from msgspec import Meta, Struct, ValidationError, convert, structs
 
 from frenetic._support.scalars import without_numpy
 
@@ -31,18 +33,46 @@ def check(values: Mapping[str, Any], of: Any) -> None:
     Raises:
         ValueError: one is of another kind or out of its bounds; the message names it.
     """
-    for name, kind in _hints(of).items():
-        if name in values:
-            try:
-                convert(without_numpy(values[name]), kind)
-            except ValidationError as error:
-                text = f"{name} is {repr(values[name])[:60]}: {_needed(str(error), kind)} is needed"
-                raise ValueError(text) from None
+    converted(values, of)
+
+
+def converted(values: Mapping[str, Any], of: Any) -> dict[str, Any]:
+    """Values as the hints of a class's fields or of a function's arguments say.
+
+    Args:
+        values: by name; those without a hint are left out.
+        of: the class or the function; a field of a struct has its encoded name, too.
+
+    Raises:
+        ValueError: one is of another kind or out of its bounds; the message names it.
+    """
+    return {
+        name: _converted(name, values[name], kind)
+        for name, kind in _hints(of).items()
+        if name in values
+    }
+
+
+def _converted(name: str, value: Any, kind: Any) -> Any:
+    try:
+        return convert(without_numpy(value), kind)
+    except ValidationError as error:
+        message = str(error)
+    if not message.startswith(("Expected", "Invalid enum", "Number")):
+        raise ValueError(f"{name}: {message}")
+    text, _, place = message.partition(" - at `$")
+    for step in re.findall(r"[.]\w+|\[\d+\]", place.partition("[...]")[0]):
+        name += step
+        value = value[step[1:] if step[0] == "." else int(step[1:-1])]
+    raise ValueError(f"{name} is {shown(value)}: {_needed(text, kind)} is needed")
 
 
 @cache
 def _hints(of: Any) -> Mapping[str, Any]:
-    return get_type_hints(of, include_extras=True)
+    hints = get_type_hints(of, include_extras=True)
+    if isinstance(of, type) and issubclass(of, Struct):
+        hints |= {item.encode_name: hints[item.name] for item in structs.fields(of)}
+    return hints
 
 
 _WORDS: Final = {
@@ -69,3 +99,35 @@ def _needed(text: str, kind: Any) -> str:
     for pattern, word in _WORDS.items():
         text = re.sub(pattern, word, text)
     return text
+
+
+def require_count(name: str, value: float, least: int = 1) -> int:
+    """An option that counts something.
+
+    Raises:
+        ValueError: it is no whole number of at least ``least``.
+    """
+    if not is_number(value) or value != int(value) or value < least:
+        given: object = value
+        text = given if isinstance(given, numbers.Real) else shown(given)
+        raise ValueError(f"{name} is {text}: a whole number of at least {least} is needed")
+    return int(value)
+
+
+def shown(value: object) -> str:
+    """The repr of a value, shortened."""
+    try:
+        text = repr(value)
+    except RecursionError:
+        return f"a {type(value).__name__} that is nested too deep"
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def is_number(value: object) -> bool:
+    """Whether it is a finite number, of numpy too."""
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        return False
+    try:
+        return math.isfinite(float(value))
+    except OverflowError:  # a whole number may be too large for a float
+        return False

@@ -50,7 +50,6 @@ _OURS: Final = "frenetic"
 """Its value where we have set it: any text will do."""
 PRELOADED: Final = (
     "frenetic.simulators.embedded.preloading",
-    "frenetic.simulators.isolated",
     "frenetic.campaign.workers.local",
 )
 """Modules that the server of processes imports, so that these have kernels and code at once."""

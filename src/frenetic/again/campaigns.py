@@ -9,21 +9,21 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, TypedDict
 
-from msgspec import json
+from msgspec import json, structs
 
+from frenetic._support.bounds import require_count
 from frenetic._support.json_value import JSONValue, plain
 from frenetic.campaign import Budget, Campaign, CampaignStore, Event, RoadTester, Summary
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.objective import MOOBD
 from frenetic.campaign.state import stored_budget
 from frenetic.campaign.store import DATABASE
-from frenetic.description import describe
 from frenetic.errors import CampaignError, CampaignGoneError
 from frenetic.search import Strategy
-from frenetic.spec import require_count
 from frenetic.versions import SHORT
 
 FOLDER: Final = "again"
@@ -37,6 +37,8 @@ class How(TypedDict, total=False):
 
     workers: int
     """Number of roads driven at once, as for `Campaign`; 1 by default."""
+    isolate: bool
+    """Whether a single worker drives in a process of its own, likewise; not by default."""
     out: Path | str | None
     """Folder of the campaign that drives them; by default one in the campaign's own."""
     on_event: Callable[[Event], object] | None
@@ -53,6 +55,8 @@ def campaign_again(
     terms: Mapping[str, JSONValue],
     how: How,
     objective: str = MOOBD,
+    named: str | None = None,
+    lookahead: int | None = None,
 ) -> Campaign:
     """The campaign that drives roads of another one again, not yet run.
 
@@ -66,6 +70,8 @@ def campaign_again(
         terms: why it is driven, for the campaign's configuration.
         how: see `How`.
         objective: what else its strategy is told of a drive.
+        named: name of the strategy on a command line, if it has one.
+        lookahead: as for `Campaign`.
 
     Raises:
         CampaignError: ``out`` holds something else, or the folder is gone.
@@ -73,9 +79,10 @@ def campaign_again(
     """
     if folder is not None and not Path(folder).is_dir():  # the new one must not make it again
         raise CampaignGoneError(f"{folder} was moved or deleted while its roads were driven again")
-    simulator, driver = tester.simulator, tester.driver
-    parts = describe(driver), describe(simulator), simulator.rules.as_json()
-    text = json.encode([what, terms, parts], order="sorted", enc_hook=plain)
+    setting, parts = tester.setting, tester.described
+    driven = [parts["driver"], parts["simulator"], setting.rules.as_json()]
+    driven += [dict(setting.conditions)] if setting.conditions else []
+    text = json.encode([what, terms, driven], order="sorted", enc_hook=plain)
     digest = hashlib.sha256(text).hexdigest()[:SHORT]
     place = Path(how.get("out") or Path(folder or "") / FOLDER / digest)
     workers = require_count("workers", how.get("workers", 1))
@@ -83,17 +90,21 @@ def campaign_again(
         with CampaignStore.open(place) as store:
             if terms_of(store).get("digest") != digest:
                 raise CampaignError(f"{place} holds another campaign: choose another place")
-    return Campaign(
-        strategy=strategy,
-        simulator=simulator,
-        driver=driver,
-        budget=budget,
-        folder=place,
-        **tester.terms,
-        workers=min(workers, budget.simulations or workers),
-        objective=objective,
-        description={TERMS: {**terms, "digest": digest}},
-    )
+    with tester.in_folder():
+        return Campaign(
+            strategy=strategy,
+            simulator=tester.simulator,
+            driver=tester.driver,
+            terms=replace(tester.terms, domain=strategy.domain),
+            budget=budget,
+            folder=place,
+            workers=min(workers, budget.simulations or workers),
+            isolate=how.get("isolate", False),
+            lookahead=lookahead,
+            objective=objective,
+            spec=None if tester.spec is None else structs.replace(tester.spec, strategy=named),
+            description={TERMS: {**terms, "digest": digest}},
+        )
 
 
 def complete(campaign: Campaign, how: How) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from frenetic._support.bounds import Index, check
+from frenetic._support.bounds import Index, check, require_count
 from frenetic._support.scalars import take_numpy_scalars
 from frenetic.drive import Rules
 from frenetic.errors import FreneticError
@@ -15,7 +15,6 @@ from frenetic.quantities import SEED, SPEED, quantities, quantity
 from frenetic.search.records import Candidate
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import Conditions, check_can_vary, own_amount
-from frenetic.spec import require_count
 
 
 @dataclass(frozen=True)
@@ -51,14 +50,14 @@ class Variation:
         Args:
             name: of the quantity.
             simulator: the campaign's, with its amount of what is no layer over the driver.
-            own: the campaign's amount of such a layer; None if it has none.
+            own: the amount among the campaign's conditions; None if it is not there.
 
         Raises:
             FreneticError: no such quantity, or the simulator has none.
         """
         row = quantity(name)
         check_can_vary(simulator, [name])
-        if row.attribute:
+        if row.attribute and own is None:
             own = own_amount(simulator, name)
         return cls(name, *row.around(own), is_usual=True)
 

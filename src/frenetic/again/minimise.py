@@ -19,6 +19,7 @@ from typing import Any, ClassVar, Final, NamedTuple, Unpack
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.bounds import require_count
 from frenetic.again.campaigns import How, campaign_again, complete
 from frenetic.again.shrinking import Answer, Shape, Shrinker, Trials
 from frenetic.analysis.causes import kind_number
@@ -50,7 +51,7 @@ from frenetic.search.conditions import moved_along
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.strategy import Ledger, SearchEnded, Strategy
 from frenetic.simulators.worlds import Conditions, usual_conditions
-from frenetic.spec import Budget, require_count
+from frenetic.spec import Budget
 
 MAX_DRIVES: Final = 500
 """Default for the most drives per road."""
@@ -427,15 +428,16 @@ def minimise(
         ValueError: a number is out of range, or the road has other lanes than the tester.
     """
     max_drives = require_count("max_drives", max_drives)
-    if road.lane_width != tester.lane_width:
+    terms = tester.terms
+    if road.lane_width != terms.lane_width:
         raise ValueError(
             f"the road's lanes are {road.lane_width:g} m wide, those of the tester"
-            f" {tester.lane_width:g} m: they have to agree"
+            f" {terms.lane_width:g} m: they have to agree"
         )
     profiles = {name: getattr(road, name) for name in profile.NAMES}
-    if tester.road_class is not None:
+    if terms.road_class is not None:
         # It says itself how a shorter road leans and widens.
-        usual = tester.road_class.profiles(road.curvatures, road.step)
+        usual = terms.road_class.profiles(road.curvatures, road.step)
         for name, values in usual.items():
             if np.array_equal(profiles[name], values):
                 profiles[name] = None
@@ -448,7 +450,9 @@ def minimise(
             **profiles,
         )
     )
-    usual = usual_conditions(conditions, tester.simulator)
+    usual = usual_conditions(conditions, tester.simulator) | {
+        name: amount for name, amount in terms.conditions.items() if name in conditions
+    }
     limits = road.speed_limits if len(road.speed_limits) else None
     strategy = Minimising(start, tester.simulator.rules, conditions, usual, limits)
     budget, trouble = Budget(simulations=max_drives, time=seconds), None

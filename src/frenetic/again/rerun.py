@@ -15,7 +15,7 @@ from __future__ import annotations
 import hashlib
 import logging
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Unpack
@@ -29,18 +29,19 @@ from frenetic.again.conditions import Variation, draw_conditions, own_conditions
 from frenetic.again.strategy import Again, ByTest
 from frenetic.again.verdicts import Change, Repeat, Repeats, matches_json, matches_text
 from frenetic.analysis.failures import Failure
+from frenetic.campaign.configuration import SPEC
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester
-from frenetic.description import describe, part_text, version_notes
+from frenetic.description import part_text, version_notes
 from frenetic.drive import Rules
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
-from frenetic.quantities import SEED, without
+from frenetic.quantities import SEED, in_words, without
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import check_pair_in
-from frenetic.spec import Budget
+from frenetic.spec import Budget, Spec
 from frenetic.versions import SHORT, comparison_key, differences
 
 logger = logging.getLogger(__name__)
@@ -62,6 +63,8 @@ class Rerun:
     """The tests in the order of choice."""
     variations: tuple[Variation, ...] = ()
     """Ranges from which the conditions were drawn."""
+    conditions: Mapping[str, float] = field(default_factory=dict)
+    """Conditions of all drives, beside those of each."""
     folder: Path | None = None
     """Folder of the campaign that drove them; None if there was nothing to drive."""
 
@@ -92,8 +95,9 @@ class Rerun:
 
     @cached_property
     def key(self) -> str:
-        """Digits for simulator, driver and rules, with their options."""
-        parts = comparison_key(self.simulator, self.driver, self.rules.as_json())
+        """Digits for simulator, driver, rules and conditions."""
+        rules, conditions = self.rules.as_json(), dict(self.conditions)
+        parts = comparison_key(self.simulator, self.driver, rules, conditions)
         return hashlib.sha256(parts.encode()).hexdigest()[:SHORT]
 
     def __str__(self) -> str:
@@ -112,6 +116,7 @@ class Rerun:
             "folder": None if self.folder is None else str(self.folder),
             "driver": dict(self.driver),
             "simulator": dict(self.simulator),
+            "conditions": dict(self.conditions),
             "variations": [asdict(variation) for variation in self.variations],
             "passed": self.passed,
             "same": self.same,
@@ -131,22 +136,53 @@ class _Terms:
     variations: tuple[Variation, ...] = ()
 
 
-def campaign_tester(store: CampaignStore, simulator: Simulator, driver: Driver) -> RoadTester:
+def unsaid_rules(store: CampaignStore, spec: Spec) -> Rules | None:
+    """The rules of a campaign from Python, with those that a spec says; None for named parts."""
+    if store.config.get(SPEC) is not None:
+        return None
+    return spec.driving(has_roads=True).rules_over(store.setting.rules)
+
+
+def campaign_tester(store: CampaignStore, spec: Spec) -> RoadTester:
     """Drives a campaign's roads, possibly with other parts; warns of other versions of its own.
+
+    Args:
+        store: the campaign.
+        spec: its own, possibly with other parts, rules and conditions.
 
     Raises:
         CampaignError: the campaign's configuration is damaged.
+        FreneticError: a part cannot be made.
     """
     setting = store.setting
-    for note in version_notes(store.config, simulator=simulator, driver=driver):
+    terms = replace(spec.terms, map_size=setting.map_size, margin=setting.margin)
+    terms = replace(terms, lane_width=setting.lane_width, road_class=setting.road_class)
+    terms, rules = replace(terms, domain=setting.domain), unsaid_rules(store, spec)
+    tester = RoadTester.of(spec, terms, rules)
+    for note in version_notes(store.config, tester.described):
         logger.warning("%s", note)
-    return RoadTester.on(setting, simulator, driver)
+    return tester
 
 
-def rerun(
+def rerun(folder: Path | str, simulator: Simulator, driver: Driver, **options: Any) -> Rerun:
+    """Drives tests of a campaign again on its terms, see `rerun_with` for the options and errors.
+
+    Args:
+        folder: of the campaign.
+        simulator: any, not yet entered.
+        driver: any.
+        options: as for `rerun_with`.
+    """
+    with CampaignStore.open(folder) as store:
+        tester = RoadTester(simulator, driver, store.setting.terms)
+        for note in version_notes(store.config, tester.described):
+            logger.warning("%s", note)
+    return rerun_with(folder, tester, **options)
+
+
+def rerun_with(
     folder: Path | str,
-    simulator: Simulator,
-    driver: Driver,
+    tester: RoadTester,
     *,
     tests: Iterable[int] | None = None,
     times: int = 1,
@@ -162,8 +198,7 @@ def rerun(
 
     Args:
         folder: of the campaign.
-        simulator: any, not yet entered.
-        driver: any.
+        tester: drives, on the campaign's terms or in other conditions; see `campaign_tester`.
         tests: ids; all failures by default, the most severe first.
         times: drives of each.
         vary: ranges of the varied quantities; none by default.
@@ -192,14 +227,14 @@ def rerun(
             tests = [test.id for test in failed]
         tests = require_list("tests", tests, "ids of tests")
         candidates = [store.test(number, with_trajectory=False).candidate for number in tests]
-        tester = campaign_tester(store, simulator, driver)
+    simulator, driver, terms = tester.simulator, tester.driver, tester.terms
     recorded = {
         road.id: without(own_conditions(road, simulator.rules), *instead) for road in candidates
     }
     # Of tests with the same quantities one stands for all.
     by_quantities = {frozenset(amounts): amounts for amounts in recorded.values()}
     for amounts in ({}, *by_quantities.values()):
-        check_pair_in({**amounts, **drawn[0]}, simulator, driver)
+        check_pair_in(terms.conditions_of({**amounts, **drawn[0]}), simulator, driver)
     conditions: ByTest = drawn
     if any(
         variation.of(amounts) != variation for variation in vary for amounts in recorded.values()
@@ -228,8 +263,8 @@ def drive_tests(
     if not tests:
         return Rerun(
             Path(folder).resolve().name,
-            describe(tester.driver),
-            describe(simulator),
+            tester.described["driver"],
+            tester.described["simulator"],
             simulator.rules,
             planned=0,
             tests=(),
@@ -279,23 +314,28 @@ def read_rerun(folder: Path | str, source: Path | str) -> Rerun:
             difference = None if failure is None or again is None else failure.difference(again)
             drives.setdefault(number, []).append(Repeat(before, test, difference))
         parts: Any = store.config
-        is_own = store.setting.rules == original.setting.rules and not any(
-            differences(kind, parts[kind], original.config.get(kind))
-            for kind in ("driver", "simulator")
+        setting, own_setting = store.setting, original.setting
+        is_alike = setting.rules == own_setting.rules
+        is_own = (
+            is_alike
+            and setting.conditions == own_setting.conditions
+            and not any(
+                differences(kind, parts[kind], original.config.get(kind))
+                for kind in ("driver", "simulator")
+            )
         )
         return Rerun(
             Path(source).resolve().name,
             parts["driver"],
             parts["simulator"],
-            store.setting.rules,
+            setting.rules,
             terms.planned,
             tuple(
-                _repeats(
-                    recorded[number][0], repeats, terms.variations, store.setting.rules, is_own
-                )
+                _repeats(recorded[number][0], repeats, terms.variations, setting.rules, is_own)
                 for number, repeats in drives.items()
             ),
             terms.variations,
+            setting.conditions,
             Path(folder),
         )
 
@@ -339,6 +379,8 @@ def name_of(rerun: Rerun, config: Mapping[str, Any]) -> str:
     """Name of a rerun's simulator, with its driver if that is not the campaign's."""
     there = part_text(rerun.simulator, config.get("simulator"))
     driver = part_text(rerun.driver, config.get("driver"))
+    if rerun.conditions and rerun.conditions != config.get("conditions"):
+        there += f" with {in_words(rerun.conditions)}"
     return there if driver == part_text(config.get("driver")) else f"{driver} in {there}"
 
 

@@ -20,8 +20,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final, NamedTuple, Unpack
 
+from msgspec import structs
+
+from frenetic._support.bounds import require_count
+from frenetic._support.interrupt import catch_interrupt
 from frenetic._support.json_value import JSONValue
-from frenetic._support.words import counted
+from frenetic._support.words import counted, part_word
 from frenetic.again.campaigns import How, campaign_again, complete, say_complete
 from frenetic.again.rerun import drive_tests
 from frenetic.again.verdicts import Change
@@ -29,20 +33,24 @@ from frenetic.analysis.causes import in_words
 from frenetic.analysis.failures import Failure
 from frenetic.analysis.statistics import Estimate, median_estimate, paired_share_difference
 from frenetic.campaign.campaign import SOURCES
+from frenetic.campaign.configuration import with_budget
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import DATABASE, CampaignStore
+from frenetic.campaign.summary import Event, EventKind, Progress, Summary
 from frenetic.campaign.tester import RoadTester
-from frenetic.description import describe, part_text
+from frenetic.description import part_text
 from frenetic.domain import Domain
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
+from frenetic.registry import DRIVERS
 from frenetic.search import RandomSearch
 from frenetic.simulators.simulator import Simulator
-from frenetic.spec import Budget, Part, Spec, require_count
+from frenetic.spec import Budget, Spec
 from frenetic.trust import NOT_DRIVING
 from frenetic.versions import comparison_key, sources_named
+from frenetic.worker import LostWorkerError, Worker, pack, ready, report
 
 FRESH: Final = 200
 """Default number of fresh roads."""
@@ -50,6 +58,7 @@ SLOWER: Final = 0.01
 """Least share of the time by which a version counts as slower."""
 BETTER: Final = "new is better"
 WORSE: Final = "new is worse"
+_POLL: Final = 0.2  # s between two looks whether Ctrl-C was pressed
 
 
 class Pair(NamedTuple):
@@ -271,13 +280,7 @@ class FreshRoads:
 
 
 def fresh_roads(
-    campaign: Path | str,
-    simulator: Simulator,
-    driver: Driver,
-    *,
-    fresh: int = FRESH,
-    spec: Spec | None = None,
-    **how: Unpack[How],
+    campaign: Path | str, tester: RoadTester, *, fresh: int = FRESH, **how: Unpack[How]
 ) -> FreshRoads:
     """Lets the old version drive on fresh random roads, as far as these drives are not stored.
 
@@ -285,10 +288,8 @@ def fresh_roads(
 
     Args:
         campaign: folder of a campaign of the old version.
-        simulator: that of the campaign, not yet entered.
-        driver: the old version.
+        tester: drives with the old version on the campaign's terms.
         fresh: number of roads.
-        spec: names of the campaign's parts, for the record.
         how: see `How`.
 
     Raises:
@@ -297,28 +298,146 @@ def fresh_roads(
     """
     require_count("fresh", fresh)
     with CampaignStore.open(campaign) as store:
-        setting, taken = store.setting, store.config.get("seed")
-    seed = next(number for number in count() if number != taken)
-    # Not `campaign_tester`, which warns of another version than the campaign's.
-    tester = RoadTester.on(setting, simulator, driver)
-    budget = Budget(simulations=fresh)
+        seed = _fresh_seed(store)
+    terms, budget = tester.terms, Budget(simulations=fresh)
     strategy = RandomSearch(
-        seed=seed, map_size=tester.map_size, road_class=tester.road_class, domain=setting.domain
+        seed=seed, map_size=terms.map_size, road_class=terms.road_class, domain=terms.domain
     )
-    what, terms = ["fresh", seed], {"fresh": True}
-    driving = campaign_again(campaign, strategy, tester, budget, what=what, terms=terms, how=how)
-    if spec is not None:
-        more: Any = {"seed": seed, "budget": budget, "cluster": None}
-        driving.named = replace(spec, strategy=Part("random"), **more)
+    if tester.spec is not None:
+        tester = replace(tester, spec=with_budget(structs.replace(tester.spec, seed=seed), budget))
+    driving = campaign_again(
+        campaign,
+        strategy,
+        tester,
+        budget,
+        what=["fresh", seed],
+        terms={"fresh": True},
+        how=how,
+        named="random",
+    )
     tests = _driven(driving.folder)
     if len(tests) < fresh:
         complete(driving, how)
-        tests = _driven(driving.folder)
     else:
         outcomes = Counter(test.outcome for test in tests[:fresh])
         say_complete(driving.folder, Counts.of(outcomes), how.get("on_event"))
-    ids = tuple(test.id for test in tests[:fresh])
-    return FreshRoads(Path(campaign), driving.folder, fresh, seed, describe(driver), ids)
+    described = tester.described["driver"]
+    return _fresh_roads(Path(campaign), driving.folder, fresh, seed, described)
+
+
+def recorded_driver(store: CampaignStore) -> Mapping[str, JSONValue]:
+    """The driver of a campaign, as it describes it."""
+    described = store.config["driver"]
+    return described if isinstance(described, Mapping) else {}
+
+
+def _fresh_seed(store: CampaignStore) -> int:
+    """The least seed that is not a campaign's."""
+    taken = store.config.get("seed")
+    return next(number for number in count() if number != taken)
+
+
+def _fresh_roads(
+    campaign: Path, folder: Path, fresh: int, seed: int, driver: Mapping[str, JSONValue]
+) -> FreshRoads:
+    """The fresh roads in a folder, as far as they were driven."""
+    ids = tuple(test.id for test in _driven(folder)[:fresh])
+    return FreshRoads(campaign, folder, fresh, seed, driver, ids)
+
+
+def fresh_roads_as_recorded(
+    campaign: Path | str, spec: Spec, *, fresh: int = FRESH, **how: Unpack[How]
+) -> FreshRoads:
+    """`fresh_roads` with the driver of a campaign as it was then.
+
+    A driver of the user's own is made in a process of its own, from the source that the campaign
+    keeps if it was edited since: two versions of one module never meet in one process.
+
+    Args:
+        campaign: its folder.
+        spec: its spec.
+        fresh: number of roads.
+        how: see `How`.
+
+    Raises:
+        CampaignError: the source was edited and the campaign keeps none, or as for `fresh_roads`.
+        FreneticError: it is code that this user has not run, see `frenetic.trust`.
+    """
+    with as_recorded(campaign, spec) as (recorded, place):
+        old = OldVersion(Path(campaign), recorded, place)
+        if not DRIVERS.is_own(recorded.part("driver").name):
+            return fresh_roads(campaign, old.tester(), fresh=fresh, **how)
+        return _in_process(old, fresh, how)
+
+
+def _in_process(old: OldVersion, fresh: int, how: How) -> FreshRoads:
+    """The fresh roads of an old version, driven in a process of its own; Ctrl-C ends that."""
+    on_event = how.get("on_event") or (lambda _: None)
+    with CampaignStore.open(old.campaign) as store:
+        seed, described = _fresh_seed(store), recorded_driver(store)
+    now, folder = Summary(), old.campaign
+    worker = Worker("the old version", pack(old), files=())
+
+    def on_interrupt() -> None:
+        on_event(Event("interrupted", now))
+
+    with catch_interrupt(on_interrupt) as interrupt:
+        try:
+            worker.start()
+            workers, isolate = how.get("workers", 1), how.get("isolate", False)
+            worker.send(
+                *("drive", fresh, workers, isolate),
+                limit=math.inf,
+                answer=str,
+                report=tuple[EventKind, Progress],
+            )
+            while len(worker) and not interrupt.requested:
+                for _ in ready([worker], _POLL):
+                    for message in filter(None, worker.receive()):
+                        if isinstance(message, str):
+                            folder = Path(message)
+                            continue
+                        kind, progress = message
+                        now = progress.summary()
+                        folder = now.folder
+                        on_event(Event(kind, now))
+        except LostWorkerError as error:
+            raise CampaignError(f"the old version did not drive: {error}") from None
+        finally:
+            worker.kill()
+    return _fresh_roads(old.campaign, folder, fresh, seed, described)
+
+
+@dataclass(frozen=True)
+class OldVersion:
+    """The driver of a campaign as it was then, which a process makes and lets drive."""
+
+    campaign: Path
+    spec: Spec
+    place: Path | None
+    """Folder with its source; None if that is where it was."""
+
+    def start(self) -> None:
+        """Finds its source before any other."""
+        if self.place is not None:
+            sys.path[:0] = [str(self.place), str(Path.cwd())]
+
+    def tester(self) -> RoadTester:
+        """Drives with it on the campaign's terms; unlike `campaign_tester`, it warns of nothing."""
+        with CampaignStore.open(self.campaign) as store:
+            return RoadTester.of(self.spec, store.setting.terms)
+
+    def drive(self, fresh: int, workers: int, isolate: bool) -> str:
+        """Lets it drive on fresh roads, and reports events; returns the folder of its campaign."""
+
+        def on_event(event: Event) -> None:
+            report((event.kind, Progress.of_summary(event.summary)))
+
+        how: How = {"workers": workers, "isolate": isolate, "on_event": on_event}
+        return str(fresh_roads(self.campaign, self.tester(), fresh=fresh, **how).folder)
+
+    def close(self) -> None:
+        """Has nothing to close."""
 
 
 def _driven(folder: Path) -> list[Test]:
@@ -330,26 +449,23 @@ def _driven(folder: Path) -> list[Test]:
         return sorted(driven, key=lambda test: test.id)
 
 
-def compare_versions(
-    roads: FreshRoads, simulator: Simulator, driver: Driver, **how: Unpack[How]
-) -> BackToBack:
+def compare_versions(roads: FreshRoads, tester: RoadTester, **how: Unpack[How]) -> BackToBack:
     """Lets a new version drive on the same roads, and compares it with the old one.
 
     Args:
         roads: as the old version drove them.
-        simulator: that of the campaign, not yet entered.
-        driver: the new version.
+        tester: drives with the new version on the campaign's terms.
         how: see `How`.
 
     Raises:
         CampaignError: both versions are the same, or as for `frenetic.again.campaigns`.
     """
-    check_differ(roads.driver, describe(driver))
+    described = tester.described
+    check_differ(roads.driver, described["driver"])
     with CampaignStore.open(roads.campaign) as store:
-        setting = store.setting
+        domain = store.setting.domain
         failed = store.tests(Outcome.FAIL, with_repeats=False)
         failing = tuple(sorted(test.id for test in failed))
-    tester = RoadTester.on(setting, simulator, driver)
     missing = roads.count - len(roads.tests)
     sets: list[PairedRoads] = []
     for folder, ids in ((roads.folder, roads.tests), (roads.campaign, failing)):
@@ -357,10 +473,8 @@ def compare_versions(
         sets.append(PairedRoads(folder, tuple(Pair(t.recorded, t.drives[0].test) for t in again)))
         missing += len(ids) - len(again)
     fresh, known = sets
-    described = describe(simulator)
-    return BackToBack(
-        roads.driver, describe(driver), described, roads.seed, fresh, known, setting.domain, missing
-    )
+    new, simulator = described["driver"], described["simulator"]
+    return BackToBack(roads.driver, new, simulator, roads.seed, fresh, known, domain, missing)
 
 
 def check_differ(old: Mapping[str, JSONValue], new: Mapping[str, JSONValue]) -> None:
@@ -386,17 +500,20 @@ def back_to_back(
     workers: int = 1,
 ) -> BackToBack:
     """Compares two versions of a driver; see `fresh_roads` for arguments and errors."""
-    check_differ(describe(old), describe(new))
-    roads = fresh_roads(campaign, simulator, old, fresh=fresh, workers=workers)
-    return compare_versions(roads, simulator, new, workers=workers)
+    with CampaignStore.open(campaign) as store:
+        terms = store.setting.terms
+    testers = [RoadTester(simulator, driver, terms) for driver in (old, new)]
+    check_differ(*(tester.described["driver"] for tester in testers))
+    roads = fresh_roads(campaign, testers[0], fresh=fresh, workers=workers)
+    return compare_versions(roads, testers[1], workers=workers)
 
 
 @contextmanager
-def as_recorded(folder: Path | str, spec: Spec) -> Iterator[Spec]:
-    """A campaign's spec whose driver is as it was then.
+def as_recorded(folder: Path | str, spec: Spec) -> Iterator[tuple[Spec, Path | None]]:
+    """A campaign's spec whose driver is as it was then, and the folder with its source.
 
     If its source was edited since, the one that the campaign keeps lies in a temporary folder
-    meanwhile.
+    meanwhile; otherwise there is no folder.
 
     Args:
         folder: of the campaign.
@@ -408,34 +525,35 @@ def as_recorded(folder: Path | str, spec: Spec) -> Iterator[Spec]:
     """
     with CampaignStore.open(folder) as store:
         sources: Any = store.fact(SOURCES) or {}
-    place, _, name = (spec.driver.name or "").rpartition(":")
-    present = sources_named(spec.driver.name or "")
+    driver = spec.part("driver")
+    place, _, name = driver.name.rpartition(":")
+    present = sources_named(driver.name)
     is_edited = not sources.items() >= present.items() or bool(sources and not present)
     if not is_edited:
         spec.require_trusted(folder, NOT_DRIVING)
-        yield spec
+        yield spec, None
         return
     if not sources:
         raise CampaignError(
-            f"{folder} keeps no source of its driver {spec.driver.name!r}: bring the old version"
+            f"{folder} keeps no source of its driver {driver.name!r}: bring the old version"
             " back first"
         )
-    path = list(sys.path)
-    with TemporaryDirectory() as temporary:
+    with TemporaryDirectory() as text:
+        temporary = Path(text).resolve()
+        for file, source in sources.items():
+            target = (temporary / file).resolve()
+            if not target.is_relative_to(temporary):
+                raise CampaignError(f"{folder} is damaged: it keeps the source of {file!r}")
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_text(str(source), encoding="utf-8", newline="\n")
+        if place.endswith(".py"):
+            place = str(temporary / Path(place).name)
+        word = part_word(f"{place}:{name}", driver.options)
+        restored = structs.replace(spec, driver=word)
+        path = list(sys.path)
+        sys.path[:0] = [str(temporary), str(Path.cwd())]  # where `OldVersion` finds its source
         try:
-            for file, text in sources.items():
-                target = (Path(temporary) / file).resolve()
-                if not target.is_relative_to(Path(temporary).resolve()):
-                    raise CampaignError(f"{folder} is damaged: it keeps the source of {file!r}")
-                target.parent.mkdir(parents=True, exist_ok=True)
-                target.write_text(str(text), encoding="utf-8", newline="\n")
-            if place.endswith(".py"):
-                place = str(Path(temporary) / Path(place).name)
-            else:
-                sys.path[:0] = [temporary, str(Path.cwd())]
-            driver = replace(spec.driver, name=f"{place}:{name}")
-            restored = replace(spec, driver=driver)
             restored.require_trusted(folder, NOT_DRIVING)
-            yield restored
         finally:
             sys.path[:] = path
+        yield restored, temporary

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
 from frenetic.campaign.counts import FirstTests
-from frenetic.campaign.record import Setting, Test
+from frenetic.campaign.record import Test
 from frenetic.domain import Domain
 from frenetic.outcome import Outcome
 from frenetic.quantities import named, quantity
@@ -25,6 +25,7 @@ from frenetic.road.classes import RoadClass
 from frenetic.search.operators import CURVATURE_BOUND
 from frenetic.search.random_search import RANDOM, RandomRoads
 from frenetic.search.records import Candidate, Origin
+from frenetic.terms import Setting
 
 RADIUS: Final = "min_radius"
 """Name of the axis of a road's least radius."""

@@ -17,6 +17,7 @@ from frenetic.criteria import Profile
 from frenetic.description import part_text
 from frenetic.domain import Domain
 from frenetic.errors import CampaignError
+from frenetic.quantities import in_words as conditions_in_words
 from frenetic.registry import part_name
 from frenetic.road import profile
 from frenetic.road.classes import RoadClass
@@ -26,6 +27,7 @@ PARTS: Final = (
     "strategy",
     "driver",
     "simulator",
+    "conditions",
     "rules",
     "budget",
     "map_size",
@@ -101,6 +103,7 @@ def parts_of(folder: Path | str) -> dict[str, Any]:
     parts: dict[str, Any] = {name: config.get(name) for name in PARTS}
     parts["budget"] = facts.get("budget", parts["budget"])
     parts["objective"] = config.get("objective", MOOBD)
+    parts["conditions"] = config.get("conditions") or None
     parts["start_from"] = start_from
     strategy = parts["strategy"]
     if isinstance(strategy, dict) and isinstance(strategy.get("options"), dict):
@@ -140,6 +143,8 @@ def _word(part: str, value: Any, others: Sequence[Any]) -> str:
         return "warm-started" if value else "started afresh"
     if part in _NAMED:
         return _named_word(part, value, others)
+    if part == "conditions":
+        return f"with {conditions_in_words(value)}" if value else "in the usual conditions"
     if not isinstance(value, dict):
         return f"{part}={_text(value)}"
     if "class" not in value:
@@ -225,6 +230,8 @@ def shared_parts(configurations: Sequence[Mapping[str, Any]]) -> dict[str, str]:
 def _in_words(part: str, value: Any) -> str:
     if part in _NAMED:
         return str(convert(value, _NAMED[part]).in_words())
+    if part == "conditions":
+        return conditions_in_words(value)
     if not isinstance(value, Mapping):
         return _text(value)
     if "class" in value:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from frenetic.bench.entrants import Entrant
     from frenetic.bench.file import open_bench
     from frenetic.bench.recipes import RECIPES
-    from frenetic.bench.runs import RunState, Terms
+    from frenetic.bench.runs import RunState, RunTerms
     from frenetic.bench.strategy import End
 
 __getattr__ = lazy_names(__name__)
@@ -25,6 +25,6 @@ __all__ = [
     "End",
     "Entrant",
     "RunState",
-    "Terms",
+    "RunTerms",
     "open_bench",
 ]

@@ -30,16 +30,15 @@ from frenetic.analysis.metrics import measure_campaign
 from frenetic.bench.entrants import Entrant, folder_names
 from frenetic.bench.presets import Preset
 from frenetic.bench.processes import run_all
-from frenetic.bench.runs import Run, RunState, Terms, compile_measures, ending_of, try_out
+from frenetic.bench.runs import Run, RunState, RunTerms, compile_measures, ending_of, try_out
 from frenetic.bench.strategy import End
 from frenetic.campaign import campaign
 from frenetic.campaign.lock import lock_file
 from frenetic.campaign.summary import Summary
-from frenetic.description import describe
 from frenetic.errors import FreneticError
 from frenetic.registry import STRATEGIES
-from frenetic.run_file import file_entries, write_entries
 from frenetic.simulators.embedded import compile_kernels
+from frenetic.spec import write_entries
 from frenetic.versions import differences, package_versions
 
 BENCHES: Final = Path("benches")
@@ -62,7 +61,7 @@ class Bench:
     """
 
     entrants: tuple[Entrant, ...]
-    terms: Terms
+    terms: RunTerms
     repeats: Count = 10
     seed: Index = 1
     folder: Path = field(default_factory=lambda: campaign.new_folder(BENCHES))
@@ -79,7 +78,7 @@ class Bench:
         folder_names(self.entrants)
         for entrant in self.entrants:
             if entrant.is_strategy:
-                available = {"seed": self.seed, "map_size": self.terms.map_size}
+                available = {"seed": self.seed, "map_size": self.terms.tester.terms.map_size}
                 STRATEGIES.make_from(entrant.spec, entrant.options, available)
 
     @property
@@ -144,7 +143,7 @@ class Bench:
                 meanwhile.
         """
         check({"workers": workers}, Bench.run)
-        campaign.prepare(self.terms.simulator)
+        campaign.prepare(self.terms.tester.simulator)
         compile_kernels()
         compile_measures()
         if resume:
@@ -230,16 +229,17 @@ class Bench:
     @property
     def file(self) -> Path | None:
         """Its file; None for parts without names, which came from Python."""
-        return None if self.terms.spec is None else self.folder / FILE
+        return None if self.terms.tester.spec is None else self.folder / FILE
 
     def entries(self) -> dict[str, Any]:
         """The entries of its file; those of the parts only if these have names."""
-        terms = self.terms
+        terms, spec = self.terms, self.terms.tester.spec
         return {
             "generator": [one.word for one in self.entrants if not one.is_strategy],
             "strategy": [one.word for one in self.entrants if one.is_strategy],
-            **({} if terms.spec is None else file_entries(terms.spec)),
-            "map_size": terms.map_size,
+            **({} if spec is None else spec.driving().entries()),
+            "with": dict(terms.tester.terms.conditions),
+            "map_size": terms.tester.terms.map_size,
             "objective": terms.objective,
             "simulations": terms.simulations,
             "seconds_per_test": terms.seconds_per_test,
@@ -250,14 +250,13 @@ class Bench:
         }
 
     def _record(self) -> dict[str, Any]:
-        terms = self.terms
+        tester = self.terms.tester
         return {
             "version": 3,
             "entries": self.entries(),
             "sources": {one.name: one.source() for one in self.entrants},
-            "simulator": describe(terms.simulator),
-            "driver": describe(terms.driver),
-            "rules": terms.simulator.rules.as_json(),
+            **tester.described,
+            "rules": tester.simulator.rules.as_json(),
         }
 
     def _require_new_folder(self) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -21,21 +20,13 @@ from frenetic.cli.console import (
     print_table,
     shell,
 )
+from frenetic.cli.entries import Given, entry_option, names_of, part_options, was_given
 from frenetic.cli.options import (
     WORKERS,
     as_usage_error,
     count_option,
     folder_option,
     json_option,
-    objective_option,
-)
-from frenetic.cli.parts import (
-    AS,
-    given_options,
-    names_of,
-    part_options,
-    was_given,
-    with_given,
 )
 from frenetic.errors import FreneticError
 
@@ -75,7 +66,7 @@ _ENTRIES: Final = ("generator", "strategy", "simulations", "repeats", "seed", "p
 @count_option("--repeats", "Runs of each. [default: 10]")
 @count_option("--seed", "Of the first run of each. [default: 1]", least=0)
 @part_options
-@objective_option
+@entry_option("objective")
 @click.option("--workers", type=WORKERS, metavar="N", help="Runs at once. [default: the cores]")
 @folder_option("Folder for the results. [default: a new one under benches/]")
 @click.option("--resume", is_flag=True, help="Complete the bench in --out.")
@@ -130,19 +121,15 @@ def _begun(context: click.Context, path: Path | None, out: Path | None) -> tuple
     given = {n: context.params[n] for n in _ENTRIES if was_given(context, n)}
     if {"generator", "strategy"} & given.keys():  # in the place of all that the file names
         given |= {kind: context.params[kind] for kind in ("generator", "strategy")}
-    driving = given_options(context)
+    driving = Given.of(context)
     spec, entries = read_bench(path, given.get("preset"))
-    named = [*driving, *(("driver", "simulator") if AS in driving else ())]
-    if was_given(context, "objective"):
-        spec, named = replace(spec, objective=context.params["objective"]), [*named, "objective"]
     entries = structs.replace(entries, **given)
+    named = [*driving.parts, *(() if driving.driven_as is None else ("driver", "simulator"))]
     with as_usage_error():
         if path is not None:
             spec.require_trusted(path, named)
             require_trusted(entries.entrants(), path, [*given])
-        spec = with_given(spec, driving, has_roads=False).with_limit()
-        if spec.rules.criteria and "criteria" in driving and "objective" not in named:
-            spec = replace(spec, objective="criteria")
+        spec = driving.over(spec, has_roads=False)
         return entries.bench(spec, out or new_folder(BENCHES)), entries.workers
 
 
@@ -198,7 +185,7 @@ def _run(the_bench: Bench, resume: bool, workers: int | None, as_json: bool) -> 
             text = words + time_left.words(share, 1.0)
             show(share, lambda: text)
 
-        usual = capabilities(the_bench.terms.simulator).usual_workers
+        usual = capabilities(the_bench.terms.tester.simulator).usual_workers
         with live_line(log) as show:
             try:
                 ends = the_bench.run(

@@ -7,27 +7,30 @@ It is a copy for people: an edited copy is another bench.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-from msgspec import convert
+from msgspec import Struct, convert
 
 from frenetic._support.bounds import Count, Index, Positive
+from frenetic._support.files import read_bounded
+from frenetic._support.outside_text import read_toml
 from frenetic._support.words import parse_duration, read_part
 from frenetic.bench.bench import FILE, Bench, read_record
 from frenetic.bench.entrants import PLACES, Entrant, require_trusted
 from frenetic.bench.presets import find_preset
 from frenetic.bench.recipes import find_recipe
-from frenetic.bench.runs import Terms
+from frenetic.bench.runs import RunTerms
+from frenetic.campaign.tester import RoadTester
 from frenetic.errors import FreneticError
-from frenetic.registry import STRATEGIES
-from frenetic.run_file import DriveFile, read_file
-from frenetic.spec import Spec
+from frenetic.registry import STRATEGIES, hint
+from frenetic.spec import USUAL, Spec
+from frenetic.terms import Terms
 
 
-class BenchFile(DriveFile, kw_only=True):
-    """The entries of a bench's file."""
+class BenchFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The entries of a bench's file beside those that say how roads are driven."""
 
     generator: tuple[str, ...] = ()
     """As on the command line: ``"wiggly.py:Wiggly,name=Wiggly"``."""
@@ -64,14 +67,15 @@ class BenchFile(DriveFile, kw_only=True):
             ValueError: an entry is wrong.
             FreneticError: a part cannot be made, or a value is out of range.
         """
+        terms = Terms(map_size=spec.terms.map_size, conditions=spec.conditions)
         return Bench(
             entrants=self.entrants(),
-            terms=Terms.of(
-                spec,
+            terms=RunTerms(
+                RoadTester.of(spec, terms),
                 simulations=self.simulations,
                 seconds_per_test=self.seconds_per_test,
                 patience=parse_duration(self.patience),
-                objective=spec.objective,
+                objective=spec.named_objective,
             ),
             repeats=self.repeats,
             seed=self.seed,
@@ -122,8 +126,17 @@ def _read(text: str) -> tuple[str, dict[str, Any], str | None]:
     return spec, options, None if name is None else str(name)
 
 
+_OWN: Final = frozenset(BenchFile.__struct_fields__)
+_DRIVING: Final = (
+    *("driver", "simulator", "with", "speed_limit", "oob_tolerance", "criteria", "wall_limit"),
+    *("roads", "map_size", "objective"),
+)
+"""Entries of a bench's file that are those of a spec."""
+_USUAL: Final = {name: USUAL[name] for name in ("driver", "simulator")}
+
+
 def read_bench(path: Path | None, preset: str | None = None) -> tuple[Spec, BenchFile]:
-    """The spec of a bench's file, with the defaults of the command line, and its entries.
+    """The spec of a bench's file, and its other entries.
 
     Args:
         path: of the file; None for the defaults alone.
@@ -132,13 +145,40 @@ def read_bench(path: Path | None, preset: str | None = None) -> tuple[Spec, Benc
     Raises:
         FreneticError: there is no such file or preset, or the file is wrong.
     """
-    if preset is None and path is not None:
-        preset = read_file(path, BenchFile, "a bench")[1].preset
-    usual = {} if preset is None else {**find_preset(preset).bench, "preset": preset}
-    if path is not None:
-        return read_file(path, BenchFile, "a bench", usual)
-    entries = convert(usual, BenchFile)
-    return entries.spec(), entries
+    entries = {} if path is None else _read_file(path)
+    preset = preset or entries.get("preset")
+    usual: Mapping[str, Any] = {}
+    if preset is not None:
+        usual = {**find_preset(str(preset)).bench, "preset": preset}
+    try:
+        return _split({**usual, **entries})
+    except (ValueError, FreneticError) as error:
+        if path is None:
+            raise
+        raise FreneticError(f"{path} does not say a bench: {error}") from None
+
+
+def _read_file(path: Path) -> dict[str, Any]:
+    data = read_bounded(path)
+    try:
+        return read_toml(data)
+    except ValueError as error:
+        raise FreneticError(f"{path} does not say a bench: {error}") from None
+
+
+def _split(entries: Mapping[str, Any]) -> tuple[Spec, BenchFile]:
+    """The spec in the entries of a bench's file, and the others.
+
+    Raises:
+        ValueError: one is unknown, of another kind or out of range.
+        FreneticError: there are no such roads, criteria or quantities.
+    """
+    own = {name: value for name, value in entries.items() if name in _OWN}
+    said = {name: value for name, value in entries.items() if name not in _OWN}
+    if unknown := [name for name in said if name not in _DRIVING]:
+        known = sorted({*_OWN, *_DRIVING})
+        raise ValueError(f"there is no entry {unknown[0]!r}{hint(unknown[0], known)}")
+    return Spec.of(_USUAL, said), convert(own, BenchFile)
 
 
 def open_bench(folder: Path | str) -> Bench:

@@ -7,16 +7,14 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable
-from dataclasses import asdict, dataclass
 from typing import Final
 
 from threadpoolctl import threadpool_limits
 
 from frenetic._support.interrupt import catch_interrupt
-from frenetic.bench.runs import Run, RunState, Terms, run_entrant
+from frenetic.bench.runs import Run, RunState, RunTerms, run_entrant
 from frenetic.bench.strategy import Ending
-from frenetic.campaign.counts import Counts
-from frenetic.campaign.summary import Summary
+from frenetic.campaign.summary import Progress, Summary
 from frenetic.worker import MOST_WORKERS, LostWorkerError, Worker, pack, ready, report
 
 _POLL: Final = 0.2  # s between two looks whether Ctrl-C was pressed
@@ -29,7 +27,7 @@ logger = logging.getLogger(__name__)
 
 def run_all(
     runs: Iterable[Run],
-    terms: Terms,
+    terms: RunTerms,
     *,
     workers: int,
     on_interrupt: Callable[[], None] | None = None,
@@ -53,7 +51,7 @@ def run_all(
                     worker = Worker(run.name, packed, RUNS_PRELOADED)
                     at_work[worker] = run
                     worker.start()
-                    worker.send("run", run, limit=math.inf, answer=Ending, report=_Progress)
+                    worker.send("run", run, limit=math.inf, answer=Ending, report=Progress)
                 for worker in ready(at_work, _POLL):
                     run = at_work[worker]
                     try:
@@ -62,8 +60,8 @@ def run_all(
                         logger.debug("%s: %s\n%s", run.name, error, error.trouble.traceback)
                         messages = [RunState(run, None, str(error))]
                     for message in filter(None, messages):
-                        if isinstance(message, _Progress):
-                            yield run, Summary(**asdict(message))
+                        if isinstance(message, Progress):
+                            yield run, message.summary()
                             continue
                         worker.kill()
                         del at_work[worker]
@@ -74,17 +72,10 @@ def run_all(
                 worker.kill()
 
 
-@dataclass
-class _Progress(Counts):
-    """Counts and spent budget of a `Summary`, which a run's process reports."""
-
-    budget_spent: float = 0.0
-
-
 class _Runner:
     """What a run's process holds."""
 
-    def __init__(self, terms: Terms) -> None:
+    def __init__(self, terms: RunTerms) -> None:
         self._terms = terms
 
     def start(self) -> None:
@@ -99,6 +90,6 @@ class _Runner:
             nonlocal reported_at
             if time.monotonic() - reported_at >= _REPORT:
                 reported_at = time.monotonic()
-                report(progress)
+                report(Progress.of_summary(progress))
 
         return run_entrant(run, self._terms, say)

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Final, Self
+from types import MappingProxyType
+from typing import Any, Final
 
 import msgspec
 import numpy as np
+from msgspec import structs
 
 from frenetic._support.bounds import Count, Positive, check
 from frenetic._support.json_value import JSONValue
+from frenetic._support.words import part_word
 from frenetic.analysis.sparseness import largest_distances, unlike_lines
 from frenetic.bench.entrants import Entrant
 from frenetic.bench.generator import GeneratorProcess
@@ -29,15 +32,12 @@ from frenetic.campaign.objective import MOOBD, Objective
 from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.campaign.summary import Event, Summary
 from frenetic.campaign.tester import RoadTester
-from frenetic.drivers import Driver
 from frenetic.errors import FreneticError, StrategyError
 from frenetic.registry import STRATEGIES
-from frenetic.road import MAP_SIZE, Road, check_validity
+from frenetic.road import Road, check_validity
 from frenetic.road.validity import interpolate, min_radius, overlaps_itself
 from frenetic.search import Strategy
-from frenetic.simulators.capabilities import check_pair
-from frenetic.simulators.simulator import Simulator
-from frenetic.spec import Budget, Part, Spec
+from frenetic.spec import Budget
 
 WORK: Final = "work"
 """Folder in a run's that is its generator's working directory."""
@@ -52,55 +52,31 @@ FACT: Final = "bench"
 OnProgress = Callable[[Summary], None]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Terms:
+@dataclass(frozen=True)
+class RunTerms:
     """Terms of all runs of a bench."""
 
-    simulator: Simulator
-    driver: Driver
+    tester: RoadTester
+    """Tests the roads of every run."""
+    _: KW_ONLY
     simulations: Count = 200
     """Budget of each run, in drives."""
     seconds_per_test: Positive = 36.0
     """Virtual s that each executed test costs, as a generator sees it."""
     patience: Positive = 600.0
     """Wall time that a generator may take between two tests, in s."""
-    map_size: float = MAP_SIZE
-    """m."""
     objective: str = MOOBD
     """Name of what the strategies minimise; a generator has its own."""
-    spec: Spec | None = None
-    """Names of simulator and driver on a command line; None if they came from Python."""
-
-    @classmethod
-    def of(cls, spec: Spec, **others: Any) -> Self:
-        """Terms of a simulator and a driver by their names; others are fields of the class.
-
-        Raises:
-            FreneticError: a part cannot be made, or a value is out of range.
-        """
-        driver, simulator = spec.make_parts(isolate=True)
-        return cls(
-            simulator=simulator,
-            driver=driver,
-            map_size=spec.map_size,
-            spec=spec,
-            **others,
-        )
 
     def __post_init__(self) -> None:
-        check_pair(self.simulator, self.driver)
         Objective.load(self.objective)
         checked = ("simulations", "seconds_per_test", "patience")
-        check({name: getattr(self, name) for name in checked}, Terms)
+        check({name: getattr(self, name) for name in checked}, RunTerms)
 
     @property
     def time(self) -> float:
         """Budget of each run, in virtual s."""
         return self.simulations * self.seconds_per_test
-
-    def tester(self) -> RoadTester:
-        """Tests roads on these terms."""
-        return RoadTester(self.simulator, self.driver, self.map_size)
 
 
 @dataclass(frozen=True)
@@ -140,7 +116,7 @@ class RunState:
         }
 
 
-def run_entrant(run: Run, terms: Terms, on_progress: OnProgress | None = None) -> Ending:
+def run_entrant(run: Run, terms: RunTerms, on_progress: OnProgress | None = None) -> Ending:
     """Runs an entrant until its budget is spent, or until it ends otherwise.
 
     The folder becomes a campaign's. An interrupted run begins again.
@@ -162,13 +138,12 @@ def run_entrant(run: Run, terms: Terms, on_progress: OnProgress | None = None) -
         ) from None
     facts: dict[str, Any] = {"seconds_per_test": terms.seconds_per_test}
     if run.entrant.is_strategy:
-        available = {"seed": run.seed, "map_size": terms.map_size}
+        available = {"seed": run.seed, "map_size": terms.tester.terms.map_size}
         own: Strategy = STRATEGIES.make_from(run.entrant.spec, run.entrant.options, available)
         ending = _search(_campaign(run, terms, own), on_progress)
     else:
         with hosted(run, terms) as strategy:
-            campaign = _campaign(run, terms, strategy)
-            campaign.description["strategy"] = _described(run)
+            campaign = _campaign(run, terms, strategy, {"strategy": _described(run)})
             ending = _search(campaign, on_progress)
             if ending is None or ending.end is not End.GAVE_UP:
                 ending = strategy.dismiss()
@@ -197,7 +172,7 @@ def ending_of(folder: Path) -> Ending | None:
 
 
 @contextmanager
-def hosted(run: Run, terms: Terms) -> Iterator[GeneratorStrategy]:
+def hosted(run: Run, terms: RunTerms) -> Iterator[GeneratorStrategy]:
     """A generator in its own process; its ``ending`` tells if it could not be built.
 
     Args:
@@ -221,7 +196,7 @@ def hosted(run: Run, terms: Terms) -> Iterator[GeneratorStrategy]:
     with process:
         strategy = GeneratorStrategy(
             process,
-            terms.tester(),
+            terms.tester,
             simulations=terms.simulations,
             seconds_per_test=terms.seconds_per_test,
             patience=terms.patience,
@@ -231,7 +206,7 @@ def hosted(run: Run, terms: Terms) -> Iterator[GeneratorStrategy]:
         yield strategy
 
 
-def try_out(entrant: Entrant, terms: Terms, seed: int) -> None:
+def try_out(entrant: Entrant, terms: RunTerms, seed: int) -> None:
     """Builds a generator once.
 
     Raises:
@@ -279,9 +254,10 @@ def _described(run: Run) -> dict[str, JSONValue]:
     return {"class": f"{module}:{entrant.class_name}", "options": {**path, "seed": run.seed}}
 
 
-def assignment(run: Run, terms: Terms) -> dict[str, Any]:
+def assignment(run: Run, terms: RunTerms) -> dict[str, Any]:
     """What a generator's process is told first."""
-    entrant, rules, size = run.entrant, terms.simulator.rules, terms.map_size
+    entrant, setting = run.entrant, terms.tester.setting
+    rules, size = setting.rules_in({}), setting.map_size
     work = run.folder.absolute() / WORK
     places = {"path": entrant.path, "pipeline": entrant.own_pipeline}
     is_file = entrant.module.endswith(".py")
@@ -325,23 +301,31 @@ def _copy(source: Path, target: Path) -> None:
     )
 
 
-def _campaign(run: Run, terms: Terms, strategy: Strategy) -> Campaign:
+def _campaign(
+    run: Run,
+    terms: RunTerms,
+    strategy: Strategy,
+    described: Mapping[str, JSONValue] = MappingProxyType({}),
+) -> Campaign:
     budget: JSONValue = {"time": terms.time, "seconds_per_test": terms.seconds_per_test}
     entrant: JSONValue = {**run.entrant.as_json(), "budget": budget}
-    campaign = Campaign(
-        strategy=strategy,
-        simulator=terms.simulator,
-        driver=terms.driver,
-        budget=Budget(simulations=terms.simulations),
-        folder=run.folder,
-        map_size=terms.map_size,
-        objective=terms.objective,
-        description={"seed": run.seed, "entrant": entrant},
-    )
-    if terms.spec is not None:
-        part = Part(run.entrant.spec, run.entrant.options)
-        campaign.named = replace(terms.spec, strategy=part, seed=run.seed)
-    return campaign
+    tester, spec = terms.tester, terms.tester.spec
+    if spec is not None:
+        name = part_word(run.entrant.spec, run.entrant.options)
+        spec = structs.replace(spec, strategy=name, seed=run.seed)
+    with tester.in_folder():
+        return Campaign(
+            strategy=strategy,
+            simulator=tester.simulator,
+            driver=tester.driver,
+            terms=tester.terms,
+            budget=Budget(simulations=terms.simulations),
+            folder=run.folder,
+            isolate=spec is not None,
+            objective=terms.objective,
+            description={"seed": run.seed, "entrant": entrant, **described},
+            spec=spec,
+        )
 
 
 def _search(campaign: Campaign, on_progress: OnProgress | None) -> Ending | None:

@@ -187,7 +187,7 @@ class GeneratorStrategy(ObservingStrategy):
         points = pairs_of(question["road_points"])
         if points is None:
             return {"valid": False, "description": WRONG_TYPE}
-        verdict = check_validity(points, self._tester.map_size)
+        verdict = check_validity(points, self._tester.terms.map_size)
         return {"valid": verdict.valid, "description": verdict.message}
 
     def _ending_of(self, message: Mapping[str, Any]) -> Ending:
@@ -201,7 +201,7 @@ class GeneratorStrategy(ObservingStrategy):
         curvatures, step = np.empty(0), 1.0
         if points is not None:
             try:
-                road = road_through(points, self._tester.lane_width)
+                road = road_through(points, self._tester.terms.lane_width)
             except RoadError:
                 pass  # the tester says why
             else:
@@ -213,9 +213,10 @@ class GeneratorStrategy(ObservingStrategy):
         candidate = evaluation.candidate
         if attempt is None or attempt.trajectory is None or attempt.pose is None:
             return []
-        simulator, width = self._tester.simulator, self._tester.lane_width
-        road = candidate.road(width, attempt.pose)
-        return simulation_records(road, Drive(attempt.trajectory, simulator.car, simulator.rules))
+        setting = self._tester.setting
+        road = candidate.road(setting.lane_width, attempt.pose)
+        drive = Drive(attempt.trajectory, setting.car, setting.rules_in({}))
+        return simulation_records(road, drive)
 
 
 def _reason(attempt: Attempt | None) -> str:

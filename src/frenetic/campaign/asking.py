@@ -14,6 +14,7 @@ from weakref import WeakValueDictionary
 
 import numpy as np
 
+from frenetic._support.bounds import is_number, shown
 from frenetic._support.child_processes import one_process
 from frenetic._support.json_value import JSONValue, plain
 from frenetic._support.outside_text import read_json
@@ -25,7 +26,7 @@ from frenetic.description import is_built_in
 from frenetic.errors import CampaignError, StrategyError, describe_raised
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.strategy import Ledger, SearchEnded, Strategy, has_own
-from frenetic.spec import Budget, is_number, shown
+from frenetic.spec import Budget
 from frenetic.versions import changed_packages
 
 FACTS: Final = "search"

@@ -278,7 +278,7 @@ class _Client(Workers):
         return asked
 
     def submit(self, candidate: Candidate) -> None:
-        road, verdict = fitted(candidate, self._tester)
+        road, verdict = fitted(candidate, self._tester.terms)
         if road is None or not verdict.valid:
             self._known.append(Attempt.undriven(candidate.id, Outcome.INVALID, verdict.message))
             return
@@ -334,7 +334,7 @@ class _Client(Workers):
                 self._told.add(result.id)
                 return attempt
             elif kind == "validate":
-                self._answer(validity(values, self._tester.map_size))
+                self._answer(validity(values, self._tester.terms.map_size))
             elif kind == "end":
                 convert(values, Nothing)
                 self.has_ended = True

@@ -11,12 +11,15 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
+from msgspec import structs, to_builtins
+
+from frenetic._support.bounds import require_count
 from frenetic._support.files import require_list
 from frenetic._support.interrupt import Interrupt, catch_interrupt
 from frenetic._support.json_value import JSONValue, plain
@@ -32,6 +35,7 @@ from frenetic.campaign.asking import (
     require_valid_roads,
     start,
 )
+from frenetic.campaign.configuration import SPEC, EarlierCampaign, earlier_of
 from frenetic.campaign.earlier import (
     earlier_evaluations,
     numbered,
@@ -43,37 +47,32 @@ from frenetic.campaign.loop import Dispatcher
 from frenetic.campaign.objective import MOOBD, Objective, objectives
 from frenetic.campaign.record import Test
 from frenetic.campaign.repeat import SecondDrive
-from frenetic.campaign.state import has_judged, stored_budget
+from frenetic.campaign.state import has_judged, next_campaign, stored_budget
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Event, EventKind, Summary
 from frenetic.campaign.tester import RoadTester
-from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers, available_cores
+from frenetic.campaign.workers import (
+    InProcessWorker,
+    LocalWorkers,
+    Workers,
+    available_cores,
+    is_isolable,
+)
 from frenetic.description import changed_parts, describe, describe_terms, sources_of
 from frenetic.domain import Domain
 from frenetic.drivers.driver import Driver
 from frenetic.errors import CampaignError, CampaignGoneError, FreneticError, reason_of, traceback_of
-from frenetic.registry import options_of
-from frenetic.road import MAP_SIZE, MARGIN
-from frenetic.road.classes import RoadClass
-from frenetic.run_file import next_campaign, write_run_file
+from frenetic.registry import Made, options_of
+from frenetic.road import MARGIN
 from frenetic.search.records import Candidate
 from frenetic.search.strategy import Strategy, has_own
-from frenetic.simulators.capabilities import bare, capabilities, check_class
+from frenetic.simulators.capabilities import capabilities, check_class
 from frenetic.simulators.embedded import compile_kernels
-from frenetic.simulators.isolated import IsolatedSimulator, is_named
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import check_pair_in
-from frenetic.spec import (
-    MAX_WORKERS,
-    Budget,
-    EarlierCampaign,
-    Part,
-    Spec,
-    earlier_of,
-    require_count,
-)
+from frenetic.spec import MAX_WORKERS, USUAL, Budget, Spec, read_workers
+from frenetic.terms import Setting, Terms
 from frenetic.versions import package_versions, version_of
-from frenetic.worker import pack
 
 logger = logging.getLogger(__name__)
 
@@ -115,7 +114,7 @@ def prepare(simulator: Simulator, *, is_here: bool = True) -> None:
     try:
         its = capabilities(simulator)
         if is_here and its.missing:
-            with bare(simulator):  # which says what to install
+            with simulator:  # which says what to install
                 pass
         its.prepare()
     except Exception as error:
@@ -131,17 +130,15 @@ class Campaign(Shown):
         driver: the system under test.
         budget: the first of its limits that is spent ends the campaign; without one, `run` is told
             how many simulations to make.
+        terms: map, lanes, roads and conditions of the drives; by default those of the strategy.
         folder: for results, made if need be; a new one under ``campaigns/`` by default.
-        map_size: m, side of the square map into which roads are fitted; by default the strategy's.
-        road_class: class whose rules roads keep; by default the strategy's.
-        margin: m that a road's centre line keeps from the map's edge.
-        lane_width: m, of each of the two lanes; by default the road class's, or 4.
-        workers: number of roads driven at once. 1 drives them in this process, which does not
-            survive a driver that kills or hangs it, closes its files or leaves its folder; an
-            `IsolatedSimulator` does. More are processes on this machine, into which driver and
-            simulator are copied.
-        cluster: address of a Dask scheduler whose workers drive instead of `workers`; see
-            `frenetic.campaign.workers.cluster`.
+        workers: number of roads driven at once, or the address of a Dask scheduler whose workers
+            drive (`frenetic.campaign.workers.cluster`). 1 drives them in this process, which does
+            not survive a driver that kills or hangs it, closes its files or leaves its folder,
+            unless `isolate` says otherwise. More are processes on this machine, each with a
+            simulator and a driver of its own.
+        isolate: whether a single worker, too, drives in a process of its own, unless only compiled
+            code of ours drives.
         lookahead: candidates outstanding at once, which are told in the order of asking. So the
             campaign depends on it and the seed, but not on the number and speed of the workers. By
             default 1 with one worker, `LOOKAHEAD` or more with several.
@@ -152,8 +149,10 @@ class Campaign(Shown):
             strategy, which has `start_from`, drives again what failed there. What
             is taken from them is kept in the new campaign, and a resumed one goes on with that.
         from_roads: folder of real roads, which are driven first and then changed; kept likewise.
-            The ``road_class`` that they show is `frenetic.road.stretches.shown_class`.
+            The class that they show is `frenetic.road.stretches.shown_class`.
         description: other facts for the campaign's configuration.
+        spec: names driver and simulator, which each process that drives makes anew then, from the
+            current folder; if it names the strategy, too, commands can go on with the campaign.
 
     Raises:
         ValueError: an option is out of range.
@@ -167,24 +166,20 @@ class Campaign(Shown):
         strategy: Strategy,
         simulator: Simulator,
         driver: Driver,
+        terms: Terms | None = None,
         budget: Budget | None = None,
         folder: Path | str | None = None,
-        map_size: float | None = None,
-        margin: float = MARGIN,
-        lane_width: float | None = None,
-        road_class: RoadClass | None = None,
-        workers: int = 1,
-        cluster: str | None = None,
+        workers: int | str = 1,
+        isolate: bool = False,
         lookahead: int | None = None,
         drive_limit: float | None = None,
         objective: str = MOOBD,
         start_from: Iterable[Path | str] = (),
         from_roads: Path | str | None = None,
         description: Mapping[str, JSONValue] | None = None,
+        spec: Spec | None = None,
     ) -> None:
-        workers = require_count("workers", workers)
-        if workers > MAX_WORKERS:
-            raise ValueError(f"workers is {workers}: at most {MAX_WORKERS} are allowed")
+        workers = _checked_workers(workers)
         if drive_limit is None:
             drive_limit = capabilities(simulator).drive_limit
         if not drive_limit > 0.0:
@@ -192,19 +187,11 @@ class Campaign(Shown):
                 f"drive_limit is {drive_limit}: a positive number of seconds is needed"
             )
         known = options_of(strategy) or {}
-        theirs = known.get("map_size")
-        if map_size is None:
-            map_size = MAP_SIZE if theirs is None else theirs
-        elif theirs is not None and theirs != map_size:
-            raise ValueError(
-                f"map_size is {number_word(map_size)}, but the strategy was made for"
-                f" {number_word(theirs)}: they have to agree"
-            )
         if not isinstance(strategy, Strategy):
             raise ValueError(
                 f"{type(strategy).__name__} is no strategy: make it a frenetic.Strategy"
             )
-        if isinstance(strategy, ObservingStrategy) and (workers > 1 or cluster is not None):
+        if isinstance(strategy, ObservingStrategy) and workers != 1:
             raise ValueError("the strategy observes drives: it needs one worker, in this process")
         start_from = require_list("start_from", start_from)
         has_start = bool(start_from) or from_roads is not None
@@ -218,23 +205,22 @@ class Campaign(Shown):
         """Earlier campaigns that it starts from, read when it runs."""
         self.from_roads = None if from_roads is None else str(from_roads)
         """Folder of real roads that it starts from, read when it runs."""
-        road_class = road_class or strategy.road_class
-        if strategy.road_class not in (None, road_class):
-            raise ValueError("the strategy was made for another road_class: they have to agree")
-        if lane_width is None:
-            lane_width = 4.0 if road_class is None else road_class.lane_width
-        self.tester = RoadTester(simulator, driver, map_size, margin, lane_width, road_class)
-        if road_class is not None:
-            check_class(simulator, driver, road_class)
-        if strategy.domain is not None:
-            self._check_conditions(strategy.domain)
+        terms = _checked_terms(terms, strategy)
+        made_in = None if spec is None else Path.cwd()
+        self.tester = RoadTester(simulator, driver, terms, spec, made_in)
+        if terms.road_class is not None:
+            check_class(simulator, driver, terms.road_class)
+        if terms.domain is not None:
+            self._check_conditions(terms.domain)
         self.objective = Objective.load(objective)
         self.budget = budget
         self.workers = workers
-        self.cluster = cluster
+        """Number of roads driven at once, or the address of a Dask scheduler."""
+        self.isolate = isolate
         self._is_usual_lookahead = lookahead is None
         if lookahead is None:
-            lookahead = 1 if workers == 1 and cluster is None else max(LOOKAHEAD, workers)
+            seats = workers if isinstance(workers, int) else LOOKAHEAD
+            lookahead = 1 if workers == 1 else max(LOOKAHEAD, seats)
         self.lookahead: int | None = require_count("lookahead", lookahead)
         """None for as many as the workers have room for."""
         self.drive_limit = drive_limit
@@ -245,11 +231,6 @@ class Campaign(Shown):
         self.description = dict(description or {})
         self.notes: tuple[str, ...] = ()
         """Sentences on what it starts from, and on what of that cannot be read."""
-        self.isolate = False
-        """Whether a single worker drives in a process of its own, unless only compiled code of ours
-        drives."""
-        self.named: Spec | None = None
-        """Names of its parts; None if they came from Python."""
         self._search_so_far: tuple[Summary, dict[int, Candidate]] | None = None
         """Results told and candidates outstanding, while the strategy knows exactly these."""
         self._unreported: deque[tuple[int, Summary]] = deque()
@@ -257,7 +238,8 @@ class Campaign(Shown):
         self._interrupt: Interrupt | None = None  # while it runs
 
     def _check_conditions(self, domain: Domain) -> None:
-        check_pair_in(domain.all_at_once(), self.tester.simulator, self.tester.driver)
+        conditions = self.tester.terms.conditions_of(domain.all_at_once())
+        check_pair_in(conditions, self.tester.simulator, self.tester.driver)
 
     @classmethod
     def of(
@@ -265,77 +247,78 @@ class Campaign(Shown):
         spec: Spec,
         *,
         folder: Path | str | None = None,
-        workers: int | None = None,
-        cluster: str | None = None,
+        workers: int | str | None = None,
         isolate: bool = False,
     ) -> Campaign:
-        """The campaign of named parts.
+        """The campaign of a spec.
 
         Args:
-            spec: with names of strategy, driver and simulator, and with a budget.
+            spec: names strategy, driver and simulator, and has a budget.
             folder: for results, as for the class.
-            workers: number of roads driven at once; by default the simulator's usual number, or one
-                per core, or one if at most `QUICK_DRIVES` are compiled.
-            cluster: as for the class.
-            isolate: whether a single worker, too, drives in a process of its own, see
-                `Spec.make_parts`.
+            workers: as for the class; by default those of the spec, or the simulator's usual
+                number, or one per core, or one if at most `QUICK_DRIVES` are compiled.
+            isolate: as for the class. A script that isolates needs ``if __name__ ==
+                "__main__":``.
 
         Raises:
             FreneticError: a part cannot be made.
             ValueError: an option is out of range.
         """
-        spec = spec.with_limit()
-        assert spec.budget is not None
-        driver, simulator = spec.make_parts(isolate=False)
-        workers = workers or _usual_workers(spec, simulator, driver)
-        campaign = cls(
+        spec = Spec.of(USUAL, spec)
+        if spec.from_roads is not None:  # which may show another class later
+            spec = structs.replace(spec, roads=spec.driving().roads)
+        tester = RoadTester.of(spec)
+        return cls(
             strategy=spec.make_strategy(),
-            simulator=simulator,
-            driver=driver,
+            simulator=tester.simulator,
+            driver=tester.driver,
+            terms=tester.terms,
             budget=spec.budget,
             folder=folder,
-            map_size=spec.map_size,
-            margin=spec.margin,
-            lane_width=spec.lane_width,
-            road_class=spec.road_class,
-            workers=workers,
-            cluster=cluster,
+            workers=workers or spec.workers or _usual_workers(spec, tester),
+            isolate=isolate,
             lookahead=spec.lookahead,
-            objective=spec.objective,
-            start_from=[earlier.folder for earlier in spec.start_from],
+            objective=spec.named_objective,
+            start_from=spec.start_from,
             from_roads=spec.from_roads,
+            spec=spec,
         )
-        campaign.named, campaign.isolate = spec, isolate
-        return campaign
+
+    @property
+    def spec(self) -> Spec | None:
+        """The spec of the campaign as it runs; None unless all its parts have names."""
+        spec = self.tester.spec
+        if spec is None or spec.strategy is None:
+            return None
+        limits = {} if self.budget is None else asdict(self.budget)
+        return structs.replace(spec, **limits, workers=self.workers, lookahead=self.lookahead)
 
     def configuration(self) -> dict[str, JSONValue]:
         """The campaign's record in its database."""
-        order = {"higher_is_worse": True} if self.objective.higher_is_worse else {}
-        return self.spec().to_json() | order | self.description
-
-    def spec(self) -> Spec:
-        """The spec of the campaign."""
-        simulator, driver = self.tester.simulator, self.tester.driver
-        named = self.named or Spec(driver=Part(), simulator=Part(), seed=self.seed)
-        return replace(
-            named,
-            strategy=replace(named.strategy, made=describe(self.strategy)),
-            simulator=replace(named.simulator, made=describe(simulator)),
-            driver=replace(named.driver, made=describe(driver)),
-            rules=simulator.rules,
-            car=simulator.car,
-            budget=self.budget,
-            **self.tester.terms,
-            domain=self.strategy.domain,
-            workers=self.workers,
-            cluster=self.cluster,
-            lookahead=self.lookahead,
-            objective=self.objective.name,
-            start_from=self.start_from,
-            from_roads=self.from_roads,
-            versions=package_versions(),
-            behaviours=describe_terms() | self._objective_version(),
-        )
+        tester, spec = self.tester, self.spec
+        with tester.in_folder():
+            strategy = describe(self.strategy, self._made_strategy())
+        record: dict[str, Any] = {
+            "seed": self.seed,
+            "strategy": strategy,
+            **tester.described,
+            **{name: getattr(tester.setting, name) for name in _SETTING},
+            "rules": tester.simulator.rules.as_json(),
+            "budget": self.budget,
+            "workers": self.workers,
+            "lookahead": self.lookahead,
+            "objective": self.objective.name,
+            "start_from": self.start_from,
+            "from_roads": self.from_roads,
+            "versions": package_versions(),
+            "behaviours": describe_terms() | self._objective_version(),
+        }
+        if spec is not None:
+            record[SPEC] = spec.entries()
+        if self.objective.higher_is_worse:
+            record["higher_is_worse"] = True
+        plain_record: dict[str, JSONValue] = to_builtins(record, enc_hook=plain)
+        return plain_record | self.description
 
     def run(
         self,
@@ -373,12 +356,12 @@ class Campaign(Shown):
             self._keep_margin()
             if not self.start_from and self.from_roads is None:
                 require_valid_roads(self.strategy)
-        prepare(self.tester.simulator, is_here=self.cluster is None)
-        if self.cluster is not None:
+        prepare(self.tester.simulator, is_here=isinstance(self.workers, int))
+        if isinstance(self.workers, str):
             # An optional extra.
             from frenetic.campaign.workers.cluster import require_scheduler
 
-            require_scheduler(self.cluster)
+            require_scheduler(self.workers)
         if self._search_so_far is not None:
             return self._go_on(*self._search_so_far, limit, on_event)
         folders = [earlier.folder for earlier in self.start_from]
@@ -390,12 +373,16 @@ class Campaign(Shown):
             words, unread, roads = take_roads(self.from_roads, self.tester, step)
             starts, taken = [words, *starts], [*roads, *taken]
         self.notes = (*(f"starts from {source}" for source in starts), *unread)
-        facts: dict[str, JSONValue] = {SOURCES: self._sources(), STARTED_IN: str(Path.cwd())}
+        facts: dict[str, JSONValue] = {
+            SOURCES: self._sources(),
+            STARTED_IN: str(self.tester.folder or Path.cwd()),
+        }
         made = CampaignStore.create(
             self.folder, self.configuration(), facts | settings, numbered(taken)
         )
         with made as store:
-            summary = Summary(seed=self.seed, folder=self.folder, lane_width=self.tester.lane_width)
+            lane_width = self.tester.terms.lane_width
+            summary = Summary(seed=self.seed, folder=self.folder, lane_width=lane_width)
             start(self.strategy, earlier_evaluations(store, self.objective), summary)
             return self._search(LogEvent.STARTED, store, summary, {}, limit, on_event)
 
@@ -469,7 +456,7 @@ class Campaign(Shown):
         with CampaignStore.open(self.folder, readonly=False) as store:
             if self.budget is None:
                 self.budget = stored_budget(store)
-            prepare(self.tester.simulator, is_here=self.cluster is None)
+            prepare(self.tester.simulator, is_here=isinstance(self.workers, int))
             self._keep_margin()
             self.start_from = earlier_of(store.config)
             earlier = earlier_evaluations(store, self.objective)
@@ -495,7 +482,7 @@ class Campaign(Shown):
 
     def _keep_margin(self) -> None:
         """Has the strategy check roads with this campaign's margin."""
-        margin = self.tester.margin
+        margin = self.tester.terms.margin
         if margin != MARGIN:
             self.strategy.keep_margin(margin)
 
@@ -534,17 +521,23 @@ class Campaign(Shown):
 
     def next_campaign(self) -> str:
         """Return the advice to start another campaign with the present parts."""
-        if self.named is None:
+        if (spec := self.spec) is None:
             command = shlex.join(["frenetic", "run", "--from", str(self.folder)])
             return f"start a new campaign from this one: {command}"
         with CampaignStore.open(self.folder) as store:
             has_drives = has_judged(store)
-        return next_campaign(self.named, self.folder, has_drives=has_drives)
+        return next_campaign(spec, self.folder, has_drives=has_drives)
+
+    def _made_strategy(self) -> Made | None:
+        """How the strategy was made by its name; None if it has none, as a bench's generator."""
+        spec = self.spec
+        return None if spec is None or "strategy" in self.description else spec.made("strategy")
 
     def _sources(self) -> dict[str, JSONValue]:
         """The user's own source of its parts: name of a file -> its text."""
-        parts = [self.tester.driver, self.tester.simulator, self.strategy, self.objective.measure]
-        return {name: text for part in parts for name, text in sources_of(part).items()}
+        with self.tester.in_folder():
+            sources = self.tester.sources | sources_of(self.strategy, self._made_strategy())
+        return {**sources, **sources_of(self.objective.measure)}
 
     def _search(
         self,
@@ -578,7 +571,8 @@ class Campaign(Shown):
         limit: int | None,
         on_event: Callable[[Event], object] | None,
     ) -> Summary:
-        write_run_file(self.spec(), self.folder)
+        if (spec := self.spec) is not None:
+            spec.write(self.folder)
         interrupted = False
         self._search_so_far = None
         start = time.perf_counter() - summary.seconds
@@ -668,12 +662,12 @@ class Campaign(Shown):
         return SecondDrive(store, self.tester.simulator)
 
     def _workers(self, log: CampaignLog) -> Workers:
-        if self.cluster is not None:
+        if isinstance(self.workers, str):
             # An optional extra.
             from frenetic.campaign.workers.cluster import ClusterWorkers
 
-            return ClusterWorkers(self.tester, self.cluster, drive_limit=self.drive_limit, log=log)
-        if self.workers == 1 and not self._isolates():
+            return ClusterWorkers(self.tester, self.workers, drive_limit=self.drive_limit, log=log)
+        if self.workers == 1 and not (self.isolate and is_isolable(self.tester)):
             return InProcessWorker(self.tester)
         return LocalWorkers(
             self.tester,
@@ -681,24 +675,8 @@ class Campaign(Shown):
             drive_limit=self.drive_limit,
             log=log,
             ahead=self.lookahead != 1,
+            keep=isinstance(self.strategy, ObservingStrategy),
         )
-
-    def _isolates(self) -> bool:
-        """Whether a single worker, too, drives in a process of its own."""
-        if isinstance(self.tester.simulator, IsolatedSimulator):
-            return False
-        if is_named(self.tester.simulator, self.tester.driver):
-            return True
-        if not self.isolate:
-            return False
-        if capabilities(self.tester.simulator).drives_compiled(self.tester.driver):
-            return False
-        try:
-            pack(self.tester)
-        except CampaignError as error:
-            logger.warning("nothing protects this process from the driver: %s", error)
-            return False
-        return True
 
     @property
     def best_test(self) -> Test | None:
@@ -723,26 +701,56 @@ class Campaign(Shown):
             return f"<Campaign {self.folder}: nothing stored yet>"
 
 
-def _usual_workers(spec: Spec, simulator: Simulator, driver: Driver) -> int:
+def _checked_workers(workers: int | str) -> int | str:
+    """A number of workers, or the address of a scheduler.
+
+    Raises:
+        ValueError: it is neither, or too many.
+    """
+    if isinstance(workers, str):
+        return read_workers(workers)
+    number = require_count("workers", workers)
+    if number > MAX_WORKERS:
+        raise ValueError(f"workers is {number}: at most {MAX_WORKERS} are allowed")
+    return number
+
+
+def _checked_terms(terms: Terms | None, strategy: Strategy) -> Terms:
+    """Terms that agree with a strategy; by default those that it was made for.
+
+    Raises:
+        ValueError: they do not agree.
+    """
+    made_for: dict[str, Any] = {"road_class": strategy.road_class, "domain": strategy.domain}
+    made_for["map_size"] = (options_of(strategy) or {}).get("map_size")
+    made_for = {name: value for name, value in made_for.items() if value is not None}
+    if terms is None:
+        return Terms.of_class(made_for.pop("road_class", None), **made_for)
+    for name, value in made_for.items():
+        if getattr(terms, name) != value:
+            given, own = (
+                number_word(one) if name == "map_size" else getattr(one, "name", one)
+                for one in (getattr(terms, name), value)
+            )
+            raise ValueError(
+                f"{name} is {given}, but the strategy was made for {own}: they have to agree"
+            )
+    return terms
+
+
+def _usual_workers(spec: Spec, tester: RoadTester) -> int:
     """Number of workers that are of use, by default one per core."""
-    its, budget = capabilities(simulator), spec.budget
-    usual = its.usual_workers or available_cores()
+    budget = spec.budget
+    usual = capabilities(tester.simulator).usual_workers or available_cores()
     drives = None if budget is None else budget.simulations
-    if drives is not None and drives <= QUICK_DRIVES and its.drives_compiled(driver):
+    if drives is not None and drives <= QUICK_DRIVES and tester.drives_compiled:
         return 1
     return usual if spec.lookahead is None else min(usual, spec.lookahead)
 
 
-_TERMS: Final = (
-    "rules",
-    "map_size",
-    "margin",
-    "lane_width",
-    "road_class",
-    "domain",
-    "lookahead",
-    "objective",
-)
+_SETTING: Final = tuple(item.name for item in fields(Setting))
+"""Entries of the configuration that are those of its `Setting`."""
+_TERMS: Final = (*(name for name in _SETTING if name != "car"), "lookahead", "objective")
 """Entries of the configuration on which a resumed campaign is the same."""
 _LOGGED: Final = (
     "seed",
@@ -751,7 +759,6 @@ _LOGGED: Final = (
     "simulator",
     "budget",
     "workers",
-    "cluster",
     "lookahead",
     "versions",
 )

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from frenetic.campaign.configuration import fault_of
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.earlier import read_earlier
 from frenetic.campaign.log import told_in_log
 from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.errors import CampaignError
-from frenetic.spec import fault_of
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,9 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic._support.json_value import JSONValue
 from frenetic._support.words import counted
+from frenetic.campaign.configuration import EarlierCampaign
 from frenetic.campaign.objective import Objective, evaluation_of
-from frenetic.campaign.record import Setting, Test
+from frenetic.campaign.record import Test
 from frenetic.campaign.store import EARLIER_SETTINGS, CampaignStore
 from frenetic.campaign.tester import RoadTester, fitted
 from frenetic.drive import Trajectory
@@ -34,7 +35,7 @@ from frenetic.search.approach import nearest_square
 from frenetic.search.archive import places_of
 from frenetic.search.random_search import EARLIER, GIVEN
 from frenetic.search.records import Candidate, Evaluation, Origin, Source
-from frenetic.spec import EarlierCampaign
+from frenetic.terms import Setting
 
 _APART: Final = 1.0
 """Least difference of two taken tests, in m."""
@@ -64,8 +65,8 @@ def take_roads(
     stretches = stretches_of(found.roads, step_of(found.roads) if step is None else step)
     tests: list[Test] = []
     for name, road in stretches.items():
-        if tester.road_class is not None:
-            road = fitting(road, tester.road_class)
+        if tester.terms.road_class is not None:
+            road = fitting(road, tester.terms.road_class)
         candidate = Candidate(
             len(tests) + 1,
             road.curvatures,
@@ -74,7 +75,7 @@ def take_roads(
             notes={GIVEN: name},
             **{name: getattr(road, name) for name in profile.NAMES},
         )
-        if fitted(candidate, tester)[1].valid:
+        if fitted(candidate, tester.terms)[1].valid:
             result = Result(Outcome.DROPPED, "a stretch of a real road, which nobody has driven")
             number = len(tests) + 1
             tests.append(
@@ -84,7 +85,7 @@ def take_roads(
         raise RoadError(
             f"nothing can be taken from {folder}: none of {counted(len(found.roads), 'road')} there"
             f" is 50 m long, with bends as wide as two lanes, and fits the map of"
-            f" {tester.map_size:g} m"
+            f" {tester.terms.map_size:g} m"
         )
     taken = f"{folder}: {counted(len(tests), 'stretch', 'stretches')} of"
     unread = f", {len(found.skipped)} could not be read" if found.skipped else ""
@@ -98,7 +99,7 @@ def take_roads(
 
 def _limits_in_words(stretches: Sequence[Candidate], tester: RoadTester) -> str:
     """The speed limits on some stretches, and what is assumed where a file says none."""
-    rules, class_name = tester.simulator.rules, getattr(tester.road_class, "name", "")
+    rules, class_name = tester.setting.rules_in({}), getattr(tester.terms.road_class, "name", "")
     if rules.road_limits == "ignored":
         return f"speed limit {rules.limit_in_words()}"
     steps = [
@@ -172,7 +173,7 @@ def take_earlier(
 
 def _fits(road: Candidate, tester: RoadTester, step: float | None) -> bool:
     has_step = road.points is None and step in (None, road.step)
-    return has_step and fitted(road, tester)[1].valid
+    return has_step and fitted(road, tester.terms)[1].valid
 
 
 def _is_new(told: Evaluation, near: dict[int, list[FloatArray]]) -> bool:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from json import JSONEncoder
@@ -17,19 +17,17 @@ from typing import Any, ClassVar, Final, Literal, Self, TypeAlias
 import numpy as np
 from msgspec import convert, to_builtins
 
-from frenetic._support.bounds import Count, Finite, Index, NotNegative, Positive, Share
+from frenetic._support.bounds import Count, Finite, Index, NotNegative, Share
 from frenetic._support.notebook import Shown
 from frenetic._support.outside_text import read_json
 from frenetic.campaign.trajectory_codec import decode, encode, rounded
-from frenetic.domain import Domain
-from frenetic.drive import CarBody, Drive, Rules, Trajectory
+from frenetic.drive import Drive, Trajectory
 from frenetic.errors import IS_KILLED, CampaignError, Trouble
 from frenetic.oracle import Finding, Result, broken
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
-from frenetic.road.classes import RoadClass
 from frenetic.search.records import Candidate
-from frenetic.simulators.worlds import rules_in
+from frenetic.terms import Setting
 
 
 @dataclass(frozen=True)
@@ -109,34 +107,6 @@ class Attempt:
         if self.packed is None:
             return None
         return decode(self.packed) if self.trajectory is None else rounded(self.trajectory)
-
-
-@dataclass(frozen=True)
-class Setting:
-    """Terms of a campaign's drives."""
-
-    lane_width: Positive
-    """m."""
-    map_size: Positive
-    """m."""
-    margin: NotNegative
-    """m."""
-    rules: Rules
-    car: CarBody
-    road_class: RoadClass | None = None
-    """Class whose rules its roads keep; None for the competition's."""
-    domain: Domain | None = None
-    """Domain whose conditions its drives had; None for the usual ones."""
-
-    @classmethod
-    def of(cls, config: Mapping[str, Any]) -> Self:
-        """The setting in a campaign's configuration.
-
-        Raises:
-            ValueError: it lacks it; the message names the place.
-        """
-        wanted = {item.name for item in fields(cls)}
-        return convert({k: v for k, v in config.items() if k in wanted}, cls)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -255,7 +225,7 @@ class Test(Shown):
         return Drive(
             self.trajectory,
             setting.car,
-            rules_in(self.candidate.conditions, setting.rules),
+            setting.rules_in(self.candidate.conditions),
             self.road,
             Trouble(self.reason, fault=fault) if broke else None,
         )

@@ -18,7 +18,6 @@ from frenetic.outcome import Outcome
 from frenetic.search.approach import ALIKE, BEHIND
 from frenetic.search.archive import places_of
 from frenetic.search.records import Candidate
-from frenetic.simulators.capabilities import class_name
 from frenetic.simulators.embedded import EmbeddedSimulator
 from frenetic.simulators.simulator import Simulator
 
@@ -99,7 +98,7 @@ def other_moobd(first: Test, again: Test, simulator: Simulator) -> str:
 
 def is_exact(simulator: Simulator) -> bool:
     """Whether the same controls give the same drive, to the last bit."""
-    return class_name(simulator) == EmbeddedSimulator.__name__
+    return type(simulator).__name__ == EmbeddedSimulator.__name__
 
 
 def _difference(first: Test, again: Test) -> float | None:

@@ -16,6 +16,7 @@ from msgspec import Struct, to_builtins
 
 from frenetic._support.outside_text import read_json
 from frenetic._support.words import printable
+from frenetic.campaign.configuration import SPEC, decode_budget
 from frenetic.campaign.lock import holder, last_host
 from frenetic.campaign.log import LOG, LogEvent
 from frenetic.campaign.store import LOCK, CampaignStore
@@ -23,7 +24,8 @@ from frenetic.campaign.summary import Summary
 from frenetic.description import PARTS, recorded_part
 from frenetic.errors import CampaignError
 from frenetic.oracle import is_drivers
-from frenetic.spec import Budget, decode_budget
+from frenetic.spec import FILE, Budget, Spec
+from frenetic.trust import REGISTRIES
 
 TAIL: Final = 1 << 16
 """Bytes at the end of a log that are read for the news."""
@@ -169,7 +171,7 @@ def going_on(store: CampaignStore) -> str:
         return "the command that began it: 'frenetic rerun', 'minimise' or 'compare'"
     if is_told(config):
         return shlex.join(["frenetic", "ask-tell", "--out", str(folder)])
-    if config.get("run") is None:
+    if config.get(SPEC) is None:
         return "from Python, where it was started: Campaign.resume()"
     return shlex.join(["frenetic", "resume", str(folder)])
 
@@ -203,3 +205,31 @@ def stored_budget(store: CampaignStore) -> Budget:
         return decode_budget(store.facts.get("budget", store.config.get("budget")))
     except ValueError as error:
         raise CampaignError(f"{store.folder} has no budget to go on with: {error}") from None
+
+
+def next_campaign(spec: Spec, folder: Path, *, has_drives: bool) -> str:
+    """Return the advice to start another campaign with the parts of one as they are now.
+
+    It is a command and no file, because only a command may name code of the user's own.
+
+    Args:
+        spec: of the campaign.
+        folder: of the campaign.
+        has_drives: whether it holds a drive that says something of the driver. Then the other one
+            starts from it, with another seed; without, it is the same search with the same seed.
+    """
+    words = ["frenetic", "run", str(folder / FILE)]
+    words += ["--from", str(folder)] if has_drives else []
+    for kind in PARTS:
+        part = spec.part(kind)
+        if part.name is not None and (kind == "driver" or REGISTRIES[kind].is_own(part.name)):
+            words += [f"--{kind}", str(part)]
+    if REGISTRIES["objective"].is_own(spec.named_objective):
+        words += ["--objective", spec.named_objective]
+    if not has_drives:
+        return f"start it anew, with the same seed: {shlex.join(words)}"
+    advice = "start a new campaign from this one"
+    if spec.seed is not None:
+        advice += ", with another seed so that its random roads are new"
+        words += ["--seed", str(spec.seed + 1)]
+    return f"{advice}: {shlex.join(words)}"

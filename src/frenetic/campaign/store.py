@@ -48,7 +48,6 @@ from frenetic.campaign.record import (
     FINDING,
     FINISHED,
     TOLD,
-    Setting,
     Test,
     read_candidate,
     read_test,
@@ -60,6 +59,7 @@ from frenetic.errors import CampaignError, CampaignGoneError
 from frenetic.outcome import Outcome
 from frenetic.road import profile
 from frenetic.search.records import Candidate
+from frenetic.terms import Setting
 
 DATABASE: Final = "campaign.sqlite"
 """Name of the database in a campaign's folder."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from copy import copy
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final, Literal, Self, TypeAlias
@@ -130,6 +130,24 @@ class Summary(Counts):
             "folder": str(self.folder),
             **self.objective_json,
         }
+
+
+@dataclass
+class Progress(Counts):
+    """What the process of a campaign reports of its `Summary`."""
+
+    budget_spent: float = 0.0
+    folder: str = ""
+
+    @classmethod
+    def of_summary(cls, summary: Summary) -> Self:
+        """The progress that a summary tells."""
+        counts = {item.name: getattr(summary, item.name) for item in fields(Counts)}
+        return cls(**counts, budget_spent=summary.budget_spent, folder=str(summary.folder))
+
+    def summary(self) -> Summary:
+        """The summary with these counts."""
+        return Summary(**asdict(self) | {"folder": Path(self.folder)})
 
 
 def facts_in_words(facts: object) -> str:

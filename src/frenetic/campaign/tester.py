@@ -3,31 +3,38 @@
 from __future__ import annotations
 
 import logging
+import os
 import time
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from contextlib import AbstractContextManager, chdir, nullcontext
+from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
-from typing import Any, Self
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.child_processes import one_process
-from frenetic._support.scalars import take_numpy_scalars
-from frenetic.campaign.record import Attempt, Setting
-from frenetic.drive import Drive, Trajectory
+from frenetic._support.json_value import JSONValue
+from frenetic.campaign.record import Attempt
+from frenetic.description import describe, sources_of
+from frenetic.drive import Drive, Rules, Trajectory
 from frenetic.drivers.driver import Driver
+from frenetic.drivers.loading import under
 from frenetic.errors import RoadError, Trouble
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
-from frenetic.road import MAP_SIZE, MARGIN, Pose, Road, Verdict, check_validity
-from frenetic.road.classes import RoadClass
-from frenetic.road.road import MAX_COORDINATE, checked_lane_width
+from frenetic.registry import SIMULATORS, Made
+from frenetic.road import Pose, Road, Verdict, check_validity
 from frenetic.search.records import Candidate
-from frenetic.simulators.capabilities import check_pair, check_road
-from frenetic.simulators.isolated import BrokenDriveError, raised
+from frenetic.simulators.blame import raised
+from frenetic.simulators.capabilities import capabilities, check_pair, check_road
 from frenetic.simulators.simulator import Simulator
-from frenetic.simulators.worlds import check_conditions, in_conditions
-from frenetic.spec import Spec, is_number, shown
+from frenetic.simulators.worlds import check_conditions, check_pair_in, in_conditions
+from frenetic.spec import Spec
+from frenetic.terms import Setting, Terms
 
 logger = logging.getLogger(__name__)
 
@@ -36,61 +43,92 @@ logger = logging.getLogger(__name__)
 class RoadTester:
     """Tests roads, one after the other, on the same terms.
 
+    Its copy for another process makes parts that have names anew; other parts are copied, and so is
+    an installed simulator with ``prepare``, which keeps what it has found out.
+
     Raises:
         DriverError: the driver cannot drive in the simulator.
-        ValueError: the map is too small for its margin, or too large; the margin is negative, or a
-            lane has no width that can be represented.
+        FreneticError: the simulator cannot be put into the conditions.
     """
 
     simulator: Simulator
     driver: Driver
-    map_size: float = MAP_SIZE
-    """Side of the square map into which roads are fitted, in m."""
-    margin: float = MARGIN
-    """Distance that a road's centre line keeps from the map's edge, in m."""
-    lane_width: float = 4.0
-    """Width of each lane, in m."""
-    road_class: RoadClass | None = None
-    """Class whose rules valid roads keep; None for the competition's."""
+    terms: Terms = field(default_factory=Terms)
+    """Map, lanes, roads and conditions of the drives."""
+    spec: Spec | None = None
+    """Spec that names driver and simulator; None for objects from Python."""
+    folder: Path | None = None
+    """Folder in which parts with names were made, from which their names and files go."""
 
     @classmethod
-    def on(cls, terms: Setting | Spec, simulator: Simulator, driver: Driver) -> Self:
-        """The tester on given terms; raises as the class does."""
-        return cls(
-            simulator, driver, terms.map_size, terms.margin, terms.lane_width, terms.road_class
-        )
+    def of(cls, spec: Spec, terms: Terms | None = None, rules: Rules | None = None) -> RoadTester:
+        """The tester with the driver and the simulator of a spec.
 
-    @property
-    def terms(self) -> dict[str, Any]:
-        """Its terms, as `frenetic.Campaign` takes them."""
-        names = ("map_size", "margin", "lane_width", "road_class")
-        return {name: getattr(self, name) for name in names}
+        Args:
+            spec: names both.
+            terms: by default those of the spec.
+            rules: likewise.
+
+        Raises:
+            FreneticError: a part cannot be made, or as the class does.
+            ValueError: the terms are out of range.
+        """
+        driver, simulator = spec.make_driver(), spec.make_simulator(rules)
+        return cls(simulator, driver, spec.terms if terms is None else terms, spec, Path.cwd())
 
     def __post_init__(self) -> None:
-        for name in ("map_size", "margin", "lane_width"):
-            if not is_number(value := getattr(self, name)):
-                raise ValueError(f"{name} is {shown(value)}: a number of metres is needed")
-        take_numpy_scalars(self)
-        checked_lane_width(self.lane_width)
-        if self.margin < 0.0:
-            raise ValueError(f"margin is {self.margin:g}: a number of at least 0 is needed")
-        if not self.map_size > 2.0 * self.margin:
-            raise ValueError(
-                f"map_size is {self.map_size:g}: more than twice the margin of"
-                f" {self.margin:g} m is needed"
-            )
-        if self.map_size > MAX_COORDINATE:
-            raise ValueError(
-                f"map_size is {self.map_size:g}: at most {MAX_COORDINATE:g} m are allowed"
-            )
-        check_pair(self.simulator, self.driver)
+        check_pair_in(self.terms.conditions, self.simulator, self.driver)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        if self.spec is None:
+            return RoadTester, (self.simulator, self.driver, self.terms)
+        is_own = SIMULATORS.is_own(self.spec.part("simulator").name)
+        # What an installed one has found out is not to be found out once more.
+        simulator = None if is_own or not hasattr(self.simulator, "prepare") else self.simulator
+        rules = self.simulator.rules
+        return _made_anew, (self.spec, self.terms, rules, self.folder, simulator)
+
+    @property
+    def setting(self) -> Setting:
+        """The terms, with the simulator's rules and car."""
+        terms: dict[str, Any] = {
+            item.name: getattr(self.terms, item.name) for item in fields(Terms)
+        }
+        return Setting(**terms, rules=self.simulator.rules, car=self.simulator.car)
+
+    @property
+    def drives_compiled(self) -> bool:
+        """Whether its drives are compiled code of ours alone, which needs no process of its own."""
+        driver = under(self.terms.conditions, self.driver)
+        return capabilities(self.simulator).drives_compiled(driver)
+
+    @property
+    def described(self) -> Mapping[str, dict[str, JSONValue]]:
+        """Driver and simulator as `frenetic.description.describe` gives them."""
+        parts = {"driver": self.driver, "simulator": self.simulator}
+        with self.in_folder():
+            return {kind: describe(part, self._made(kind)) for kind, part in parts.items()}
+
+    @property
+    def sources(self) -> dict[str, str]:
+        """The user's own source of driver and simulator: name of a file -> its text."""
+        with self.in_folder():
+            driver = sources_of(self.driver, self._made("driver"))
+            return driver | sources_of(self.simulator, self._made("simulator"))
+
+    def in_folder(self) -> AbstractContextManager[None]:
+        """The folder in which the parts were made, as the current one for a while."""
+        return nullcontext() if self.folder is None else chdir(self.folder)
+
+    def _made(self, kind: str) -> Made | None:
+        return None if self.spec is None else self.spec.made(kind)
 
     def laid(self, candidate: Candidate) -> tuple[Road | None, Verdict]:
         """Return a candidate's road as it would be driven, and whether it may be, see `fitted`.
 
         A road that the simulator cannot lay is invalid, too.
         """
-        road, verdict = fitted(candidate, self)
+        road, verdict = fitted(candidate, self.terms)
         if road is not None and verdict.valid:
             try:
                 check_road(self.simulator, self.driver, road)
@@ -106,10 +144,11 @@ class RoadTester:
         road, verdict = self.laid(candidate)
         if road is None or not verdict.valid:
             return _refused(candidate.id, verdict.message, road.pose if road else None)
-        if not candidate.conditions:
+        conditions = self.terms.conditions_of(candidate.conditions)
+        if not conditions:
             return self._driven(candidate.id, road, self.driver)
         check_conditions(candidate.conditions)
-        with in_conditions(candidate.conditions, self.simulator, self.driver) as driver:
+        with in_conditions(conditions, self.simulator, self.driver) as driver:
             check_pair(self.simulator, driver)
             return self._driven(candidate.id, road, driver)
 
@@ -121,9 +160,11 @@ class RoadTester:
         attempt = self.test(candidate).pack(keep=keep)
         return replace(attempt, worker=worker, seconds=time.perf_counter() - start)
 
-    def drive(self, road: Road) -> Drive:
-        """Drives a road; a simulator that raises gives a drive with trouble."""
-        return self._drive(road, self.driver)[0]
+    def drive(self, road: Road, conditions: Mapping[str, float] = MappingProxyType({})) -> Drive:
+        """Drives a road in some conditions; a simulator that raises gives a drive with trouble."""
+        conditions = self.terms.conditions_of(conditions)
+        with in_conditions(conditions, self.simulator, self.driver) as driver:
+            return self._drive(road, driver)[0]
 
     def _driven(self, candidate_id: int, road: Road, driver: Driver) -> Attempt:
         drive, broke = self._drive(road, driver)
@@ -146,8 +187,6 @@ class RoadTester:
         try:
             with one_process():
                 drive = self.simulator.drive(road, driver)
-        except BrokenDriveError as error:
-            broke, drive = True, self._broken(error.trouble)
         except Exception as error:
             broke, drive = True, self._broken(raised(error, driver))
         if (trouble := drive.trouble) is not None and trouble.traceback:
@@ -159,11 +198,21 @@ class RoadTester:
         return Drive(Trajectory.empty(), simulator.car, simulator.rules, trouble=trouble)
 
 
+def _made_anew(
+    spec: Spec, terms: Terms, rules: Rules, folder: Path, simulator: Simulator | None
+) -> RoadTester:
+    """The tester of named parts, in a process whose folder another part may have left."""
+    os.chdir(folder)
+    if simulator is None:
+        return RoadTester.of(spec, terms, rules)
+    return RoadTester(simulator, spec.make_driver(), terms, spec, folder)
+
+
 def _refused(candidate_id: int, reason: str, pose: Pose | None = None) -> Attempt:
     return Attempt.undriven(candidate_id, Outcome.INVALID, reason, pose)
 
 
-def fitted(candidate: Candidate, terms: RoadTester | Setting) -> tuple[Road | None, Verdict]:
+def fitted(candidate: Candidate, terms: Terms) -> tuple[Road | None, Verdict]:
     """A candidate's road on the map, fitted into it or through points, and the verdict on it there.
 
     Returns:

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from frenetic.cli import Invocation
 from frenetic.cli.console import Log, announced_compilation, counted_progress, this_command
+from frenetic.cli.entries import Given, without_place
 from frenetic.cli.options import as_usage_error
-from frenetic.cli.parts import given_options, with_given, without_place
 from frenetic.errors import CampaignError
 from frenetic.spec import DRIVEN, Spec
 from frenetic.trust import NOT_DRIVING
@@ -25,32 +24,32 @@ if TYPE_CHECKING:
     from frenetic.road.files import RoadFile
 
 
-def recorded_spec(store: CampaignStore, given: Mapping[str, Any], *, checked: bool = True) -> Spec:
+def campaign_spec(store: CampaignStore, given: Given, *, checked: bool = True) -> Spec:
     """The spec of a campaign, with replacements from the command line.
 
     Args:
         store: the campaign.
-        given: values of the options of `part_options`.
+        given: on the command line.
         checked: whether code that it names has to be trusted, see `frenetic.trust`.
 
     Raises:
         CampaignError: the campaign was started from Python and a part is not given, or its record
             is damaged.
         FreneticError: a given rule is out of range.
-        click.UsageError: another map is given.
+        click.UsageError: other roads are given.
     """
     from frenetic.campaign.campaign import STARTED_IN
+    from frenetic.campaign.configuration import recorded_spec
     from frenetic.campaign.state import is_told
     from frenetic.campaign.store import DATABASE
 
-    if given.get("road_class") is not None:
+    if given.says("roads"):
         raise click.UsageError("--roads is for a ROAD file: a campaign has its own road class")
-    recorded = Spec.from_json(store.config, source=store.folder / DATABASE)
-    spec = with_given(recorded, given)
+    spec = given.over(recorded_spec(store.config, source=store.folder / DATABASE))
     if checked:
         started_in = str(store.fact(STARTED_IN) or "")
-        spec.require_trusted(store.folder, named_parts(given), started_in=started_in)
-    if spec.driver.name is None or spec.simulator.name is None:
+        spec.require_trusted(store.folder, [*NOT_DRIVING, *given.parts], started_in=started_in)
+    if spec.driver is None or spec.simulator is None:
         how, elsewhere = "was started from Python", ", or do it from Python"
         if is_told(store.config):
             how, elsewhere = "was told its results", ""
@@ -61,35 +60,27 @@ def recorded_spec(store: CampaignStore, given: Mapping[str, Any], *, checked: bo
     return spec
 
 
-def named_parts(given: Mapping[str, Any]) -> list[str]:
-    """Kinds of parts that the command line names itself, or does not make."""
-    return [*NOT_DRIVING, *(kind for kind in ("driver", "simulator") if given.get(kind))]
-
-
-def file_spec(context: click.Context, file: RoadFile, *, checked: bool = True) -> Spec:
+def file_spec(given: Given, file: RoadFile, *, checked: bool = True) -> Spec:
     """The spec with which a road's file was driven, with replacements from the command line.
 
     Files that do not say it are driven as the options and their defaults say.
 
     Args:
-        context: of the command.
+        given: on the command line.
         file: the road's file.
-        checked: as for `recorded_spec`.
+        checked: as for `campaign_spec`.
 
     Raises:
         FreneticError: the file names parts that are not loaded unasked, or its record is damaged.
     """
-    given = given_options(context)
     if DRIVEN not in file.entries:
-        return with_given(Spec(), given, has_roads=False)
-    recorded = Spec.from_drive_record(file.entries[DRIVEN], source=file.path)
+        return given.over(Spec(), has_roads=False)
+    recorded = Spec.of_driven(file.entries[DRIVEN], source=file.path)
     # Which program is started, no file says.
-    recorded = replace(recorded, simulator=without_place(recorded.simulator))
-    spec = with_given(recorded, given)
-    if not checked:
-        return spec
-    spec.require_trusted(file.path, named_parts(given))
-    return spec.with_limit()  # which loads the simulator
+    spec = given.over(without_place(recorded))
+    if checked:
+        spec.require_trusted(file.path, [*NOT_DRIVING, *given.parts])
+    return spec
 
 
 def chosen_tests(

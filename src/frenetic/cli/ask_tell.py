@@ -8,41 +8,28 @@ import sys
 from collections.abc import Iterator
 from contextlib import redirect_stdout
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from frenetic.cli import echo
-from frenetic.cli.options import DURATION, as_usage_error, folder_option
-from frenetic.cli.parts import map_size_option, odd_option, part_choice
-from frenetic.spec import Budget, Part, Spec
-
-if TYPE_CHECKING:
-    from frenetic.domain import Domain
+from frenetic.cli.entries import Given, entry_options
+from frenetic.cli.options import as_usage_error, folder_option
+from frenetic.spec import Spec
 
 DEFAULT_SIMULATIONS = 1000
 
 
 @click.command(name="ask-tell")
-@click.option("--simulations", type=int, metavar="N", help="Stop after N drives. [default: 1000]")
-@click.option("--time", "seconds", type=DURATION, help="Stop after this time: 90s, 10m, 1h30m.")
-@click.option("--failures", type=int, metavar="N", help="Stop after N failures.")
-@part_choice("strategy", "How to search ('frenetic list strategies'). [default: frenetic]")
+@entry_options("simulations", "time", "failures", "strategy")
 @click.option("--name", default="told", show_default=True, help="What drives, for the record.")
-@odd_option
-@map_size_option
-@click.option("--seed", type=click.IntRange(0), help="Repeats a search. [default: a new one]")
+@entry_options("odd", "map_size", "seed")
 @folder_option("Folder for the results; one that holds this search is gone on with.")
 @click.pass_context
 def ask_tell(
     context: click.Context,
     /,
-    simulations: int | None,
-    seconds: float | None,
-    failures: int | None,
     name: str,
-    domain: Domain | None,
-    seed: int | None,
     out: Path | None,
     **_: Any,
 ) -> None:
@@ -56,14 +43,15 @@ def ask_tell(
     from frenetic.campaign.asktell import ToldCampaign
     from frenetic.campaign.store import DATABASE
 
-    if simulations is None and seconds is None and failures is None:
-        simulations = DEFAULT_SIMULATIONS
-    folder = new_folder() if out is None else out
+    spec = Given.of(context).over(Spec())
+    if spec.budget is None:
+        spec = Spec.of(spec, {"simulations": DEFAULT_SIMULATIONS})
+    folder, seed = new_folder() if out is None else out, spec.seed
     if seed is None and (folder / DATABASE).is_file():
         with CampaignStore.open(folder) as store:
             recorded = store.config.get("seed")
             seed = recorded if isinstance(recorded, int) else None
-    seed = secrets.randbelow(2**31) if seed is None else seed
+    spec = Spec.of(spec, {"seed": secrets.randbelow(2**31) if seed is None else seed})
     answers = sys.stdout
 
     def answer(message: Any) -> None:
@@ -71,17 +59,14 @@ def ask_tell(
 
     with redirect_stdout(sys.stderr):  # a strategy's prints, say
         with as_usage_error():
-            budget = Budget(simulations=simulations, time=seconds, failures=failures)
-            given = {**context.params, "road_class": None if domain is None else domain.road_class}
-            spec = Spec(strategy=Part("frenetic"), seed=seed).replaced(given)
             campaign = ToldCampaign(
                 _lines(),
                 answer,
                 name=name,
                 strategy=spec.make_strategy(),
-                budget=budget,
+                terms=spec.terms,
+                budget=spec.budget,
                 folder=folder,
-                map_size=spec.map_size,
                 rules=spec.rules,
             )
         summary = campaign.serve()

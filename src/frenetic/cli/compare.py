@@ -15,6 +15,7 @@ from rich.markup import escape
 
 from frenetic.cli import echo
 from frenetic.cli.console import Log, print_table
+from frenetic.cli.entries import Given, as_option, entry_option, was_given
 from frenetic.cli.options import (
     NewFile,
     count_option,
@@ -22,7 +23,6 @@ from frenetic.cli.options import (
     json_option,
     workers_option,
 )
-from frenetic.cli.parts import as_option, given_options, part_choice, was_given
 from frenetic.cli.versions import compare_versions
 from frenetic.errors import FreneticError
 
@@ -45,7 +45,7 @@ _MOST_MEASURES: Final = 4
     type=NewFile(),
     multiple=True,
 )
-@part_choice("driver", "A new version of the driver of the one campaign named.")
+@entry_option("driver", "A new version of the driver of the one campaign named.")
 @as_option
 @count_option("--fresh", "Fresh random roads on which both versions drive.", default=200)
 @workers_option
@@ -78,7 +78,7 @@ def compare(
     """
     from frenetic.analysis.comparison import compare as compare_groups
 
-    if new_driver := given_options(context):
+    if new_driver := Given.of(context):
         if out or len(places) > 1:
             what = "leave out --out" if out else "name only that"
             raise click.UsageError(

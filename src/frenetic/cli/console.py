@@ -34,11 +34,10 @@ if TYPE_CHECKING:
     from frenetic.analysis import Clusters
     from frenetic.campaign import CampaignStore, Summary, Test
     from frenetic.campaign.counts import Counts
-    from frenetic.campaign.record import Setting
     from frenetic.criteria import Profile
     from frenetic.oracle import Result
     from frenetic.road import Road
-    from frenetic.spec import Spec
+    from frenetic.terms import Setting
 
 ANNOUNCE_AFTER = 1.5  # s of compiling after which it is mentioned
 LOOK_EVERY = 0.1  # s between two looks whether something is compiled
@@ -342,34 +341,32 @@ def causes_json(clusters: Clusters, shortened: Mapping[int, Test]) -> list[dict[
 
 
 def limit_in_words(
-    terms: Setting | Spec,
+    setting: Setting,
     road: Road | None = None,
     conditions: Mapping[str, float] = MappingProxyType({}),
 ) -> str:
     """The speed limit on a road in some conditions in words, and whence it is.
 
     Args:
-        terms: on which the road is driven.
+        setting: in which the road is driven.
         road: None for the roads of a search.
-        conditions: of the drive.
+        conditions: of the drive's own.
     """
-    from frenetic.simulators.worlds import rules_in  # numba takes its time
-
-    class_name = "" if terms.road_class is None else terms.road_class.name
-    return rules_in(conditions, terms.rules).limit_in_words(road, class_name)
+    class_name = "" if setting.road_class is None else setting.road_class.name
+    return setting.rules_in(conditions).limit_in_words(road, class_name)
 
 
-def limit_of_search(terms: Setting | Spec, from_roads: object) -> str:
+def limit_of_search(setting: Setting, from_roads: object) -> str:
     """The speed limit of a search's roads in words, and whence it is.
 
     Args:
-        terms: of the search.
+        setting: of the search.
         from_roads: folder of the real roads from which it starts; None for none.
     """
-    domain, rules = terms.domain, terms.rules
+    domain, rules = setting.domain, setting.rules_in({})
     if domain is not None and SPEED in domain.conditions:
         return f"drawn from {domain.name}"
-    limit = limit_in_words(terms)
+    limit = limit_in_words(setting)
     if from_roads is None or rules.road_limits == "ignored":
         return limit
     scaling = "" if rules.road_limits == "kept" else f", scaled to {rules.speed_limit:.4g} km/h"

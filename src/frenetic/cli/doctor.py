@@ -4,29 +4,29 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
+from frenetic._support.words import read_part
 from frenetic.cli import echo
 from frenetic.cli.console import Log, announced_compilation
+from frenetic.cli.entries import entry_option
 from frenetic.cli.options import as_usage_error, json_option
-from frenetic.cli.parts import part_choice
 
 if TYPE_CHECKING:
     from frenetic.doctor import Examination
     from frenetic.simulators.checks import Check
+    from frenetic.spec import Spec
 
 
 @click.command()
-@part_choice(
+@entry_option(
     "simulator",
     "Check only this one, and in full. [default: all that are installed, in short]",
 )
 @json_option
-def doctor(
-    simulator: str | None, simulator_options: tuple[tuple[str, Any], ...], as_json: bool
-) -> None:
+def doctor(simulator: Spec | None, as_json: bool) -> None:
     """Check the simulators on this machine and say what is wrong and what to do.
 
     Use --simulator and its options for a simulator that needs a licence or a place. The exit code
@@ -34,18 +34,19 @@ def doctor(
     """
     from frenetic.doctor import Health, examine, examine_all
 
-    if simulator is None and simulator_options:
+    name, options = (None, {}) if simulator is None else read_part(simulator.simulator or "")
+    if name is None and options:
         raise click.UsageError("--simulator needs a name before the options: NAME,OPTION=VALUE")
     examinations: list[Examination] = []
     with announced_compilation(Log()) as compiled, as_usage_error():
-        if simulator is not None:
+        if name is not None:
 
             def show(check: Check) -> None:
                 compiled()
                 if not as_json:
                     _print(check)
 
-            examinations.append(examine(simulator, dict(simulator_options), on_check=show))
+            examinations.append(examine(name, options, on_check=show))
         else:
             for examination in examine_all():
                 compiled()
@@ -56,9 +57,9 @@ def doctor(
         echo(
             json.dumps([asdict(result) | {"health": str(result.health)} for result in examinations])
         )
-    elif simulator is not None:
+    elif name is not None:
         failed = len(examinations[0].failed)
-        echo(f"{simulator}: {f'{failed} of the checks failed' if failed else 'all is well'}")
+        echo(f"{name}: {f'{failed} of the checks failed' if failed else 'all is well'}")
     if any(one.health is Health.BROKEN for one in examinations):
         raise click.exceptions.Exit(1)
 

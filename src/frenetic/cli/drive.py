@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from frenetic.cli import echo
-from frenetic.cli.again import file_spec, recorded_spec
+from frenetic.cli.again import campaign_spec, file_spec
 from frenetic.cli.console import (
     Log,
     announced_compilation,
@@ -23,6 +23,7 @@ from frenetic.cli.console import (
     print_measures,
     shell,
 )
+from frenetic.cli.entries import Given, entry_option, entry_options, part_options
 from frenetic.cli.options import (
     NewFile,
     file_option,
@@ -31,27 +32,16 @@ from frenetic.cli.options import (
     road_option,
     source_arguments,
 )
-from frenetic.cli.parts import (
-    criteria_option,
-    given_options,
-    given_quantities,
-    map_size_option,
-    part_options,
-    roads_option,
-    with_given,
-)
 from frenetic.quantities import in_words, without
 from frenetic.spec import Spec
 
 if TYPE_CHECKING:
-    from frenetic.campaign import Test
-    from frenetic.drive import Drive
-    from frenetic.drivers import Driver
+    from frenetic.campaign import RoadTester, Test
+    from frenetic.drive import Drive, Rules
     from frenetic.oracle import Result
     from frenetic.road import Road, Verdict
     from frenetic.road.files import RoadFile
     from frenetic.road.opendrive import Stretch
-    from frenetic.simulators import Simulator
 
 
 @dataclass(frozen=True)
@@ -78,10 +68,9 @@ class Asked:
 
 @click.command()
 @source_arguments
-@roads_option
+@entry_option("roads")
 @part_options
-@criteria_option
-@map_size_option
+@entry_options("criteria", "map_size")
 @click.option("--dry", is_flag=True, help="Say whether the road is valid; do not drive it.")
 @file_option(
     "--plot", "Draw the drive into this PNG, SVG or PDF file.", type=NewFile(is_picture=True)
@@ -113,10 +102,11 @@ def drive(
     drive goes on behind that place as another one. The exit code is 1 if a road is INVALID or the
     simulator broke (ERROR).
     """
+    given, rules = Given.of(context), None
     if source.is_dir():
         if lane is not None or map_roads is not None:
             raise click.UsageError("--lane and --road are for OpenDRIVE, not for a campaign's test")
-        spec, roads = _of_campaign(context, source, test_ids, dry=dry)
+        spec, rules, roads = _of_campaign(given, source, test_ids, dry=dry)
     elif len(test_ids) > 1:
         raise click.UsageError(
             f"{source} is no campaign's folder: name one ID of its list of tests"
@@ -124,14 +114,14 @@ def drive(
     elif map_roads is not None:
         if test_ids:
             raise click.UsageError("--road is for OpenDRIVE, an ID for a list of tests")
-        if "map_size" in given_options(context):
+        if given.says("map_size"):
             raise click.UsageError("--road drives roads where they lie: leave out --map-size")
-        spec, roads = _of_map(context, source, map_roads, lane)
+        spec, roads = _of_map(given, source, map_roads, lane)
     else:
-        spec, roads = _of_file(context, source, lane, next(iter(test_ids), None), dry=dry)
+        spec, roads = _of_file(given, source, lane, next(iter(test_ids), None), dry=dry)
     if plot is not None and (dry or len(roads) > 1):
         raise click.UsageError("--plot draws one drive: leave it out with --dry or several roads")
-    documents = _judged(spec, roads) if dry else _driven(spec, roads, plot, is_quiet=as_json)
+    documents = _judged(spec, roads) if dry else _driven(spec, rules, roads, plot, is_quiet=as_json)
     if as_json:
         several = len(roads) > 1 or map_roads is not None
         echo(json.dumps(documents if several else documents[0]))
@@ -147,35 +137,36 @@ def drive(
 
 
 def _of_campaign(
-    context: click.Context, folder: Path, test_ids: tuple[int, ...], *, dry: bool
-) -> tuple[Spec, list[Asked]]:
-    """The spec of a campaign, and the roads of tests."""
+    given: Given, folder: Path, test_ids: tuple[int, ...], *, dry: bool
+) -> tuple[Spec, Rules | None, list[Asked]]:
+    """The spec of a campaign, its own rules unless the spec says them, and the roads of tests."""
+    from frenetic.again.rerun import unsaid_rules
     from frenetic.campaign import CampaignStore
 
     if not test_ids:
         raise click.UsageError(
             f"{folder} is a folder: say which tests of the campaign, or name a road file"
         )
-    given = given_options(context)
-    if "map_size" in given:
+    if given.says("map_size"):
         raise click.UsageError("--map-size is for a ROAD file: a campaign has its own map")
     with CampaignStore.open(folder) as store:
         tests = [store.test(number) for number in dict.fromkeys(test_ids)]
         is_made = not dry or any(not test.road.is_plain for test in tests)
         config = store.config
-        spec = recorded_spec(store, given, checked=is_made)
-    instead = given_quantities(spec, given)
+        spec = campaign_spec(store, given, checked=is_made)
+        terms, rules = store.setting, unsaid_rules(store, spec)
+    instead = given.quantities(spec)
     roads = []
     for test in tests:
-        fitted, verdict = test.road.placed(spec.map_size, spec.margin, spec.road_class)
+        fitted, verdict = test.road.placed(terms.map_size, terms.margin, terms.road_class)
         name, conditions = f"{folder} {test.id}", without(test.candidate.conditions, *instead)
         road = fitted or test.road
         roads.append(Asked(name, road, verdict, test, config, conditions=conditions))
-    return spec, roads
+    return spec, rules, roads
 
 
 def _of_file(
-    context: click.Context, path: Path, lane: int | None, test_id: int | None, *, dry: bool
+    given: Given, path: Path, lane: int | None, test_id: int | None, *, dry: bool
 ) -> tuple[Spec, list[Asked]]:
     """The spec and the road of a road file; without a drive, points are judged where they lie."""
     from frenetic.road import Verdict
@@ -183,10 +174,11 @@ def _of_file(
 
     file = read_road(path, lane=lane, test=test_id)
     road = file.road()
-    spec = file_spec(context, file, checked=not dry or not road.is_plain)
-    fitted, verdict = road.placed(spec.map_size, road_class=spec.road_class)
+    spec = file_spec(given, file, checked=not dry or not road.is_plain)
+    terms = spec.terms
+    fitted, verdict = road.placed(terms.map_size, road_class=terms.road_class)
     if dry:
-        verdict = file.check_validity(spec.map_size, spec.road_class)
+        verdict = file.check_validity(terms.map_size, terms.road_class)
     if fitted is None:
         verdict = Verdict(False, f"{verdict.message}; {_larger_map(file, road, spec)}")
     name = str(path) if test_id is None else f"{path} {test_id}"
@@ -197,7 +189,7 @@ def _larger_map(file: RoadFile, road: Road, spec: Spec) -> str:
     """What to do with a road that does not fit the map."""
     if file.map_road is not None:
         return f"--road {shell(file.map_road)} drives it where it lies"
-    map_size = spec.map_size
+    map_size = spec.terms.map_size
     while (fitted := road.fitted(map_size)) is None:
         map_size += 100.0
     verdict = fitted.check_validity(map_size, spec.road_class)
@@ -209,21 +201,21 @@ def _larger_map(file: RoadFile, road: Road, spec: Spec) -> str:
     return f"--map-size {map_size:g} has room for it"
 
 
-def _of_map(
-    context: click.Context, path: Path, map_roads: str, lane: int | None
-) -> tuple[Spec, list[Asked]]:
+def _of_map(given: Given, path: Path, map_roads: str, lane: int | None) -> tuple[Spec, list[Asked]]:
     """The spec for the roads of a map, and these where they lie."""
     from frenetic.errors import RoadError
     from frenetic.road import Verdict
     from frenetic.road.files import read_stretches
     from frenetic.search.random_search import TO_GO_ON
+    from frenetic.simulators.worlds import rules_in
 
-    spec = with_given(Spec(), given_options(context), has_roads=False)
+    spec = given.over(Spec(), has_roads=False)
     road_map, stretches = read_stretches(path, map_roads, lane=lane)
 
     def asked(stretch: Stretch) -> Asked:
         def behind(place: float) -> Asked | None:
-            rest_limits = spec.rules.speed_limits_on(stretch.road)[:, 1]
+            rules = rules_in(spec.conditions, spec.rules)
+            rest_limits = rules.speed_limits_on(stretch.road)[:, 1]
             if stretch.road.length - place < TO_GO_ON * float(rest_limits.max()) / 3.6:
                 return None
             try:
@@ -246,44 +238,42 @@ def _of_map(
 
 def _judged(spec: Spec, roads: list[Asked]) -> list[dict[str, Any]]:
     """Which roads are valid; simulator and driver are made only for one that leans or rises."""
+    from frenetic.campaign import RoadTester
+
     documents = []
     for asked in roads:
         reason = asked.verdict.message
         if asked.verdict and not asked.road.is_plain:
-            driver, simulator = spec.make_parts(isolate=False)
-            reason = _cannot_be_driven(driver, simulator, asked.road)
+            reason = _cannot_be_driven(RoadTester.of(spec), asked.road)
         notes = {"notes": list(asked.notes)} if asked.notes else {}
         documents.append({"road": asked.name, "valid": not reason, "message": reason, **notes})
     return documents
 
 
 def _driven(
-    spec: Spec, roads: list[Asked], plot: Path | None, *, is_quiet: bool
+    spec: Spec, rules: Rules | None, roads: list[Asked], plot: Path | None, *, is_quiet: bool
 ) -> list[dict[str, Any]]:
     """Drives the valid roads and prints what happened, unless quiet; gives it for JSON."""
     from frenetic.campaign import RoadTester
-    from frenetic.description import describe
+    from frenetic.campaign.workers import driving
     from frenetic.oracle import Result, judge, measures_json
     from frenetic.outcome import Outcome
-    from frenetic.simulators.worlds import in_conditions, rules_in
 
-    driver, simulator = spec.make_parts(isolate=True)
+    tester = RoadTester.of(spec, rules=rules)
     documents: list[dict[str, Any]] = []
     with ExitStack() as entered:
         compiled = entered.enter_context(announced_compilation(Log()))
-        is_entered, waiting = False, deque(roads)
+        drive_road, waiting = None, deque(roads)
         while waiting:
             asked = waiting.popleft()
             road, the_drive = asked.road, None
-            reason = asked.verdict.message or _cannot_be_driven(driver, simulator, road)
+            reason = asked.verdict.message or _cannot_be_driven(tester, road)
             result = Result(Outcome.INVALID, reason)
             if not reason:
-                if not is_entered:
-                    entered.enter_context(simulator)
+                if drive_road is None:
+                    drive_road = entered.enter_context(driving(tester, isolate=True))
                     compiled()
-                    is_entered = True
-                with in_conditions(asked.conditions, simulator, driver) as layered:
-                    the_drive = RoadTester(simulator, layered).drive(road)
+                the_drive = drive_road(road, asked.conditions)
                 result = judge(road, the_drive)
             title = f"{Path(asked.name).name}: {result.outcome}"
             if plot is not None:
@@ -293,25 +283,25 @@ def _driven(
                     draw_road(road, plot, title=title, reason=reason)
                 else:
                     draw_drive(road, the_drive, plot, title=title)
+            conditions = tester.terms.conditions_of(asked.conditions)
             document = {
                 "road": asked.name,
                 "length": road.length,
-                "speed_limits": rules_in(asked.conditions, spec.rules)
+                "speed_limits": tester.setting.rules_in(asked.conditions)
                 .speed_limits_on(road)
                 .tolist(),
                 **result.as_json(),
-                "driver": describe(driver),
-                "simulator": describe(simulator),
-                **({"conditions": dict(asked.conditions)} if asked.conditions else {}),
+                **tester.described,
+                **({"conditions": conditions} if conditions else {}),
                 **({"notes": list(asked.notes)} if asked.notes else {}),
-                **_compared(asked, result, the_drive, simulator, driver),
+                **_compared(asked, result, the_drive, tester),
                 **({} if plot is None else {"plot": str(plot)}),
             }
             if the_drive is not None and result.outcome.is_driven and len(the_drive.trajectory):
                 document["measures"] = measures_json(road, the_drive)
             documents.append(document)
             if not is_quiet:
-                _print(spec, asked, result, document)
+                _print(spec, tester, asked, result, document)
                 if spec.rules.criteria or (len(roads) == 1 and asked.behind is None):
                     print_measures(document.get("measures", []), spec.rules.criteria)
             if asked.behind is not None and result.departure is not None and plot is None:
@@ -321,7 +311,7 @@ def _driven(
 
 
 def _compared(
-    asked: Asked, result: Result, drive: Drive | None, simulator: Simulator, driver: Driver
+    asked: Asked, result: Result, drive: Drive | None, tester: RoadTester
 ) -> dict[str, Any]:
     """What differs from the campaign's own drive, for JSON; empty if it was driven otherwise.
 
@@ -330,40 +320,39 @@ def _compared(
     """
     from frenetic.campaign.repeat import other_ending, other_moobd
 
-    if asked.test is None or not _is_as_recorded(asked, simulator, driver):
+    if asked.test is None or not _is_as_recorded(asked, tester):
         return {}
     path = None if drive is None else drive.trajectory
     again = replace(asked.test, result=result, pose=asked.road.pose, trajectory=path)
-    differs = other_ending(asked.test, again) or other_moobd(asked.test, again, simulator)
+    differs = other_ending(asked.test, again) or other_moobd(asked.test, again, tester.simulator)
     return {"differs": differs}
 
 
-def _is_as_recorded(asked: Asked, simulator: Simulator, driver: Driver) -> bool:
+def _is_as_recorded(asked: Asked, tester: RoadTester) -> bool:
     """Whether a campaign's test is driven with the campaign's parts, rules and conditions."""
-    from frenetic.description import describe
     from frenetic.versions import differences
 
-    test = asked.test
+    test, setting = asked.test, tester.setting
     if test is None or test.setting is None or asked.campaign is None:
         return False
-    parts = {"driver": driver, "simulator": simulator}
     return (
-        simulator.rules == test.setting.rules
+        setting.rules == test.setting.rules
+        and setting.conditions == test.setting.conditions
         and dict(asked.conditions) == dict(test.candidate.conditions)
         and not any(
-            differences(kind, asked.campaign.get(kind), describe(part))
-            for kind, part in parts.items()
+            differences(kind, asked.campaign.get(kind), part)
+            for kind, part in tester.described.items()
         )
     )
 
 
-def _cannot_be_driven(driver: Driver, simulator: Simulator, road: Road) -> str:
+def _cannot_be_driven(tester: RoadTester, road: Road) -> str:
     """Why a simulator cannot lay a valid road; empty if it can."""
     from frenetic.errors import RoadError
     from frenetic.simulators.capabilities import check_road
 
     try:
-        check_road(simulator, driver, road)
+        check_road(tester.simulator, tester.driver, road)
     except RoadError as error:
         return str(error)
     return ""
@@ -375,8 +364,8 @@ def _who(spec: Spec, recorded: object, document: Mapping[str, Any]) -> Iterator[
     from frenetic.versions import other_version
 
     driver = document["driver"]
-    now = part_text(driver, recorded, word=spec.driver.word)
-    yield f"{now} in {part_text(document['simulator'], word=spec.simulator.word)}"
+    now = part_text(driver, recorded, word=spec.driver)
+    yield f"{now} in {part_text(document['simulator'], word=spec.simulator)}"
     if isinstance(recorded, dict):
         before = part_text(recorded, driver)
         if before != part_text(driver, recorded):
@@ -384,7 +373,9 @@ def _who(spec: Spec, recorded: object, document: Mapping[str, Any]) -> Iterator[
         yield from filter(None, [other_version("driver", recorded, driver)])
 
 
-def _print(spec: Spec, asked: Asked, result: Result, document: Mapping[str, Any]) -> None:
+def _print(
+    spec: Spec, tester: RoadTester, asked: Asked, result: Result, document: Mapping[str, Any]
+) -> None:
     differs = document.get("differs")
     words = f"differs from the campaign: {differs}" if differs else "as in the campaign"
     echo(f"{result.outcome}  {result.reason}")
@@ -392,8 +383,8 @@ def _print(spec: Spec, asked: Asked, result: Result, document: Mapping[str, Any]
         [
             ("road", f"{asked.road.length:.1f} m, {asked.name}"),
             ("driver", "; ".join(_who(spec, asked.recorded, document))),
-            ("limit", limit_in_words(spec, asked.road, asked.conditions)),
-            ("conditions", in_words({**spec.conditions, **asked.conditions})),
+            ("limit", limit_in_words(tester.setting, asked.road, asked.conditions)),
+            ("conditions", in_words({**spec.amounts, **asked.conditions})),
             *facts_of_drive(
                 result,
                 result.duration if result.outcome.is_driven else None,

@@ -12,20 +12,13 @@ import click
 from frenetic._support.words import counted
 from frenetic.cli import Invocation, echo
 from frenetic.cli.console import Log, shell, this_command
+from frenetic.cli.entries import Given, entry_option, part_options
 from frenetic.cli.options import (
     as_usage_error,
     count_option,
     folder_option,
     json_option,
     workers_option,
-)
-from frenetic.cli.parts import (
-    check_drawn,
-    criteria_option,
-    given_options,
-    odd_option,
-    part_options,
-    with_given,
 )
 from frenetic.spec import Spec
 
@@ -35,9 +28,9 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("campaign", type=click.Path(path_type=Path), required=False)
-@odd_option
+@entry_option("odd")
 @part_options
-@criteria_option
+@entry_option("criteria")
 @count_option("--drives", "Drive N times.", least=100, default=10_000)
 @workers_option
 @folder_option(
@@ -67,32 +60,26 @@ def estimate(
     from frenetic.again.rerun import campaign_tester
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.tester import RoadTester
-    from frenetic.cli.again import interrupted, recorded_spec, shown_driving
+    from frenetic.cli.again import campaign_spec, interrupted, shown_driving
     from frenetic.estimate import estimate as estimated
 
-    given, domain = given_options(context), context.params["domain"]
-    if campaign is None and domain is None:
+    given = Given.of(context)
+    if campaign is None and not given.says("odd"):
         raise click.UsageError("--odd FILE or the folder of a CAMPAIGN with a domain is needed")
     if campaign is not None and given:
         raise click.UsageError(
             f"{campaign} is estimated as it was driven: options are for --odd FILE without it"
         )
-    isolate = workers == 1
     if campaign is None:
-        given["road_class"] = domain.road_class
-        spec = with_given(Spec(), given, has_roads=False)
-        check_drawn(spec, given)
-        driver, simulator = spec.make_parts(isolate=isolate)
+        spec = given.over(Spec(), has_roads=False)
+        given.check_drawn(spec)
         with as_usage_error():
-            tester = RoadTester.on(spec, simulator, driver)
+            tester = RoadTester.of(spec)
     else:
         with CampaignStore.open(campaign) as store:
-            domain = store.setting.domain
-            if domain is None:
+            if store.setting.domain is None:
                 raise click.UsageError(f"{campaign} searched no domain: one with --odd did")
-            spec = recorded_spec(store, {})
-            driver, simulator = spec.make_parts(isolate=isolate)
-            tester = campaign_tester(store, simulator, driver)
+            tester = campaign_tester(store, campaign_spec(store, Given()))
     log = Log()
     latest: deque[Summary] = deque(maxlen=1)
     try:
@@ -103,12 +90,11 @@ def estimate(
                 show(event)
 
             result = estimated(
-                domain,
                 tester,
                 drives=drives,
                 campaign=campaign,
-                spec=spec,
                 workers=workers,
+                isolate=True,
                 out=out,
                 on_event=on_event,
             )

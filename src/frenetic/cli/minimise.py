@@ -13,13 +13,14 @@ import click
 from frenetic._support.words import counted
 from frenetic.cli import complain, echo
 from frenetic.cli.again import (
+    campaign_spec,
     chosen_tests,
     file_spec,
     interrupted,
-    recorded_spec,
     shown_driving,
 )
 from frenetic.cli.console import Log, print_facts, shell, this_command
+from frenetic.cli.entries import Given, part_options
 from frenetic.cli.options import (
     as_usage_error,
     count_option,
@@ -27,7 +28,6 @@ from frenetic.cli.options import (
     json_option,
     source_arguments,
 )
-from frenetic.cli.parts import given_options, given_quantities, part_options
 from frenetic.errors import CampaignGoneError, FreneticError
 from frenetic.quantities import without
 from frenetic.spec import Spec
@@ -94,27 +94,27 @@ def minimise(
     from frenetic.campaign import CampaignStore, RoadTester
     from frenetic.report.minimised import minimised_document, write_minimised
 
+    given = Given.of(context)
     if source.is_dir():
-        spec, works = _of_campaign(context, source, test_ids, top, out)
-        driver, simulator = spec.make_parts(isolate=True)
+        spec, works = _of_campaign(given, source, test_ids, top, out)
         with CampaignStore.open(source) as store:
-            tester = campaign_tester(store, simulator, driver)
+            tester = campaign_tester(store, spec)
     elif test_ids or top is not None:
         raise click.UsageError(f"{source} is no folder: an ID or --top needs that of a campaign")
     else:
-        spec, works = _of_file(context, source, out)
-        driver, simulator = spec.make_parts(isolate=True)
+        spec, works = _of_file(given, source, out)
         with as_usage_error():
-            tester = RoadTester.on(spec, simulator, driver)
+            tester = RoadTester.of(spec)
     for work in works:  # before hours are spent on what cannot be written
         work.files.prepare()
 
+    how: dict[str, Any] = {"max_drives": max_drives, "isolate": True}
+
     def minimised_of(work: Work, on_event: Callable[[Event], None]) -> Minimised:
         if work.test is None:
-            return minimised_road(work.road, tester, max_drives=max_drives, on_event=on_event)
+            return minimised_road(work.road, tester, **how, on_event=on_event)
         kept = None if out is None else out.parent
-        how: dict[str, Any] = {"max_drives": max_drives, "kept": kept, "on_event": on_event}
-        return minimise_test(source, work.test, tester, **how)
+        return minimise_test(source, work.test, tester, **how, kept=kept, on_event=on_event)
 
     log, documents, left, failed = Log(), [], list(works), False
     is_interrupted = False
@@ -124,7 +124,7 @@ def minimise(
         try:
             with shown_driving(log, f"Minimising {work.name}", max_drives) as on_event:
                 found = minimised_of(work, on_event)
-            document = minimised_document(found, tester, spec, test_id)
+            document = minimised_document(found, tester, test_id)
             with log.status(f"Drawing {work.name}"):
                 write_minimised(found, work.files, document, name=work.name)
         except FreneticError as error:
@@ -154,7 +154,7 @@ def minimise(
 
 
 def _of_campaign(
-    context: click.Context,
+    given: Given,
     folder: Path,
     test_ids: tuple[int, ...],
     top: int | None,
@@ -165,11 +165,10 @@ def _of_campaign(
     from frenetic.outcome import Outcome
     from frenetic.report.minimised import MinimisedFiles, minimised_road
 
-    given = given_options(context)
     if out is not None and (len(test_ids) > 1 or (top or 1) > 1):
         raise click.UsageError("--out is for one road: leave it out where there are several")
     with CampaignStore.open(folder) as store:
-        spec = recorded_spec(store, given)
+        spec = campaign_spec(store, given)
         chosen = chosen_tests(store, test_ids, top if test_ids else top or 1)
         works = []
         for record in [store.test(test_id) for test_id in chosen or ()]:
@@ -180,7 +179,7 @@ def _of_campaign(
             road = minimised_road(folder, record.id)
             if given:
                 road = road.with_stem(f"{road.stem}-other")
-            left = without(record.candidate.conditions, *given_quantities(spec, given))
+            left = without(record.candidate.conditions, *given.quantities(spec))
             test = replace(record, candidate=replace(record.candidate, conditions=left))
             files = MinimisedFiles.beside(out or road)
             works.append(Work(f"Test {record.id}", record.road, files, test))
@@ -189,18 +188,18 @@ def _of_campaign(
     return spec, works
 
 
-def _of_file(context: click.Context, path: Path, out: Path | None) -> tuple[Spec, list[Work]]:
+def _of_file(given: Given, path: Path, out: Path | None) -> tuple[Spec, list[Work]]:
     """The same for a road file and the options given with it."""
     from frenetic.report.minimised import MinimisedFiles
     from frenetic.road.files import read_road
 
     file = read_road(path)
-    spec, road = file_spec(context, file), file.road()
+    spec, road = file_spec(given, file), file.road()
     target = out or path.with_name(f"{path.name.removesuffix('.json')}.min.json")
     if target.exists() and target.samefile(path):
         raise click.UsageError(f"{target} is the road itself: choose another place with --out")
     works = [Work(path.name, road, MinimisedFiles.beside(target))]
-    return replace(spec, lane_width=road.lane_width), works
+    return Spec.of(spec, {"lane_width": road.lane_width}), works
 
 
 def _print(work: Work, minimised: Minimised) -> None:

@@ -57,18 +57,6 @@ DURATION: Final = Read("time", parse_duration)
 """Type of a time such as 90, 90s, 10m or 1h30m, in s."""
 
 
-def read_workers(text: str) -> int | str:
-    """A number of workers, or the address of a Dask scheduler."""
-    if text.lstrip("-").isdigit():
-        return WORKERS.convert(int(text), None, None)
-    if ":" not in text:
-        raise ValueError(
-            f"{text!r} is neither a number nor the address of a Dask scheduler, such as"
-            " tcp://10.0.0.1:8786"
-        )
-    return text
-
-
 def _read_folder(text: str) -> Path:
     if not str(text):
         raise ValueError("an empty name; write . for the current folder")
@@ -184,13 +172,6 @@ road_option = click.option(
     help="OpenDRIVE: roads of a map, where they lie. One that continues the road before it makes a"
     " stretch with it; ID@240 begins 240 m on. An ID with a comma stands in double quotes:"
     " '\"7,left\",8'.",
-)
-objective_option = click.option(
-    "--objective",
-    default="moobd",
-    metavar="NAME",
-    help="What gets worse ('frenetic list objectives'), or file.py:function. [default: moobd, or"
-    " criteria]",
 )
 workers_option = click.option(
     "--workers",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -13,12 +12,13 @@ import click
 from frenetic._support.words import counted, oob_unit
 from frenetic.cli import echo
 from frenetic.cli.again import (
+    campaign_spec,
     chosen_tests,
     interrupted,
-    recorded_spec,
     shown_driving,
 )
 from frenetic.cli.console import Log, print_table, shell, two_digits
+from frenetic.cli.entries import Given, part_options
 from frenetic.cli.options import (
     AskedRange,
     NewFile,
@@ -29,7 +29,6 @@ from frenetic.cli.options import (
     ranges,
     workers_option,
 )
-from frenetic.cli.parts import given_options, given_quantities, part_options
 from frenetic.cli.search import fail_on_failure_option
 from frenetic.quantities import in_words
 
@@ -37,19 +36,19 @@ if TYPE_CHECKING:
     from frenetic.again.conditions import Variation
     from frenetic.again.rerun import Rerun
     from frenetic.again.verdicts import Repeats
-    from frenetic.campaign import CampaignStore
-    from frenetic.simulators import Simulator
+    from frenetic.campaign import CampaignStore, RoadTester
 
 VARIED_TIMES: Final = 20
 """Default number of drives of each test if something is varied."""
 
 
-def variation(asked: AskedRange, simulator: Simulator, layers: Mapping[str, float]) -> Variation:
-    """The range of a quantity; its usual one for simulator and driver's layers if none is given."""
+def variation(asked: AskedRange, tester: RoadTester) -> Variation:
+    """The range of a quantity; its usual one for a tester if none is given."""
     from frenetic.again.conditions import Variation
 
     if asked.limits is None:
-        return Variation.usual(asked.name, simulator, layers.get(asked.name))
+        own = tester.terms.conditions.get(asked.name)
+        return Variation.usual(asked.name, tester.simulator, own)
     return Variation(asked.name, *asked.limits)
 
 
@@ -110,31 +109,29 @@ def rerun(
     complete one.
     """
     from frenetic.again.junit import write_junit
-    from frenetic.again.rerun import rerun as rerun_campaign
+    from frenetic.again.rerun import campaign_tester, rerun_with
     from frenetic.campaign import CampaignStore
-    from frenetic.simulators.capabilities import check_pair
 
     if everything and (test_ids or top is not None):
         raise click.UsageError("--all excludes --top and the ID of a test")
-    given = given_options(context)
+    given = Given.of(context)
     times = times or (VARIED_TIMES if asked else 1)
     with CampaignStore.open(campaign) as store:
         chosen = _driven_tests(store) if everything else chosen_tests(store, test_ids, top)
-        spec = recorded_spec(store, given)
-    driver, simulator = spec.make_parts(isolate=workers == 1)
-    check_pair(simulator, driver)  # which may bring its car
-    variations = [variation(one, simulator, spec.layers) for one in asked]
+        spec = campaign_spec(store, given)
+        tester = campaign_tester(store, spec)
+    variations = [variation(one, tester) for one in asked]
     log = Log()
     with shown_driving(log, "Driving again") as on_event:
-        found = rerun_campaign(
+        found = rerun_with(
             campaign,
-            simulator,
-            driver,
+            tester,
             tests=chosen,
             times=times,
             vary=variations,
-            instead=given_quantities(spec, given),
+            instead=given.quantities(spec),
             workers=workers,
+            isolate=True,
             out=out,
             on_event=on_event,
         )

@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import click
+from msgspec import structs
 
 from frenetic._support.words import counted
 from frenetic.cli.console import shell
+from frenetic.cli.entries import entry_option, moved, place_option
 from frenetic.cli.options import (
     DURATION,
     as_usage_error,
     campaign_argument,
     json_option,
 )
-from frenetic.cli.parts import moved, place_option
-from frenetic.cli.search import (
-    fail_on_failure_option,
-    is_finished,
-    make_campaign,
-    search,
-    workers_option,
-)
+from frenetic.cli.search import fail_on_failure_option, is_finished, make_campaign, search
 from frenetic.errors import CampaignError
 from frenetic.spec import Budget, Spec
 
@@ -33,7 +27,7 @@ from frenetic.spec import Budget, Spec
 @click.option("--simulations", type=int, metavar="N", help="N more drives.")
 @click.option("--time", "seconds", type=DURATION, help="This much more time: 90s, 10m, 1h30m.")
 @click.option("--failures", type=int, metavar="N", help="N more failures.")
-@workers_option
+@entry_option("workers")
 @place_option
 @fail_on_failure_option
 @json_option
@@ -42,9 +36,8 @@ def resume(
     simulations: int | None,
     seconds: float | None,
     failures: int | None,
-    workers: int | str | None,
-    simulator: str | None,
-    simulator_options: tuple[tuple[str, Any], ...],
+    workers: Spec | None,
+    simulator: Spec | None,
     fail_on_failure: bool,
     as_json: bool,
 ) -> None:
@@ -59,10 +52,16 @@ def resume(
     """
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.campaign import SOURCES, STARTED_IN
-    from frenetic.campaign.state import has_judged, is_told
+    from frenetic.campaign.configuration import (
+        SPEC,
+        decode_budget,
+        recorded_spec,
+        with_budget,
+    )
+    from frenetic.campaign.state import has_judged, is_told, next_campaign
     from frenetic.campaign.store import DATABASE
     from frenetic.report import results
-    from frenetic.run_file import next_campaign
+    from frenetic.versions import edited_files
 
     with CampaignStore.open(campaign) as store:
         config, facts, counts = store.config, store.facts, store.counts()
@@ -83,7 +82,7 @@ def resume(
         raise click.UsageError(
             f"{campaign} is told its results: 'frenetic ask-tell --out {shell(campaign)}' goes on"
         )
-    if config.get("run") is None:
+    if config.get(SPEC) is None:
         raise click.UsageError(
             f"{campaign} was started from Python: resume it there, with Campaign.resume()"
         )
@@ -97,13 +96,13 @@ def resume(
         for name, more in given.items():
             if more is not None and more <= 0:
                 raise ValueError(f"{name} is {more}: more than 0 is needed")
+        spec = recorded_spec(config, source=campaign / DATABASE)
         if any(more is not None for more in given.values()):
             limits = {k: None if v is None else done[k] + v for k, v in given.items()}
-            recorded: dict[str, Any] = {"budget": asdict(Budget(**limits))}
-        else:
-            recorded = {k: v for k, v in facts.items() if k == "budget"}
-        spec = Spec.from_json({**config, **recorded}, source=campaign / DATABASE)
-        if edited := " and ".join(spec.edited(sources)):
+            spec = with_budget(spec, Budget(**limits))
+        elif "budget" in facts:
+            spec = with_budget(spec, decode_budget(facts["budget"]))
+        if edited := " and ".join(edited_files(spec.names, sources)):
             raise CampaignError(
                 f"{edited} was edited, and {campaign} tests it as it was: restore it, or"
                 f" {next_campaign(spec, campaign, has_drives=has_drives)}"
@@ -118,10 +117,10 @@ def resume(
                 f"the budget of {campaign} is spent: say how much more, with --simulations,"
                 " --time or --failures"
             )
-    spec = replace(spec, simulator=moved(spec.simulator, simulator, simulator_options))
-    the_campaign = make_campaign(spec, campaign, workers)
+    spec = structs.replace(moved(spec, simulator), workers=workers and workers.workers)
+    the_campaign = make_campaign(spec, campaign)
     tests = counted(counts.tests, "test")
-    text = f"Going on after {tests} with {spec.strategy.word}"
+    text = f"Going on after {tests} with {spec.part('strategy')}"
     if is_spent:
         text = f"Finishing after {tests}, which spent the budget"
     search(the_campaign, results.resume, text, as_json, spec.seed, fail_on_failure=fail_on_failure)

@@ -3,67 +3,29 @@
 from __future__ import annotations
 
 import secrets
-from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Final
 
 import click
 
 from frenetic.cli.console import limit_of_search
-from frenetic.cli.options import (
-    DURATION,
-    as_usage_error,
-    folder_option,
-    json_option,
-    objective_option,
-)
-from frenetic.cli.parts import (
-    AS,
-    check_drawn,
-    criteria_option,
-    given_options,
-    map_size_option,
-    odd_option,
-    part_choice,
-    part_options,
-    roads_option,
-    was_given,
-    with_given,
-)
-from frenetic.cli.search import fail_on_failure_option, make_campaign, search, workers_option
-from frenetic.spec import Budget, EarlierCampaign, Part, Spec
+from frenetic.cli.entries import Given, entry_options, part_options
+from frenetic.cli.options import folder_option, json_option
+from frenetic.cli.search import fail_on_failure_option, make_campaign, search
+from frenetic.description import PARTS
+from frenetic.quantities import in_words
+from frenetic.spec import Spec
 
 DEFAULT_SIMULATIONS: Final = 1000
 
 
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path), required=False, metavar="[FILE.toml]")
-@click.option("--simulations", type=int, metavar="N", help="Stop after N drives. [default: 1000]")
-@click.option("--time", type=DURATION, help="Stop after this time: 90s, 10m, 1h30m.")
-@click.option("--failures", type=int, metavar="N", help="Stop after N failures.")
-@part_choice("strategy", "How to search ('frenetic list strategies'). [default: frenetic]")
-@roads_option
-@odd_option
+@entry_options("simulations", "time", "failures", "strategy", "roads", "odd")
 @part_options
-@criteria_option
-@map_size_option
-@workers_option
-@objective_option
-@click.option(
-    "--from",
-    "start_from",
-    type=click.Path(path_type=Path),
-    multiple=True,
-    metavar="CAMPAIGN",
-    help="Start from an earlier campaign: what failed there is driven first; may be repeated.",
+@entry_options(
+    *("criteria", "map_size", "workers", "objective", "start_from", "from_roads", "seed"),
 )
-@click.option(
-    "--from-roads",
-    type=click.Path(path_type=Path),
-    metavar="DIR",
-    help="Start from real roads, .xodr or .json, and keep to the class that they show.",
-)
-@click.option("--seed", type=click.IntRange(0), help="Repeats a search. [default: a new one]")
 @folder_option("Folder for the results. [default: a new one under campaigns/]")
 @fail_on_failure_option
 @json_option
@@ -72,7 +34,6 @@ def run(
     context: click.Context,
     /,
     file: Path | None,
-    workers: int | str | None,
     out: Path | None,
     fail_on_failure: bool,
     as_json: bool,
@@ -86,65 +47,37 @@ def run(
     """
     from frenetic.campaign import new_folder
     from frenetic.report import results
-    from frenetic.run_file import RunFile, read_run_file
 
-    given, asked = given_options(context), context.params
-    given |= {n: asked[n] for n in ("strategy", "strategy_options") if was_given(context, n)}
-    if "road_class" not in given and asked["from_roads"] is not None:
-        from frenetic.road.stretches import shown_class  # too slow for help
-
-        given["road_class"] = shown_class(asked["from_roads"])
-    elif "road_class" not in given and asked["domain"] is not None:
-        given["road_class"] = asked["domain"].road_class
-    spec, entries = Spec(strategy=Part("frenetic")), RunFile()
+    given, spec = Given.of(context), Spec()
     if file is not None:
-        spec, entries = read_run_file(file)
-        named: list[str] = [kind for kind in ("strategy", "driver", "simulator") if kind in given]
-        named += ["objective"] if was_given(context, "objective") else []
-        named += ["driver", "simulator"] if AS in given else []
-        spec.require_trusted(file, named)
-    spec = with_given(spec, given, has_roads=False)
-    check_drawn(spec, given)
-    spec = replace(spec, objective=_objective(context, spec, entries.objective))
-    workers = entries.workers if workers is None else workers
-    spec = _with_search(context, spec)
-    campaign = make_campaign(spec, new_folder() if out is None else out, workers)
-    limit = limit_of_search(spec, spec.from_roads)
+        spec = Spec.read(file)
+        driven = [] if given.driven_as is None else ["driver", "simulator"]
+        spec.require_trusted(file, [*given.parts, *driven])
+    spec = given.over(spec, has_roads=False)
+    given.check_drawn(spec)
+    spec = _with_search(spec)
+    campaign = make_campaign(spec, new_folder() if out is None else out)
+    strategy, driver, simulator = map(spec.part, PARTS)
+    conditions = f" with {in_words(spec.conditions)}" if spec.conditions else ""
     text = (
-        f"Searching with {spec.strategy.word} for roads on which {spec.driver.word} fails"
-        f" in {spec.simulator.word}, seed {spec.seed}; speed limit {limit}"
+        f"Searching with {strategy} for roads on which {driver} fails in {simulator}{conditions},"
+        f" seed {spec.seed}; speed limit"
+        f" {limit_of_search(campaign.tester.setting, spec.from_roads)}"
     )
     search(campaign, results.run, text, as_json, spec.seed, fail_on_failure=fail_on_failure)
 
 
-def _objective(context: click.Context, spec: Spec, of_file: str | None) -> str:
-    """The objective: as given, as the file says, or the usual one."""
-    if was_given(context, "objective"):
-        return str(context.params["objective"])
-    return of_file or ("criteria" if spec.rules.criteria else Spec.objective)
-
-
-def _with_search(context: click.Context, spec: Spec) -> Spec:
-    """The spec with budget, seed, look-ahead and earlier campaigns."""
+def _with_search(spec: Spec) -> Spec:
+    """The spec with a budget, a seed and a look-ahead."""
     from frenetic.campaign import LOOKAHEAD
     from frenetic.registry import STRATEGIES  # with what it loads, too slow for help
 
-    limits = {} if spec.budget is None else asdict(spec.budget)
-    for name in ("simulations", "time", "failures"):
-        if was_given(context, name):
-            limits[name] = context.params[name]
-    with as_usage_error():
-        budget = Budget(**(limits or {"simulations": DEFAULT_SIMULATIONS}))
-    seed = context.params["seed"] if was_given(context, "seed") else spec.seed
-    assert spec.strategy.name is not None
-    usual = getattr(STRATEGIES.load(spec.strategy.name), "usual_lookahead", None)
-    from_roads = context.params["from_roads"]
-    earlier = tuple(EarlierCampaign(str(folder)) for folder in context.params["start_from"])
-    return replace(
-        spec,
-        budget=budget,
-        seed=secrets.randbelow(2**31) if seed is None else seed,
-        lookahead=spec.lookahead or usual or LOOKAHEAD,
-        start_from=earlier or spec.start_from,
-        from_roads=str(from_roads) if from_roads is not None else spec.from_roads,
-    )
+    usual: dict[str, Any] = {}
+    if spec.budget is None:
+        usual["simulations"] = DEFAULT_SIMULATIONS
+    if spec.seed is None:
+        usual["seed"] = secrets.randbelow(2**31)
+    if spec.lookahead is None:
+        strategy = STRATEGIES.load(spec.part("strategy").name)
+        usual["lookahead"] = getattr(strategy, "usual_lookahead", None) or LOOKAHEAD
+    return Spec.of(spec, usual)

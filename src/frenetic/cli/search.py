@@ -25,7 +25,7 @@ from frenetic.cli.console import (
     shell,
     this_command,
 )
-from frenetic.cli.options import Read, as_usage_error, read_workers
+from frenetic.cli.options import as_usage_error
 from frenetic.errors import BrokenDriverError, CampaignError, CampaignGoneError
 
 if TYPE_CHECKING:
@@ -33,12 +33,6 @@ if TYPE_CHECKING:
     from frenetic.report.results import Results, Step
     from frenetic.spec import Spec
 
-workers_option = click.option(
-    "--workers",
-    type=Read("n|address", read_workers),
-    help="Drive on N roads at once, or on a Dask cluster, tcp://10.0.0.1:8786."
-    " [default: the cores, or 1]",
-)
 fail_on_failure_option = click.option(
     "--fail-on-failure",
     is_flag=True,
@@ -46,7 +40,7 @@ fail_on_failure_option = click.option(
 )
 
 
-def make_campaign(spec: Spec, folder: Path, workers: int | str | None) -> Campaign:
+def make_campaign(spec: Spec, folder: Path) -> Campaign:
     """The campaign of a command line.
 
     Raises:
@@ -55,13 +49,7 @@ def make_campaign(spec: Spec, folder: Path, workers: int | str | None) -> Campai
     from frenetic.campaign import Campaign
 
     with announced_compilation(Log()), as_usage_error():
-        return Campaign.of(
-            spec,
-            folder=folder,
-            workers=None if isinstance(workers, str) else workers,
-            cluster=workers if isinstance(workers, str) else None,
-            isolate=True,
-        )
+        return Campaign.of(spec, folder=folder, isolate=True)
 
 
 def is_finished(folder: Path, facts: Mapping[str, object]) -> bool:
@@ -73,8 +61,8 @@ def is_finished(folder: Path, facts: Mapping[str, object]) -> bool:
 
 def _resume_words(folder: Path) -> str:
     """The command line that goes on with what the present one began."""
-    workers = click.get_current_context().params["workers"]
-    given = "" if workers is None else f" --workers {shell(str(workers))}"
+    said: Spec | None = click.get_current_context().params["workers"]
+    given = "" if said is None else f" --workers {shell(str(said.workers))}"
     return f"frenetic resume {shell(folder)}{given}"
 
 

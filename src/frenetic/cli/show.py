@@ -39,7 +39,6 @@ from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.quantities import in_words as conditions_in_words
 from frenetic.quantities import quantity
-from frenetic.spec import Spec, earlier_of
 from frenetic.versions import innermost, short_version
 
 if TYPE_CHECKING:
@@ -203,6 +202,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     from frenetic.analysis.criteria import criteria_in_words
     from frenetic.analysis.failures import LISTED, caution, distinct_failures, nearest_misses
     from frenetic.campaign.asking import FACTS
+    from frenetic.campaign.configuration import earlier_of
     from frenetic.campaign.earlier import still_failing
     from frenetic.campaign.objective import in_words
     from frenetic.campaign.repeat import not_repeatable
@@ -288,11 +288,12 @@ def _budget(store: CampaignStore) -> str:
 
 def _going_on(store: CampaignStore) -> str:
     """The command that goes on with a campaign, or writes its report; empty if it is finished."""
+    from frenetic.campaign.configuration import SPEC
     from frenetic.campaign.state import Status, look
     from frenetic.cli.search import is_finished
 
     state, config = look(store.folder), store.config
-    is_search = config.get("run") is not None and not config.keys() & {"again", "entrant"}
+    is_search = config.get(SPEC) is not None and not config.keys() & {"again", "entrant"}
     has_report = is_finished(store.folder, store.facts)
     if state.status is Status.FINISHED and is_search and not has_report:
         return f"frenetic resume {shell(store.folder)}"
@@ -301,9 +302,11 @@ def _going_on(store: CampaignStore) -> str:
 
 def _conditions(store: CampaignStore) -> Mapping[str, float]:
     """What all drives of a campaign had in common, beside the usual."""
+    from frenetic.campaign.configuration import recorded_spec
     from frenetic.campaign.store import DATABASE
 
-    return Spec.from_json(store.config, source=store.folder / DATABASE).conditions
+    spec = recorded_spec(store.config, source=store.folder / DATABASE)
+    return {**spec.amounts, **store.setting.conditions}
 
 
 def _coverage(coverage: DomainCoverage) -> Iterator[tuple[str, str]]:
@@ -338,8 +341,10 @@ def _part(config: Mapping[str, Any], kind: str) -> str:
 
 
 def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
+    from frenetic.campaign.configuration import driving_spec
     from frenetic.campaign.earlier import driven_again
     from frenetic.campaign.objective import value_in_words
+    from frenetic.campaign.store import DATABASE
     from frenetic.report.failures import FAILURES, PICTURES, file_stem, road_document
     from frenetic.report.minimised import minimised_drives, minimised_road
     from frenetic.report.picture import draw_test
@@ -355,7 +360,8 @@ def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
     except (OSError, FreneticError) as error:
         drawn = f"not drawn, {error}"
     if as_json:
-        document = road_document(test, store.config)
+        spec = driving_spec(store.config, source=store.folder / DATABASE)
+        document = road_document(test, store.config, spec)
         echo(json.dumps(document | {"picture": drawn, "told": test.told}))
         return
     origin, notes = test.candidate.origin, test.candidate.notes

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import json
-import shlex
-from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
+from msgspec import structs
 
 from frenetic._support.words import counted
 from frenetic.cli import echo
-from frenetic.cli.again import interrupted, recorded_spec, shown_driving
-from frenetic.cli.console import Log, print_table
+from frenetic.cli.again import campaign_spec, interrupted, shown_driving
+from frenetic.cli.console import Log, print_table, shell
+from frenetic.cli.entries import Given
 from frenetic.errors import CampaignError
 
 if TYPE_CHECKING:
@@ -23,13 +22,13 @@ if TYPE_CHECKING:
 
 
 def compare_versions(
-    folder: Path, given: Mapping[str, Any], *, fresh: int, workers: int, as_json: bool
+    folder: Path, given: Given, *, fresh: int, workers: int, as_json: bool
 ) -> NoReturn:
     """Says whether another driver is better than that of a campaign; ends the command.
 
     Args:
         folder: of the campaign.
-        given: values of the options ``--driver`` and ``--as``.
+        given: the options ``--driver`` and ``--as``.
         fresh: number of fresh random roads.
         workers: roads driven at once.
         as_json: whether to print the result as JSON.
@@ -45,7 +44,7 @@ def compare_versions(
     raise click.exceptions.Exit({BETTER: 0, WORSE: 1}.get(result.verdict, 3))
 
 
-def _specs(folder: Path, given: Mapping[str, Any]) -> tuple[Spec, Spec]:
+def _specs(folder: Path, given: Given) -> tuple[Spec, Spec]:
     """The specs of both versions.
 
     Raises:
@@ -53,42 +52,40 @@ def _specs(folder: Path, given: Mapping[str, Any]) -> tuple[Spec, Spec]:
         FreneticError: it names code that this user has not run.
     """
     from frenetic.campaign import CampaignStore
+    from frenetic.campaign.configuration import SPEC
     from frenetic.campaign.state import is_told
 
     with CampaignStore.open(folder) as store:
-        if store.config.get("run") is None:
+        if store.config.get(SPEC) is None:
             how = "was told its results" if is_told(store.config) else "was started from Python"
             raise CampaignError(
                 f"{folder} {how}, so its parts have no names: compare the versions from Python,"
                 " with frenetic.again.versions"
             )
-        old = recorded_spec(store, {}, checked=False)
-        return old, replace(old, driver=recorded_spec(store, given).driver)
+        old = campaign_spec(store, Given(), checked=False)
+        return old, structs.replace(old, driver=campaign_spec(store, given).driver)
 
 
 def _driven(folder: Path, old: Spec, new: Spec, fresh: int, workers: int) -> BackToBack:
-    from frenetic.again.versions import as_recorded, check_differ, fresh_roads
+    from frenetic.again.versions import (
+        check_differ,
+        fresh_roads_as_recorded,
+        recorded_driver,
+    )
     from frenetic.again.versions import compare_versions as compared
-    from frenetic.campaign import CampaignStore
-    from frenetic.description import describe
-    from frenetic.simulators.isolated import isolated
+    from frenetic.campaign import CampaignStore, RoadTester
 
-    log, simulator = Log(), new.make_simulator()
-    # Both are made first, so that a mistake in the new one shows before the old one has driven.
-    with as_recorded(folder, old) as recorded:
-        described = describe(recorded.make_driver())
-    check_differ(described, describe(new.make_driver()))
+    log = Log()
     with CampaignStore.open(folder) as store:
         drives = 2 * fresh + store.counts().failed
+        recorded, terms = recorded_driver(store), store.setting.terms
+    # The new version is made first, so that a mistake in it shows before the old one has driven.
+    tester = RoadTester.of(new, terms)
+    check_differ(recorded, tester.described["driver"])
     with shown_driving(log, "Driving both versions", drives) as on_event:
-        how: Any = {"workers": workers, "on_event": on_event}
-        with as_recorded(folder, old) as recorded:
-            driver = recorded.make_driver()
-            place = isolated(simulator, driver) if workers == 1 else simulator
-            roads = fresh_roads(folder, place, driver, fresh=fresh, spec=recorded, **how)
-        driver = new.make_driver()
-        place = isolated(simulator, driver) if workers == 1 else simulator
-        result = compared(roads, place, driver, **how)
+        how: Any = {"workers": workers, "isolate": True, "on_event": on_event}
+        roads = fresh_roads_as_recorded(folder, old, fresh=fresh, **how)
+        result = compared(roads, tester, **how)
     if result.missing:
         left = counted(result.missing, "drive")
         raise interrupted(log, f"{left} to go")
@@ -101,8 +98,7 @@ def _print(result: BackToBack, old: Spec, new: Spec) -> None:
 
     echo(result.answer)
     for version, spec, driver in (("old", old, result.old), ("new", new, result.new)):
-        _, *words = spec.driver.words("driver")
-        echo(f"{version}: {shlex.join(words)} ({short_version(innermost(driver))})")
+        echo(f"{version}: {shell(str(spec.part('driver')))} ({short_version(innermost(driver))})")
     if result.domain is not None:
         echo(f"domain: {result.domain.in_words()}")
     sets = {"fresh roads": result.fresh, "old's failing roads": result.known}

@@ -14,6 +14,7 @@ from frenetic._support.files import replacing
 from frenetic._support.interrupt import catch_interrupt
 from frenetic._support.json_value import JSONValue
 from frenetic._support.words import simulated_time
+from frenetic.campaign.configuration import driving_spec
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.errors import CampaignError
@@ -21,7 +22,7 @@ from frenetic.oracle import Result
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.road.files import entries_of
-from frenetic.spec import DRIVEN, drive_record
+from frenetic.spec import DRIVEN, Spec
 
 FAILURES: Final = "failures"
 """Folder in a campaign's folder that holds its failing roads."""
@@ -57,10 +58,17 @@ def road_entries(road: Road) -> dict[str, Any]:
     return entries_of(road) | {"road_points": road.road_points.round(6).tolist()}
 
 
-def road_document(record: Test, config: Mapping[str, JSONValue]) -> dict[str, Any]:
-    """A test as a JSON object that `frenetic drive` and the competition's tools can read."""
+def road_document(
+    record: Test, config: Mapping[str, JSONValue], spec: Spec | None
+) -> dict[str, Any]:
+    """A test as a JSON object that `frenetic drive` and the competition's tools can read.
+
+    Args:
+        record: the test.
+        config: of its campaign.
+        spec: that of `frenetic.campaign.configuration.driving_spec`.
+    """
     candidate, road = record.candidate, record.road
-    driven = drive_record(config, candidate.conditions)
     return {
         "id": candidate.id,
         "is_valid": record.outcome is not Outcome.INVALID,
@@ -73,7 +81,7 @@ def road_document(record: Test, config: Mapping[str, JSONValue]) -> dict[str, An
         },
         "driver": config.get("driver"),
         "rules": config.get("rules"),
-        **({} if driven is None else {DRIVEN: driven}),
+        **({} if spec is None else {DRIVEN: spec.in_conditions(candidate.conditions).entries()}),
         **road_entries(road),
     }
 
@@ -98,10 +106,11 @@ def write_failures(
     from frenetic.report.picture import draw_gallery  # matplotlib imports slowly
 
     folder = store.folder / FAILURES
+    spec = driving_spec(store.config, source=store.folder / DATABASE)
     try:
         folder.mkdir(exist_ok=True)
         for record in islice(failures, MOST_FILES):
-            document = json.dumps(road_document(record, store.config)) + "\n"
+            document = json.dumps(road_document(record, store.config, spec)) + "\n"
             path = folder / f"{file_stem(record.candidate.id)}.json"
             if not _holds(path, document):
                 with replacing(path) as partial:

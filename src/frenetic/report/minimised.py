@@ -12,11 +12,10 @@ from frenetic._support.files import check_writable, write_file
 from frenetic.again.campaigns import FOLDER
 from frenetic.again.minimise import OPERATOR, Minimised
 from frenetic.campaign import CampaignStore, RoadTester, Test
-from frenetic.description import describe
 from frenetic.errors import FreneticError
 from frenetic.report.failures import file_stem, road_entries, verdict_entries
 from frenetic.road.files import read_road
-from frenetic.spec import DRIVEN, Spec, drive_record
+from frenetic.spec import DRIVEN, USUAL, Spec
 
 MINIMISED: Final = "minimised"
 """Folder in a campaign's folder for its minimised roads."""
@@ -79,19 +78,18 @@ class MinimisedFiles:
 
 
 def minimised_document(
-    minimised: Minimised, tester: RoadTester, spec: Spec, test_id: int | None = None
+    minimised: Minimised, tester: RoadTester, test_id: int | None = None
 ) -> dict[str, Any]:
     """A minimised road as a JSON object that `frenetic drive` and the competition's tools can read.
 
     Args:
         minimised: the road.
         tester: drove it.
-        spec: names what drove it.
         test_id: of the campaign's test that was minimised, if it was one.
     """
     smallest, setting = minimised.smallest, minimised.smallest.setting
-    driven = drive_record(spec.with_limit().to_json(), minimised.conditions)
     assert setting is not None
+    spec = None if tester.spec is None else Spec.of(USUAL, tester.spec).driving()
     parents: list[int] = [] if test_id is None else [test_id]
     return {
         **({} if test_id is None else {"id": test_id}),
@@ -99,10 +97,9 @@ def minimised_document(
         "validation_message": "",
         **verdict_entries(smallest.result),
         "origin": {"operator": OPERATOR, "parents": parents},
-        "driver": describe(tester.driver),
-        "simulator": describe(tester.simulator),
+        **tester.described,
         "rules": setting.rules.as_json(),
-        **({} if driven is None else {DRIVEN: driven}),
+        **({} if spec is None else {DRIVEN: spec.in_conditions(minimised.conditions).entries()}),
         "minimised": {
             "reason": str(minimised.reason),
             "difference": minimised.difference,

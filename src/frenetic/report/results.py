@@ -160,14 +160,15 @@ def shorten_causes(campaign: Campaign, findings: Findings, summary: Summary) -> 
     """
     folder, tester, causes = campaign.folder, campaign.tester, findings.clusters.causes
     drives, seconds = summary.simulations // SHORTENING_SHARE, _shortening_seconds(summary)
-    for test_id, answer in minimise_causes(folder, causes, tester, drives, seconds):
+    found = minimise_causes(folder, causes, tester, drives, seconds, isolate=campaign.isolate)
+    for test_id, answer in found:
         if isinstance(answer, FreneticError):
             yield f"test {test_id} was not shortened: {answer}"
             continue
         try:
             files = MinimisedFiles.beside(minimised_road(folder, test_id))
             files.prepare()
-            document = minimised_document(answer, tester, campaign.spec(), test_id)
+            document = minimised_document(answer, tester, test_id)
             write_minimised(answer, files, document, name=f"Test {test_id}", is_compared=False)
         except FreneticError as error:
             yield str(error)
@@ -241,8 +242,10 @@ def _shortened(
     """Shorten roads unless that says nothing or takes too long; yield notes for the user."""
     if summary.interrupted or summary.not_repeatable:
         return
-    seconds = summary.seconds * campaign.workers
-    if campaign.cluster is not None or seconds > SLOW_DRIVE * summary.simulations:
+    workers = campaign.workers
+    is_elsewhere = isinstance(workers, str)
+    seconds = summary.seconds * (1 if isinstance(workers, str) else workers)
+    if is_elsewhere or seconds > SLOW_DRIVE * summary.simulations:
         yield f"shorter roads for the same failures: {_minimise_command(campaign)}"
         return
     emit(Step("shortening", results, _shortening_seconds(summary)))

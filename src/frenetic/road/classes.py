@@ -499,7 +499,7 @@ def class_of(roads: object) -> RoadClass | None:
         FreneticError: there is no such class.
     """
     if isinstance(roads, Mapping):
-        return RoadClass.made(roads)
+        return RoadClass.made({"name": "own", **roads})
     name, options = read_part(str(roads))
     if name is None:
         raise ValueError(f"{roads!r} names no road class, as in rural-80,length=1500")

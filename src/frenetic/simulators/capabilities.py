@@ -15,7 +15,6 @@ from frenetic._support.bounds import Count, Positive, check
 from frenetic.drivers.driver import Driver, SelectiveDriver, camera_of, period_of, stack_of
 from frenetic.errors import DriverError, FreneticError, RoadError
 from frenetic.quantities import Quantity, attributes
-from frenetic.recipe import Named
 from frenetic.road import Road
 from frenetic.simulators.checks import Check
 from frenetic.simulators.simulator import Simulator
@@ -116,17 +115,6 @@ def _variable(part: object) -> frozenset[str]:
     return frozenset(name for name in attributes() if hasattr(part, name))
 
 
-def bare(simulator: Any) -> Any:
-    """The simulator itself, without the process around it, if it has one of its own."""
-    return getattr(simulator, "simulator_inside", simulator)
-
-
-def class_name(simulator: Any) -> str:
-    """Name of a simulator's class."""
-    inside = bare(simulator)
-    return inside.class_name if isinstance(inside, Named) else type(inside).__name__
-
-
 def check_pair(simulator: Simulator, driver: Driver) -> None:
     """Checks whether a driver can drive in a simulator, before anything is driven.
 
@@ -141,12 +129,12 @@ def check_pair(simulator: Simulator, driver: Driver) -> None:
     period_of(driver, declared.period_step)
     if camera_of(driver) is not None and not declared.draws:
         raise DriverError(
-            f"{class_name(simulator)} draws nothing, and the driver has a camera: use the"
+            f"{type(simulator).__name__} draws nothing, and the driver has a camera: use the"
             " embedded simulator, or a driver without a camera"
         )
     for one in stack_of(driver):
         if isinstance(one, SelectiveDriver):
-            one.check_simulator(bare(simulator))
+            one.check_simulator(simulator)
     declared.check_driver(driver)
 
 
@@ -177,7 +165,7 @@ def check_class(simulator: Simulator, driver: Driver, road_class: RoadClass) -> 
 def _lays_only(simulator: Simulator, driver: Driver) -> str:
     """What a simulator with this driver is limited to, in words; empty if it lays every road."""
     if not capabilities(simulator).lays_slopes:
-        return f"{class_name(simulator)} drives {_FLAT}"
+        return f"{type(simulator).__name__} drives {_FLAT}"
     return f"A camera sees {_FLAT}" if camera_of(driver) is not None else ""
 
 

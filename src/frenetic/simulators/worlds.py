@@ -19,7 +19,7 @@ from frenetic.drivers.driver import Driver
 from frenetic.drivers.loading import under
 from frenetic.errors import FreneticError
 from frenetic.quantities import SEED, named, quantities, quantity
-from frenetic.simulators.capabilities import capabilities, check_pair, class_name
+from frenetic.simulators.capabilities import capabilities, check_pair
 from frenetic.simulators.simulator import Simulator
 
 Conditions: TypeAlias = Mapping[str, float]
@@ -50,7 +50,7 @@ def check_can_vary(simulator: Simulator, names: Iterable[str]) -> None:
     for row in map(quantity, names):
         if not able.lays(row):
             raise FreneticError(
-                f"{class_name(simulator)} cannot vary {row.name}: it has no attribute"
+                f"{type(simulator).__name__} cannot vary {row.name}: it has no attribute"
                 f" {row.attribute!r}; leave it out, or use another simulator, such as the embedded"
                 " one ('frenetic list simulators')"
             )
@@ -126,5 +126,5 @@ def _set(simulator: Simulator, values: Mapping[str, object]) -> None:
             setattr(simulator, attribute, value)
         except (AttributeError, TypeError, ValueError) as error:
             raise FreneticError(
-                f"{class_name(simulator)} cannot have {attribute} = {value}: {error}"
+                f"{type(simulator).__name__} cannot have {attribute} = {value}: {error}"
             ) from error

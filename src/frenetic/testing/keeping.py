@@ -19,13 +19,13 @@ import os
 import re
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import MappingProxyType
 from typing import Any, Final, TypeVar
 
-from frenetic._support.bounds import check
+from frenetic._support.bounds import require_count
 from frenetic._support.files import write_file
 from frenetic._support.words import counted
 from frenetic.again.minimise import Minimised, minimise_causes
@@ -36,14 +36,12 @@ from frenetic.campaign.campaign import LOOKAHEAD
 from frenetic.criteria import COMPETITION
 from frenetic.drive import Drive
 from frenetic.drivers import Driver
-from frenetic.drivers.loading import under
 from frenetic.errors import DriverError, FreneticError
 from frenetic.oracle import Result, judge
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.road.files import entries_of, read_road
-from frenetic.run_file import RunFile
-from frenetic.spec import Spec, require_count
+from frenetic.spec import Spec
 
 FOLDER: Final = "failing-roads"
 """Name of the folder beside a test's file for the roads on which it failed."""
@@ -125,10 +123,8 @@ def keeps_lane(
         "simulations": simulations,
         "seed": seed,
     }
-    check(values, RunFile)
-    spec = RunFile(**values).spec()
-    if spec.rules.criteria:
-        spec = replace(spec, objective="criteria")
+    spec = Spec(**values)
+    spec.terms  # noqa: B018  # refused here, not when the test runs
 
     def decorated(function: TestFunction) -> TestFunction:
         @functools.wraps(function)
@@ -215,9 +211,8 @@ class _Check:
         Raises:
             FreneticError: the simulator broke, or a remembered road's file is damaged.
         """
-        driver = under(self.spec.layers, self.driver)
         with self.spec.make_simulator() as simulator:
-            tester = RoadTester.on(self.spec, simulator, driver)
+            tester = RoadTester(simulator, self.driver, self.spec.terms)
             known = list(self._again(tester))
             if known:
                 title = f"It fails on {counted(len(known), 'road')} on which it failed before"
@@ -226,12 +221,11 @@ class _Check:
 
     def _again(self, tester: RoadTester) -> Iterator[list[str]]:
         """The remembered roads that fail."""
+        terms = tester.terms
         paths = sorted(self.folder.glob(f"{self.stem}-????????.json"))
         for path in paths:
             loaded = read_road(path).road()
-            road, verdict = loaded.placed(
-                tester.map_size, tester.margin, road_class=tester.road_class
-            )
+            road, verdict = loaded.placed(terms.map_size, terms.margin, road_class=terms.road_class)
             if road is None or not verdict.valid:
                 self._notice(f"{path} is not driven: {verdict.message}")
                 continue
@@ -257,8 +251,8 @@ class _Check:
                 budget=Budget(simulations=budget.simulations, failures=_FAILURES),
                 folder=folder,
                 lookahead=strategy.usual_lookahead or LOOKAHEAD,
-                objective=self.spec.objective,
-                **tester.terms,
+                objective=self.spec.named_objective,
+                terms=tester.terms,
             )
             end = time.monotonic() + self.seconds
 

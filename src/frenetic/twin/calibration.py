@@ -24,9 +24,16 @@ from frenetic.simulators.embedded import compile_kernels
 from frenetic.twin.fitting import Fit, IntArray, RecordedDrive, group_labels, states_of
 from frenetic.twin.model import Model
 from frenetic.twin.profile import Figures, Profile, Validation
-from frenetic.twin.recordings import Recordings, Terms, read_recordings
+from frenetic.twin.recordings import RecordedTerms, Recordings, read_recordings
 
-__all__ = ["CalibrationFile", "Recordings", "Terms", "answer", "calibrate", "read_recordings"]
+__all__ = [
+    "CalibrationFile",
+    "RecordedTerms",
+    "Recordings",
+    "answer",
+    "calibrate",
+    "read_recordings",
+]
 
 LEAST_DRIVES: Final = 10
 FOLDS: Final = 5
@@ -59,7 +66,7 @@ class CalibrationFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
     recordings: tuple[str, ...] = ()
     """Files and folders."""
-    terms: Terms | None = None
+    terms: RecordedTerms | None = None
     """What holds of all drives, whatever a campaign says."""
     driver: str = ""
     """The twin's, with its options, as on the command line."""
@@ -110,7 +117,7 @@ def calibrate(
         raise FreneticError(
             f"{len(drives)} recorded drives: at least {LEAST_DRIVES} are needed to calibrate on"
         )
-    terms = recordings.terms.spec()
+    terms = recordings.terms
     fit = Fit(model, terms.rules)
     start = np.array([one.place for one in model.parameters])
     failed = np.array([drive.failed for drive in drives], dtype=np.float64)
@@ -144,7 +151,7 @@ def calibrate(
     verdict, reason = verdict_of(twin, failed, interval, others)
     return Profile.of(
         name,
-        model.spec({one.name: one.value for one in fitted}, terms),
+        model.spec({one.name: one.value for one in fitted}, terms.spec),
         fitted=fitted,
         recordings=list(places),
         validation=Validation(

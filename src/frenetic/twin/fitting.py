@@ -17,13 +17,14 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
+from frenetic.campaign.tester import RoadTester
+from frenetic.campaign.workers import driving
 from frenetic.drive import Drive, Rules
 from frenetic.drivers.driver import Driver
 from frenetic.errors import FreneticError
 from frenetic.oracle import Assessment, assess
 from frenetic.road import Road
 from frenetic.simulators.embedded import EmbeddedSimulator
-from frenetic.simulators.isolated import isolated
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import in_conditions
 from frenetic.twin.model import Model
@@ -127,9 +128,9 @@ class Fit:
     ) -> Iterator[tuple[RecordedDrive, Drive]]:
         """Each drive with the twin's, in its conditions; raises as `parts` does."""
         driver, simulator = self.parts(places)
-        with isolated(simulator, driver) as own:
+        with driving(RoadTester(simulator, driver), isolate=True) as drive:
             for one in drives:
-                yield one, drive_twin(own, driver, one.road, one.conditions)
+                yield one, drive(one.road, one.conditions)
 
     def differences(self, places: FloatArray, drives: Sequence[RecordedDrive]) -> list[FloatArray]:
         """Weighted differences from each drive, whose squares add up to its loss.

@@ -25,11 +25,12 @@ from frenetic.search import Frenetic
 from frenetic.search.records import Candidate, Evaluation
 from frenetic.simulators.capabilities import capabilities
 from frenetic.simulators.embedded.vehicle import CARS
+from frenetic.simulators.worlds import rules_in
 from frenetic.spec import Spec
 from frenetic.twin.fitting import LEAST, Fit, RecordedDrive, drive_twin, on_grid
 from frenetic.twin.model import Model
 from frenetic.twin.profile import Profile
-from frenetic.twin.recordings import Terms
+from frenetic.twin.recordings import RecordedTerms
 from frenetic.versions import SHORT
 
 LAWS: Final = {
@@ -78,14 +79,16 @@ def foresight(
         )
     given = {}
     if profile is None:
-        if vehicle is None and spec.simulator.name in CARS:
-            vehicle = spec.simulator.name
+        simulator = spec.part("simulator").name
+        if vehicle is None and simulator in CARS:
+            vehicle = simulator
         fit = {law: [*SPEED, *own, *CAR] for law, own in LAWS.items()}
         car = {} if vehicle is None else {"name": vehicle}
         models = [Model.of(law, names, vehicle=car) for law, names in fit.items()]
     else:
         read = Profile.read(profile)
-        if differing := Terms.of(read.spec()).differences(Terms.of(spec)):
+        theirs, ours = (_recorded_terms(one) for one in (read.spec(), spec))
+        if differing := theirs.differences(ours):
             raise FreneticError(
                 f"{profile} is the profile of a twin for other terms ({differing}): give the search"
                 " the same, or calibrate a twin for them"
@@ -95,7 +98,7 @@ def foresight(
         given["profile"] = f"{profile} (SHA-256 {digest})"
     own: dict[str, Any] = {
         "seed": spec.seed,
-        "map_size": spec.map_size,
+        "map_size": spec.terms.map_size,
         "road_class": spec.road_class,
         "domain": spec.domain,
         **options,
@@ -104,6 +107,10 @@ def foresight(
     if vehicle is not None:
         given["vehicle"] = vehicle
     return ForesightSearch(twin, given, **own)
+
+
+def _recorded_terms(spec: Spec) -> RecordedTerms:
+    return RecordedTerms.of(spec.terms, rules_in(spec.conditions, spec.rules))
 
 
 class ForesightSearch(Frenetic):
@@ -138,9 +145,9 @@ class OnlineTwin:
     """
 
     def __init__(self, models: Sequence[Model], spec: Spec, *, is_ready: bool = False) -> None:
-        self._fits = [Fit(model, spec.rules) for model in models]
+        self._fits = [Fit(model, rules_in(spec.conditions, spec.rules)) for model in models]
         self._spec = spec
-        self._objective = Objective.load(spec.objective)
+        self._objective = Objective.load(spec.named_objective)
         self._places = [np.array([one.place for one in model.parameters]) for model in models]
         self._losses = [math.inf] * len(models)
         self._best = 0
@@ -213,7 +220,7 @@ class OnlineTwin:
     # Parts
 
     def _road(self, candidate: Candidate) -> Road:
-        return candidate.road(self._spec.lane_width, road_class=self._spec.road_class)
+        return candidate.road(self._spec.terms.lane_width, road_class=self._spec.road_class)
 
     def _conditions(self, candidate: Candidate) -> Mapping[str, int | float]:
         """A candidate's conditions, as far as they are the car's and the embedded simulator's."""

@@ -7,14 +7,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, Final, Literal, Self, TypeAlias
 
+from msgspec import structs
+
 from frenetic._support.files import require_list
+from frenetic._support.words import part_word
 from frenetic.drive import Rules
 from frenetic.drivers.driver import Driver, under_layers
+from frenetic.drivers.loading import load_driver
 from frenetic.errors import FreneticError
-from frenetic.registry import arguments_of, hint, options_of
+from frenetic.registry import DRIVERS, hint, options_of
 from frenetic.simulators.embedded import EmbeddedSimulator
 from frenetic.simulators.embedded.vehicle import Vehicle
-from frenetic.spec import Part, Spec, driver_of
+from frenetic.spec import Spec
 from frenetic.twin.profile import Fitted, Profile
 
 Owner: TypeAlias = Literal["driver", "vehicle", "layer"]
@@ -107,7 +111,8 @@ class Model:
         if brought := getattr(under_layers(made), "VEHICLE", None):
             model = replace(model, vehicle={"name": brought, **model.vehicle})
         car = Vehicle.of(model.vehicle)
-        options = {**(options_of(made) or {}), **arguments_of(made)}
+        arguments = DRIVERS.made(driver, driver_options or {}, {}).arguments
+        options = {**(options_of(made) or {}), **arguments}
         known = {
             f"driver.{name}": float(value)
             for name, value in options.items()
@@ -134,16 +139,15 @@ class Model:
         spec = profile.spec()
         fitted = [Parameter.of(one) for one in profile.fitted]
         known = {(one.owner, one.name) for one in fitted}
-        if left := [name for name in spec.layers if ("layer", name) not in known]:
+        if left := [name for name in spec.conditions if ("layer", name) not in known]:
             raise FreneticError(
                 f"the profile {profile.name!r} has a layer {left[0]}, which nobody fitted: a twin"
                 " drives as a driver and a car alone do"
             )
-        assert spec.driver.name is not None
-        vehicle = spec.simulator.options.get("vehicle") or {}
+        vehicle = spec.part("simulator").options.get("vehicle") or {}
         if isinstance(vehicle, str):
             vehicle = {"name": vehicle}
-        return cls(spec.driver.name, spec.driver.options, vehicle, tuple(fitted))
+        return cls(*spec.part("driver"), vehicle, tuple(fitted))
 
     def _parameter(self, text: str, known: Mapping[str, float]) -> Parameter:
         asked, equals, bounds = (part.strip() for part in text.partition("="))
@@ -229,18 +233,19 @@ class Model:
             ValueError: the car does.
         """
         options = self._options(values)
-        driver = driver_of(self.driver, options["driver"], options["layer"])
+        driver = load_driver(self.driver, options["driver"], **options["layer"])
         return driver, EmbeddedSimulator(vehicle=Vehicle.of(options["vehicle"]), rules=rules)
 
     def spec(self, values: Mapping[str, float], terms: Spec) -> Spec:
         """A spec with its driver and car, and the rules, the map and the lanes of another."""
         options = self._options(values)
         vehicle = options["vehicle"]
-        return replace(
+        simulator = part_word("embedded", {"vehicle": vehicle} if vehicle else {})
+        return structs.replace(
             terms,
-            driver=Part(self.driver, options["driver"]),
-            layers=options["layer"],
-            simulator=Part("embedded", {"vehicle": vehicle} if vehicle else {}),
+            driver=part_word(self.driver, options["driver"]),
+            conditions=options["layer"],
+            simulator=simulator,
         )
 
     def values(self, places: Sequence[float]) -> dict[str, float]:

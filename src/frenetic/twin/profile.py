@@ -7,7 +7,6 @@ it makes and imports none.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -18,7 +17,7 @@ from frenetic._support.bounds import Index, Positive
 from frenetic._support.files import read_bounded, write_file
 from frenetic._support.outside_text import read_json
 from frenetic.errors import FreneticError
-from frenetic.spec import Spec, drive_record
+from frenetic.spec import USUAL, Spec
 from frenetic.trust import NOT_DRIVING
 
 
@@ -91,7 +90,7 @@ class Profile(Record, frozen=True, kw_only=True):
     name: str
     """Name for people."""
     driven: dict[str, Any]
-    """Driver, car, conditions and rules, as `frenetic.spec.drive_record` has them."""
+    """Driver, car, conditions and rules, as `frenetic.spec.Spec.driving` gives them."""
     lane_width: Positive = 4.0
     """m."""
     fitted: list[Fitted] = []
@@ -108,8 +107,8 @@ class Profile(Record, frozen=True, kw_only=True):
             spec: names driver and simulator.
             about: other fields.
         """
-        driven = drive_record(spec.with_limit().to_json())
-        return cls(name=name, driven=driven or {}, lane_width=spec.lane_width, **about)
+        driven = Spec.of(USUAL, spec).driving().entries()
+        return cls(name=name, driven=driven, lane_width=spec.terms.lane_width, **about)
 
     @classmethod
     def read(cls, path: Path | str) -> Self:
@@ -118,7 +117,7 @@ class Profile(Record, frozen=True, kw_only=True):
         Raises:
             FreneticError: there is none; the message names the file and the place in it.
         """
-        Spec.read(path)  # there is a file of a sane size that says how roads are driven
+        Spec.read_driven(path)  # there is a file of a sane size that says how roads are driven
         try:
             return read_json(read_bounded(Path(path)), cls)
         except ValueError as error:
@@ -141,6 +140,6 @@ class Profile(Record, frozen=True, kw_only=True):
                 (`frenetic.trust`).
         """
         source = f"the profile {self.name!r}"
-        own = Spec.from_drive_record(self.driven, source=source)
+        own = Spec.of_driven(self.driven, source=source)
         own.require_trusted(source, NOT_DRIVING)
-        return replace(own, lane_width=self.lane_width)
+        return Spec.of(own, {"lane_width": self.lane_width})

@@ -29,13 +29,14 @@ from frenetic.road import Road
 from frenetic.road.files import RoadEntries, RoadFile
 from frenetic.search.records import Trace
 from frenetic.spec import Spec
+from frenetic.terms import Terms
 from frenetic.twin.fitting import LEAST, RecordedDrive, on_grid, states_of
 
 TABLE: Final = ".jsonl"
 """How the name of a table ends."""
 
 
-class Terms(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class RecordedTerms(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The terms of recorded drives."""
 
     speed_limit: Positive = 70.0
@@ -47,28 +48,35 @@ class Terms(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """m."""
 
     @classmethod
-    def of(cls, spec: Spec) -> Self:
-        """The terms of a spec."""
+    def of(cls, terms: Terms, rules: Rules) -> Self:
+        """The terms of drives by some rules."""
         return cls(
-            speed_limit=spec.rules.speed_limit,
-            oob_tolerance=spec.rules.oob_tolerance,
-            lane_width=spec.lane_width,
-            map_size=spec.map_size,
+            speed_limit=rules.speed_limit,
+            oob_tolerance=rules.oob_tolerance,
+            lane_width=terms.lane_width,
+            map_size=terms.map_size,
         )
 
-    def spec(self) -> Spec:
-        """A spec on these terms.
+    @property
+    def rules(self) -> Rules:
+        """The rules.
 
         Raises:
-            FreneticError: the rules are out of range.
+            FreneticError: they are out of range.
         """
         try:
-            rules = Rules(speed_limit=self.speed_limit, oob_tolerance=self.oob_tolerance)
+            return Rules(speed_limit=self.speed_limit, oob_tolerance=self.oob_tolerance)
         except ValueError as error:
             raise FreneticError(str(error)) from None
-        return Spec(rules=rules, lane_width=self.lane_width, map_size=self.map_size)
 
-    def differences(self, other: Terms) -> str:
+    @property
+    def spec(self) -> Spec:
+        """The spec that says them; the usual speed limit lets a road's own hold."""
+        is_usual = self.speed_limit == Rules().speed_limit
+        entries = structs.asdict(self) | ({"speed_limit": None} if is_usual else {})
+        return Spec(**entries)
+
+    def differences(self, other: RecordedTerms) -> str:
         """What is different in others, in words; empty if nothing is."""
         mine, theirs = structs.asdict(self), structs.asdict(other)
         return "; ".join(
@@ -83,7 +91,7 @@ class Recordings:
     """All recorded drives, driven under the same terms."""
 
     drives: list[RecordedDrive]
-    terms: Terms
+    terms: RecordedTerms
     skipped: int
     """Number of tests that were not driven to an end, or have no trajectory."""
 
@@ -93,7 +101,7 @@ class Recordings:
         return list(dict.fromkeys(drive.run for drive in self.drives))
 
 
-def read_recordings(places: Iterable[Path | str], given: Terms | None = None) -> Recordings:
+def read_recordings(places: Iterable[Path | str], given: RecordedTerms | None = None) -> Recordings:
     """Reads recorded drives.
 
     Args:
@@ -105,7 +113,7 @@ def read_recordings(places: Iterable[Path | str], given: Terms | None = None) ->
             failed, or they were driven under different terms.
     """
     found: list[RecordedDrive | None] = []
-    known: dict[Terms, Path] = {}
+    known: dict[RecordedTerms, Path] = {}
     for place in map(Path, require_list("places", places, "files and folders")):
         before = len(found)
         for terms, drives in _sources(place, given):
@@ -123,12 +131,12 @@ def read_recordings(places: Iterable[Path | str], given: Terms | None = None) ->
     return Recordings(kept, next(iter(known)), len(found) - len(kept))
 
 
-_Source: TypeAlias = tuple[Terms, list[RecordedDrive | None]]
+_Source: TypeAlias = tuple[RecordedTerms, list[RecordedDrive | None]]
 
 
-def _sources(place: Path, given: Terms | None) -> Iterator[_Source]:
+def _sources(place: Path, given: RecordedTerms | None) -> Iterator[_Source]:
     """Terms and drives of the table, test files or campaigns in a place."""
-    terms = given or Terms()
+    terms = given or RecordedTerms()
     if place.suffix == TABLE:
         lines = enumerate(_read(place).split(b"\n"), start=1)
         rows = [(line, f"{place}, row {i}", str(place)) for i, line in lines if line.strip()]
@@ -143,16 +151,11 @@ def _sources(place: Path, given: Terms | None) -> Iterator[_Source]:
             yield _campaign(folder, given)
 
 
-def _campaign(folder: Path, given: Terms | None) -> _Source:
+def _campaign(folder: Path, given: RecordedTerms | None) -> _Source:
     drives: list[RecordedDrive | None] = []
     with CampaignStore.open(folder) as store:
         setting = store.setting
-        terms = given or Terms(
-            speed_limit=setting.rules.speed_limit,
-            oob_tolerance=setting.rules.oob_tolerance,
-            lane_width=setting.lane_width,
-            map_size=setting.map_size,
-        )
+        terms = given or RecordedTerms.of(setting, setting.rules_in({}))
         for test in store.tests(with_trajectory=True):
             drive = test.drive
             if not test.outcome.is_driven or drive is None:
@@ -214,7 +217,7 @@ class Row(RoadEntries):
     execution_data: tuple[Record, ...] = ()
 
 
-def _drive_of(text: bytes, where: str, run: str, terms: Terms) -> RecordedDrive | None:
+def _drive_of(text: bytes, where: str, run: str, terms: RecordedTerms) -> RecordedDrive | None:
     """The drive of a test file or row; None if it has no end, or no trajectory.
 
     Args:

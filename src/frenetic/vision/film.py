@@ -17,6 +17,8 @@ from frenetic.campaign.record import Test
 from frenetic.drive import Trajectory
 from frenetic.drivers.camera import Camera, Image
 from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation, scene_of
+from frenetic.drivers.loading import under
+from frenetic.quantities import SEED
 from frenetic.report.html.tests import Film
 from frenetic.simulators.embedded import EmbeddedSimulator
 from frenetic.versions import over_each_other
@@ -44,11 +46,12 @@ def camera_film(config: Mapping[str, JSONValue]) -> Callable[[Test], Film | None
         if eye is None or record.drive is None or len(record.drive.trajectory) < 2:
             return None
         path, road = record.drive.trajectory, record.road
-        renderer = Renderer(road, eye.camera, scene_of(eye.layered))
+        layered = _in_conditions(eye, record)
+        renderer = Renderer(road, eye.camera, scene_of(layered))
         critical = _critical(record, path)
         taken = evenly(len(path), MOST_PICTURES)
         taken = np.unique(np.append(taken[: MOST_PICTURES - 1], critical))
-        small = [_shrunk(eye.seen(renderer, path, int(i))) for i in taken]
+        small = [_shrunk(eye.seen(layered, renderer, path, int(i))) for i in taken]
         height, width, _ = small[0].shape
         rows = math.ceil(len(small) / COLUMNS)
         sheet = np.zeros((rows * height, COLUMNS * width, 3), dtype=np.uint8)
@@ -84,10 +87,10 @@ class _Eye:
         self.image = observation.image
         return Controls(0.0)
 
-    def seen(self, renderer: Renderer, path: Trajectory, i: int) -> Image:
-        """The picture at a record of a drive."""
+    def seen(self, layered: Driver, renderer: Renderer, path: Trajectory, i: int) -> Image:
+        """The picture at a record of a drive, under layers."""
         picture = renderer.draw(float(path.x[i]), float(path.y[i]), float(path.heading[i]))
-        self.layered.act(observation_at(path, i, picture))
+        layered.act(observation_at(path, i, picture))
         assert self.image is not None
         return self.image
 
@@ -126,6 +129,14 @@ def _eye(config: Mapping[str, JSONValue]) -> _Eye | None:
             amount = options.pop(kind.name)
             eye.layered = kind(eye.layered, amount, **options)
     return eye
+
+
+def _in_conditions(eye: _Eye, record: Test) -> Driver:
+    """The layered eye in the conditions of a test, as far as the camera sees these."""
+    own = record.candidate.conditions
+    conditions = own if record.setting is None else record.setting.conditions_of(own)
+    seen = {n: amount for n, amount in conditions.items() if n == SEED or n in appearance.ALL}
+    return under(seen, eye.layered)
 
 
 def _critical(record: Test, path: Trajectory) -> int:

@@ -1,13 +1,17 @@
 """Workers, which test roads: this process, several local ones, or a Dask cluster."""
 
 from frenetic.campaign.record import Attempt
-from frenetic.campaign.workers.local import LocalWorkers
+from frenetic.campaign.workers.alone import DriveProcess, driving
+from frenetic.campaign.workers.local import LocalWorkers, is_isolable
 from frenetic.campaign.workers.workers import InProcessWorker, Workers, available_cores
 
 __all__ = [
     "Attempt",
+    "DriveProcess",
     "InProcessWorker",
     "LocalWorkers",
     "Workers",
     "available_cores",
+    "driving",
+    "is_isolable",
 ]

@@ -9,10 +9,8 @@ gone.
 
 from __future__ import annotations
 
-import io
 import logging
 import multiprocessing
-import pickle
 import sys
 import threading
 import time
@@ -33,10 +31,9 @@ from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers.local import Seat, lost_attempt
 from frenetic.campaign.workers.workers import Workers
 from frenetic.errors import CampaignError, FreneticError, Trouble, describe_error, reason_of
-from frenetic.recipe import Guest, Named
 from frenetic.registry import USER_MODULE, user_files
 from frenetic.search.records import Candidate
-from frenetic.simulators.isolated import Blame
+from frenetic.simulators.blame import Blame
 from frenetic.worker import LostWorkerError, Worker
 
 try:
@@ -291,7 +288,7 @@ def pack(tester: RoadTester) -> bytes:
         CampaignError: driver or simulator cannot be packed.
     """
     try:
-        return _parcel(Seat(tester))
+        return _parcel(Seat(replace(tester, spec=None)))  # as objects, with their code
     except FreneticError:
         raise
     except Exception as error:
@@ -303,22 +300,8 @@ def pack(tester: RoadTester) -> bytes:
 
 def _parcel(part: object) -> bytes:
     with _by_value(own_modules()):
-        file = io.BytesIO()
-        _Pickler(file).dump(part)
-    return file.getvalue()
-
-
-def _parcel_of_guest(guest: Guest) -> bytes:
-    return _parcel(guest.part)
-
-
-class _Pickler(cloudpickle.Pickler):  # type: ignore[misc]  # it has no types
-    """Lets a part that is not made here be packed where it is."""
-
-    def reducer_override(self, part: object) -> Any:
-        if isinstance(part, Named):
-            return pickle.loads, (part.recipe.ask(_parcel_of_guest, answer=bytes),)
-        return super().reducer_override(part)
+        parcel: bytes = cloudpickle.dumps(part)
+    return parcel
 
 
 def own_modules() -> list[ModuleType]:

@@ -15,8 +15,8 @@ from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import CampaignError, Fault, Trouble, describe_error
 from frenetic.search.records import Candidate
+from frenetic.simulators.blame import Blame, lost_process
 from frenetic.simulators.capabilities import capabilities
-from frenetic.simulators.isolated import Blame, lost_process
 from frenetic.worker import MOST_WORKERS, LostWorkerError, Worker, pack, ready
 
 STARTS: Final = 3
@@ -36,10 +36,12 @@ class Seat:
 
     Args:
         tester: not entered.
+        keep: whether its answers have exact trajectories, too.
     """
 
-    def __init__(self, tester: RoadTester) -> None:
+    def __init__(self, tester: RoadTester, *, keep: bool = False) -> None:
         self._tester = tester
+        self._keep = keep
         self._is_up = False
 
     def start(self) -> None:
@@ -51,7 +53,7 @@ class Seat:
         """Tests a candidate."""
         if not self._is_up:
             self.start()
-        attempt = self._tester.attempt(candidate)
+        attempt = self._tester.attempt(candidate, keep=self._keep)
         if attempt.simulator_broke:
             self.close()
         return attempt
@@ -61,6 +63,21 @@ class Seat:
         if self._is_up:
             self._is_up = False
             self._tester.simulator.__exit__(None, None, None)
+
+
+def is_isolable(tester: RoadTester) -> bool:
+    """Whether a process of its own protects this one from a tester's driver.
+
+    Compiled code of ours needs none. Where a driver cannot be copied, a warning says so.
+    """
+    if tester.drives_compiled:
+        return False
+    try:
+        pack(tester)
+    except CampaignError as error:
+        logger.warning("nothing protects this process from the driver: %s", error)
+        return False
+    return True
 
 
 def lost_attempt(
@@ -93,6 +110,7 @@ class LocalWorkers:
             and is killed.
         log: gets the events of the workers.
         ahead: whether a worker with quick tests may have several candidates at once.
+        keep: whether attempts have exact trajectories, too.
 
     Raises:
         CampaignError: driver or simulator cannot be copied into another process.
@@ -106,6 +124,7 @@ class LocalWorkers:
         drive_limit: float,
         log: CampaignLog,
         ahead: bool = True,
+        keep: bool = False,
     ) -> None:
         able = capabilities(tester.simulator)
         most = able.workers_at_most
@@ -116,7 +135,7 @@ class LocalWorkers:
         if count > MOST_WORKERS:
             raise CampaignError(f"{count} workers are too many: Windows allows {MOST_WORKERS}")
         self._blame = Blame.of(tester.simulator, tester.driver)
-        held = pack(Seat(tester))
+        held = pack(Seat(tester, keep=keep))
         self._seats = [
             _Seat(Worker(f"worker {number}", held, able.preloads)) for number in range(1, count + 1)
         ]

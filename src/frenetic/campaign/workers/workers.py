@@ -63,8 +63,8 @@ class InProcessWorker(Workers):
     A simulator that broke is started again for the next candidate.
 
     Nothing is copied, so driver and simulator may be any objects. A simulator or driver that kills
-    the process kills the campaign, which can then be resumed; in a process of its own, see
-    `frenetic.simulators.isolated`, it kills that.
+    the process kills the campaign, which can then be resumed; one of `LocalWorkers`
+    kills its own process.
 
     Args:
         tester: tests the candidates.

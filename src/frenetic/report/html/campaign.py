@@ -38,6 +38,7 @@ from frenetic.analysis.failures import (
 from frenetic.analysis.features import Features, features_of
 from frenetic.analysis.segments import Segment, segment_of_test
 from frenetic.campaign.asking import FACTS
+from frenetic.campaign.configuration import SPEC, earlier_of
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.earlier import still_failing
 from frenetic.campaign.objective import in_words as objective_in_words
@@ -75,9 +76,8 @@ from frenetic.report.html.tests import (
     table_of,
 )
 from frenetic.report.html.timeline import timeline_section
-from frenetic.run_file import NAME
 from frenetic.search.records import Candidate
-from frenetic.spec import earlier_of
+from frenetic.spec import FILE
 from frenetic.versions import innermost, short_version
 
 FILMS: Final = "frenetic.films"
@@ -217,7 +217,7 @@ def campaign_report(
         ),
         data={
             "campaign": _shell(store.folder),
-            "is_named": isinstance(config.get("run"), Mapping),
+            "is_named": isinstance(config.get(SPEC), Mapping),
             "lane_width": store.setting.lane_width,
             "tests": table_of(tests),
             "resolutions": COLUMNS,
@@ -319,6 +319,7 @@ def headline(store: CampaignStore, clusters: Clusters, counts: Counts, trouble: 
         "campaign": str(store.folder),
         "roads": "" if road_class is None else road_class.in_words(),
         "domain": "" if domain is None else domain.in_words(),
+        "conditions": in_words(store.setting.conditions),
         "how often it fails": "" if estimate is None else estimate.in_words(),
         "criteria": criteria,
         "objective": objective_in_words(store),
@@ -398,8 +399,8 @@ def configuration(
     named = {name: one for name, one in known.items() if isinstance(one, Mapping)}
     others = {name: one for name, one in known.items() if name not in named}
     how = Paragraph(_repeatability(known))
-    again = command(f"frenetic run {_shell(folder / NAME)}", "Repeats it, in a new folder:")
-    is_named = isinstance(config.get("run"), Mapping) and config.get("entrant") is None
+    again = command(f"frenetic run {_shell(folder / FILE)}", "Repeats it, in a new folder:")
+    is_named = isinstance(config.get(SPEC), Mapping) and config.get("entrant") is None
     return Section(
         "configuration",
         "Configuration",
@@ -420,7 +421,7 @@ def _repeatability(config: Mapping[str, Any]) -> str:
     budget = config["budget"]
     if isinstance(budget, Mapping) and budget.get("time") is not None:
         text += " Its budget is of wall time, so how far it comes depends on the machine's speed."
-    if not isinstance(config.get("run"), Mapping):
+    if not isinstance(config.get(SPEC), Mapping):
         text += " It was started from Python, so there is no command that repeats it."
     return text
 

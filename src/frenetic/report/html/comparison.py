@@ -153,7 +153,7 @@ def _headline(comparison: Comparison, lead: str) -> Part:
         "campaigns": ", ".join(f"{len(own)} of {n}" for n, own in comparison.groups.items()),
         "simulations": f"{' to '.join(map(str, dict.fromkeys([spent[0], spent[-1]])))} each",
     }
-    parts = ("driver", "simulator", "domain")
+    parts = ("driver", "simulator", "conditions", "domain")
     facts |= {part: comparison.shared[part] for part in parts if part in comparison.shared}
     return Part(
         "headline",

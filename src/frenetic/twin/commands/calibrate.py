@@ -10,8 +10,8 @@ import click
 from frenetic._support.words import counted, signed
 from frenetic.cli import echo
 from frenetic.cli.console import Log, counted_progress, print_table, shell
+from frenetic.cli.entries import names_of, was_given
 from frenetic.cli.options import as_usage_error, file_option, json_option
-from frenetic.cli.parts import names_of, was_given
 
 if TYPE_CHECKING:
     from frenetic.twin.profile import Figures, Profile
@@ -62,7 +62,7 @@ def calibrate(
     """
     from msgspec import structs
 
-    from frenetic.run_file import read_entries
+    from frenetic.spec import read_entries
     from frenetic.twin.calibration import CalibrationFile, answer, read_recordings
     from frenetic.twin.calibration import calibrate as calibrate_twin
 

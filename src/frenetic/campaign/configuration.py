@@ -1,0 +1,160 @@
+"""A campaign's configuration: what its database says of how it was made."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Final
+
+from msgspec import Struct, ValidationError, convert, defstruct, structs
+
+from frenetic._support.bounds import Count
+from frenetic._support.words import counted
+from frenetic.errors import CampaignError, FreneticError
+from frenetic.spec import Budget, Spec
+from frenetic.terms import Setting
+
+SPEC: Final = "spec"
+"""Entry with the spec of named parts; a campaign of objects from Python has none."""
+
+
+@dataclass(frozen=True)
+class EarlierCampaign:
+    """An earlier campaign that a search starts from."""
+
+    folder: str
+    """Its folder, as it was given."""
+    simulations: int = 0
+    """Its drives."""
+    failures: int = 0
+    """Its failures."""
+    taken: int = 0
+    """Tests that were taken from it."""
+    left_out: int = 0
+    """Roads that do not fit the map or the strategy's step."""
+
+    def __str__(self) -> str:
+        left_out = f", {self.left_out} left out that do not fit" if self.left_out else ""
+        return (
+            f"{self.folder} ({counted(self.simulations, 'simulation')},"
+            f" {counted(self.failures, 'failure')}): {counted(self.taken, 'road')} taken{left_out}"
+        )
+
+
+class _Described(Struct, forbid_unknown_fields=True, rename={"kind": "class"}):
+    """A part in the form of `frenetic.description.describe`."""
+
+    kind: str
+    options: dict[str, Any] = {}
+    version: str = ""
+    camera: dict[str, Any] | None = None
+    driver: _Described | None = None
+
+
+_ENTRIES: Final[list[Any]] = [
+    ("seed", int | float | str | bool | None),
+    ("strategy", _Described),
+    ("simulator", _Described),
+    ("driver", _Described),
+    ("budget", Budget),
+    ("workers", Count | str, 1),
+    ("lookahead", Count | None, None),
+    ("objective", str, "moobd"),
+    ("start_from", tuple[EarlierCampaign, ...], ()),
+    ("from_roads", str | None, None),
+    ("versions", dict[str, str]),
+    ("behaviours", dict[str, str], {}),
+    (SPEC, Spec | None, None),
+]
+_Configuration: Any = defstruct("Configuration", _ENTRIES, kw_only=True)
+
+
+def _read(config: Mapping[str, Any]) -> tuple[Spec | None, Setting]:
+    """The spec and the setting of a configuration, whose rules and car have to be whole.
+
+    Raises:
+        ValueError: it is none; the message names the place.
+    """
+    try:
+        spec, setting = convert(dict(config), _Configuration).spec, Setting.of(config)
+    except ValidationError as error:
+        raise ValueError(str(error)) from None
+    except FreneticError as error:  # which names no place
+        raise ValueError(f"{error} - at `$.{SPEC}`") from None
+    for name in ("rules", "car"):
+        if other := config[name].keys() ^ asdict(getattr(setting, name)).keys():
+            raise ValueError(f"Missing or unknown {', '.join(sorted(other))} - at `$.{name}`")
+    return spec, setting
+
+
+def fault_of(config: Mapping[str, Any]) -> str:
+    """What keeps a campaign's configuration from being read, in a line; empty if nothing does."""
+    try:
+        _read(config)
+    except ValueError as error:
+        return str(error)
+    return ""
+
+
+def recorded_spec(config: Mapping[str, Any], *, source: object) -> Spec:
+    """The spec of a campaign; that of one of objects says only its roads and conditions.
+
+    Args:
+        config: its configuration.
+        source: name of its place for messages.
+
+    Raises:
+        CampaignError: the configuration is damaged; the message names the place in it.
+    """
+    try:
+        spec, setting = _read(config)
+    except ValueError as error:
+        raise CampaignError(
+            f"{source} is damaged: it does not say with what it was driven: {error}; restore it"
+            " from a copy"
+        ) from None
+    return spec or Spec.of_terms(setting)
+
+
+def with_budget(spec: Spec, budget: Budget) -> Spec:
+    """The same spec with the limits of a budget."""
+    return structs.replace(spec, **asdict(budget))
+
+
+def earlier_of(config: Mapping[str, Any]) -> tuple[EarlierCampaign, ...]:
+    """The earlier campaigns in a configuration.
+
+    Raises:
+        CampaignError: they cannot be read.
+    """
+    try:
+        return convert(config.get("start_from", []), tuple[EarlierCampaign, ...])
+    except ValidationError as error:
+        raise CampaignError(f"the campaign is damaged: what it starts from: {error}") from None
+
+
+def decode_budget(value: Any) -> Budget:
+    """The budget of a JSON object.
+
+    Raises:
+        ValueError: it is none.
+    """
+    try:
+        return convert(value, Budget)
+    except ValidationError as error:
+        raise ValueError(str(error)) from None
+
+
+def driving_spec(config: Mapping[str, Any], *, source: object) -> Spec | None:
+    """How a campaign's roads are driven; None if it was started from Python without names.
+
+    Args:
+        config: its configuration.
+        source: name of its place for messages.
+
+    Raises:
+        CampaignError: the configuration is damaged.
+    """
+    if config.get(SPEC) is None:
+        return None
+    return recorded_spec(config, source=source).driving()

@@ -1,0 +1,169 @@
+"""A process that drives single roads, so that no driver can end the one that asks for them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Self, TypeAlias
+
+from frenetic.campaign.tester import RoadTester
+from frenetic.campaign.workers.local import is_isolable
+from frenetic.drive import CarBody, Drive, Rules, Trajectory
+from frenetic.errors import CampaignError, Trouble
+from frenetic.road import Road
+from frenetic.simulators.blame import Blame, lost_process, raised
+from frenetic.simulators.capabilities import capabilities
+from frenetic.simulators.embedded import compile_kernels
+from frenetic.worker import LostWorkerError, Worker, pack
+
+Driving: TypeAlias = Callable[[Road, Mapping[str, float]], Drive]
+"""Drives a road in some conditions."""
+
+
+@contextmanager
+def driving(tester: RoadTester, *, isolate: bool = False) -> Iterator[Driving]:
+    """Starts a tester's simulator, and gives the function that drives a road in it.
+
+    Args:
+        tester: drives.
+        isolate: whether it drives in a process of its own, unless only compiled code of ours does.
+
+    Raises:
+        CampaignError: the simulator does not start in its process.
+    """
+    if isolate and is_isolable(tester):
+        with DriveProcess(tester) as process:
+            yield process.drive
+    else:
+        with tester.simulator:
+            yield tester.drive
+
+
+class DriveProcess:
+    """A process that drives roads, one after the other.
+
+    A driver that ends the process, hangs, closes its files or moves to another folder harms nothing
+    else: its drive has a trouble, and the next drive has a new process.
+
+    Args:
+        tester: drives there; its parts are made anew by their names, or copied.
+        drive_limit: s of wall time after which a drive counts as hanging; by default half as long
+            again as the simulator's own ``wall_limit``, and 10 s.
+
+    Raises:
+        CampaignError: driver or simulator cannot be copied.
+    """
+
+    def __init__(self, tester: RoadTester, *, drive_limit: float | None = None) -> None:
+        able = capabilities(tester.simulator)
+        self._tester = tester
+        self._limit = able.drive_limit if drive_limit is None else drive_limit
+        self._blame = Blame.of(tester.simulator, tester.driver)
+        self._worker = Worker("the driver's process", pack(_Held(tester)), able.preloads)
+        self._is_up = False
+
+    def __enter__(self) -> Self:
+        """Starts the process and the simulator in it.
+
+        Raises:
+            CampaignError: it does not start.
+        """
+        try:
+            self._worker.start(CarBody)
+            compile_kernels()  # meanwhile: roads are checked here
+            car: CarBody = self._worker.answer()
+        except LostWorkerError as error:
+            self._worker.kill()
+            raise CampaignError(lost_process(error).reason) from None
+        except BaseException:
+            self._worker.kill()
+            raise
+        if self._tester.simulator.car != car:  # measured there
+            self._tester.simulator.car = car
+        self._is_up = True
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Ends the simulator, or kills its process if it still drives.
+
+        Raises:
+            CampaignError: the simulator raised when it ended.
+        """
+        self._is_up = False
+        try:
+            self._worker.close()
+        except LostWorkerError as error:
+            raise CampaignError(lost_process(error).reason) from None
+
+    def drive(self, road: Road, conditions: Mapping[str, float] = MappingProxyType({})) -> Drive:
+        """Drives a road in some conditions; what goes wrong is the drive's trouble.
+
+        Raises:
+            CampaignError: the process was lost, and does not start again.
+        """
+        if not self._is_up:
+            self.__enter__()
+        try:
+            answer: _Answer = self._worker.call(
+                "drive", road, dict(conditions), limit=self._limit, answer=_Answer
+            )
+        except LostWorkerError as error:
+            self._worker.kill()
+            self._is_up = False
+            trouble = lost_process(error, self._blame.fault(error))
+            answer = _Answer(self._tester.simulator.car, self._tester.simulator.rules, trouble)
+        return answer.drive(road)
+
+
+@dataclass(frozen=True)
+class _Answer:
+    """A `Drive` but for its road, which stays here."""
+
+    car: CarBody = field(default_factory=CarBody)
+    rules: Rules = field(default_factory=Rules)
+    trouble: Trouble | None = None
+    trajectory: Trajectory = field(default_factory=Trajectory.empty)
+    has_road: bool = False
+    driver_seconds: float = 0.0
+
+    def drive(self, road: Road) -> Drive:
+        """The drive along the road."""
+        return Drive(
+            self.trajectory,
+            self.car,
+            self.rules,
+            road if self.has_road else None,
+            self.trouble,
+            self.driver_seconds,
+        )
+
+
+class _Held:
+    """The tester in the process."""
+
+    def __init__(self, tester: RoadTester) -> None:
+        self._tester = tester
+
+    def start(self) -> CarBody:
+        self._tester.simulator.__enter__()
+        return self._tester.simulator.car
+
+    def drive(self, road: Road, conditions: dict[str, float]) -> _Answer:
+        simulator = self._tester.simulator
+        try:
+            drive = self._tester.drive(road, conditions)
+        except BaseException as error:  # a SystemExit, say
+            return _Answer(simulator.car, simulator.rules, raised(error, self._tester.driver))
+        return _Answer(
+            drive.car,
+            drive.rules,
+            drive.trouble,
+            drive.trajectory,
+            drive.road is not None,
+            drive.driver_seconds,
+        )
+
+    def close(self) -> None:
+        self._tester.simulator.__exit__(None, None, None)

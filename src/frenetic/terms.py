@@ -1,0 +1,106 @@
+"""What holds for every drive of a run beside its driver and its simulator."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any, Final, Self
+
+from msgspec import convert
+
+from frenetic._support.bounds import NotNegative, Positive, is_number, shown
+from frenetic._support.scalars import take_numpy_scalars
+from frenetic.domain import Domain
+from frenetic.drive import CarBody, Rules
+from frenetic.road import MAP_SIZE, MARGIN
+from frenetic.road.classes import RoadClass
+from frenetic.road.road import MAX_COORDINATE, checked_lane_width
+from frenetic.simulators.worlds import check_conditions, rules_in
+
+
+@dataclass(frozen=True, kw_only=True)
+class Terms:
+    """Map, lanes, roads and conditions of a run's drives.
+
+    Raises:
+        ValueError: the map is too small for its margin, or too large; the margin is negative; a
+            lane has no width that can be represented; or there is no such condition.
+    """
+
+    map_size: Positive = MAP_SIZE
+    """Side of the square map into which roads are fitted, in m."""
+    margin: NotNegative = MARGIN
+    """Distance that a road's centre line keeps from the map's edge, in m."""
+    lane_width: Positive = 4.0
+    """Width of each of the two lanes, in m."""
+    road_class: RoadClass | None = None
+    """Class whose rules valid roads keep; None for the competition's."""
+    domain: Domain | None = None
+    """Domain whose conditions its drives have; None for the usual ones."""
+    conditions: Mapping[str, float] = field(default_factory=dict)
+    """Name of a quantity -> its amount in every drive, see `frenetic.quantities`."""
+
+    def __post_init__(self) -> None:
+        for name in ("map_size", "margin", "lane_width"):
+            if not is_number(value := getattr(self, name)):
+                raise ValueError(f"{name} is {shown(value)}: a number of metres is needed")
+        take_numpy_scalars(self)
+        checked_lane_width(self.lane_width)
+        if self.margin < 0.0:
+            raise ValueError(f"margin is {self.margin:g}: a number of at least 0 is needed")
+        if not self.map_size > 2.0 * self.margin:
+            raise ValueError(
+                f"map_size is {self.map_size:g}: more than twice the margin of"
+                f" {self.margin:g} m is needed"
+            )
+        if self.map_size > MAX_COORDINATE:
+            raise ValueError(
+                f"map_size is {self.map_size:g}: at most {MAX_COORDINATE:g} m are allowed"
+            )
+        check_conditions(self.conditions)
+
+    @classmethod
+    def of_class(cls, road_class: RoadClass | None, **others: Any) -> Self:
+        """The terms for roads of a class, on its map and with its lanes unless others are given."""
+        usual: dict[str, Any] = {}
+        if road_class is not None:
+            usual = {"map_size": road_class.map_size, "lane_width": road_class.lane_width}
+        return cls(road_class=road_class, **{**usual, **others})
+
+    def conditions_of(self, own: Mapping[str, float]) -> dict[str, float]:
+        """The conditions of a drive that has some of its own."""
+        return {**self.conditions, **own}
+
+
+_RECORDED: Final = ("lane_width", "map_size", "margin")
+"""Entries that every record of a setting has, though terms in Python may leave them out."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setting(Terms):
+    """The terms of a campaign's drives, with what its simulator said."""
+
+    rules: Rules
+    """Rules of the drives, but for a speed limit among their conditions."""
+    car: CarBody
+
+    @classmethod
+    def of(cls, config: Mapping[str, Any]) -> Self:
+        """The setting in a campaign's configuration.
+
+        Raises:
+            ValueError: it lacks it; the message names the place.
+        """
+        if missing := [name for name in _RECORDED if name not in config]:
+            raise ValueError(f"Object missing required field `{missing[0]}`")
+        wanted = {item.name for item in fields(cls)}
+        return convert({k: v for k, v in config.items() if k in wanted}, cls)
+
+    @property
+    def terms(self) -> Terms:
+        """The terms alone."""
+        return Terms(**{item.name: getattr(self, item.name) for item in fields(Terms)})
+
+    def rules_in(self, own: Mapping[str, float]) -> Rules:
+        """The rules of a drive that has some conditions of its own."""
+        return rules_in(self.conditions_of(own), self.rules)
