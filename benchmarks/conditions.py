@@ -36,7 +36,7 @@ from frenetic.drivers.layers import Delayed, Hasty, LimitedView
 from frenetic.estimate import Draws, Estimate, estimate
 from frenetic.road import Road
 from frenetic.search import Strategy
-from frenetic.terms import Terms
+from frenetic.spec.terms import Terms
 from frenetic.vision.appearance import Worn
 
 DOMAIN: dict[str, Any] = {

@@ -7,8 +7,9 @@ import py_compile
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import chdir
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import pytest
 from user_modules import own_modules
@@ -233,8 +234,8 @@ def test_a_helper_that_another_module_shadows_is_one_line(
     (place / "package").mkdir()
     (place / "package" / "__init__.py").write_text("from . import helper")
     write(place / "package", helper=lazy)
-    with pytest.raises(FreneticError) as refused:
-        DRIVERS.load(spec, place)
+    with pytest.raises(FreneticError) as refused, chdir(place):
+        DRIVERS.load(spec)
     text = str(refused.value)
     assert f" imports {name!r}: Python takes " in text
     assert text.endswith(f" for it, not {place / file}: rename that")
@@ -269,26 +270,41 @@ def test_a_file_of_data_has_no_attribute(folder: Path) -> None:
     (folder / "here" / "model" / "__init__.py").touch()
     (folder / "here" / "model.onnx").touch()
     for name in ("model.onnx", "model.ONNX"):
-        with pytest.raises(FreneticError, match=f"has no class 'Own': name the file alone, {name}"):
-            DRIVERS.load(f"{name}:Own", folder / "here")
+        words = f"has no class 'Own': name the file alone, {name}"
+        with pytest.raises(FreneticError, match=words), chdir(folder / "here"):
+            DRIVERS.load(f"{name}:Own")
     assert not mark.exists()
 
 
-def test_a_part_comes_from_the_folder_that_is_given(folder: Path) -> None:
+def test_a_part_comes_from_the_current_folder(folder: Path) -> None:
     there = folder / "there"
     there.mkdir()
     for place, gain in ((folder, 1), (there, 2)):
         write(place, alone="import gain; GAIN = gain.GAIN", module="from gain import GAIN")
         (place / "gain.py").write_text(f"GAIN = {gain}\n")
-    for spec in ("alone.py:Own", "module:Own"):
-        loaded = DRIVERS.load(spec, there)
-        assert sys.modules[loaded.__module__].GAIN == 2
-        assert type(DRIVERS.make(spec, there)) is loaded
-        assert type(DRIVERS.make_from(spec, {}, {}, folder=there)) is loaded
-    loads: Any = DRIVERS.load("net.onnx", there)
-    assert loads.args == (str(there / "net.onnx"),)
-    with pytest.raises(FreneticError, match=r"there is no file 'own\.py' in .*there$"):
-        DRIVERS.load("own.py:Own", there)
+    with chdir(there):
+        for spec in ("alone.py:Own", "module:Own"):
+            loaded = DRIVERS.load(spec)
+            assert sys.modules[loaded.__module__].GAIN == 2
+            assert type(DRIVERS.make(spec)) is loaded
+            assert type(DRIVERS.make_from(spec, {}, {})) is loaded
+        with pytest.raises(FreneticError, match=r"there is no file 'own\.py'$"):
+            DRIVERS.load("own.py:Own")
+
+
+def test_files_of_a_part_from_another_folder_get_absolute_paths(folder: Path) -> None:
+    (folder / "w.npz").touch()
+    options = {"weights": "w.npz", "mode": "fast", "gain": 2}
+    absolute = {**options, "weights": str(folder / "w.npz")}
+    place = "sub/own.py:Own"
+    assert DRIVERS.absolute(place, options, folder) == (f"{folder}/{place}", absolute)
+    assert DRIVERS.absolute("net.onnx", {}, folder) == (f"{folder}/net.onnx", {})
+    assert DRIVERS.absolute("planner", {"law": "w.npz"}, folder) == (
+        "planner",
+        {"law": str(folder / "w.npz")},
+    )
+    with pytest.raises(FreneticError, match=f"'own:Own' is a module in {folder}, and another part"):
+        DRIVERS.absolute("own:Own", {}, folder)
 
 
 def test_a_module_that_another_folder_has_too_is_one_line(folder: Path) -> None:
@@ -298,11 +314,13 @@ def test_a_module_that_another_folder_has_too_is_one_line(folder: Path) -> None:
     for place in (folder, there):
         write(place, own="", lazy="def load(): import own", uses="import own")
     DRIVERS.load("lazy.py:Own")
-    DRIVERS.load("lazy.py:Own", there)
-    DRIVERS.load("uses.py:Own", there)
+    with chdir(there):
+        DRIVERS.load("lazy.py:Own")
+        DRIVERS.load("uses.py:Own")
     assert Path(str(sys.modules["own"].__file__)).parent == there, "its own neighbour"
     with pytest.raises(FreneticError, match=r"imports 'own': Python takes .*there/own.py for it"):
         DRIVERS.load("uses.py:Own")
-    assert DRIVERS.load("own:Own", there) is sys.modules["own"].Own
+    with chdir(there):
+        assert DRIVERS.load("own:Own") is sys.modules["own"].Own
     with pytest.raises(FreneticError, match=r"Python takes .*there/own.py for the module 'own'"):
-        DRIVERS.load("own:Own", folder)
+        DRIVERS.load("own:Own")

@@ -28,7 +28,7 @@ from frenetic.road.classes import RoadClass
 from frenetic.search import RandomSearch
 from frenetic.simulators import EmbeddedSimulator, Rules
 from frenetic.spec import DRIVEN, FILE, Budget, Spec
-from frenetic.terms import Terms
+from frenetic.spec.terms import Terms
 
 SOURCE = "c/campaign.sqlite"
 MAPS = Path(__file__).parent / "cases" / "maps"

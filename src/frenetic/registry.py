@@ -140,12 +140,10 @@ class Registry:
             return False
         return module.endswith(".py") or module.partition(".")[0] != __package__
 
-    def load(self, spec: str, folder: Path | str | None = None) -> Callable[..., Any]:
+    def load(self, spec: str) -> Callable[..., Any]:
         """The class (or factory) of a name, ``module:Class``, ``file.py:Class`` or a file of data.
 
-        Args:
-            spec: the name.
-            folder: where relative files and the user's modules lie; by default the current one.
+        Relative files and the user's modules go from the current folder.
 
         Raises:
             UnknownNameError: no such name; the message lists the known ones.
@@ -155,8 +153,7 @@ class Registry:
         if spec in known:
             return self._import(known[spec].target, spec)
         if (suffix := Path(spec).suffix.lower()) in self.files:
-            file = spec if folder is None else str(_path_in(folder, spec))
-            return partial(self._import(self.files[suffix], spec), file)
+            return partial(self._import(self.files[suffix], spec), spec)
         if ":" in spec:
             place, _, attribute = spec.rpartition(":")
             if Path(place).suffix.lower() in self.files:
@@ -164,7 +161,7 @@ class Registry:
                     f"{self.kind} {spec!r}: a file of data has no {self.target} {attribute!r}: name"
                     f" the file alone, {place}"
                 )
-            return self._import(spec, spec, own=True, folder=folder)
+            return self._import(spec, spec, own=True)
         files = "".join(f" or path/to/file{suffix}" for suffix in self.files)
         word = self.target.capitalize()
         if spec.endswith(".py"):
@@ -176,18 +173,38 @@ class Registry:
             f" your own goes as package.module:{word} or path/to/file.py:{word}{files}"
         )
 
-    def make(self, spec: str, folder: Path | str | None = None, /, **options: Any) -> Any:
+    def absolute(
+        self, name: str, options: Mapping[str, Any], folder: Path | str
+    ) -> tuple[str, dict[str, Any]]:
+        """Name and options of a part whose files go from a folder, for use in another folder.
+
+        Raises:
+            FreneticError: it is a module of the user's own, which no other folder finds.
+        """
+        options = absolute_files(options, folder)
+        place, _, attribute = name.rpartition(":")
+        if name in {entry.name for entry in self.entries()}:
+            return name, options
+        if place.endswith(".py"):
+            return f"{_path_in(folder, place).absolute()}:{attribute}", options
+        if Path(name).suffix.lower() in self.files:
+            return str(_path_in(folder, name).absolute()), options
+        raise FreneticError(
+            f"the {self.kind} {name!r} is a module in {folder}, and another part is loaded from"
+            " another folder: name its file, such as path/to/file.py:Class"
+        )
+
+    def make(self, spec: str, /, **options: Any) -> Any:
         """An instance of the part that `spec` names, made with the given options.
 
         Args:
             spec: which part.
-            folder: as for `load`.
             options: of its class.
 
         Raises:
             FreneticError: as `load`; or the options do not suit, or it lacks a needed method.
         """
-        return self._make(self.load(spec, folder), spec, options)
+        return self._make(self.load(spec), spec, options)
 
     def _make(self, factory: Callable[..., Any], spec: str, options: Mapping[str, Any]) -> Any:
         self._check_options(factory, spec, options)
@@ -311,16 +328,14 @@ class Registry:
                     f"{self.kind} {spec!r}: {name} is {value!r}: {needed} is needed"
                 )
 
-    def _import(
-        self, target: str, spec: str, own: bool = False, folder: Path | str | None = None
-    ) -> Callable[..., Any]:
+    def _import(self, target: str, spec: str, own: bool = False) -> Callable[..., Any]:
         place, _, attribute = target.rpartition(":")
         try:
             with redirect_stdout(sys.stderr):  # stdout is for results
                 if place.endswith(".py"):
-                    module = load_user_file(place, folder)
+                    module = load_user_file(place)
                 elif own:
-                    module = _load_own_module(place, folder)
+                    module = _load_own_module(place)
                 else:
                     module = importlib.import_module(place)
         except FreneticError:
@@ -328,7 +343,7 @@ class Registry:
         except ModuleNotFoundError as error:
             raise FreneticError(
                 f"{self.kind} {spec!r}: there is no module {error.name!r}; is it installed, or in"
-                f" {'the current folder' if folder is None else folder}?"
+                " the current folder?"
             ) from error
         except (Exception, SystemExit) as error:
             raise FreneticError(
@@ -367,9 +382,19 @@ def _line(error: BaseException) -> str:
     return " ".join(str(error).split()) or type(error).__name__
 
 
-def _path_in(folder: Path | str | None, name: str) -> Path:
-    """A user's file, from a folder, or from the current one without it."""
-    return Path(folder or "", Path(name).expanduser())
+def _path_in(folder: Path | str, name: str) -> Path:
+    """A user's file, from a folder."""
+    return Path(folder, Path(name).expanduser())
+
+
+def absolute_files(options: Mapping[str, Any], folder: Path | str) -> dict[str, Any]:
+    """Options of a part, in which files that are there, from a folder, have absolute paths."""
+    return {
+        option: str(file.absolute())
+        if isinstance(value, str) and value and (file := _path_in(folder, value)).exists()
+        else value
+        for option, value in options.items()
+    }
 
 
 _FOLDERS: Final[set[str]] = set()
@@ -390,20 +415,23 @@ def _add_folder(folder: Path) -> None:
     sys.path[:] = [*(path for path in sys.path if path not in _FOLDERS), place, *earlier]
 
 
-def _load_own_module(name: str, folder: Path | str | None) -> Any:
-    """A module the user named, which may lie in a folder, by default the current one.
+def user_folders() -> frozenset[str]:
+    """Folders of users' parts that this process has added to the module path."""
+    return frozenset(_FOLDERS)
+
+
+def _load_own_module(name: str) -> Any:
+    """A module the user named, which may lie in the current folder.
 
     Raises:
         FreneticError: Python would take another module for it or for what it imports.
     """
-    place = Path(folder or "").resolve()
+    place = Path.cwd()
     _add_folder(place)
     top = name.partition(".")[0]
     if (shadowed := _shadowed(top, place)) is None:
         _check_helpers(files_of(name, [place]), place)
-    elif folder is not None or not (
-        Path(shadowed.by).is_absolute() and is_local(Path(shadowed.by))
-    ):
+    else:
         raise FreneticError(
             f"Python takes {shadowed.by} for the module {top!r}, not {shadowed.file}: rename that,"
             " or name a file in it, such as path/to/file.py:Class"
@@ -484,21 +512,16 @@ def user_files() -> list[str]:
     ]
 
 
-def load_user_file(name: str, folder: Path | str | None = None) -> Any:
+def load_user_file(name: str) -> Any:
     """The module in a user's file; loaded once, under the same name in every process.
-
-    Args:
-        name: of the file.
-        folder: from which its path goes; by default the current one.
 
     Raises:
         FreneticError: the file does not exist or is no Python, or Python would take another module
             for one beside it that it imports.
     """
-    path = _path_in(folder, name)
+    path = Path(name).expanduser()
     if not path.is_file():
-        where = "" if folder is None or Path(name).is_absolute() else f" in {folder}"
-        raise FreneticError(f"there is no file {name!r}{where}")
+        raise FreneticError(f"there is no file {name!r}")
     path = path.resolve()
     # The same name in every process, so that its objects can be sent between processes.
     digest = hashlib.sha256(os.fsencode(path)).hexdigest()[:12]

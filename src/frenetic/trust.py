@@ -25,7 +25,7 @@ import secrets
 import shlex
 import sys
 import tempfile
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
@@ -37,24 +37,22 @@ from frenetic._support.json_value import plain
 from frenetic._support.words import part_word, shortened
 from frenetic.errors import FreneticError
 from frenetic.registry import DRIVERS, OBJECTIVES, SIMULATORS, STRATEGIES, Registry
-from frenetic.versions import digest_of_file, sources_named
+from frenetic.versions import sources_named
 
 Parts: TypeAlias = Mapping[str, tuple[str, Mapping[str, Any]]]
 """Kind of a part -> its name and options.
 
-The kinds are those of `REGISTRIES`, and ``generator``, of a bench. Of several parts of a kind each
-has a word behind it, such as ``strategy 2``.
+The kinds are those of `REGISTRIES`, ``generator``, of a bench, and ``workers``, for a scheduler's
+address. Of several parts of a kind each has a word behind it, such as ``strategy 2``.
 """
 VARIABLE: Final = "FRENETIC_HOME"
 """Environment variable with another folder for what belongs to the user."""
 REGISTRIES: Final[Mapping[str, Registry]] = {
     one.kind: one for one in (STRATEGIES, DRIVERS, SIMULATORS, OBJECTIVES)
 }
-NOT_DRIVING: Final = ("strategy", "objective")
+NOT_DRIVING: Final = ("strategy", "objective", "workers")
 """Kinds of parts that driving a campaign's roads again does not make."""
-_STARTING: Final = ("home", "user")
-"""Options of a built-in simulator that name a program to start."""
-_PROGRAMS: Final = frozenset({*_STARTING, "python", "copy", "pipeline", "path"})
+_PROGRAMS: Final = frozenset({"home", "user", "python", "copy", "pipeline", "path"})
 """Options that name a program to start, or a folder of code, whatever their value looks like."""
 _FILE: Final = re.compile(r"[/\\]|^[.~]|\.[A-Za-z]\w*$")
 """What a text has that is a path or the name of a file, such as ``net.onnx``."""
@@ -76,6 +74,11 @@ def folder() -> Path:
     if sys.platform == "darwin":
         return Path("~/Library/Application Support/frenetic").expanduser()
     return Path(os.environ.get("XDG_DATA_HOME") or "~/.local/share").expanduser() / "frenetic"
+
+
+def is_here(folder: Path) -> bool:
+    """Whether a folder is the current one."""
+    return folder.resolve() == Path.cwd()
 
 
 # What names code
@@ -110,17 +113,17 @@ def _starts_code(option: str, value: object) -> bool:
     """Whether an option names a program or a file."""
     if option in _PROGRAMS:
         return value is not None
-    return option not in _PLAIN and _names_file(value)
+    return option not in _PLAIN and names_file(value)
 
 
-def _names_file(value: object) -> bool:
+def names_file(value: object) -> bool:
     """Whether a value of an option is the path of a file, or holds one."""
     if isinstance(value, os.PathLike):
         return True
     if isinstance(value, Mapping):
-        return any(map(_names_file, value.values()))
+        return any(map(names_file, value.values()))
     if isinstance(value, (list, tuple)):
-        return any(map(_names_file, value))
+        return any(map(names_file, value))
     return isinstance(value, str) and _FILE.search(value) is not None
 
 
@@ -343,28 +346,42 @@ def require_trusted(
     needed = named_code({**parts, **named} if made is None else made)
     asked = [kind for kind in needed if given.get(kind) != needed[kind]]
     if asked and is_signed(signature, code, folder, sources):
-        return Path(str(folder))
+        if not Path(str(folder)).is_dir() and not is_trusted:
+            texts, words = _in_words(asked, needed, optional)
+            raise FreneticError(
+                f"{source} names {texts}, code that was in {folder}, which is no folder now: if it"
+                f" is here, {_remedy(words)}"
+            )
+        if Path(str(folder)).is_dir():
+            return Path(str(folder))
     if is_trusted or not asked:
         if is_toml and code and (is_trusted or all(given.get(kind) == code[kind] for kind in code)):
             allow(source, code)
         return here
     if is_toml and is_allowed(source, code):
         return here
+    texts, words = _in_words(asked, needed, optional)
+    remedy = _remedy(words)
+    if folder and any(_is_missing(_word(kind), needed[kind][0]) for kind in asked):
+        remedy = f"go to where it was, {folder}, and {remedy}"
+    raise FreneticError(
+        f"{source} names {texts}, code that you have not trusted: if you do, {remedy}"
+    )
+
+
+def _in_words(kinds: Iterable[str], parts: Parts, optional: Collection[str]) -> tuple[str, str]:
+    """What parts are called in a message, and the options that name them."""
     texts, words = [], []
-    for kind in asked:
-        word, (name, options) = _word(kind), needed[kind]
+    for kind in kinds:
+        word, (name, options) = _word(kind), parts[kind]
         texts.append(f"the {word} {shortened(name, _MOST_SHOWN)!r}")
         if word in optional:
             words += [f"--{word}", shortened(part_word(name, options), _MOST_SHOWN)]
-        if folder and _is_missing(word, name):
-            raise FreneticError(
-                f"{texts[-1]} of {source} is not found here: go to the folder from which it was"
-                f" started, {folder}"
-            )
-    remedy = f"name it yourself, {shlex.join(words)}, or add --trust" if words else "add --trust"
-    raise FreneticError(
-        f"{source} names {' and '.join(texts)}, code that you have not trusted: if you do, {remedy}"
-    )
+    return " and ".join(texts), shlex.join(words)
+
+
+def _remedy(words: str) -> str:
+    return f"name it yourself, {words}, or add --trust" if words else "add --trust"
 
 
 def _is_missing(kind: str, name: str) -> bool:
@@ -378,95 +395,3 @@ def _is_missing(kind: str, name: str) -> bool:
         return not sources_named(name) and find_spec(place.partition(".")[0]) is None
     except (OSError, ValueError, RuntimeError):
         return False
-
-
-# Until the commands ask `require_trusted`
-
-
-def remember(kind: str, name: str, options: Mapping[str, Any]) -> None:
-    """Notes that the user has made a part; where that cannot be written, it will be asked again."""
-    key = _key(kind, name, options)
-    if not key or key in _known():
-        return
-    with suppress(OSError):
-        path = folder() / "trusted"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("a", encoding="utf-8") as file:
-            file.write(f"{key} {kind} {json.dumps(name)}\n")
-
-
-def require(
-    parts: Mapping[str, tuple[str, Mapping[str, Any]]],
-    source: object,
-    named: Collection[str] = (),
-    remedy: str = "if you trust it, name it yourself:",
-    started_in: str = "",
-) -> None:
-    """Checks that recorded parts may be made.
-
-    Args:
-        parts: kind -> name and options.
-        source: the file or folder that names them.
-        named: kinds that the command names itself.
-        remedy: what to do, before the words of a command line that name the part.
-        started_in: the folder from which a campaign was started, if known.
-
-    Raises:
-        FreneticError: one may not.
-    """
-    known = _known()
-    for kind, (name, options) in parts.items():
-        if kind in named:
-            continue
-        key = _key(kind, name, options)
-        if key is not None and key not in known:
-            if started_in and _is_missing(kind, name):
-                raise FreneticError(
-                    f"the {kind} {name!r} of {source} is not found here: go to the folder from"
-                    f" which it was started, {started_in}"
-                )
-            starting = {
-                option: options[option]
-                for option in _STARTING
-                if kind == "simulator" and option in options
-            }
-            words = [f"--{kind}", part_word(name, starting)]
-            raise FreneticError(
-                f"{source} names the {kind} {name!r}, code that you have not run as it is on this"
-                f" computer: {remedy} {shlex.join(words)}"
-            )
-
-
-def _key(kind: str, name: str, options: Mapping[str, Any]) -> str | None:
-    """Digest of the code that making a part runs; None for what is made unasked.
-
-    Empty for code that cannot be read, which is never remembered.
-    """
-    registry = REGISTRIES.get(kind)
-    if registry is None:  # a bench's generator: its options are its source
-        return _digest([name, dict(options)]) if all(options.values()) else ""
-    started = {k: str(options[k]) for k in _STARTING if kind == "simulator" and k in options}
-    place = name.rpartition(":")[0] or name
-    code: object = place
-    try:
-        if name in {entry.name for entry in registry.entries()}:
-            code = None
-        elif Path(place).suffix.lower() in registry.files:
-            code = digest_of_file(Path(place))
-        elif sources := sources_named(name):
-            code = sources
-    except (OSError, ValueError, RuntimeError):
-        return ""
-    return _digest([code, started]) if code or started else None
-
-
-def _digest(what: Any) -> str:
-    return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()
-
-
-def _known() -> frozenset[str]:
-    try:
-        text = (folder() / "trusted").read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return frozenset()
-    return frozenset(line.partition(" ")[0] for line in text.splitlines())

@@ -90,14 +90,11 @@ def _version(part: object, arguments: Mapping[str, Any], made: Made | None) -> V
     return Version(", ".join(dict.fromkeys(texts)), sources)
 
 
-def sources_named(name: str, folder: Path | str | None = None) -> dict[str, str]:
+def sources_named(name: str) -> dict[str, str]:
     """The source of ``file.py:Class`` or ``package.module:Class``, by the names of its files.
 
-    Those of the local modules that it imports are among them; nothing is imported for it.
-
-    Args:
-        name: of the part.
-        folder: where relative files and the user's modules lie; by default the current one.
+    Those of the local modules that it imports are among them; nothing is imported for it. Relative
+    files and the user's modules go from the current folder.
 
     Raises:
         OSError: a file cannot be read.
@@ -105,9 +102,9 @@ def sources_named(name: str, folder: Path | str | None = None) -> dict[str, str]
     module = name.rpartition(":")[0]
     if not module.endswith(".py"):
         is_ours = module.partition(".")[0] in ("", _OURS)
-        found = None if is_ours else _local_file(module, Path(folder or "").resolve())
+        found = None if is_ours else _local_file(module, Path.cwd())
         return {} if found is None else _sources(found, module)
-    file = Path(folder or "", Path(module).expanduser()).resolve()
+    file = Path(module).expanduser().resolve()
     return _sources(file, f"{USER_MODULE}{file.stem}") if file.is_file() else {}
 
 

@@ -24,7 +24,7 @@ from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.search import Candidate, Frenetic2021
 from frenetic.simulators import Drive, EmbeddedSimulator
-from frenetic.terms import Terms
+from frenetic.spec.terms import Terms
 from frenetic.testing import DummyDriver, DummySimulator, converse
 
 

@@ -22,9 +22,11 @@ from frenetic.again.rerun import (
     Rerun,
     drive_tests,
     elsewhere,
+    name_of,
     own_repeats,
     read_reruns,
     rerun,
+    rerun_with,
 )
 from frenetic.again.verdicts import Change
 from frenetic.analysis.failures import Failure
@@ -41,6 +43,7 @@ from frenetic.search import RandomSearch
 from frenetic.simulators import Drive, EmbeddedSimulator, Rules, Vehicle
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import Conditions
+from frenetic.spec.terms import Terms
 from frenetic.testing import DummyDriver, DummySimulator
 
 pytest_plugins = ["searched_campaign"]
@@ -266,6 +269,29 @@ def test_another_simulator_is_added_and_other_tests_are_put_together(campaign: P
 
 
 # Once
+
+
+def test_a_rerun_is_named_after_its_simulator_and_conditions(tmp_path: Path) -> None:
+    noisy = Terms(conditions={"noise": 0.1})
+    Campaign(
+        strategy=RandomSearch(seed=1),
+        simulator=EmbeddedSimulator(),
+        driver=Planner(),
+        terms=noisy,
+        budget=Budget(simulations=1),
+        folder=tmp_path,
+    ).run()
+    with CampaignStore.open(tmp_path) as store:
+        config, (test,) = store.config, store.tests()
+    icy = Terms(conditions={"friction": 0.5})
+    for terms, words in (
+        (noisy, ""),
+        (icy, " with friction 0.5"),
+        (Terms(), " in the usual conditions"),
+    ):
+        tester = RoadTester(EmbeddedSimulator(friction=0.8), Planner(), terms)
+        run = rerun_with(tmp_path, tester, tests=[test.id])
+        assert name_of(run, config) == f"embedded,friction=0.8{words}"
 
 
 def test_each_thing_to_drive_has_a_folder_and_is_driven_once(campaign: Path) -> None:

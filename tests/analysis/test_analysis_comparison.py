@@ -22,7 +22,7 @@ from frenetic.drivers import Delayed, Planner
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.search import Frenetic2021, RandomSearch
-from frenetic.terms import Terms
+from frenetic.spec.terms import Terms
 from frenetic.testing import DummyDriver, DummySimulator
 
 SIMULATIONS = 160

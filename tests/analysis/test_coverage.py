@@ -28,7 +28,7 @@ from frenetic.oracle import Result
 from frenetic.outcome import Outcome
 from frenetic.search import Candidate, Origin
 from frenetic.simulators import EmbeddedSimulator
-from frenetic.terms import Setting
+from frenetic.spec.terms import Setting
 
 SIMULATOR = EmbeddedSimulator()
 GUSTY = Domain.made(

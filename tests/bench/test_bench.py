@@ -32,7 +32,7 @@ from frenetic.export import export_campaign
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.simulators import EmbeddedSimulator, Simulator
-from frenetic.terms import Terms
+from frenetic.spec.terms import Terms
 from frenetic.testing import DummyDriver
 
 pytestmark = pytest.mark.usefixtures("new_process_server")

@@ -229,9 +229,10 @@ def results_of(folder: str) -> dict[str, object]:
 def test_a_bench_is_a_file_and_every_bench_keeps_one(frenetic: Frenetic, wiggly: str) -> None:
     Path("mine.toml").write_text(FILE, encoding="utf-8")
     refused = frenetic("bench", "mine.toml", "--out", "a")
-    assert refused.refuses("mine.toml names the generator", "if you trust it"), refused
-    assert frenetic("bench", "--generator", wiggly, *LEAST).code == 0  # its code is known now
-    assert frenetic("bench", "mine.toml", "--out", "a").code == 0
+    assert refused.refuses("mine.toml names the generator", "or add --trust"), refused
+    assert frenetic("bench", "--generator", wiggly, *LEAST).code == 0, "which says nothing of it"
+    assert frenetic("bench", "mine.toml", "--out", "a").code == 2
+    assert frenetic("bench", "mine.toml", "--trust", "--out", "a").code == 0
     kept = tomllib.loads(Path("a/bench.toml").read_text(encoding="utf-8"))
     given = tomllib.loads(FILE)
     same = given.keys() - {"generator", "strategy", "patience", "workers"}
@@ -276,8 +277,8 @@ def test_mistakes_in_a_file(frenetic: Frenetic, text: str, words: list[str]) -> 
     assert not Path("b").exists()
 
 
-def test_a_bench_of_a_stranger_runs_no_code_of_his(frenetic: Frenetic, wiggly: str) -> None:
+def test_a_bench_goes_on_with_the_same_generator_only(frenetic: Frenetic, wiggly: str) -> None:
     frenetic("bench", "--generator", wiggly, *LEAST)
     source = Path("wiggly.py")
     source.write_text(source.read_text() + "# changed\n", encoding="utf-8")
-    assert frenetic("bench", "--resume", "--out", "b").refuses("b/bench.toml names the generator")
+    assert frenetic("bench", "--resume", "--out", "b").refuses("the source of Wiggly is not what")

@@ -44,7 +44,7 @@ from frenetic.search import (
 )
 from frenetic.simulators import EmbeddedSimulator, Rules
 from frenetic.spec import Spec
-from frenetic.terms import Terms
+from frenetic.spec.terms import Terms
 from frenetic.testing import DummyDriver
 
 # One run

@@ -65,7 +65,7 @@ from frenetic.road import Road
 from frenetic.simulators import EmbeddedSimulator, Simulator
 from frenetic.simulators.blame import Blame
 from frenetic.spec import Spec
-from frenetic.terms import Terms
+from frenetic.spec.terms import Terms
 from frenetic.testing import DummyDriver, DummySimulator
 from frenetic.worker import Loss, LostWorkerError
 

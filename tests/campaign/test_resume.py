@@ -28,7 +28,7 @@ from frenetic.drivers import Planner
 from frenetic.drivers.loading import load_driver
 from frenetic.search import Candidate, Evaluation, Frenetic, Frenetic2021, RandomSearch
 from frenetic.simulators import EmbeddedSimulator, Rules
-from frenetic.terms import Terms
+from frenetic.spec.terms import Terms
 from frenetic.testing import DummySimulator
 
 pytest_plugins = ["campaign_fixtures"]

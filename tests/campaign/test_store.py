@@ -33,7 +33,7 @@ from frenetic.oracle import Finding, Result
 from frenetic.outcome import Outcome
 from frenetic.road import Pose
 from frenetic.search.records import Candidate, Origin, Source
-from frenetic.terms import Setting
+from frenetic.spec.terms import Setting
 
 pytest_plugins = ["campaign_fixtures"]
 

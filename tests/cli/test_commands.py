@@ -109,7 +109,7 @@ MISTAKES: Final = [
     ("run no.toml", "there is no file no.toml"),
     ("run c", "c is a campaign's folder: its file is c/campaign.toml"),
     ("run --criteria after-un-r79,yaw_rate=-4", "yaw_rate is -4: at least 0 is needed"),
-    ("run driver.toml", "code that you have not run"),
+    ("run driver.toml", "code that you have not trusted", "--driver strange.py:A, or add --trust"),
     ("run simulator.toml", "--simulator beamng,home=/opt/theirs"),
     ("resume nowhere", "nowhere does not exist"),
     ("resume c", "the budget of c is spent", "--simulations"),

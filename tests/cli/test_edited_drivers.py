@@ -6,16 +6,18 @@ import os
 import re
 import shlex
 import shutil
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from user_modules import own_modules
 
-from frenetic.again.versions import fresh_roads_as_recorded
-from frenetic.campaign import CampaignStore
-from frenetic.campaign.configuration import recorded_spec
-from frenetic.oracle import Result
+from frenetic.again.versions import as_recorded
+from frenetic.campaign import CampaignStore, RoadTester
+from frenetic.campaign.state import signed_spec
+from frenetic.spec import Spec
 from frenetic.versions import short_version
 
 if TYPE_CHECKING:
@@ -61,8 +63,14 @@ def made(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None])
 
 @pytest.fixture(autouse=True)
 def versions(made: Path, tmp_path: Path, frenetic: Frenetic) -> None:
-    """A copy of these in the folder of the command line."""
+    """A copy of these in the folder of the command line, as if they had been run there."""
     shutil.copytree(made, tmp_path, dirs_exist_ok=True)
+    for name in CAMPAIGNS:
+        with CampaignStore.open(name, readonly=False) as store:
+            signed = signed_spec(store).signed_in(tmp_path, store.fact("sources")).signed
+            assert signed is not None
+            store.keep(started_in=signed.folder, signature=signed.signature)
+        Spec.read(f"{name}/campaign.toml").signed_in(tmp_path).write(Path(name))
 
 
 def write_gains(heading: str) -> None:
@@ -129,27 +137,53 @@ def test_resume_refuses_an_edited_driver_and_names_what_to_do(
     assert frenetic(*more).code == 0
 
 
-def results_as_recorded(folder: str) -> list[Result]:
-    """What a campaign's driver, as it was then, does on fresh roads."""
-    with CampaignStore.open(folder) as store:
-        spec = recorded_spec(store.config, source=folder)
-    roads = fresh_roads_as_recorded(folder, spec, fresh=4)
-    with CampaignStore.open(roads.folder) as store:
-        results = [test.result for test in store.tests()]
-    shutil.rmtree(roads.folder)
-    return results
-
-
 @pytest.mark.parametrize("folder", ["old", "module"])
 def test_the_old_version_of_an_edited_driver_drives_as_it_did(folder: str) -> None:
-    write_gains("0.8")
-    unedited = results_as_recorded(folder)
-    write_gains("0.9")
-    assert results_as_recorded(folder) == unedited
-    assert results_as_recorded("new") != unedited
+    with CampaignStore.open(folder) as store:
+        spec = signed_spec(store)
+        tests = [test for test in store.tests() if test.outcome.is_driven]
+    assert len(tests) == 12
+
+    def same(make: Callable[[], RoadTester]) -> list[bool]:
+        with own_modules():
+            tester = make()
+            with tester.simulator:
+                return [tester.test(test.candidate).result == test.result for test in tests]
+
+    def recorded() -> RoadTester:
+        old.start()
+        return old.tester()
+
+    assert not all(same(lambda: RoadTester.of(spec)))
+    with as_recorded(folder, spec) as old:
+        assert all(same(recorded))
     shutil.rmtree("laws")
     Path("mpc.py").unlink()
-    assert results_as_recorded(folder) == unedited
+    with as_recorded(folder, spec) as old:
+        assert all(same(recorded))
+
+
+def test_the_process_of_the_old_version_does_not_look_beside_the_new_one(tmp_path: Path) -> None:
+    with CampaignStore.open("old") as store:
+        spec = signed_spec(store)
+    with own_modules():
+        RoadTester.of(spec)
+        assert str(tmp_path) in sys.path
+        with as_recorded("old", spec) as old:
+            assert old.place is not None
+            old.start()
+            assert sys.path[0] == str(old.place)
+            assert str(tmp_path) not in sys.path
+
+
+def test_a_built_in_driver_beside_a_users_strategy_has_no_old_version(
+    frenetic: Frenetic,
+) -> None:
+    """Its sources are those of the strategy."""
+    Path("plan.py").write_text("from frenetic import RandomSearch as Plan\n", encoding="utf-8")
+    assert frenetic(*RUN, "3", "--strategy", "plan.py:Plan", "--out", "plan").code == 0
+    compare = ("compare", "plan", "--driver", "stanley", "--fresh", "2")
+    assert frenetic(*compare).code in (0, 1, 3)
 
 
 def test_an_edited_driver_is_compared_with_its_old_self(frenetic: Frenetic) -> None:

@@ -38,7 +38,7 @@ from frenetic.road.classes import RoadClass
 from frenetic.search.random_search import RandomRoads
 from frenetic.search.records import Candidate, Evaluation
 from frenetic.search.strategy import SearchEnded
-from frenetic.terms import Terms
+from frenetic.spec.terms import Terms
 
 if TYPE_CHECKING:
     from command_line import Frenetic

@@ -52,7 +52,7 @@ from frenetic.report.html.timeline import POINTS, timeline_of
 from frenetic.road import Road, profile
 from frenetic.search import RandomSearch
 from frenetic.simulators import EmbeddedSimulator
-from frenetic.terms import Terms
+from frenetic.spec.terms import Terms
 
 pytest_plugins = ["reported_campaign"]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -116,12 +115,8 @@ def test_given_options_lie_over_those_of_the_profile(tmp_path: Path) -> None:
 
 def test_a_profile_loads_nobodys_code_unasked(tmp_path: Path) -> None:
     path = changed(tmp_path / "twin.json", {"driver": "elsewhere.py:Bold,aggression=1.2"})
-    for unasked in (Profile.read(path).spec, partial(Given(Spec(), path).over, Spec())):
-        with pytest.raises(FreneticError, match=r"if you trust it, name it yourself: --driver els"):
-            unasked()
-    named = Spec(driver="elsewhere.py:Bold")
-    spec = Given(named, path).over(Spec(), has_roads=False)
-    assert spec.part("driver").options == {"aggression": 1.2}
+    with pytest.raises(FreneticError, match=r"'elsewhere\.py:Bold', code that you have not trust"):
+        Profile.read(path).spec()
 
 
 def test_commands_drive_with_a_profile_and_its_campaign_keeps_what_it_says(

@@ -25,7 +25,7 @@ from frenetic.campaign.record import Test
 from frenetic.drivers.loading import load_driver
 from frenetic.report.html import campaign_report
 from frenetic.report.html.tests import Film
-from frenetic.terms import Terms
+from frenetic.spec.terms import Terms
 from frenetic.vision import appearance
 from frenetic.vision.film import LARGEST, MOST_PICTURES, camera_film
 from frenetic.vision.rendering import Renderer
@@ -52,11 +52,10 @@ def camera_data(record: Test, config: Mapping[str, JSONValue]) -> Film | None:
 def searched(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A campaign in fog, laid over the driver by hand or as a condition of the campaign."""
     folder = tmp_path_factory.mktemp("seen") / "campaign"
-    amounts = {"fog": 25.0, "delay": 0.1}
     if request.param == "layers":
-        run(folder, load_driver("marking-follower", None, fog=25.0, delay=0.1), 2)
+        run(folder, load_driver("marking-follower", fog=25.0, delay=0.1), 2)
     else:
-        run(folder, load_driver("marking-follower"), 2, amounts)
+        run(folder, load_driver("marking-follower"), 2, {"fog": 25.0, "delay": 0.1})
     return folder
 
 

@@ -192,7 +192,7 @@ def test_a_model_file_names_a_driver(
     assert frenetic("resume", "c", "--simulations", "4", "--json").code == 0
     answering(tmp_path / "m.onnx", 0.1, max_speed=30.0)
     answer = frenetic("resume", "c", "--simulations", "5")
-    assert answer.refuses("the driver 'm.onnx'", "have not run as it is", "run --from c")
+    assert answer.refuses("c was made with another driver", "start a new campaign from this one")
 
 
 def test_it_travels_to_processes_that_lack_the_file(tmp_path: Path) -> None:

@@ -90,6 +90,8 @@ def campaign_again(
         with CampaignStore.open(place) as store:
             if terms_of(store).get("digest") != digest:
                 raise CampaignError(f"{place} holds another campaign: choose another place")
+    # Of the spec, only what it makes has been trusted (`frenetic.trust`).
+    spec = tester.spec and structs.replace(tester.spec, strategy=named, objective=objective)
     with tester.in_folder():
         return Campaign(
             strategy=strategy,
@@ -102,7 +104,7 @@ def campaign_again(
             isolate=how.get("isolate", False),
             lookahead=lookahead,
             objective=objective,
-            spec=None if tester.spec is None else structs.replace(tester.spec, strategy=named),
+            spec=spec,
             description={TERMS: {**terms, "digest": digest}},
         )
 

@@ -376,11 +376,12 @@ def read_reruns(folder: Path | str) -> list[Rerun]:
 
 
 def name_of(rerun: Rerun, config: Mapping[str, Any]) -> str:
-    """Name of a rerun's simulator, with its driver if that is not the campaign's."""
+    """Name of a rerun's simulator, with its driver and conditions if not the campaign's."""
     there = part_text(rerun.simulator, config.get("simulator"))
     driver = part_text(rerun.driver, config.get("driver"))
-    if rerun.conditions and rerun.conditions != config.get("conditions"):
-        there += f" with {in_words(rerun.conditions)}"
+    if dict(rerun.conditions) != (config.get("conditions") or {}):
+        words = in_words(rerun.conditions)
+        there += f" with {words}" if words else " in the usual conditions"
     return there if driver == part_text(config.get("driver")) else f"{driver} in {there}"
 
 

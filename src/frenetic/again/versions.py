@@ -12,8 +12,8 @@ import math
 import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from contextlib import chdir, contextmanager
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from itertools import count
 from pathlib import Path
@@ -32,11 +32,11 @@ from frenetic.again.verdicts import Change
 from frenetic.analysis.causes import in_words
 from frenetic.analysis.failures import Failure
 from frenetic.analysis.statistics import Estimate, median_estimate, paired_share_difference
-from frenetic.campaign.campaign import SOURCES
 from frenetic.campaign.configuration import with_budget
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.record import Test
-from frenetic.campaign.store import DATABASE, CampaignStore
+from frenetic.campaign.state import signed_spec
+from frenetic.campaign.store import DATABASE, SOURCES, CampaignStore
 from frenetic.campaign.summary import Event, EventKind, Progress, Summary
 from frenetic.campaign.tester import RoadTester
 from frenetic.description import part_text
@@ -44,11 +44,11 @@ from frenetic.domain import Domain
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
-from frenetic.registry import DRIVERS
+from frenetic.registry import DRIVERS, absolute_files, user_folders
 from frenetic.search import RandomSearch
 from frenetic.simulators.simulator import Simulator
 from frenetic.spec import Budget, Spec
-from frenetic.trust import NOT_DRIVING
+from frenetic.trust import NOT_DRIVING, REGISTRIES
 from frenetic.versions import comparison_key, sources_named
 from frenetic.worker import LostWorkerError, Worker, pack, ready, report
 
@@ -296,6 +296,13 @@ def fresh_roads(
         CampaignError: there is no such campaign, or as for `frenetic.again.campaigns`.
         ValueError: an option is out of range.
     """
+    return _drive_fresh(campaign, tester, fresh, how, named="random")
+
+
+def _drive_fresh(
+    campaign: Path | str, tester: RoadTester, fresh: int, how: How, *, named: str | None
+) -> FreshRoads:
+    """`fresh_roads`, by a strategy of that name; without one, the campaign names no parts."""
     require_count("fresh", fresh)
     with CampaignStore.open(campaign) as store:
         seed = _fresh_seed(store)
@@ -313,7 +320,7 @@ def fresh_roads(
         what=["fresh", seed],
         terms={"fresh": True},
         how=how,
-        named="random",
+        named=named,
     )
     tests = _driven(driving.folder)
     if len(tests) < fresh:
@@ -346,7 +353,12 @@ def _fresh_roads(
 
 
 def fresh_roads_as_recorded(
-    campaign: Path | str, spec: Spec, *, fresh: int = FRESH, **how: Unpack[How]
+    campaign: Path | str,
+    spec: Spec,
+    *,
+    fresh: int = FRESH,
+    is_trusted: bool = False,
+    **how: Unpack[How],
 ) -> FreshRoads:
     """`fresh_roads` with the driver of a campaign as it was then.
 
@@ -357,14 +369,15 @@ def fresh_roads_as_recorded(
         campaign: its folder.
         spec: its spec.
         fresh: number of roads.
+        is_trusted: as for `as_recorded`.
         how: see `How`.
 
     Raises:
         CampaignError: the source was edited and the campaign keeps none, or as for `fresh_roads`.
-        FreneticError: it is code that this user has not run, see `frenetic.trust`.
+        FreneticError: it is code that this user has not trusted, see `frenetic.trust`.
     """
-    with as_recorded(campaign, spec) as (recorded, place):
-        old = OldVersion(Path(campaign), recorded, place)
+    with as_recorded(campaign, spec, is_trusted=is_trusted) as old:
+        recorded = old.spec
         if not DRIVERS.is_own(recorded.part("driver").name):
             return fresh_roads(campaign, old.tester(), fresh=fresh, **how)
         return _in_process(old, fresh, how)
@@ -414,17 +427,21 @@ class OldVersion:
 
     campaign: Path
     spec: Spec
+    folder: Path
+    """From which the campaign's code is loaded."""
     place: Path | None
-    """Folder with its source; None if that is where it was."""
+    """Folder with its source as it was then; None if that is where it was."""
+    others: frozenset[str] = field(default_factory=user_folders)
+    """Folders of other versions' modules, which its process does not look into."""
 
     def start(self) -> None:
         """Finds its source before any other."""
-        if self.place is not None:
-            sys.path[:0] = [str(self.place), str(Path.cwd())]
+        path = [place for place in sys.path if place not in self.others]
+        sys.path[:] = path if self.place is None else [str(self.place), *path]
 
     def tester(self) -> RoadTester:
         """Drives with it on the campaign's terms; unlike `campaign_tester`, it warns of nothing."""
-        with CampaignStore.open(self.campaign) as store:
+        with CampaignStore.open(self.campaign) as store, chdir(self.place or self.folder):
             return RoadTester.of(self.spec, store.setting.terms)
 
     def drive(self, fresh: int, workers: int, isolate: bool) -> str:
@@ -434,7 +451,9 @@ class OldVersion:
             report((event.kind, Progress.of_summary(event.summary)))
 
         how: How = {"workers": workers, "isolate": isolate, "on_event": on_event}
-        return str(fresh_roads(self.campaign, self.tester(), fresh=fresh, **how).folder)
+        # A source that lies in a temporary folder gets no signature, which would outlive that.
+        named = "random" if self.place is None else None
+        return str(_drive_fresh(self.campaign, self.tester(), fresh, how, named=named).folder)
 
     def close(self) -> None:
         """Has nothing to close."""
@@ -509,29 +528,36 @@ def back_to_back(
 
 
 @contextmanager
-def as_recorded(folder: Path | str, spec: Spec) -> Iterator[tuple[Spec, Path | None]]:
-    """A campaign's spec whose driver is as it was then, and the folder with its source.
+def as_recorded(
+    folder: Path | str, spec: Spec, *, is_trusted: bool = False
+) -> Iterator[OldVersion]:
+    """A campaign's driver as it was then.
 
     If its source was edited since, the one that the campaign keeps lies in a temporary folder
-    meanwhile; otherwise there is no folder.
+    meanwhile.
 
     Args:
         folder: of the campaign.
         spec: of the campaign.
+        is_trusted: whether the user trusts the campaign, with the sources that it keeps.
 
     Raises:
         CampaignError: the source was edited, and the campaign keeps none.
-        FreneticError: it is code that this user has not run, see `frenetic.trust`.
+        FreneticError: it is code that this user has not trusted, see `frenetic.trust`.
     """
     with CampaignStore.open(folder) as store:
-        sources: Any = store.fact(SOURCES) or {}
+        sources: Any = store.fact(SOURCES)
+        made = {kind: part for kind, part in spec.parts.items() if kind not in NOT_DRIVING}
+        code_folder = signed_spec(store).require_trusted(
+            folder, made=made, sources=sources, is_trusted=is_trusted, optional=()
+        )
+    sources = sources if isinstance(sources, Mapping) else {}
     driver = spec.part("driver")
-    place, _, name = driver.name.rpartition(":")
-    present = sources_named(driver.name)
-    is_edited = not sources.items() >= present.items() or bool(sources and not present)
-    if not is_edited:
-        spec.require_trusted(folder, NOT_DRIVING)
-        yield spec, None
+    with chdir(code_folder):
+        present = sources_named(driver.name)
+    is_other = not sources.items() >= present.items() or bool(sources and not present)
+    if not (is_other and DRIVERS.is_own(driver.name)):
+        yield OldVersion(Path(folder), spec, code_folder, None)
         return
     if not sources:
         raise CampaignError(
@@ -546,14 +572,26 @@ def as_recorded(folder: Path | str, spec: Spec) -> Iterator[tuple[Spec, Path | N
                 raise CampaignError(f"{folder} is damaged: it keeps the source of {file!r}")
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_text(str(source), encoding="utf-8", newline="\n")
-        if place.endswith(".py"):
-            place = str(temporary / Path(place).name)
-        word = part_word(f"{place}:{name}", driver.options)
-        restored = structs.replace(spec, driver=word)
-        path = list(sys.path)
-        sys.path[:0] = [str(temporary), str(Path.cwd())]  # where `OldVersion` finds its source
-        try:
-            restored.require_trusted(folder, NOT_DRIVING)
-        finally:
-            sys.path[:] = path
-        yield restored, temporary
+        restored = _with_sources_in(temporary, spec, code_folder)
+        yield OldVersion(Path(folder), restored, code_folder, temporary)
+
+
+def _with_sources_in(place: Path, spec: Spec, folder: Path) -> Spec:
+    """A spec for that place, whose driver and simulator of the user's own have their sources there.
+
+    Args:
+        place: with sources by the names under which a campaign keeps them.
+        spec: of the campaign.
+        folder: from which other files of the parts go.
+    """
+    words = {}
+    for kind in ("driver", "simulator"):
+        (name, options), registry = spec.part(kind), REGISTRIES[kind]
+        module, _, attribute = name.rpartition(":")
+        if not (module and registry.is_own(name)):
+            words[kind] = part_word(*registry.absolute(name, options, folder))
+            continue
+        if module.endswith(".py"):
+            name = f"{place / Path(module).name}:{attribute}"
+        words[kind] = part_word(name, absolute_files(options, folder))
+    return structs.replace(spec, **words)

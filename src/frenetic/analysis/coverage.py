@@ -25,7 +25,7 @@ from frenetic.road.classes import RoadClass
 from frenetic.search.operators import CURVATURE_BOUND
 from frenetic.search.random_search import RANDOM, RandomRoads
 from frenetic.search.records import Candidate, Origin
-from frenetic.terms import Setting
+from frenetic.spec.terms import Setting
 
 RADIUS: Final = "min_radius"
 """Name of the axis of a road's least radius."""

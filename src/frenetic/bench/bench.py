@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -27,7 +28,7 @@ from frenetic.analysis.comparison import (
     repeats_needed,
 )
 from frenetic.analysis.metrics import measure_campaign
-from frenetic.bench.entrants import Entrant, folder_names
+from frenetic.bench.entrants import Entrant, entrant_parts, folder_names
 from frenetic.bench.presets import Preset
 from frenetic.bench.processes import run_all
 from frenetic.bench.runs import Run, RunState, RunTerms, compile_measures, ending_of, try_out
@@ -38,8 +39,10 @@ from frenetic.campaign.summary import Summary
 from frenetic.errors import FreneticError
 from frenetic.registry import STRATEGIES
 from frenetic.simulators.embedded import compile_kernels
-from frenetic.spec import write_entries
+from frenetic.spec import SIGNED, Spec, write_entries
 from frenetic.versions import differences, package_versions
+
+logger = logging.getLogger(__name__)
 
 BENCHES: Final = Path("benches")
 """Default parent of benches' folders."""
@@ -154,7 +157,6 @@ class Bench:
         for entrant in self.entrants:
             if not entrant.is_strategy and any(run.entrant == entrant for run in to_do):
                 try_out(entrant, self.terms, self.seed)
-            trust.remember(entrant.kind, *entrant.code)
         with _locked(self.folder):
             if not resume:
                 self._write()
@@ -298,7 +300,20 @@ class Bench:
         write_file(self.folder / RECORD, text, remedy="choose another place", durable=True)
         if self.file is not None:
             what = "What ran in this folder; 'frenetic bench' with this file does it again."
-            write_entries(self.entries(), self.file, what)
+            write_entries({**self.entries(), **self._signed()}, self.file, what)
+
+    def _signed(self) -> dict[str, Any]:
+        """The entry with its user's signature of the code that its file names, if it can be."""
+        entries, tester = self.entries(), self.terms.tester
+        assert tester.spec is not None
+        others = entrant_parts(entries["generator"], entries["strategy"])
+        driving = {**tester.spec.driving().entries(), "objective": self.terms.objective}
+        spec = Spec.of(driving).signed_in(tester.folder, others=others)
+        if spec.signed is not None:
+            return {SIGNED: msgspec.to_builtins(spec.signed)}
+        if trust.named_code({**spec.parts, **others}):
+            logger.warning("%s", trust.unsigned_text())
+        return {}
 
 
 def unusual_endings(states: Sequence[RunState]) -> list[str]:

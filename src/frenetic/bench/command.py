@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from contextlib import chdir
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -20,7 +22,15 @@ from frenetic.cli.console import (
     print_table,
     shell,
 )
-from frenetic.cli.entries import Given, entry_option, names_of, part_options, was_given
+from frenetic.cli.entries import (
+    Given,
+    Source,
+    entry_option,
+    names_of,
+    part_options,
+    trust_option,
+    was_given,
+)
 from frenetic.cli.options import (
     WORKERS,
     as_usage_error,
@@ -29,6 +39,7 @@ from frenetic.cli.options import (
     json_option,
 )
 from frenetic.errors import FreneticError
+from frenetic.trust import is_here
 
 if TYPE_CHECKING:
     from frenetic.analysis.comparison import Comparison
@@ -36,6 +47,8 @@ if TYPE_CHECKING:
 
 _ENTRIES: Final = ("generator", "strategy", "simulations", "repeats", "seed", "preset")
 """Options that are entries of a file, too, beside those that say how roads are driven."""
+_ALSO_TO_RESUME: Final = ("workers", "out", "resume", "is_trusted", "as_json")
+"""Options that say nothing of the bench itself."""
 
 
 @click.command()
@@ -67,6 +80,7 @@ _ENTRIES: Final = ("generator", "strategy", "simulations", "repeats", "seed", "p
 @count_option("--seed", "Of the first run of each. [default: 1]", least=0)
 @part_options
 @entry_option("objective")
+@trust_option
 @click.option("--workers", type=WORKERS, metavar="N", help="Runs at once. [default: the cores]")
 @folder_option("Folder for the results. [default: a new one under benches/]")
 @click.option("--resume", is_flag=True, help="Complete the bench in --out.")
@@ -79,6 +93,7 @@ def bench(
     file: Path | None,
     workers: int | None,
     out: Path | None,
+    is_trusted: bool,
     resume: bool,
     as_list: bool,
     as_json: bool,
@@ -104,33 +119,47 @@ def bench(
         raise click.UsageError("--resume needs the folder of a bench: add --out DIR")
     for parameter in context.command.params:
         name = parameter.name or ""
-        if name not in ("workers", "out", "resume", "as_json") and was_given(context, name):
+        if name not in _ALSO_TO_RESUME and was_given(context, name):
             raise click.UsageError(
                 f"{parameter.opts[0]} cannot be given here: the bench goes on as it was begun"
             )
-    _run_advised(open_bench(out), resume, workers, as_json)
+    begun = open_bench(out, is_trusted=is_trusted)
+    if (place := begun.terms.tester.folder) is not None and not is_here(place):
+        Log().print(f"Note: the code of {out} is loaded from {place}", markup=False)
+    _run_advised(begun, resume, workers, as_json)
 
 
 def _begun(context: click.Context, path: Path | None, out: Path | None) -> tuple[Bench, int | None]:
     """The bench of a command line, and the workers that its file wants."""
     from frenetic.bench.bench import BENCHES
-    from frenetic.bench.entrants import require_trusted
     from frenetic.bench.file import read_bench
     from frenetic.campaign import new_folder
 
     given = {n: context.params[n] for n in _ENTRIES if was_given(context, n)}
     if {"generator", "strategy"} & given.keys():  # in the place of all that the file names
         given |= {kind: context.params[kind] for kind in ("generator", "strategy")}
-    driving = Given.of(context)
+    driving, here = Given.of(context), Path.cwd()
     spec, entries = read_bench(path, given.get("preset"))
-    entries = structs.replace(entries, **given)
-    named = [*driving.parts, *(() if driving.driven_as is None else ("driver", "simulator"))]
     with as_usage_error():
-        if path is not None:
-            spec.require_trusted(path, named)
-            require_trusted(entries.entrants(), path, [*given])
-        spec = driving.over(spec, has_roads=False)
-        return entries.bench(spec, out or new_folder(BENCHES)), entries.workers
+        source = None if path is None else Source(path, spec, entries.parts)
+        entries = structs.replace(entries, **given)
+        is_named = path is None or "generator" in given
+        if is_named:
+            driving = replace(driving, others=entries.parts)
+        spec, folder = driving.trusted(
+            driving.over(spec, has_roads=False),
+            source,
+            left_out=("strategy",),
+            others=entries.parts,
+        )
+        place = here if is_named else folder
+        with chdir(place):
+            entrants = entries.entrants()
+        if folder != place:
+            entrants = tuple(entrant.absolute(place) for entrant in entrants)
+        out = out or new_folder(BENCHES)
+        with chdir(folder):
+            return entries.bench(spec, out, entrants), entries.workers
 
 
 def _run_advised(the_bench: Bench, resume: bool, workers: int | None, as_json: bool) -> None:

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from frenetic import trust
-from frenetic._support.words import part_word
+from frenetic._support.words import part_word, read_part
 from frenetic.errors import FreneticError
+from frenetic.registry import STRATEGIES
+from frenetic.trust import Parts
 
 PLACES = ("path", "copy", "pipeline", "python")
 """Options of a generator."""
@@ -110,21 +111,22 @@ class Entrant:
         return recorded | {"source": self.source()}
 
     @property
-    def kind(self) -> str:
-        """``strategy`` or ``generator``."""
-        return "strategy" if self.is_strategy else "generator"
-
-    @property
     def word(self) -> str:
         """The entrant as on the command line."""
         places = {name: getattr(self, name) for name in PLACES}
         options = {name: str(path) for name, path in places.items() if path is not None}
         return part_word(self.spec, {**options, **self.options, "name": self.name})
 
-    @property
-    def code(self) -> tuple[str, Mapping[str, Any]]:
-        """What `frenetic.trust` knows it by."""
-        return self.spec, self.options if self.is_strategy else {"source": self.source()}
+    def absolute(self, folder: Path) -> Entrant:
+        """The same, for use elsewhere, of one whose files go from a folder.
+
+        Raises:
+            FreneticError: it is a module, which has no path.
+        """
+        if not (self.is_strategy and STRATEGIES.is_own(self.spec)):
+            return self
+        spec, options = STRATEGIES.absolute(self.spec, self.options, folder)
+        return replace(self, spec=spec, options=options)
 
     def source(self) -> str | None:
         """A digest of a generator's own file, None if that cannot be read."""
@@ -140,21 +142,23 @@ class Entrant:
             return None
 
 
-def require_trusted(
-    entrants: Iterable[Entrant], source: object, named: Collection[str] = ()
-) -> None:
-    """Checks that entrants that a file names may be made, see `frenetic.trust`.
+def entrant_parts(generator: Iterable[str], strategy: Iterable[str]) -> Parts:
+    """Kind and number -> name and options of entrants, for `frenetic.trust`.
 
     Args:
-        entrants: of the file and the command.
-        source: the file.
-        named: kinds that the command names itself.
+        generator: the generators as on the command line.
+        strategy: the strategies likewise.
 
     Raises:
-        FreneticError: one may not.
+        ValueError: a text says no entrant.
     """
-    for entrant in entrants:
-        trust.require({entrant.kind: entrant.code}, source, named)
+    parts = {}
+    for kind, texts in (("generator", generator), ("strategy", strategy)):
+        for number, text in enumerate(texts, 1):
+            name, options = read_part(text)
+            options.pop("name", None)  # in tables
+            parts[f"{kind} {number}"] = name or "", options
+    return parts
 
 
 def folder_names(entrants: Sequence[Entrant]) -> dict[str, str]:

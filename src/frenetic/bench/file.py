@@ -8,25 +8,27 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
+from contextlib import chdir
 from pathlib import Path
 from typing import Any, Final
 
-from msgspec import Struct, convert
+from msgspec import Struct, convert, structs
 
 from frenetic._support.bounds import Count, Index, Positive
 from frenetic._support.files import read_bounded
 from frenetic._support.outside_text import read_toml
 from frenetic._support.words import parse_duration, read_part
 from frenetic.bench.bench import FILE, Bench, read_record
-from frenetic.bench.entrants import PLACES, Entrant, require_trusted
+from frenetic.bench.entrants import PLACES, Entrant, entrant_parts
 from frenetic.bench.presets import find_preset
 from frenetic.bench.recipes import find_recipe
 from frenetic.bench.runs import RunTerms
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import FreneticError
 from frenetic.registry import STRATEGIES, hint
-from frenetic.spec import USUAL, Spec
-from frenetic.terms import Terms
+from frenetic.spec import SIGNED, USUAL, Signed, Spec
+from frenetic.spec.terms import Terms
+from frenetic.trust import Parts
 
 
 class BenchFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -50,6 +52,15 @@ class BenchFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     preset: str | None = None
     """Edition of the competition, see `frenetic.bench.presets`; entries of the file win."""
 
+    @property
+    def parts(self) -> Parts:
+        """The entrants, as `frenetic.trust` takes them.
+
+        Raises:
+            ValueError: a text says none.
+        """
+        return entrant_parts(self.generator, self.strategy)
+
     def entrants(self) -> tuple[Entrant, ...]:
         """The entrants.
 
@@ -60,8 +71,10 @@ class BenchFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         entrants = (*map(self._generator, self.generator), *map(_strategy, self.strategy))
         return entrants or tuple(_built_in())
 
-    def bench(self, spec: Spec, folder: Path | str) -> Bench:
-        """The bench of a spec, in a folder.
+    def bench(
+        self, spec: Spec, folder: Path | str, entrants: tuple[Entrant, ...] | None = None
+    ) -> Bench:
+        """The bench of a spec, in a folder; by default with the entrants of the file.
 
         Raises:
             ValueError: an entry is wrong.
@@ -69,7 +82,7 @@ class BenchFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         """
         terms = Terms(map_size=spec.terms.map_size, conditions=spec.conditions)
         return Bench(
-            entrants=self.entrants(),
+            entrants=self.entrants() if entrants is None else entrants,
             terms=RunTerms(
                 RoadTester.of(spec, terms),
                 simulations=self.simulations,
@@ -129,7 +142,7 @@ def _read(text: str) -> tuple[str, dict[str, Any], str | None]:
 _OWN: Final = frozenset(BenchFile.__struct_fields__)
 _DRIVING: Final = (
     *("driver", "simulator", "with", "speed_limit", "oob_tolerance", "criteria", "wall_limit"),
-    *("roads", "map_size", "objective"),
+    *("roads", "map_size", "objective", SIGNED),
 )
 """Entries of a bench's file that are those of a spec."""
 _USUAL: Final = {name: USUAL[name] for name in ("driver", "simulator")}
@@ -178,11 +191,17 @@ def _split(entries: Mapping[str, Any]) -> tuple[Spec, BenchFile]:
     if unknown := [name for name in said if name not in _DRIVING]:
         known = sorted({*_OWN, *_DRIVING})
         raise ValueError(f"there is no entry {unknown[0]!r}{hint(unknown[0], known)}")
-    return Spec.of(_USUAL, said), convert(own, BenchFile)
+    spec = Spec.of(_USUAL, said)
+    signed = convert(said.get(SIGNED), Signed | None)
+    return structs.replace(spec, signed=signed), convert(own, BenchFile)
 
 
-def open_bench(folder: Path | str) -> Bench:
+def open_bench(folder: Path | str, *, is_trusted: bool = False) -> Bench:
     """The bench in a folder, by its file.
+
+    Args:
+        folder: of the bench.
+        is_trusted: whether its user trusts the code that it names, from now on.
 
     Raises:
         FreneticError: there is none, it is damaged, it names code that is not loaded unasked
@@ -195,9 +214,9 @@ def open_bench(folder: Path | str) -> Bench:
             " from Python"
         )
     spec, entries = read_bench(path)
-    spec.require_trusted(path)
     try:
-        require_trusted(entries.entrants(), path)
-        return entries.bench(spec, folder)
+        how: Any = {"is_trusted": is_trusted, "is_toml": True, "optional": ()}
+        with chdir(spec.require_trusted(path, others=entries.parts, **how)):
+            return entries.bench(spec, folder)
     except ValueError as error:
         raise FreneticError(f"{path}: {error}") from None

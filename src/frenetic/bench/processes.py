@@ -7,6 +7,7 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable
+from dataclasses import replace
 from typing import Final
 
 from threadpoolctl import threadpool_limits
@@ -51,7 +52,9 @@ def run_all(
                     worker = Worker(run.name, packed, RUNS_PRELOADED)
                     at_work[worker] = run
                     worker.start()
-                    worker.send("run", run, limit=math.inf, answer=Ending, report=Progress)
+                    # Its process is in the folder of the parts.
+                    theirs = replace(run, folder=run.folder.absolute())
+                    worker.send("run", theirs, limit=math.inf, answer=Ending, report=Progress)
                 for worker in ready(at_work, _POLL):
                     run = at_work[worker]
                     try:

@@ -48,7 +48,7 @@ from frenetic.campaign.objective import MOOBD, Objective, objectives
 from frenetic.campaign.record import Test
 from frenetic.campaign.repeat import SecondDrive
 from frenetic.campaign.state import has_judged, next_campaign, stored_budget
-from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.store import SIGNATURE, SOURCES, STARTED_IN, CampaignStore
 from frenetic.campaign.summary import Event, EventKind, Summary
 from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers import (
@@ -71,7 +71,8 @@ from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import check_pair_in
 from frenetic.spec import MAX_WORKERS, USUAL, Budget, Spec, read_workers
-from frenetic.terms import Setting, Terms
+from frenetic.spec.terms import Setting, Terms
+from frenetic.trust import is_here, named_code, unsigned_text
 from frenetic.versions import package_versions, version_of
 
 logger = logging.getLogger(__name__)
@@ -82,10 +83,6 @@ LOOKAHEAD: Final = 16
 """Candidates outstanding at once where several workers drive."""
 QUICK_DRIVES: Final = 1000
 """Most simulations of a campaign whose compiled drives are over before other processes are up."""
-SOURCES: Final = "sources"
-"""Fact with the user's own source of a campaign's parts: name of a file -> its text."""
-STARTED_IN: Final = "started_in"
-"""Fact with the folder from which a campaign was started, where its parts are found."""
 _START_POLL: Final = 0.2  # s between two looks whether Ctrl-C was pressed
 
 
@@ -291,7 +288,8 @@ class Campaign(Shown):
         if spec is None or spec.strategy is None:
             return None
         limits = {} if self.budget is None else asdict(self.budget)
-        return structs.replace(spec, **limits, workers=self.workers, lookahead=self.lookahead)
+        more: dict[str, Any] = {**limits, "workers": self.workers, "lookahead": self.lookahead}
+        return structs.replace(spec, **more, signed=None)
 
     def configuration(self) -> dict[str, JSONValue]:
         """The campaign's record in its database."""
@@ -373,10 +371,8 @@ class Campaign(Shown):
             words, unread, roads = take_roads(self.from_roads, self.tester, step)
             starts, taken = [words, *starts], [*roads, *taken]
         self.notes = (*(f"starts from {source}" for source in starts), *unread)
-        facts: dict[str, JSONValue] = {
-            SOURCES: self._sources(),
-            STARTED_IN: str(self.tester.folder or Path.cwd()),
-        }
+        facts: dict[str, JSONValue] = {SOURCES: self._sources(), STARTED_IN: str(self._code_folder)}
+        facts |= self._signature(facts[SOURCES])
         made = CampaignStore.create(
             self.folder, self.configuration(), facts | settings, numbered(taken)
         )
@@ -526,12 +522,28 @@ class Campaign(Shown):
             return f"start a new campaign from this one: {command}"
         with CampaignStore.open(self.folder) as store:
             has_drives = has_judged(store)
-        return next_campaign(spec, self.folder, has_drives=has_drives)
+        names_parts = is_here(self._code_folder)
+        return next_campaign(spec, self.folder, has_drives=has_drives, names_parts=names_parts)
 
     def _made_strategy(self) -> Made | None:
         """How the strategy was made by its name; None if it has none, as a bench's generator."""
         spec = self.spec
         return None if spec is None or "strategy" in self.description else spec.made("strategy")
+
+    @property
+    def _code_folder(self) -> Path:
+        """The folder from which its parts are loaded."""
+        return self.tester.folder or Path.cwd()
+
+    def _signature(self, sources: JSONValue) -> dict[str, JSONValue]:
+        """The fact with the user's signature; none without named code, or if none can be made."""
+        if (spec := self.spec) is None:
+            return {}
+        if (signed := spec.signed_in(self._code_folder, sources).signed) is not None:
+            return {SIGNATURE: signed.signature}
+        if named_code(spec.parts):
+            self.notes = (*self.notes, unsigned_text())
+        return {}
 
     def _sources(self) -> dict[str, JSONValue]:
         """The user's own source of its parts: name of a file -> its text."""
@@ -572,7 +584,7 @@ class Campaign(Shown):
         on_event: Callable[[Event], object] | None,
     ) -> Summary:
         if (spec := self.spec) is not None:
-            spec.write(self.folder)
+            spec.signed_in(self._code_folder).write(self.folder)
         interrupted = False
         self._search_so_far = None
         start = time.perf_counter() - summary.seconds

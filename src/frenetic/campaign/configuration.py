@@ -12,7 +12,7 @@ from frenetic._support.bounds import Count
 from frenetic._support.words import counted
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.spec import Budget, Spec
-from frenetic.terms import Setting
+from frenetic.spec.terms import Setting
 
 SPEC: Final = "spec"
 """Entry with the spec of named parts; a campaign of objects from Python has none."""

@@ -35,7 +35,7 @@ from frenetic.search.approach import nearest_square
 from frenetic.search.archive import places_of
 from frenetic.search.random_search import EARLIER, GIVEN
 from frenetic.search.records import Candidate, Evaluation, Origin, Source
-from frenetic.terms import Setting
+from frenetic.spec.terms import Setting
 
 _APART: Final = 1.0
 """Least difference of two taken tests, in m."""

@@ -23,7 +23,6 @@ from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from frenetic import trust
 from frenetic._support.words import lane_words
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
@@ -63,9 +62,7 @@ class Objective:
         Raises:
             FreneticError: it cannot be loaded.
         """
-        measure = OBJECTIVES.load(name)
-        trust.remember("objective", name, {})
-        return cls(name, measure)
+        return cls(name, OBJECTIVES.load(name))
 
     @property
     def higher_is_worse(self) -> bool:

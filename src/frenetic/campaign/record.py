@@ -27,7 +27,7 @@ from frenetic.oracle import Finding, Result, broken
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
 from frenetic.search.records import Candidate
-from frenetic.terms import Setting
+from frenetic.spec.terms import Setting
 
 
 @dataclass(frozen=True)

@@ -12,20 +12,27 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final
 
-from msgspec import Struct, to_builtins
+from msgspec import Struct, structs, to_builtins
 
 from frenetic._support.outside_text import read_json
 from frenetic._support.words import printable
-from frenetic.campaign.configuration import SPEC, decode_budget
+from frenetic.campaign.configuration import SPEC, decode_budget, driving_spec, recorded_spec
 from frenetic.campaign.lock import holder, last_host
 from frenetic.campaign.log import LOG, LogEvent
-from frenetic.campaign.store import LOCK, CampaignStore
+from frenetic.campaign.store import (
+    DATABASE,
+    LOCK,
+    SIGNATURE,
+    SOURCES,
+    STARTED_IN,
+    CampaignStore,
+)
 from frenetic.campaign.summary import Summary
 from frenetic.description import PARTS, recorded_part
 from frenetic.errors import CampaignError
 from frenetic.oracle import is_drivers
-from frenetic.spec import FILE, Budget, Spec
-from frenetic.trust import REGISTRIES
+from frenetic.spec import FILE, Budget, Signed, Spec
+from frenetic.trust import REGISTRIES, is_signed, named_code
 
 TAIL: Final = 1 << 16
 """Bytes at the end of a log that are read for the news."""
@@ -176,6 +183,35 @@ def going_on(store: CampaignStore) -> str:
     return shlex.join(["frenetic", "resume", str(folder)])
 
 
+def signed_spec(store: CampaignStore) -> Spec:
+    """The spec of a campaign, as `recorded_spec` gives it, signed as its facts say.
+
+    Raises:
+        CampaignError: the configuration is damaged.
+    """
+    spec = recorded_spec(store.config, source=store.folder / DATABASE)
+    facts = (store.fact(name) for name in (STARTED_IN, SIGNATURE))
+    signed = Signed(*(fact if isinstance(fact, str) else "" for fact in facts))
+    return structs.replace(spec, signed=signed)
+
+
+def signed_driving(store: CampaignStore) -> Spec | None:
+    """How a campaign's roads are driven, signed if this user has signed the campaign.
+
+    It is None for a campaign that was started from Python without names.
+
+    Raises:
+        CampaignError: the configuration is damaged.
+    """
+    driving = driving_spec(store.config, source=store.folder / DATABASE)
+    if driving is None:
+        return None
+    spec, sources = signed_spec(store), store.fact(SOURCES)
+    signed = spec.signed or Signed("", "")
+    is_own = is_signed(signed.signature, named_code(spec.parts), signed.folder, sources)
+    return driving.signed_in(signed.folder) if is_own else driving
+
+
 def is_told(config: Mapping[str, Any]) -> bool:
     """Whether a campaign's results are told by whoever drives, see `frenetic.campaign.asktell`."""
     simulator = config.get("simulator")
@@ -207,24 +243,24 @@ def stored_budget(store: CampaignStore) -> Budget:
         raise CampaignError(f"{store.folder} has no budget to go on with: {error}") from None
 
 
-def next_campaign(spec: Spec, folder: Path, *, has_drives: bool) -> str:
+def next_campaign(spec: Spec, folder: Path, *, has_drives: bool, names_parts: bool = True) -> str:
     """Return the advice to start another campaign with the parts of one as they are now.
-
-    It is a command and no file, because only a command may name code of the user's own.
 
     Args:
         spec: of the campaign.
         folder: of the campaign.
         has_drives: whether it holds a drive that says something of the driver. Then the other one
             starts from it, with another seed; without, it is the same search with the same seed.
+        names_parts: whether the command names them, so that it works if the file of the campaign
+            is no longer signed; in another folder than theirs it would name others.
     """
     words = ["frenetic", "run", str(folder / FILE)]
     words += ["--from", str(folder)] if has_drives else []
-    for kind in PARTS:
+    for kind in PARTS if names_parts else ():
         part = spec.part(kind)
         if part.name is not None and (kind == "driver" or REGISTRIES[kind].is_own(part.name)):
             words += [f"--{kind}", str(part)]
-    if REGISTRIES["objective"].is_own(spec.named_objective):
+    if names_parts and REGISTRIES["objective"].is_own(spec.named_objective):
         words += ["--objective", spec.named_objective]
     if not has_drives:
         return f"start it anew, with the same seed: {shlex.join(words)}"

@@ -59,7 +59,7 @@ from frenetic.errors import CampaignError, CampaignGoneError
 from frenetic.outcome import Outcome
 from frenetic.road import profile
 from frenetic.search.records import Candidate
-from frenetic.terms import Setting
+from frenetic.spec.terms import Setting
 
 DATABASE: Final = "campaign.sqlite"
 """Name of the database in a campaign's folder."""
@@ -71,6 +71,12 @@ LOCK: Final = "campaign.lock"
 """Name of the lock file in a campaign's folder."""
 EARLIER_SETTINGS: Final = "earlier_settings"
 """Fact with the settings of the campaigns from which this one starts, by their folders."""
+SOURCES: Final = "sources"
+"""Fact with the user's own source of a campaign's parts: name of a file -> its text."""
+STARTED_IN: Final = "started_in"
+"""Fact with the folder from which a campaign was started, where its parts are found."""
+SIGNATURE: Final = "signature"
+"""Fact with the user's signature of what names code, of that folder and of these sources."""
 Order: TypeAlias = Literal["told", "moobd"]
 
 _BUSY_TIMEOUT: Final = 10.0  # s that a reader waits for the writer
@@ -79,8 +85,9 @@ _ENDINGS: Final = ("finished_at", "seconds", "interrupted", "ended", "notice")
 _UNLISTED: Final = (
     "config",
     EARLIER_SETTINGS,
-    "sources",
-    "started_in",
+    SOURCES,
+    STARTED_IN,
+    SIGNATURE,
 )  # large, or shown elsewhere
 
 

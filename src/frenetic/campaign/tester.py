@@ -34,7 +34,7 @@ from frenetic.simulators.capabilities import capabilities, check_pair, check_roa
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import check_conditions, check_pair_in, in_conditions
 from frenetic.spec import Spec
-from frenetic.terms import Setting, Terms
+from frenetic.spec.terms import Setting, Terms
 
 logger = logging.getLogger(__name__)
 

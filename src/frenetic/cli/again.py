@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,11 +12,10 @@ import click
 
 from frenetic.cli import Invocation
 from frenetic.cli.console import Log, announced_compilation, counted_progress, this_command
-from frenetic.cli.entries import Given, without_place
+from frenetic.cli.entries import Given, Source, without_place
 from frenetic.cli.options import as_usage_error
 from frenetic.errors import CampaignError
-from frenetic.spec import DRIVEN, Spec
-from frenetic.trust import NOT_DRIVING
+from frenetic.spec import DRIVEN, Signed, Spec, sign_driven
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -24,8 +24,24 @@ if TYPE_CHECKING:
     from frenetic.road.files import RoadFile
 
 
-def campaign_spec(store: CampaignStore, given: Given, *, checked: bool = True) -> Spec:
-    """The spec of a campaign, with replacements from the command line.
+def campaign_source(store: CampaignStore) -> Source:
+    """A campaign as a source of parts."""
+    from frenetic.campaign.state import signed_spec
+    from frenetic.campaign.store import SIGNATURE, SOURCES, STARTED_IN, CampaignStore
+
+    def sign(signed: Signed) -> None:
+        facts = {STARTED_IN: signed.folder, SIGNATURE: signed.signature}
+        try:
+            with CampaignStore.open(store.folder, readonly=False) as written:
+                written.keep(**facts)
+        except CampaignError as error:
+            Log().print(f"Note: --trust holds for this command only: {error}", markup=False)
+
+    return Source(store.folder, signed_spec(store), sources=store.fact(SOURCES), sign=sign)
+
+
+def campaign_spec(store: CampaignStore, given: Given, *, checked: bool = True) -> tuple[Spec, Path]:
+    """The spec of a campaign, with replacements from the command line, and its parts' folder.
 
     Args:
         store: the campaign.
@@ -38,17 +54,14 @@ def campaign_spec(store: CampaignStore, given: Given, *, checked: bool = True) -
         FreneticError: a given rule is out of range.
         click.UsageError: other roads are given.
     """
-    from frenetic.campaign.campaign import STARTED_IN
-    from frenetic.campaign.configuration import recorded_spec
     from frenetic.campaign.state import is_told
-    from frenetic.campaign.store import DATABASE
 
     if given.says("roads"):
         raise click.UsageError("--roads is for a ROAD file: a campaign has its own road class")
-    spec = given.over(recorded_spec(store.config, source=store.folder / DATABASE))
+    source, folder = campaign_source(store), Path.cwd()
+    spec = given.over(source.spec)
     if checked:
-        started_in = str(store.fact(STARTED_IN) or "")
-        spec.require_trusted(store.folder, [*NOT_DRIVING, *given.parts], started_in=started_in)
+        spec, folder = given.trusted(spec, source)
     if spec.driver is None or spec.simulator is None:
         how, elsewhere = "was started from Python", ", or do it from Python"
         if is_told(store.config):
@@ -57,11 +70,11 @@ def campaign_spec(store: CampaignStore, given: Given, *, checked: bool = True) -
             f"{store.folder} {how}, so its driver and simulator have no names: give --driver and"
             f" --simulator{elsewhere}"
         )
-    return spec
+    return spec, folder
 
 
-def file_spec(given: Given, file: RoadFile, *, checked: bool = True) -> Spec:
-    """The spec with which a road's file was driven, with replacements from the command line.
+def file_spec(given: Given, file: RoadFile, *, checked: bool = True) -> tuple[Spec, Path]:
+    """The spec with which a road's file was driven, likewise.
 
     Files that do not say it are driven as the options and their defaults say.
 
@@ -73,14 +86,13 @@ def file_spec(given: Given, file: RoadFile, *, checked: bool = True) -> Spec:
     Raises:
         FreneticError: the file names parts that are not loaded unasked, or its record is damaged.
     """
-    if DRIVEN not in file.entries:
-        return given.over(Spec(), has_roads=False)
-    recorded = Spec.of_driven(file.entries[DRIVEN], source=file.path)
-    # Which program is started, no file says.
-    spec = given.over(without_place(recorded))
-    if checked:
-        spec.require_trusted(file.path, [*NOT_DRIVING, *given.parts])
-    return spec
+    spec, source = Spec(), None
+    if has_driven := DRIVEN in file.entries:
+        recorded = Spec.of_driven(file.entries[DRIVEN], source=file.path)
+        source = Source(file.path, recorded, sign=partial(sign_driven, file.path))
+        spec = without_place(recorded)  # which program is started, no file says
+    spec = given.over(spec, has_roads=has_driven)
+    return given.trusted(spec, source) if checked else (spec, Path.cwd())
 
 
 def chosen_tests(

@@ -15,7 +15,7 @@ from rich.markup import escape
 
 from frenetic.cli import echo
 from frenetic.cli.console import Log, print_table
-from frenetic.cli.entries import Given, as_option, entry_option, was_given
+from frenetic.cli.entries import Given, as_option, entry_option, trust_option, was_given
 from frenetic.cli.options import (
     NewFile,
     count_option,
@@ -47,6 +47,7 @@ _MOST_MEASURES: Final = 4
 )
 @entry_option("driver", "A new version of the driver of the one campaign named.")
 @as_option
+@trust_option
 @count_option("--fresh", "Fresh random roads on which both versions drive.", default=200)
 @workers_option
 @json_option
@@ -86,9 +87,9 @@ def compare(
             )
         how: Any = {"fresh": fresh, "workers": workers, "as_json": as_json}
         compare_versions(Path(places[0]), new_driver, **how)
-    for name in ("fresh", "workers"):
+    for name, option in {"fresh": "fresh", "workers": "workers", "is_trusted": "trust"}.items():
         if was_given(context, name):
-            raise click.UsageError(f"--{name} is for a new version of a driver: add --driver")
+            raise click.UsageError(f"--{option} is for a new version of a driver: add --driver")
     for path in out:
         if path.suffix.lower() not in _SUFFIXES:
             raise click.UsageError(f"{path} must end with one of {', '.join(_SUFFIXES)}")

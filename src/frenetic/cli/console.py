@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from frenetic.criteria import Profile
     from frenetic.oracle import Result
     from frenetic.road import Road
-    from frenetic.terms import Setting
+    from frenetic.spec.terms import Setting
 
 ANNOUNCE_AFTER = 1.5  # s of compiling after which it is mentioned
 LOOK_EVERY = 0.1  # s between two looks whether something is compiled

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, chdir
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,7 +23,13 @@ from frenetic.cli.console import (
     print_measures,
     shell,
 )
-from frenetic.cli.entries import Given, entry_option, entry_options, part_options
+from frenetic.cli.entries import (
+    Given,
+    entry_option,
+    entry_options,
+    part_options,
+    trust_option,
+)
 from frenetic.cli.options import (
     NewFile,
     file_option,
@@ -71,6 +77,7 @@ class Asked:
 @entry_option("roads")
 @part_options
 @entry_options("criteria", "map_size")
+@trust_option
 @click.option("--dry", is_flag=True, help="Say whether the road is valid; do not drive it.")
 @file_option(
     "--plot", "Draw the drive into this PNG, SVG or PDF file.", type=NewFile(is_picture=True)
@@ -106,7 +113,7 @@ def drive(
     if source.is_dir():
         if lane is not None or map_roads is not None:
             raise click.UsageError("--lane and --road are for OpenDRIVE, not for a campaign's test")
-        spec, rules, roads = _of_campaign(given, source, test_ids, dry=dry)
+        (spec, folder), rules, roads = _of_campaign(given, source, test_ids, dry=dry)
     elif len(test_ids) > 1:
         raise click.UsageError(
             f"{source} is no campaign's folder: name one ID of its list of tests"
@@ -116,12 +123,16 @@ def drive(
             raise click.UsageError("--road is for OpenDRIVE, an ID for a list of tests")
         if given.says("map_size"):
             raise click.UsageError("--road drives roads where they lie: leave out --map-size")
-        spec, roads = _of_map(given, source, map_roads, lane)
+        (spec, folder), roads = _of_map(given, source, map_roads, lane)
     else:
-        spec, roads = _of_file(given, source, lane, next(iter(test_ids), None), dry=dry)
+        number = next(iter(test_ids), None)
+        (spec, folder), roads = _of_file(given, source, lane, number, dry=dry)
     if plot is not None and (dry or len(roads) > 1):
         raise click.UsageError("--plot draws one drive: leave it out with --dry or several roads")
-    documents = _judged(spec, roads) if dry else _driven(spec, rules, roads, plot, is_quiet=as_json)
+    if dry:
+        documents = _judged(spec, folder, roads)
+    else:
+        documents = _driven(spec, folder, rules, roads, plot, is_quiet=as_json)
     if as_json:
         several = len(roads) > 1 or map_roads is not None
         echo(json.dumps(documents if several else documents[0]))
@@ -138,8 +149,8 @@ def drive(
 
 def _of_campaign(
     given: Given, folder: Path, test_ids: tuple[int, ...], *, dry: bool
-) -> tuple[Spec, Rules | None, list[Asked]]:
-    """The spec of a campaign, its own rules unless the spec says them, and the roads of tests."""
+) -> tuple[tuple[Spec, Path], Rules | None, list[Asked]]:
+    """A campaign's spec and the folder of its code, its rules unless that says them, and roads."""
     from frenetic.again.rerun import unsaid_rules
     from frenetic.campaign import CampaignStore
 
@@ -153,7 +164,7 @@ def _of_campaign(
         tests = [store.test(number) for number in dict.fromkeys(test_ids)]
         is_made = not dry or any(not test.road.is_plain for test in tests)
         config = store.config
-        spec = campaign_spec(store, given, checked=is_made)
+        spec, place = campaign_spec(store, given, checked=is_made)
         terms, rules = store.setting, unsaid_rules(store, spec)
     instead = given.quantities(spec)
     roads = []
@@ -162,19 +173,19 @@ def _of_campaign(
         name, conditions = f"{folder} {test.id}", without(test.candidate.conditions, *instead)
         road = fitted or test.road
         roads.append(Asked(name, road, verdict, test, config, conditions=conditions))
-    return spec, rules, roads
+    return (spec, place), rules, roads
 
 
 def _of_file(
     given: Given, path: Path, lane: int | None, test_id: int | None, *, dry: bool
-) -> tuple[Spec, list[Asked]]:
-    """The spec and the road of a road file; without a drive, points are judged where they lie."""
+) -> tuple[tuple[Spec, Path], list[Asked]]:
+    """Spec, folder and road of a road file; without a drive, points are judged where they lie."""
     from frenetic.road import Verdict
     from frenetic.road.files import read_road
 
     file = read_road(path, lane=lane, test=test_id)
     road = file.road()
-    spec = file_spec(given, file, checked=not dry or not road.is_plain)
+    spec, folder = file_spec(given, file, checked=not dry or not road.is_plain)
     terms = spec.terms
     fitted, verdict = road.placed(terms.map_size, road_class=terms.road_class)
     if dry:
@@ -182,7 +193,8 @@ def _of_file(
     if fitted is None:
         verdict = Verdict(False, f"{verdict.message}; {_larger_map(file, road, spec)}")
     name = str(path) if test_id is None else f"{path} {test_id}"
-    return spec, [Asked(name, fitted or road, verdict, recorded=file.entries.get("driver"))]
+    asked = Asked(name, fitted or road, verdict, recorded=file.entries.get("driver"))
+    return (spec, folder), [asked]
 
 
 def _larger_map(file: RoadFile, road: Road, spec: Spec) -> str:
@@ -201,15 +213,17 @@ def _larger_map(file: RoadFile, road: Road, spec: Spec) -> str:
     return f"--map-size {map_size:g} has room for it"
 
 
-def _of_map(given: Given, path: Path, map_roads: str, lane: int | None) -> tuple[Spec, list[Asked]]:
-    """The spec for the roads of a map, and these where they lie."""
+def _of_map(
+    given: Given, path: Path, map_roads: str, lane: int | None
+) -> tuple[tuple[Spec, Path], list[Asked]]:
+    """Spec and folder for the roads of a map, and these where they lie."""
     from frenetic.errors import RoadError
     from frenetic.road import Verdict
     from frenetic.road.files import read_stretches
     from frenetic.search.random_search import TO_GO_ON
     from frenetic.simulators.worlds import rules_in
 
-    spec = given.over(Spec(), has_roads=False)
+    spec, folder = given.trusted(given.over(Spec(), has_roads=False))
     road_map, stretches = read_stretches(path, map_roads, lane=lane)
 
     def asked(stretch: Stretch) -> Asked:
@@ -233,10 +247,10 @@ def _of_map(given: Given, path: Path, map_roads: str, lane: int | None) -> tuple
     for stretch in stretches:
         for note in stretch.notes:
             Log().print(f"Note: {note}", markup=False)
-    return spec, [asked(stretch) for stretch in stretches]
+    return (spec, folder), [asked(stretch) for stretch in stretches]
 
 
-def _judged(spec: Spec, roads: list[Asked]) -> list[dict[str, Any]]:
+def _judged(spec: Spec, folder: Path, roads: list[Asked]) -> list[dict[str, Any]]:
     """Which roads are valid; simulator and driver are made only for one that leans or rises."""
     from frenetic.campaign import RoadTester
 
@@ -244,14 +258,22 @@ def _judged(spec: Spec, roads: list[Asked]) -> list[dict[str, Any]]:
     for asked in roads:
         reason = asked.verdict.message
         if asked.verdict and not asked.road.is_plain:
-            reason = _cannot_be_driven(RoadTester.of(spec), asked.road)
+            with chdir(folder):
+                tester = RoadTester.of(spec)
+            reason = _cannot_be_driven(tester, asked.road)
         notes = {"notes": list(asked.notes)} if asked.notes else {}
         documents.append({"road": asked.name, "valid": not reason, "message": reason, **notes})
     return documents
 
 
 def _driven(
-    spec: Spec, rules: Rules | None, roads: list[Asked], plot: Path | None, *, is_quiet: bool
+    spec: Spec,
+    folder: Path,
+    rules: Rules | None,
+    roads: list[Asked],
+    plot: Path | None,
+    *,
+    is_quiet: bool,
 ) -> list[dict[str, Any]]:
     """Drives the valid roads and prints what happened, unless quiet; gives it for JSON."""
     from frenetic.campaign import RoadTester
@@ -259,7 +281,8 @@ def _driven(
     from frenetic.oracle import Result, judge, measures_json
     from frenetic.outcome import Outcome
 
-    tester = RoadTester.of(spec, rules=rules)
+    with chdir(folder):
+        tester = RoadTester.of(spec, rules=rules)
     documents: list[dict[str, Any]] = []
     with ExitStack() as entered:
         compiled = entered.enter_context(announced_compilation(Log()))

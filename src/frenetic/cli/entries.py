@@ -6,9 +6,11 @@ Each option's value is a spec that says its entry, so what a command line says i
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property, partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, Final, ParamSpec, TypeVar, get_args, get_origin, get_type_hints
 
 import click
@@ -17,13 +19,14 @@ from click.shell_completion import CompletionItem
 from msgspec import Meta, structs
 
 from frenetic._support.words import part_word, read_part, read_setting
+from frenetic.cli.console import Log
 from frenetic.cli.options import Decorator, with_options
 from frenetic.description import PARTS
 from frenetic.errors import FreneticError
 from frenetic.quantities import quantities, quantity
 from frenetic.registry import SIMULATORS
-from frenetic.spec import Spec, usual_of
-from frenetic.trust import REGISTRIES
+from frenetic.spec import Signed, Spec, sign_driven, usual_of
+from frenetic.trust import NOT_DRIVING, REGISTRIES, Parts, is_here, named_code
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -155,8 +158,8 @@ as_option: Final = click.option(
     AS,
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Drive as this file says: a campaign's (campaign.toml), its failing road's or a twin's"
-    " profile. Other options win.",
+    help="Drive as this file says: campaign.toml, that of a failing road, a twin's profile. Other"
+    " options win.",
 )
 
 
@@ -167,9 +170,32 @@ def part_options(command: Callable[P, R]) -> Callable[P, R]:
     )
 
 
+trust_option: Final = click.option(
+    "--trust",
+    "is_trusted",
+    is_flag=True,
+    help="Load the code that the file or campaign names.",
+)
+
+
 def was_given(context: click.Context, name: str) -> bool:
     """Whether the command line gives an option, so that its value is no default."""
     return context.get_parameter_source(name) is ParameterSource.COMMANDLINE
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file or campaign that names parts which a command makes."""
+
+    path: Path
+    spec: Spec
+    """As it names them, with its signature."""
+    others: Parts = field(default_factory=dict)
+    """Parts that it names beside it, such as a bench's entrants."""
+    sources: object = None
+    """The parts' sources that it keeps."""
+    sign: Callable[[Signed], None] | None = None
+    """Signs it anew; None for a TOML, which the list of its user holds."""
 
 
 @dataclass(frozen=True)
@@ -180,6 +206,12 @@ class Given:
     """Entries that the options say."""
     driven_as: Path | None = None
     """File of ``--as``."""
+    is_trusted: bool = False
+    """Whether it says ``--trust``."""
+    others: Parts = field(default_factory=dict)
+    """Other parts that it names, such as a bench's entrants."""
+    kinds: Collection[str] = ()
+    """Kinds of parts that its command has an option for."""
 
     @classmethod
     def of(cls, context: click.Context) -> Given:
@@ -197,7 +229,9 @@ class Given:
                 "start_from": (*said.get("start_from", ()), *spec.start_from),
             }
             said |= spec.said | repeated
-        given = cls(Spec(**said), context.params.get(AS))
+        kinds = {parameter.name or "" for parameter in context.command.params}
+        is_trusted = context.params.get("is_trusted", False)
+        given = cls(Spec(**said), context.params.get(AS), is_trusted, kinds=kinds)
         options = given.spec.part("simulator").options
         for name in given.spec.conditions:
             if quantity(name).attribute in options:
@@ -216,7 +250,7 @@ class Given:
         """Kinds of the parts that it names, of which it does not only say options."""
         texts = {kind: text for kind in PARTS if (text := getattr(self.spec, kind))}
         named = [kind for kind, text in texts.items() if read_part(text)[0] is not None]
-        return named + (["objective"] if self.says("objective") else [])
+        return named + [kind for kind in ("objective", "workers") if self.says(kind)]
 
     def over(self, spec: Spec, *, has_roads: bool = True) -> Spec:
         """A spec that drives as ``--as`` says, if it is given, and then as the options say.
@@ -226,17 +260,93 @@ class Given:
             has_roads: whether the roads exist, with a map and a lane width of their own.
 
         Raises:
-            FreneticError: the file cannot be read, names code that is not loaded unasked
-                (`frenetic.trust`), or an option is out of range.
+            FreneticError: the file cannot be read, or an option is out of range.
         """
-        if (path := self.driven_as) is not None:
-            is_spec = path.suffix.lower() == ".toml"
-            other = Spec.read(path) if is_spec else Spec.read_driven(path)
-            other.require_trusted(path, ("strategy", "objective", *self.parts))
+        if (source := self._as_source) is not None:
             spec = Spec.of(
-                spec.without_driving(has_roads=has_roads), other.driving(has_roads=has_roads)
+                spec.without_driving(has_roads=has_roads),
+                source.spec.driving(has_roads=has_roads),
             )
         return Spec.of(spec, self.spec)
+
+    @cached_property
+    def _as_source(self) -> Source | None:
+        """The file of ``--as``."""
+        if (path := self.driven_as) is None:
+            return None
+        if path.suffix.lower() == ".toml":
+            return Source(path, Spec.read(path))
+        return Source(path, Spec.read_driven(path), sign=partial(sign_driven, path))
+
+    def trusted(
+        self,
+        spec: Spec,
+        source: Source | None = None,
+        *,
+        left_out: Collection[str] = NOT_DRIVING,
+        of_file: Collection[str] = ("driver", "simulator"),
+        others: Parts = MappingProxyType({}),
+    ) -> tuple[Spec, Path]:
+        """Checks that a command may make its parts, see `frenetic.trust`.
+
+        Args:
+            spec: of the parts, as `over` gives it.
+            source: that it was merged with, if any.
+            left_out: kinds of parts that the command does not make.
+            of_file: kinds of parts that ``--as`` replaces.
+            others: other parts that it makes, such as a bench's entrants.
+
+        Returns:
+            The spec, and the folder in which it has to be made: what comes from another folder has
+            absolute paths.
+
+        Raises:
+            FreneticError: the user has not trusted a file or campaign that names code.
+        """
+        here = Path.cwd()
+        parts = {kind: part for kind, part in spec.parts.items() if kind not in left_out}
+        made: Parts = {**parts, **others}
+        names = {kind: part for kind, part in self.spec.parts.items() if kind in self.parts}
+        named: Parts = {**names, **self.others}
+        if self._as_source is None:
+            of_file = ()
+        folders: dict[str, Path] = {}
+        for file, its in (
+            (self._as_source, {kind: part for kind, part in made.items() if kind in of_file}),
+            (source, {kind: part for kind, part in made.items() if kind not in of_file}),
+        ):
+            if file is not None:
+                folder = self._trusted_folder(file, named, its)
+                folders |= {k: here if k in named else folder for k in named_code(its)}
+        place = next((folder for folder in folders.values() if not is_here(folder)), here)
+        for kind, folder in folders.items():
+            if not is_here(folder) and kind != "workers":
+                Log().print(f"Note: {made[kind][0]} is loaded from {folder}", markup=False)
+        elsewhere = {
+            kind: folders.get(kind, here)
+            for kind in named_code(made)
+            if kind in REGISTRIES and folders.get(kind, here) != place
+        }
+        return spec.with_files_in(elsewhere), place
+
+    def _trusted_folder(self, source: Source, named: Parts, made: Parts) -> Path:
+        """The folder from which a file's or campaign's code is loaded, which ``--trust`` signs."""
+        spec = source.spec
+        folder = spec.require_trusted(
+            source.path,
+            others=source.others,
+            named=named,
+            made=made,
+            is_trusted=self.is_trusted,
+            sources=source.sources,
+            is_toml=source.sign is None,
+            optional=self.kinds,
+        )
+        if self.is_trusted and source.sign is not None:
+            signed = spec.signed_in(folder, source.sources, source.others).signed
+            if signed is not None and signed != spec.signed:
+                source.sign(signed)
+        return folder
 
     def quantities(self, spec: Spec) -> list[str]:
         """Quantities whose amounts the command line says, in place of those of tests.

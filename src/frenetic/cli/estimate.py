@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import deque
+from contextlib import chdir
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ import click
 from frenetic._support.words import counted
 from frenetic.cli import Invocation, echo
 from frenetic.cli.console import Log, shell, this_command
-from frenetic.cli.entries import Given, entry_option, part_options
+from frenetic.cli.entries import Given, entry_option, part_options, trust_option
 from frenetic.cli.options import (
     as_usage_error,
     count_option,
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 @entry_option("odd")
 @part_options
 @entry_option("criteria")
+@trust_option
 @count_option("--drives", "Drive N times.", least=100, default=10_000)
 @workers_option
 @folder_option(
@@ -71,15 +73,17 @@ def estimate(
             f"{campaign} is estimated as it was driven: options are for --odd FILE without it"
         )
     if campaign is None:
-        spec = given.over(Spec(), has_roads=False)
+        spec, place = given.trusted(given.over(Spec(), has_roads=False))
         given.check_drawn(spec)
-        with as_usage_error():
+        with as_usage_error(), chdir(place):
             tester = RoadTester.of(spec)
     else:
         with CampaignStore.open(campaign) as store:
             if store.setting.domain is None:
                 raise click.UsageError(f"{campaign} searched no domain: one with --odd did")
-            tester = campaign_tester(store, campaign_spec(store, Given()))
+            spec, place = campaign_spec(store, given)
+            with chdir(place):
+                tester = campaign_tester(store, spec)
     log = Log()
     latest: deque[Summary] = deque(maxlen=1)
     try:

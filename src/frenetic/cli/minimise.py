@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from contextlib import chdir
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -20,7 +21,7 @@ from frenetic.cli.again import (
     shown_driving,
 )
 from frenetic.cli.console import Log, print_facts, shell, this_command
-from frenetic.cli.entries import Given, part_options
+from frenetic.cli.entries import Given, part_options, trust_option
 from frenetic.cli.options import (
     as_usage_error,
     count_option,
@@ -66,6 +67,7 @@ class Work:
     " parts than the campaign's drive it; beside ROAD with the suffix .min.json]",
 )
 @part_options
+@trust_option
 @json_option
 @click.pass_context
 def minimise(
@@ -96,14 +98,14 @@ def minimise(
 
     given = Given.of(context)
     if source.is_dir():
-        spec, works = _of_campaign(given, source, test_ids, top, out)
-        with CampaignStore.open(source) as store:
+        spec, folder, works = _of_campaign(given, source, test_ids, top, out)
+        with CampaignStore.open(source) as store, chdir(folder):
             tester = campaign_tester(store, spec)
     elif test_ids or top is not None:
         raise click.UsageError(f"{source} is no folder: an ID or --top needs that of a campaign")
     else:
-        spec, works = _of_file(given, source, out)
-        with as_usage_error():
+        spec, folder, works = _of_file(given, source, out)
+        with as_usage_error(), chdir(folder):
             tester = RoadTester.of(spec)
     for work in works:  # before hours are spent on what cannot be written
         work.files.prepare()
@@ -159,8 +161,8 @@ def _of_campaign(
     test_ids: tuple[int, ...],
     top: int | None,
     out: Path | None,
-) -> tuple[Spec, list[Work]]:
-    """Terms of a campaign's drives, and the tests to minimise."""
+) -> tuple[Spec, Path, list[Work]]:
+    """Terms of a campaign's drives, the folder of its code, and the tests to minimise."""
     from frenetic.campaign import CampaignStore
     from frenetic.outcome import Outcome
     from frenetic.report.minimised import MinimisedFiles, minimised_road
@@ -168,7 +170,7 @@ def _of_campaign(
     if out is not None and (len(test_ids) > 1 or (top or 1) > 1):
         raise click.UsageError("--out is for one road: leave it out where there are several")
     with CampaignStore.open(folder) as store:
-        spec = campaign_spec(store, given)
+        spec, place = campaign_spec(store, given)
         chosen = chosen_tests(store, test_ids, top if test_ids else top or 1)
         works = []
         for record in [store.test(test_id) for test_id in chosen or ()]:
@@ -185,21 +187,21 @@ def _of_campaign(
             works.append(Work(f"Test {record.id}", record.road, files, test))
     if not works:
         raise click.UsageError(f"{folder} holds no failing road: there is nothing to minimise")
-    return spec, works
+    return spec, place, works
 
 
-def _of_file(given: Given, path: Path, out: Path | None) -> tuple[Spec, list[Work]]:
+def _of_file(given: Given, path: Path, out: Path | None) -> tuple[Spec, Path, list[Work]]:
     """The same for a road file and the options given with it."""
     from frenetic.report.minimised import MinimisedFiles
     from frenetic.road.files import read_road
 
     file = read_road(path)
-    spec, road = file_spec(given, file), file.road()
+    (spec, folder), road = file_spec(given, file), file.road()
     target = out or path.with_name(f"{path.name.removesuffix('.json')}.min.json")
     if target.exists() and target.samefile(path):
         raise click.UsageError(f"{target} is the road itself: choose another place with --out")
     works = [Work(path.name, road, MinimisedFiles.beside(target))]
-    return Spec.of(spec, {"lane_width": road.lane_width}), works
+    return Spec.of(spec, {"lane_width": road.lane_width}), folder, works
 
 
 def _print(work: Work, minimised: Minimised) -> None:

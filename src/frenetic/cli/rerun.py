@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from contextlib import chdir
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -18,7 +19,7 @@ from frenetic.cli.again import (
     shown_driving,
 )
 from frenetic.cli.console import Log, print_table, shell, two_digits
-from frenetic.cli.entries import Given, part_options
+from frenetic.cli.entries import Given, part_options, trust_option
 from frenetic.cli.options import (
     AskedRange,
     NewFile,
@@ -69,6 +70,7 @@ def variation(asked: AskedRange, tester: RoadTester) -> Variation:
     " its usual range ('frenetic list quantities'), around a test's own amount. May be repeated.",
 )
 @part_options
+@trust_option
 @workers_option
 @click.option(
     "--out",
@@ -118,8 +120,9 @@ def rerun(
     times = times or (VARIED_TIMES if asked else 1)
     with CampaignStore.open(campaign) as store:
         chosen = _driven_tests(store) if everything else chosen_tests(store, test_ids, top)
-        spec = campaign_spec(store, given)
-        tester = campaign_tester(store, spec)
+        spec, folder = campaign_spec(store, given)
+        with chdir(folder):
+            tester = campaign_tester(store, spec)
     variations = [variation(one, tester) for one in asked]
     log = Log()
     with shown_driving(log, "Driving again") as on_event:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import chdir
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +10,9 @@ import click
 from msgspec import structs
 
 from frenetic._support.words import counted
+from frenetic.cli.again import campaign_source
 from frenetic.cli.console import shell
-from frenetic.cli.entries import entry_option, moved, place_option
+from frenetic.cli.entries import Given, Source, entry_option, moved, place_option, trust_option
 from frenetic.cli.options import (
     DURATION,
     as_usage_error,
@@ -19,7 +21,9 @@ from frenetic.cli.options import (
 )
 from frenetic.cli.search import fail_on_failure_option, is_finished, make_campaign, search
 from frenetic.errors import CampaignError
+from frenetic.registry import SIMULATORS
 from frenetic.spec import Budget, Spec
+from frenetic.trust import is_here
 
 
 @click.command()
@@ -29,6 +33,7 @@ from frenetic.spec import Budget, Spec
 @click.option("--failures", type=int, metavar="N", help="N more failures.")
 @entry_option("workers")
 @place_option
+@trust_option
 @fail_on_failure_option
 @json_option
 def resume(
@@ -38,6 +43,7 @@ def resume(
     failures: int | None,
     workers: Spec | None,
     simulator: Spec | None,
+    is_trusted: bool,
     fail_on_failure: bool,
     as_json: bool,
 ) -> None:
@@ -51,23 +57,15 @@ def resume(
     --simulator, which holds for this time.
     """
     from frenetic.campaign import CampaignStore
-    from frenetic.campaign.campaign import SOURCES, STARTED_IN
-    from frenetic.campaign.configuration import (
-        SPEC,
-        decode_budget,
-        recorded_spec,
-        with_budget,
-    )
+    from frenetic.campaign.configuration import SPEC, decode_budget, with_budget
     from frenetic.campaign.state import has_judged, is_told, next_campaign
-    from frenetic.campaign.store import DATABASE
     from frenetic.report import results
     from frenetic.versions import edited_files
 
     with CampaignStore.open(campaign) as store:
         config, facts, counts = store.config, store.facts, store.counts()
-        spent, sources = store.elapsed(), store.fact(SOURCES)
-        started_in = str(store.fact(STARTED_IN) or "")
-        has_drives = has_judged(store)
+        spent, has_drives = store.elapsed(), has_judged(store)
+        source = None if config.get(SPEC) is None else campaign_source(store)
     if "entrant" in config:
         raise click.UsageError(
             f"{campaign} is a run of a bench, which keeps its budget: what a bench lacks is run by"
@@ -82,7 +80,7 @@ def resume(
         raise click.UsageError(
             f"{campaign} is told its results: 'frenetic ask-tell --out {shell(campaign)}' goes on"
         )
-    if config.get(SPEC) is None:
+    if source is None:
         raise click.UsageError(
             f"{campaign} was started from Python: resume it there, with Campaign.resume()"
         )
@@ -96,19 +94,23 @@ def resume(
         for name, more in given.items():
             if more is not None and more <= 0:
                 raise ValueError(f"{name} is {more}: more than 0 is needed")
-        spec = recorded_spec(config, source=campaign / DATABASE)
+        spec = source.spec
         if any(more is not None for more in given.values()):
             limits = {k: None if v is None else done[k] + v for k, v in given.items()}
             spec = with_budget(spec, Budget(**limits))
         elif "budget" in facts:
             spec = with_budget(spec, decode_budget(facts["budget"]))
-        if edited := " and ".join(edited_files(spec.names, sources)):
-            raise CampaignError(
-                f"{edited} was edited, and {campaign} tests it as it was: restore it, or"
-                f" {next_campaign(spec, campaign, has_drives=has_drives)}"
-            )
-        new = f"start a new campaign from this one: frenetic run --from {shell(campaign)}"
-        spec.require_trusted(campaign, remedy=f"if you trust it, {new}", started_in=started_in)
+        spec, folder = _trusted(spec, simulator, source, is_trusted=is_trusted)
+        place = Path.cwd()
+        with chdir(folder):
+            if edited := " and ".join(edited_files(spec.names, source.sources)):
+                how = {"has_drives": has_drives, "names_parts": is_here(place)}
+                new = next_campaign(spec, campaign, **how)
+                raise CampaignError(
+                    f"{edited} was edited, and {campaign} tests it as it was: restore it, or {new}"
+                )
+            if SIMULATORS.is_own(spec.part("simulator").name):
+                spec = moved(spec, simulator)
         assert spec.budget is not None
         budget = spec.budget
         is_spent = budget.spent(done["simulations"], spent, done["failures"]) >= 1.0
@@ -117,10 +119,29 @@ def resume(
                 f"the budget of {campaign} is spent: say how much more, with --simulations,"
                 " --time or --failures"
             )
-    spec = structs.replace(moved(spec, simulator), workers=workers and workers.workers)
-    the_campaign = make_campaign(spec, campaign)
+    spec = structs.replace(spec, workers=workers and workers.workers)
+    the_campaign = make_campaign(spec, campaign, folder)
     tests = counted(counts.tests, "test")
     text = f"Going on after {tests} with {spec.part('strategy')}"
     if is_spent:
         text = f"Finishing after {tests}, which spent the budget"
     search(the_campaign, results.resume, text, as_json, spec.seed, fail_on_failure=fail_on_failure)
+
+
+def _trusted(
+    spec: Spec, simulator: Spec | None, source: Source, *, is_trusted: bool
+) -> tuple[Spec, Path]:
+    """The spec with its simulator where that is now, and its folder, see `Given.trusted`.
+
+    Args:
+        spec: of the campaign.
+        simulator: says where that is now, which names it, too.
+        source: the campaign.
+        is_trusted: whether the command trusts it.
+    """
+    name = spec.part("simulator").name
+    named = Spec() if simulator is None else Spec.of({"simulator": name}, simulator)
+    given = Given(named, is_trusted=is_trusted, kinds=("simulator",))
+    # Where a user's own simulator can be, only its class says, which is loaded afterwards.
+    made = spec if SIMULATORS.is_own(name) else moved(spec, simulator)
+    return given.trusted(made, source, left_out=("workers",))

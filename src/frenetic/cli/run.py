@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import secrets
+from contextlib import chdir
 from pathlib import Path
 from typing import Any, Final
 
 import click
 
 from frenetic.cli.console import limit_of_search
-from frenetic.cli.entries import Given, entry_options, part_options
+from frenetic.cli.entries import Given, Source, entry_options, part_options, trust_option
 from frenetic.cli.options import folder_option, json_option
 from frenetic.cli.search import fail_on_failure_option, make_campaign, search
 from frenetic.description import PARTS
 from frenetic.quantities import in_words
 from frenetic.spec import Spec
+from frenetic.trust import is_here
 
 DEFAULT_SIMULATIONS: Final = 1000
 
@@ -26,6 +28,7 @@ DEFAULT_SIMULATIONS: Final = 1000
 @entry_options(
     *("criteria", "map_size", "workers", "objective", "start_from", "from_roads", "seed"),
 )
+@trust_option
 @folder_option("Folder for the results. [default: a new one under campaigns/]")
 @fail_on_failure_option
 @json_option
@@ -51,12 +54,14 @@ def run(
     given, spec = Given.of(context), Spec()
     if file is not None:
         spec = Spec.read(file)
-        driven = [] if given.driven_as is None else ["driver", "simulator"]
-        spec.require_trusted(file, [*given.parts, *driven])
-    spec = given.over(spec, has_roads=False)
+    source = None if file is None else Source(file, spec)
+    spec, folder = given.trusted(given.over(spec, has_roads=False), source, left_out=())
     given.check_drawn(spec)
-    spec = _with_search(spec)
-    campaign = make_campaign(spec, new_folder() if out is None else out)
+    if not is_here(folder):
+        spec = spec.with_roads_from(Path.cwd())
+    with chdir(folder):
+        spec = _with_search(spec)
+    campaign = make_campaign(spec, new_folder() if out is None else out, folder)
     strategy, driver, simulator = map(spec.part, PARTS)
     conditions = f" with {in_words(spec.conditions)}" if spec.conditions else ""
     text = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack, redirect_stdout
+from contextlib import ExitStack, chdir, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -40,15 +40,20 @@ fail_on_failure_option = click.option(
 )
 
 
-def make_campaign(spec: Spec, folder: Path) -> Campaign:
+def make_campaign(spec: Spec, folder: Path, place: Path) -> Campaign:
     """The campaign of a command line.
+
+    Args:
+        spec: of the campaign.
+        folder: for its results.
+        place: folder from which its parts are loaded.
 
     Raises:
         click.UsageError: the options are out of range.
     """
     from frenetic.campaign import Campaign
 
-    with announced_compilation(Log()), as_usage_error():
+    with announced_compilation(Log()), as_usage_error(), chdir(place):
         return Campaign.of(spec, folder=folder, isolate=True)
 
 

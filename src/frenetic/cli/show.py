@@ -341,10 +341,9 @@ def _part(config: Mapping[str, Any], kind: str) -> str:
 
 
 def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
-    from frenetic.campaign.configuration import driving_spec
     from frenetic.campaign.earlier import driven_again
     from frenetic.campaign.objective import value_in_words
-    from frenetic.campaign.store import DATABASE
+    from frenetic.campaign.state import signed_driving
     from frenetic.report.failures import FAILURES, PICTURES, file_stem, road_document
     from frenetic.report.minimised import minimised_drives, minimised_road
     from frenetic.report.picture import draw_test
@@ -360,8 +359,7 @@ def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
     except (OSError, FreneticError) as error:
         drawn = f"not drawn, {error}"
     if as_json:
-        spec = driving_spec(store.config, source=store.folder / DATABASE)
-        document = road_document(test, store.config, spec)
+        document = road_document(test, store.config, signed_driving(store))
         echo(json.dumps(document | {"picture": drawn, "told": test.told}))
         return
     origin, notes = test.candidate.origin, test.candidate.notes

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import chdir
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -11,14 +12,14 @@ from msgspec import structs
 
 from frenetic._support.words import counted
 from frenetic.cli import echo
-from frenetic.cli.again import campaign_spec, interrupted, shown_driving
+from frenetic.cli.again import campaign_source, interrupted, shown_driving
 from frenetic.cli.console import Log, print_table, shell
 from frenetic.cli.entries import Given
 from frenetic.errors import CampaignError
+from frenetic.spec import Spec
 
 if TYPE_CHECKING:
     from frenetic.again.versions import BackToBack
-    from frenetic.spec import Spec
 
 
 def compare_versions(
@@ -35,8 +36,9 @@ def compare_versions(
     """
     from frenetic.again.versions import BETTER, WORSE
 
-    old, new = _specs(folder, given)
-    result = _driven(folder, old, new, fresh, workers)
+    old, new, place = _specs(folder, given)
+    how: Any = {"fresh": fresh, "is_trusted": given.is_trusted}
+    result = _driven(folder, old, new, place, workers, **how)
     if as_json:
         echo(json.dumps(result.as_json()))
     else:
@@ -44,12 +46,12 @@ def compare_versions(
     raise click.exceptions.Exit({BETTER: 0, WORSE: 1}.get(result.verdict, 3))
 
 
-def _specs(folder: Path, given: Given) -> tuple[Spec, Spec]:
-    """The specs of both versions.
+def _specs(folder: Path, given: Given) -> tuple[Spec, Spec, Path]:
+    """The specs of both versions, and the folder in which the new one is made.
 
     Raises:
         CampaignError: the campaign was started from Python, or its record is damaged.
-        FreneticError: it names code that this user has not run.
+        FreneticError: it names code that this user has not trusted.
     """
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.configuration import SPEC
@@ -62,11 +64,16 @@ def _specs(folder: Path, given: Given) -> tuple[Spec, Spec]:
                 f"{folder} {how}, so its parts have no names: compare the versions from Python,"
                 " with frenetic.again.versions"
             )
-        old = campaign_spec(store, Given(), checked=False)
-        return old, structs.replace(old, driver=campaign_spec(store, given).driver)
+        source = campaign_source(store)
+        old = Spec.of(source.spec)
+        Given(is_trusted=given.is_trusted).trusted(old, source)
+        new = structs.replace(old, driver=given.over(old).driver)
+        return old, *given.trusted(new, source, of_file=("driver",))
 
 
-def _driven(folder: Path, old: Spec, new: Spec, fresh: int, workers: int) -> BackToBack:
+def _driven(
+    folder: Path, old: Spec, new: Spec, place: Path, workers: int, *, fresh: int, is_trusted: bool
+) -> BackToBack:
     from frenetic.again.versions import (
         check_differ,
         fresh_roads_as_recorded,
@@ -80,11 +87,12 @@ def _driven(folder: Path, old: Spec, new: Spec, fresh: int, workers: int) -> Bac
         drives = 2 * fresh + store.counts().failed
         recorded, terms = recorded_driver(store), store.setting.terms
     # The new version is made first, so that a mistake in it shows before the old one has driven.
-    tester = RoadTester.of(new, terms)
+    with chdir(place):
+        tester = RoadTester.of(new, terms)
     check_differ(recorded, tester.described["driver"])
     with shown_driving(log, "Driving both versions", drives) as on_event:
         how: Any = {"workers": workers, "isolate": True, "on_event": on_event}
-        roads = fresh_roads_as_recorded(folder, old, fresh=fresh, **how)
+        roads = fresh_roads_as_recorded(folder, old, fresh=fresh, is_trusted=is_trusted, **how)
         result = compared(roads, tester, **how)
     if result.missing:
         left = counted(result.missing, "drive")

@@ -14,8 +14,8 @@ from frenetic._support.files import replacing
 from frenetic._support.interrupt import catch_interrupt
 from frenetic._support.json_value import JSONValue
 from frenetic._support.words import simulated_time
-from frenetic.campaign.configuration import driving_spec
 from frenetic.campaign.record import Test
+from frenetic.campaign.state import signed_driving
 from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.errors import CampaignError
 from frenetic.oracle import Result
@@ -66,7 +66,7 @@ def road_document(
     Args:
         record: the test.
         config: of its campaign.
-        spec: that of `frenetic.campaign.configuration.driving_spec`.
+        spec: that of `frenetic.campaign.state.signed_driving`.
     """
     candidate, road = record.candidate, record.road
     return {
@@ -106,7 +106,7 @@ def write_failures(
     from frenetic.report.picture import draw_gallery  # matplotlib imports slowly
 
     folder = store.folder / FAILURES
-    spec = driving_spec(store.config, source=store.folder / DATABASE)
+    spec = signed_driving(store)
     try:
         folder.mkdir(exist_ok=True)
         for record in islice(failures, MOST_FILES):

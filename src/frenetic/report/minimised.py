@@ -89,7 +89,9 @@ def minimised_document(
     """
     smallest, setting = minimised.smallest, minimised.smallest.setting
     assert setting is not None
-    spec = None if tester.spec is None else Spec.of(USUAL, tester.spec).driving()
+    spec = None
+    if tester.spec is not None:
+        spec = Spec.of(USUAL, tester.spec).driving().signed_in(tester.folder)
     parents: list[int] = [] if test_id is None else [test_id]
     return {
         **({} if test_id is None else {"id": test_id}),

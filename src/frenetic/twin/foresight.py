@@ -6,13 +6,11 @@ itself, again and again, see `frenetic.twin.fitting`.
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
-import msgspec
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
@@ -94,8 +92,7 @@ def foresight(
                 " the same, or calibrate a twin for them"
             )
         models = [Model.of_profile(read)]
-        digest = hashlib.sha256(msgspec.json.encode(read)).hexdigest()[:SHORT]
-        given["profile"] = f"{profile} (SHA-256 {digest})"
+        given["profile"] = f"{profile} (SHA-256 {read.digest()[:SHORT]})"
     own: dict[str, Any] = {
         "seed": spec.seed,
         "map_size": spec.terms.map_size,

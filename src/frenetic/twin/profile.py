@@ -7,6 +7,7 @@ it makes and imports none.
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -17,8 +18,8 @@ from frenetic._support.bounds import Index, Positive
 from frenetic._support.files import read_bounded, write_file
 from frenetic._support.outside_text import read_json
 from frenetic.errors import FreneticError
-from frenetic.spec import USUAL, Spec
-from frenetic.trust import NOT_DRIVING
+from frenetic.spec import SIGNED, USUAL, Spec
+from frenetic.trust import is_here
 
 
 class Record(Struct, frozen=True, forbid_unknown_fields=True):
@@ -107,7 +108,7 @@ class Profile(Record, frozen=True, kw_only=True):
             spec: names driver and simulator.
             about: other fields.
         """
-        driven = Spec.of(USUAL, spec).driving().entries()
+        driven = Spec.of(USUAL, spec).driving().signed_in(Path.cwd()).entries()
         return cls(name=name, driven=driven, lane_width=spec.terms.lane_width, **about)
 
     @classmethod
@@ -140,6 +141,13 @@ class Profile(Record, frozen=True, kw_only=True):
                 (`frenetic.trust`).
         """
         source = f"the profile {self.name!r}"
-        own = Spec.of_driven(self.driven, source=source)
-        own.require_trusted(source, NOT_DRIVING)
-        return Spec.of(own, {"lane_width": self.lane_width})
+        twin = Spec.of_driven(self.driven, source=source)
+        folder = twin.require_trusted(source, optional=())
+        twin = twin.with_files_in({} if is_here(folder) else dict.fromkeys(twin.code, folder))
+        return Spec.of(twin, {"lane_width": self.lane_width})
+
+    def digest(self) -> str:
+        """A digest of all but its user's signature."""
+        driven = {name: value for name, value in self.driven.items() if name != SIGNED}
+        data = msgspec.json.encode(msgspec.structs.replace(self, driven=driven))
+        return hashlib.sha256(data).hexdigest()

@@ -29,7 +29,7 @@ from frenetic.road import Road
 from frenetic.road.files import RoadEntries, RoadFile
 from frenetic.search.records import Trace
 from frenetic.spec import Spec
-from frenetic.terms import Terms
+from frenetic.spec.terms import Terms
 from frenetic.twin.fitting import LEAST, RecordedDrive, on_grid, states_of
 
 TABLE: Final = ".jsonl"

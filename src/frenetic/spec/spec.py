@@ -1,32 +1,17 @@
-"""The spec of a run: what its user says, by the same names everywhere.
-
-A `Spec` is the entries of ``campaign.toml``. The options of `frenetic run` have their names, a
-campaign's database and a failing road's file keep them, and Python takes them::
-
-    spec = Spec.of({"driver": "planner,aggression=1.2", "with": {"delay": 0.1}, "seed": 1})
-    spec = Spec.of(Spec.read("campaign.toml"), {"simulations": 50})
-
-What a user leaves out stays out. What follows is a property: `Spec.terms`, `Spec.rules`,
-`Spec.budget`. `Spec.make_strategy`, `Spec.make_driver` and `Spec.make_simulator` make its parts.
-
-Every command's help reads this module, so slow imports are inside functions.
-"""
+"""The `Spec` of a run, see `frenetic.spec`."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple, Self
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated, Any, Final, Self
 
-import tomli_w
 from msgspec import (
     Meta,
     Struct,
-    ValidationError,
-    convert,
     defstruct,
     field,
     structs,
@@ -40,27 +25,37 @@ from frenetic._support.bounds import (
     NotNegative,
     Positive,
     Text,
-    check,
     converted,
-    is_number,
-    require_count,
 )
-from frenetic._support.files import read_bounded, write_file
-from frenetic._support.outside_text import read_json, read_toml
-from frenetic._support.scalars import take_numpy_scalars
+from frenetic._support.files import read_bounded
+from frenetic._support.outside_text import read_json
 from frenetic._support.words import (
-    counted,
-    format_duration,
     parse_duration,
     part_word,
     read_part,
-    shortened,
 )
-from frenetic.criteria import Profile
 from frenetic.description import PARTS
 from frenetic.errors import FreneticError
 from frenetic.quantities import SEED, SPEED, quantities, quantity
-from frenetic.registry import SIMULATORS, Made, hint
+from frenetic.registry import Made
+from frenetic.spec.budget import Budget
+from frenetic.spec.files import (
+    DRIVEN,
+    SIGNED,
+    converted_entries,
+    read_entries,
+    write_entries,
+)
+from frenetic.spec.parts import USUAL, Part, followed_by, usual_of
+from frenetic.spec.values import (
+    MAX_WORKERS,
+    criteria_entries,
+    read_class,
+    read_domain,
+    read_profile,
+    read_workers,
+    roads_entry,
+)
 
 # Imports inside functions below are too slow for help.
 
@@ -70,97 +65,24 @@ if TYPE_CHECKING:
     from frenetic.drivers import Driver
     from frenetic.road.classes import RoadClass
     from frenetic.search import Strategy
-    from frenetic.simulators.capabilities import Usual
     from frenetic.simulators.simulator import Simulator
-    from frenetic.terms import Terms
+    from frenetic.spec.terms import Terms
 
-DRIVEN: Final = "driven"
-"""Entry of a road's file that says how the road was driven, see `Spec.driving`."""
 FILE: Final = "campaign.toml"
 """Name of the file in a campaign's folder with the entries of its spec."""
-COMPETITION: Final = "competition"
-"""Name of the roads that keep the competition's rules alone, in place of a road class."""
-USUAL: Final = {"strategy": "frenetic", "driver": "planner", "simulator": "embedded"}
-"""Parts of a spec that names none."""
-MAX_WORKERS: Final = 1024
-"""Most roads that one computer drives at once; a cluster has as many seats as it has."""
-
-
-class Part(NamedTuple):
-    """The name of a strategy, driver or simulator, and its options."""
-
-    name: str
-    """A registered name, ``package.module:Class`` or ``file.py:Class``."""
-    options: Mapping[str, Any]
-
-    def __str__(self) -> str:
-        return part_word(self.name, self.options)
-
-
-def _followed_by(earlier: str, later: str) -> str:
-    """The text of another part with its own options, or of an earlier one with options added."""
-    name, options = read_part(earlier)
-    later_name, later_options = read_part(later)
-    if later_name is not None and name not in (None, later_name):
-        return later
-    return part_word(later_name or name, {**options, **later_options})
-
-
-@dataclass(frozen=True)
-class Budget:
-    """The budget of a campaign. Only drives cost simulations; INVALID roads are free.
-
-    Raises:
-        ValueError: nothing is limited, or a limit is not positive.
-    """
-
-    simulations: int | None = None
-    """Number of drives."""
-    time: float | None = None
-    """Wall time, in s."""
-    failures: int | None = None
-    """Number of FAIL outcomes wanted."""
-
-    def __post_init__(self) -> None:
-        if self.simulations is None and self.time is None and self.failures is None:
-            raise ValueError(
-                "the budget limits nothing: simulations, time or failures has to be given"
-            )
-        for name in ("simulations", "failures"):
-            if (value := getattr(self, name)) is not None:
-                object.__setattr__(self, name, require_count(name, value))
-        if self.time is not None and not (is_number(self.time) and self.time > 0.0):
-            raise ValueError(f"time is {self.time}: a positive number of seconds is needed")
-        take_numpy_scalars(self)
-
-    def __str__(self) -> str:
-        """Return the limits with their units, such as "60 simulations, 17.2 s of time"."""
-        texts = []
-        if self.simulations is not None:
-            texts.append(counted(self.simulations, "simulation"))
-        if self.time is not None:
-            is_short = self.time < 60.0
-            text = f"{self.time:.3g} s" if is_short else format_duration(self.time)
-            texts.append(f"{text} of time")
-        if self.failures is not None:
-            texts.append(counted(self.failures, "failure"))
-        return ", ".join(texts)
-
-    def spent(self, simulations: int, seconds: float, failures: int) -> float:
-        """Spent share of the budget, 0..1: that of the nearest limit."""
-        shares = [0.0]
-        if self.simulations is not None:
-            shares.append(simulations / self.simulations)
-        if self.time is not None:
-            shares.append(seconds / self.time)
-        if self.failures is not None:
-            shares.append(failures / self.failures)
-        return min(max(shares), 1.0)
 
 
 def _about(text: str, metavar: str = "") -> Meta:
     """What an entry says, and the placeholder of its option's value on the command line."""
     return Meta(description=text, extra={"metavar": metavar})
+
+
+class Signed(Struct, frozen=True, forbid_unknown_fields=True):
+    """The user's signature of the code that a file names, see `frenetic.trust`."""
+
+    folder: str
+    """From which the code is loaded."""
+    signature: str
 
 
 class Spec(
@@ -266,6 +188,8 @@ class Spec(
             "N|ADDRESS",
         ),
     ] = None
+    signed: Signed | None = None
+    """Of a spec that is read from a file, or written into one."""
 
     def __post_init__(self) -> None:
         said = converted(self.said, Spec)
@@ -274,11 +198,11 @@ class Spec(
             if name != SEED and amount != quantity(name).nothing:
                 quantity(name).require(amount)
         if "criteria" in said:
-            said |= converted(_read_criteria(said["criteria"]), Spec)
+            said |= converted(criteria_entries(said["criteria"]), Spec)
         if "roads" in said:
-            said["roads"] = _roads_entry(_read_class(said["roads"]))
+            said["roads"] = roads_entry(read_class(said["roads"]))
         if "odd" in said:
-            said["odd"] = _read_domain(said["odd"]).entries()
+            said["odd"] = read_domain(said["odd"]).entries()
         if isinstance(self.time, str):
             said["time"] = parse_duration(self.time)
         if isinstance(self.workers, str):
@@ -297,7 +221,7 @@ class Spec(
         Options are added to those of an earlier part of the same name, and conditions to earlier
         ones; an amount without effect removes a condition. Roads bring their own speed limit, map
         and lanes, so those of earlier sources are left out, as is the wall limit of an earlier
-        simulator that is another.
+        simulator that is another. What is merged is not signed.
 
         Args:
             sources: specs, and entries by their names in a file.
@@ -309,7 +233,7 @@ class Spec(
         spec = cls()
         for source in sources:
             spec = spec._followed_by(
-                source if isinstance(source, Spec) else _converted(source, cls)
+                source if isinstance(source, Spec) else converted_entries(source, cls)
             )
         return spec
 
@@ -328,7 +252,8 @@ class Spec(
                 values["wall_limit"] = None
         for kind in PARTS:
             if kind in given and values[kind] is not None:
-                given[kind] = _followed_by(values[kind], given[kind])
+                given[kind] = followed_by(values[kind], given[kind])
+        given[SIGNED] = None
         given["conditions"] = {
             name: amount
             for name, amount in (conditions | later.conditions).items()
@@ -390,7 +315,8 @@ class Spec(
                 raise ValueError("names with values are needed")
             if missing := [name for name in ("driver", "simulator") if name not in entries]:
                 raise ValueError(f"it has no {missing[0]}")
-            return cls.of(entries)
+            spec: Self = converted_entries(entries, cls)
+            return structs.replace(cls.of(spec), signed=spec.signed)
         except (ValueError, FreneticError) as error:
             raise FreneticError(
                 f"{source}: its entry {DRIVEN!r} does not say with what the road was driven:"
@@ -426,19 +352,19 @@ class Spec(
         entries = _DRIVING if has_roads else (*_DRIVING, "roads", *_ROADS)
         said = {name: getattr(self, name) for name in entries}
         if not has_roads and self._names_roads:
-            said["roads"] = _roads_entry(self.road_class)
+            said["roads"] = roads_entry(self.road_class)
         return Spec(**said)
 
     @classmethod
     def of_terms(cls, terms: Terms) -> Self:
         """The spec that says some terms."""
         said: dict[str, Any] = {name: getattr(terms, name) for name in _ROADS}
-        said |= {"roads": _roads_entry(terms.road_class), "conditions": dict(terms.conditions)}
+        said |= {"roads": roads_entry(terms.road_class), "conditions": dict(terms.conditions)}
         return cls(**said, odd=None if terms.domain is None else terms.domain.entries())
 
     def in_conditions(self, conditions: Mapping[str, float]) -> Spec:
-        """The same in further conditions."""
-        return Spec.of(self, {"with": dict(conditions)})
+        """The same in further conditions, which name no code, so that it stays signed."""
+        return structs.replace(Spec.of(self, {"with": dict(conditions)}), signed=self.signed)
 
     def without_driving(self, *, has_roads: bool = False) -> Spec:
         """The same without what `driving` gives."""
@@ -446,20 +372,90 @@ class Spec(
         unsaid = Spec()
         return structs.replace(self, **{name: getattr(unsaid, name) for name in entries})
 
-    def require_trusted(self, source: object, named: Collection[str] = (), **more: str) -> None:
-        """Checks that what a file or campaign names may be made, see `frenetic.trust`.
+    # Code that it names
+
+    @property
+    def parts(self) -> dict[str, Part]:
+        """Kind -> part of those that it names, and its objective.
+
+        A scheduler is one, too: Dask lets it send objects, whose loading runs code.
+        """
+        parts = {kind: self.part(kind) for kind in PARTS if getattr(self, kind)}
+        if isinstance(self.workers, str):
+            parts["workers"] = Part(self.workers, {})
+        return parts | {"objective": Part(self.named_objective, {})}
+
+    @property
+    def code(self) -> list[str]:
+        """Kinds of its parts that name code, see `frenetic.trust`."""
+        return [*trust.named_code(self.parts)]
+
+    def signed_in(
+        self,
+        folder: Path | str | None,
+        sources: object = None,
+        others: trust.Parts = MappingProxyType({}),
+    ) -> Self:
+        """The same with its user's signature of the code that it names, see `frenetic.trust`.
+
+        It is unsigned if it names none, or if the user's key cannot be written.
 
         Args:
-            source: the file or campaign.
-            named: kinds of parts that the command names itself.
-            more: ``remedy`` and ``started_in``, as for `frenetic.trust.require`.
+            folder: from which the code is loaded; None for the current one.
+            sources: name of a file -> its text, which are stored beside it.
+            others: other parts that are named beside it, such as a bench's entrants.
+        """
+        place = Path(folder or "").absolute()
+        signature = trust.sign(trust.named_code({**self.parts, **others}), place, sources)
+        signed = Signed(str(place), signature) if signature else None
+        return structs.replace(self, signed=signed)
+
+    def require_trusted(
+        self, source: Path | str, *, others: trust.Parts = MappingProxyType({}), **how: Any
+    ) -> Path:
+        """The folder from which the code may be loaded that it names, see `frenetic.trust`.
+
+        Args:
+            source: the file or campaign that says this spec.
+            others: other parts that it names, such as a bench's entrants.
+            how: other arguments of `frenetic.trust.require_trusted`.
 
         Raises:
-            FreneticError: a part may not.
+            FreneticError: the user has not trusted it.
         """
-        parts: dict[str, Any] = {kind: self.part(kind) for kind in PARTS if getattr(self, kind)}
-        parts["objective"] = (self.named_objective, {})
-        trust.require(parts, source, named, **more)
+        signed = self.signed or Signed("", "")
+        return trust.require_trusted(
+            source,
+            {**self.parts, **others},
+            signature=signed.signature,
+            folder=signed.folder,
+            **how,
+        )
+
+    def with_files_in(self, folders: Mapping[str, Path]) -> Self:
+        """The same with absolute paths in place of the files of some parts.
+
+        Args:
+            folders: kind of such a part -> folder from which its files go.
+
+        Raises:
+            FreneticError: a part is a module, which has no path.
+        """
+        said: dict[str, str] = {}
+        for kind, folder in folders.items():
+            name, options = trust.REGISTRIES[kind].absolute(*self.parts[kind], folder)
+            said[kind] = part_word(name, options) if kind in PARTS else name
+        return structs.replace(self, **said)
+
+    def with_roads_from(self, folder: Path) -> Self:
+        """The same with absolute paths of the campaigns and roads that it starts from.
+
+        Args:
+            folder: from which their paths go.
+        """
+        roads = None if self.from_roads is None else str(folder / self.from_roads)
+        starts = tuple(str(folder / start) for start in self.start_from)
+        return structs.replace(self, from_roads=roads, start_from=starts)
 
     # What follows from it
 
@@ -472,7 +468,7 @@ class Spec(
     def road_class(self) -> RoadClass | None:
         """Class whose rules its roads keep; None for the competition's."""
         if self.roads is not None:
-            return _read_class(self.roads)
+            return read_class(self.roads)
         if self.domain is not None and self.domain.road_class is not None:
             return self.domain.road_class
         if self.from_roads is not None:
@@ -484,7 +480,7 @@ class Spec(
     @cached_property
     def domain(self) -> Domain | None:
         """Domain whose roads and conditions are searched; None for the usual conditions."""
-        return None if self.odd is None else _read_domain(self.odd)
+        return None if self.odd is None else read_domain(self.odd)
 
     @cached_property
     def rules(self) -> Rules:
@@ -503,7 +499,7 @@ class Spec(
         if self.oob_tolerance is not None:
             said["oob_tolerance"] = self.oob_tolerance
         if self.criteria is not None:
-            said["criteria"] = _profile(self.criteria)
+            said["criteria"] = read_profile(self.criteria)
         if self.speed_limit is not None:
             said |= {"speed_limit": self.speed_limit, "road_limits": "ignored"}
         elif self.road_class is not None:
@@ -520,7 +516,7 @@ class Spec(
         Raises:
             ValueError: the map is too small for its margin, say.
         """
-        from frenetic.terms import Terms  # numba takes its time
+        from frenetic.spec.terms import Terms  # numba takes its time
 
         said = {name: value for name in _ROADS if (value := getattr(self, name)) is not None}
         said |= {"domain": self.domain, "conditions": self.conditions}
@@ -535,7 +531,7 @@ class Spec(
     @property
     def named_objective(self) -> str:
         """Name of what the strategy minimises: by default the MOOBD, or the margin to criteria."""
-        usual = "moobd" if self.criteria is None or not _profile(self.criteria) else "criteria"
+        usual = "moobd" if self.criteria is None or not read_profile(self.criteria) else "criteria"
         return self.objective or usual
 
     @property
@@ -595,9 +591,7 @@ class Spec(
 
     def _make(self, kind: str, rules: Rules | None = None) -> Any:
         part = self.part(kind)
-        made = trust.REGISTRIES[kind].make_from(*part, self._available(kind, rules))
-        trust.remember(kind, *part)
-        return made
+        return trust.REGISTRIES[kind].make_from(*part, self._available(kind, rules))
 
     def _available(self, kind: str, rules: Rules | None) -> dict[str, Any]:
         """Options that a part gets if its class takes them."""
@@ -622,138 +616,3 @@ _ROADS: Final = ("map_size", "margin", "lane_width")
 """Entries that say where roads lie, and how wide they are."""
 _LIMITS: Final = ("simulations", "time", "failures")
 """Entries that are limits of the budget."""
-
-
-# Entries
-
-
-def _converted(entries: Mapping[str, Any], kind: type[Any]) -> Any:
-    """Entries as a struct of this kind.
-
-    Raises:
-        ValueError: one is unknown, missing, of another kind or out of range; the message names it.
-    """
-    known = [item.encode_name for item in structs.fields(kind)]
-    if unknown := [name for name in entries if name not in known]:
-        raise ValueError(f"there is no entry {unknown[0]!r}{hint(unknown[0], known)}")
-    check(entries, kind)
-    try:
-        return convert(dict(entries), kind)
-    except ValidationError as error:
-        raise ValueError(str(error)) from None
-
-
-def read_entries(path: Path, kind: type[Any], about: str, *usual: Mapping[str, Any]) -> Any:
-    """The entries of a file in TOML as a struct.
-
-    Args:
-        path: of the file.
-        kind: of struct.
-        about: what it says, for messages.
-        usual: entries that hold where the file says nothing.
-
-    Raises:
-        FreneticError: there is no such file, or it is wrong; the message names the place in it.
-    """
-    data = read_bounded(path)
-    try:
-        entries = read_toml(data)
-        for others in usual:
-            entries = {**others, **entries}
-        return _converted(entries, kind)
-    except ValueError as error:
-        raise FreneticError(f"{path} does not say {about}: {error}") from None
-    except FreneticError as error:
-        raise FreneticError(f"{path}: {error}") from None
-
-
-def write_entries(entries: Mapping[str, Any], path: Path, about: str) -> None:
-    """Write a file in TOML, but for entries that say nothing, under a line about it.
-
-    Raises:
-        FreneticError: it cannot be written.
-    """
-    said = {name: value for name, value in entries.items() if value not in (None, {}, [])}
-    text = f"# {about}\n{tomli_w.dumps(said)}"
-    write_file(path, text, remedy="make room, or let it be written")
-
-
-def _read_class(roads: str | Mapping[str, Any]) -> RoadClass | None:
-    from frenetic.road.classes import class_of  # numba takes its time
-
-    return class_of(roads)
-
-
-def _roads_entry(road_class: RoadClass | None) -> str | dict[str, Any]:
-    """The entry for a road class: its name if that says all."""
-    from frenetic.road.classes import RoadClass, classes  # numba takes its time
-
-    if road_class is None:
-        return COMPETITION
-    name = road_class.name
-    is_known = name in classes() and RoadClass.of(name) == road_class
-    return name if is_known else road_class.as_json()
-
-
-def _read_domain(odd: str | Mapping[str, Any]) -> Domain:
-    from frenetic.domain import Domain  # numba takes its time
-
-    if isinstance(odd, str):
-        return Domain.of(odd)
-    return Domain.made(str(odd.get("name", "own")), odd)
-
-
-def _profile(criteria: str | Mapping[str, Any]) -> Profile:
-    """The criteria of an entry that `_read_criteria` gave."""
-    if isinstance(criteria, str):
-        name, options = read_part(criteria)
-        return Profile.of(name or COMPETITION, options)
-    entries = {key: value for key, value in criteria.items() if key != "name"}
-    return Profile.made(str(criteria.get("name", "own")), entries)
-
-
-def _read_criteria(criteria: str | Mapping[str, Any]) -> dict[str, Any]:
-    """The entries that a text such as ``after-iso-11270,lateral_jerk=4,speed_limit=60`` says.
-
-    A text that says rules alone gives no criteria.
-    """
-    rules: dict[str, Any] = {}
-    if isinstance(criteria, str):
-        name, options = read_part(criteria)
-    else:
-        name, options = str(criteria.get("name", "own")), dict(criteria)
-    for rule in ("speed_limit", "oob_tolerance"):
-        if rule in options:
-            rules[rule] = options.pop(rule)
-    if isinstance(criteria, str) and name is None and not options:
-        return {**rules, "criteria": None}
-    profile = _profile(part_word(name, options) if isinstance(criteria, str) else options)
-    return {**rules, "criteria": profile.entry()}
-
-
-def read_workers(text: str) -> int | str:
-    """A number of workers, or the address of a Dask scheduler.
-
-    Raises:
-        ValueError: it is neither.
-    """
-    if re.fullmatch("-?[0-9]+", text):
-        if len(text) <= 9 and 1 <= int(text) <= MAX_WORKERS:
-            return int(text)
-        raise ValueError(f"{shortened(text, 60)} workers are given: 1 to {MAX_WORKERS} are allowed")
-    if ":" not in text:
-        raise ValueError(
-            f"{text!r} is neither a number nor the address of a Dask scheduler, such as"
-            " tcp://10.0.0.1:8786"
-        )
-    return text
-
-
-# Parts
-
-
-def usual_of(simulator: str) -> Usual:
-    """What the class of the simulator of that name declares before one is made."""
-    from frenetic.simulators.capabilities import usual  # numba takes its time
-
-    return usual(SIMULATORS.load(simulator))

@@ -1,0 +1,87 @@
+"""Files with entries: TOML of a run or a bench, and roads with how they were driven."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import tomli_w
+from msgspec import ValidationError, convert, structs, to_builtins
+
+from frenetic._support.bounds import check
+from frenetic._support.files import read_bounded, write_file
+from frenetic._support.outside_text import read_json, read_toml
+from frenetic.errors import FreneticError
+from frenetic.registry import hint
+
+DRIVEN: Final = "driven"
+"""Entry of a road's file that says how the road was driven, see `frenetic.spec.Spec.driving`."""
+SIGNED: Final = "signed"
+"""Entry with the user's signature, see `frenetic.spec.Signed`."""
+
+
+def converted_entries(entries: Mapping[str, Any], kind: type[Any]) -> Any:
+    """Entries as a struct of this kind.
+
+    Raises:
+        ValueError: one is unknown, missing, of another kind or out of range; the message names it.
+    """
+    known = [item.encode_name for item in structs.fields(kind)]
+    if unknown := [name for name in entries if name not in known]:
+        raise ValueError(f"there is no entry {unknown[0]!r}{hint(unknown[0], known)}")
+    check(entries, kind)
+    try:
+        return convert(dict(entries), kind)
+    except ValidationError as error:
+        raise ValueError(str(error)) from None
+
+
+def read_entries(path: Path, kind: type[Any], about: str, *usual: Mapping[str, Any]) -> Any:
+    """The entries of a file in TOML as a struct.
+
+    Args:
+        path: of the file.
+        kind: of struct.
+        about: what it says, for messages.
+        usual: entries that hold where the file says nothing.
+
+    Raises:
+        FreneticError: there is no such file, or it is wrong; the message names the place in it.
+    """
+    data = read_bounded(path)
+    try:
+        entries = read_toml(data)
+        for others in usual:
+            entries = {**others, **entries}
+        return converted_entries(entries, kind)
+    except ValueError as error:
+        raise FreneticError(f"{path} does not say {about}: {error}") from None
+    except FreneticError as error:
+        raise FreneticError(f"{path}: {error}") from None
+
+
+def sign_driven(path: Path, signed: object) -> None:
+    """Writes a signature into the entry `DRIVEN` of a file in JSON, which is replaced whole.
+
+    Raises:
+        FreneticError: it cannot be read or written.
+    """
+    try:
+        content = read_json(read_bounded(path))
+        content[DRIVEN][SIGNED] = to_builtins(signed)
+    except (ValueError, TypeError, LookupError):
+        raise FreneticError(f"{path} holds several roads, so --trust cannot sign it") from None
+    write_file(path, f"{json.dumps(content)}\n", remedy="let it be written, or name the part")
+
+
+def write_entries(entries: Mapping[str, Any], path: Path, about: str) -> None:
+    """Write a file in TOML, but for entries that say nothing, under a line about it.
+
+    Raises:
+        FreneticError: it cannot be written.
+    """
+    said = {name: value for name, value in entries.items() if value not in (None, {}, [])}
+    text = f"# {about}\n{tomli_w.dumps(said)}"
+    write_file(path, text, remedy="make room, or let it be written")

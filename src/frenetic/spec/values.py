@@ -1,0 +1,107 @@
+"""Values of entries: road classes, domains, criteria and workers, from texts and files.
+
+Every command's help reads this module, so slow imports are inside functions.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Final
+
+from frenetic._support.words import part_word, read_part, shortened
+from frenetic.criteria import Profile
+
+# Imports inside functions below are too slow for help.
+
+if TYPE_CHECKING:
+    from frenetic.domain import Domain
+    from frenetic.road.classes import RoadClass
+
+COMPETITION: Final = "competition"
+"""Name of the roads that keep the competition's rules alone, in place of a road class."""
+MAX_WORKERS: Final = 1024
+"""Most roads that one computer drives at once; a cluster has as many seats as it has."""
+
+
+def read_class(roads: str | Mapping[str, Any]) -> RoadClass | None:
+    """The road class of an entry; None for the competition's roads, which have none.
+
+    Raises:
+        ValueError: the entry is wrong.
+        FreneticError: there is no such class.
+    """
+    from frenetic.road.classes import class_of  # numba takes its time
+
+    return class_of(roads)
+
+
+def roads_entry(road_class: RoadClass | None) -> str | dict[str, Any]:
+    """The entry for a road class: its name if that says all."""
+    from frenetic.road.classes import RoadClass, classes  # numba takes its time
+
+    if road_class is None:
+        return COMPETITION
+    name = road_class.name
+    is_known = name in classes() and RoadClass.of(name) == road_class
+    return name if is_known else road_class.as_json()
+
+
+def read_domain(odd: str | Mapping[str, Any]) -> Domain:
+    """The domain of an entry: a file's, or that of its entries.
+
+    Raises:
+        ValueError: the entry is wrong.
+        FreneticError: there is no such file, or it is wrong.
+    """
+    from frenetic.domain import Domain  # numba takes its time
+
+    if isinstance(odd, str):
+        return Domain.of(odd)
+    return Domain.made(str(odd.get("name", "own")), odd)
+
+
+def read_profile(criteria: str | Mapping[str, Any]) -> Profile:
+    """The criteria of an entry that `criteria_entries` gave."""
+    if isinstance(criteria, str):
+        name, options = read_part(criteria)
+        return Profile.of(name or COMPETITION, options)
+    entries = {key: value for key, value in criteria.items() if key != "name"}
+    return Profile.made(str(criteria.get("name", "own")), entries)
+
+
+def criteria_entries(criteria: str | Mapping[str, Any]) -> dict[str, Any]:
+    """The entries that a text such as ``after-iso-11270,lateral_jerk=4,speed_limit=60`` says.
+
+    A text that says rules alone gives no criteria.
+    """
+    rules: dict[str, Any] = {}
+    if isinstance(criteria, str):
+        name, options = read_part(criteria)
+    else:
+        name, options = str(criteria.get("name", "own")), dict(criteria)
+    for rule in ("speed_limit", "oob_tolerance"):
+        if rule in options:
+            rules[rule] = options.pop(rule)
+    if isinstance(criteria, str) and name is None and not options:
+        return {**rules, "criteria": None}
+    profile = read_profile(part_word(name, options) if isinstance(criteria, str) else options)
+    return {**rules, "criteria": profile.entry()}
+
+
+def read_workers(text: str) -> int | str:
+    """A number of workers, or the address of a Dask scheduler.
+
+    Raises:
+        ValueError: it is neither.
+    """
+    if re.fullmatch("-?[0-9]+", text):
+        if len(text) <= 9 and 1 <= int(text) <= MAX_WORKERS:
+            return int(text)
+        raise ValueError(f"{shortened(text, 60)} workers are given: 1 to {MAX_WORKERS} are allowed")
+    if ":" not in text:
+        raise ValueError(
+            f"{text!r} is neither a number nor the address of a Dask scheduler, such as"
+            " tcp://10.0.0.1:8786"
+        )
+    return text
