@@ -185,7 +185,7 @@ def test_crashes_are_failures_beside_departures(frenetic: Frenetic) -> None:
 
 
 def test_what_it_advises_after_a_crash_works_once_the_driver_is_mended(frenetic: Frenetic) -> None:
-    """With the options that the search had, and from another folder it says where to go."""
+    """With the options that the search had; from another folder the code is loaded from its own."""
     write("mydriver.py", MY_DRIVER)
     search = ("--simulations", "12", "--seed", "1", "--workers", "1", "--out", "c")
     how = ("--driver", "mydriver.py:Raises", "--with", "delay=0.05", "--criteria", "speed_limit=60")
@@ -208,9 +208,9 @@ def test_what_it_advises_after_a_crash_works_once_the_driver_is_mended(frenetic:
     Path("other").mkdir()
     os.chdir("other")
     for words in (("resume", "../d", "--simulations", "2"), ("rerun", "../d")):
-        assert frenetic(*words).refuses(
-            f"is not found here: go to the folder from which it was started, {here}"
-        )
+        answer = frenetic(*words)
+        assert answer.code in (0, 1), answer.err
+        assert f"mydriver.py:Raises is loaded from {here}" in answer.err
 
 
 COUNTING = """

@@ -132,7 +132,7 @@ def test_options_of_a_strangers_driver_do_not_name_it(frenetic: Frenetic) -> Non
     Path("theirs.py").write_text("raise SystemExit('it ran')\n")
     Path("run.toml").write_text('driver = "theirs.py:Driver"\n')
     refused = frenetic("run", "run.toml", "--driver", "aggression=1.1")
-    assert refused.refuses("code that you have not run", "--driver theirs.py:Driver")
+    assert refused.refuses("code that you have not trusted", "--driver theirs.py:Driver")
 
 
 WRONG = {

@@ -300,7 +300,7 @@ def test_a_search_that_is_killed_ends_in_one_line() -> None:
 @pytest.mark.parametrize(
     ("variable", "value", "says"),
     [
-        ("FRENETIC_SEED", "many", "'many' is not a valid integer"),
+        ("FRENETIC_SEED", "many", "seed is 'many': a whole number is needed"),
         ("FRENETIC_STRATEGY_OPTIONS", "treshold=-0.3", "did you mean 'threshold'?"),
         ("FRENETIC_STRATEGY_OPTIONS", "threshold='-0.3", "No closing quotation"),
         ("FRENETIC_COMMAND", "no-such-frenetic", "set FRENETIC_COMMAND"),

@@ -370,8 +370,12 @@ def test_it_prints_a_verdict_and_writes_a_profile(frenetic: Frenetic) -> None:
         ("", ("slow", *FIT[2:]), ("the twin has no driver",)),
         ("", ("slow", *FIT, "--out", "twin.toml"), ("name ends with .json",)),
         ("", ("slow", *FIT, "--vehicle", "tank"), ("'tank': default, metadrive or etk800",)),
-        ("terms = {oob_tolerance = 2}", ("fit.toml",), ("at `$.terms.oob_tolerance`",)),
-        ("fold = 1", ("fit.toml",), ("unknown field `fold`",)),
+        (
+            "terms = {oob_tolerance = 2}",
+            ("fit.toml",),
+            ("terms.oob_tolerance is 2: a number <= 1 is needed",),
+        ),
+        ("fold = 1", ("fit.toml",), ("there is no entry 'fold'; there are recordings, terms",)),
     ],
 )
 def test_a_mistake_is_one_line(

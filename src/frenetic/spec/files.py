@@ -30,7 +30,9 @@ def converted_entries(entries: Mapping[str, Any], kind: type[Any]) -> Any:
     """
     known = [item.encode_name for item in structs.fields(kind)]
     if unknown := [name for name in entries if name not in known]:
-        raise ValueError(f"there is no entry {unknown[0]!r}{hint(unknown[0], known)}")
+        close = hint(unknown[0], known)
+        others = f"; there are {', '.join(known)}" if close == "." else close
+        raise ValueError(f"there is no entry {unknown[0]!r}{others}")
     check(entries, kind)
     try:
         return convert(dict(entries), kind)
@@ -38,24 +40,20 @@ def converted_entries(entries: Mapping[str, Any], kind: type[Any]) -> Any:
         raise ValueError(str(error)) from None
 
 
-def read_entries(path: Path, kind: type[Any], about: str, *usual: Mapping[str, Any]) -> Any:
+def read_entries(path: Path, kind: type[Any], about: str) -> Any:
     """The entries of a file in TOML as a struct.
 
     Args:
         path: of the file.
         kind: of struct.
         about: what it says, for messages.
-        usual: entries that hold where the file says nothing.
 
     Raises:
         FreneticError: there is no such file, or it is wrong; the message names the place in it.
     """
     data = read_bounded(path)
     try:
-        entries = read_toml(data)
-        for others in usual:
-            entries = {**others, **entries}
-        return converted_entries(entries, kind)
+        return converted_entries(read_toml(data), kind)
     except ValueError as error:
         raise FreneticError(f"{path} does not say {about}: {error}") from None
     except FreneticError as error:
