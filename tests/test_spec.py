@@ -6,6 +6,7 @@ import json
 import math
 import shutil
 from contextlib import suppress
+from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,7 +18,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from specs import ENTRIES, entries, specs, values
 
-from frenetic.campaign import Campaign, CampaignStore
+from frenetic.again.rerun import rerun_with
+from frenetic.analysis.groups import group_campaigns
+from frenetic.campaign import Campaign, CampaignStore, RoadTester
 from frenetic.campaign.configuration import driving_spec, fault_of, recorded_spec
 from frenetic.criteria import Profile
 from frenetic.domain import Domain
@@ -485,3 +488,55 @@ def test_a_wrong_entry_of_a_roads_file_names_the_remedy(driven: object, text: st
     assert message.startswith("road.json: its entry 'driven' does not say with what the road was")
     assert text in message
     assert message.endswith("; remove the entry and name a driver")
+
+
+OTHER_TERMS: dict[str, dict[str, Any]] = {
+    "map_size": {"map_size": 250.0},
+    "margin": {"margin": 20.0},
+    "lane_width": {"lane_width": 3.5},
+    "road_class": {
+        "roads": RoadClass.of("urban-50", {"length": 150}).as_json(),
+        "map_size": MAP_SIZE,
+        "lane_width": 4.0,
+    },
+    "domain": {"odd": {"name": "x", "conditions": {"delay": {"low": 0.0, "high": 0.1}}}},
+    "conditions": {"with": {"delay": 0.1}},
+}
+"""Field of terms -> entries that give it another value."""
+
+
+def made_in(folder: Path, **said: Any) -> Campaign:
+    """A campaign of one drive."""
+    usual = {"strategy": "random", "driver": "planner", "seed": 1, "simulations": 1}
+    return Campaign.of(Spec.of(usual, said), folder=folder, workers=1)
+
+
+@pytest.fixture(scope="module")
+def usual_campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("terms") / "usual"
+    made_in(folder).run()
+    return folder
+
+
+@pytest.mark.parametrize("field", [item.name for item in fields(Terms)])
+def test_other_terms_make_another_campaign(
+    field: str, usual_campaign: Path, tmp_path: Path
+) -> None:
+    """They are not resumed, no repeats of each other, and their reruns lie apart."""
+    other = made_in(tmp_path / "other", **OTHER_TERMS[field])
+    differing = [
+        item.name
+        for item in fields(Terms)
+        if getattr(other.tester.terms, item.name) != getattr(Terms(), item.name)
+    ]
+    assert differing == [field]
+    with pytest.raises(CampaignError, match=field.replace("_", " ")):
+        made_in(usual_campaign, **OTHER_TERMS[field]).resume()
+    other.run()
+    assert len(group_campaigns([usual_campaign, other.folder])) == 2
+    usual = RoadTester.of(Spec(driver="planner"), Terms())
+    again = [
+        rerun_with(usual_campaign, tester, tests=[1]).folder
+        for tester in (usual, replace(usual, terms=replace(other.tester.terms, domain=None)))
+    ]
+    assert (again[0] == again[1]) == (field == "domain")

@@ -523,7 +523,7 @@ def estimate(
         KeyboardInterrupt: Ctrl-C came before the last drive.
         FreneticError: no road of the domain is valid, the simulator broke, or simulator or driver
             cannot have the domain's conditions.
-        CampaignError: as for `frenetic.again.campaigns`.
+        CampaignError: as for `frenetic.again.campaigns.campaign_again`.
         ValueError: a number is out of range.
     """
     drives = require_count("drives", drives, least=100)

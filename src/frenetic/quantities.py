@@ -328,6 +328,18 @@ def _attributes(entries: tuple[Entry, ...]) -> frozenset[str]:
     return frozenset(row.attribute for row in _table(entries).values() if row.attribute)
 
 
+def require_allowed(amounts: Mapping[str, float]) -> None:
+    """Checks amounts of quantities; one without effect is allowed, and so is any seed.
+
+    Raises:
+        UnknownNameError: there is no such quantity.
+        ValueError: an amount is out of its quantity's range.
+    """
+    for name, amount in amounts.items():
+        if name != SEED and amount != quantity(name).nothing:
+            quantity(name).require(amount)
+
+
 def quantity(name: str) -> Quantity:
     """The quantity of a name.
 

@@ -10,8 +10,9 @@ made it may be a stranger. `named_code` tells what of it names code; that is loa
   in the same current folder.
 
 The key of the signatures and the list of such files lie in the user's own folder, `folder`. No
-digest of a file is in either: it could not bind what the file imports. `require_trusted` is the
-only border: workers, clusters and `compare`'s child process load what it let through.
+digest of a file is in either: it could not bind what the file imports. Each command asks
+`require_trusted` before it makes a part: workers, clusters and `compare`'s child process load what
+it let through. A script in Python that makes the parts of a file has asked nobody.
 """
 
 from __future__ import annotations

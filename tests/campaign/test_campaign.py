@@ -437,20 +437,20 @@ def test_a_strategy_that_observes_sees_each_drive_before_it_is_told(tmp_path: Pa
 # Options and budgets
 
 COUNT = "a whole number of at least 1"
-METRES = "a number of metres"
+NUMBER = "a number is needed"
 
 
 @pytest.mark.parametrize(
     ("option", "value", "words"),
     [
-        ("lane_width", 0, "lane_width is 0: 0.1 to 100 m are allowed"),
-        ("lane_width", float("nan"), f"lane_width is nan: {METRES}"),
-        ("lane_width", "4", f"lane_width is '4': {METRES}"),
-        ("margin", -1.0, "margin is -1: a number of at least 0"),
-        ("margin", None, f"margin is None: {METRES}"),
+        ("lane_width", 0, "lane_width is 0: a number > 0 is needed"),
+        ("lane_width", float("nan"), "lane_width is nan: a number > 0 is needed"),
+        ("lane_width", "4", f"lane_width is '4': {NUMBER}"),
+        ("margin", -1.0, "margin is -1.0: a number >= 0 is needed"),
+        ("margin", None, f"margin is None: {NUMBER}"),
         ("map_size", 150.0, "map_size is 150, but the strategy was made for 200"),
-        ("map_size", "wide", f"map_size is 'wide': {METRES}"),
-        ("map_size", True, f"map_size is True: {METRES}"),
+        ("map_size", "wide", f"map_size is 'wide': {NUMBER}"),
+        ("map_size", True, f"map_size is True: {NUMBER}"),
         ("workers", "a", "'a' is neither a number nor the address of a Dask scheduler"),
         ("workers", "", "'' is neither a number nor the address of a Dask scheduler"),
         ("workers", float("nan"), f"workers is nan: {COUNT}"),

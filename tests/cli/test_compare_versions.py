@@ -124,3 +124,35 @@ def test_progress_never_exceeds_its_total(
         done = [drives for drives, _ in shown]
         assert done == sorted(done)
         assert (done[-1] == total) == (not stop)
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("[with]\ndelay = 0.1\n", "new.toml names no driver: name one there, or give --driver"),
+        (
+            'driver = "stanley"\nspeed_limit = 60\n[with]\ndelay = 0.1\n',
+            "new.toml says 'with', 'speed_limit' otherwise than night, where both versions drive",
+        ),
+    ],
+)
+def test_a_file_that_says_more_than_another_driver_is_refused(
+    frenetic: Frenetic, text: str, problem: str
+) -> None:
+    Path("new.toml").write_text(text)
+    before = sorted(Path("night").rglob("*"))
+    answer = frenetic("compare", "night", "--as", "new.toml", *FEW)
+    assert answer.code == 2
+    assert problem in answer.err
+    assert sorted(Path("night").rglob("*")) == before
+
+
+def test_the_file_of_the_new_version_may_be_that_of_its_campaign(frenetic: Frenetic) -> None:
+    text = Path("night/campaign.toml").read_text()
+    Path("new.toml").write_text(text.replace(OLD, NEW))
+    answers = [
+        frenetic("compare", "night", *new, *FEW).out
+        for new in (("--driver", NEW), ("--as", "new.toml"))
+    ]
+    assert answers[0] == answers[1]
+    assert f"new: {NEW} (" in answers[0]

@@ -196,3 +196,12 @@ def test_the_exit_code_and_the_junit_file_say_what_became_of_them(
     assert worse["changes"]["fails now"] > 0
     assert worse["driver"]["options"]["aggression"] == 2.0
     assert worse["conditions"] == {"delay": 0.05}, "the recorded delay stays"
+
+
+def test_a_file_that_names_a_driver_alone_drives_in_the_usual_simulator(
+    frenetic: Frenetic, copied: str
+) -> None:
+    Path("new.toml").write_text('driver = "stanley"\n')
+    answer = frenetic("rerun", copied, "--top", "1", "--as", "new.toml")
+    assert answer.code == 0
+    assert answer.out.startswith("1 test, 1 drive of each: ")

@@ -79,9 +79,8 @@ def campaign_again(
     """
     if folder is not None and not Path(folder).is_dir():  # the new one must not make it again
         raise CampaignGoneError(f"{folder} was moved or deleted while its roads were driven again")
-    setting, parts = tester.setting, tester.described
-    driven = [parts["driver"], parts["simulator"], setting.rules.as_json()]
-    driven += [dict(setting.conditions)] if setting.conditions else []
+    parts, terms_of_drives = tester.described, {**vars(tester.terms), "domain": strategy.domain}
+    driven = [parts["driver"], parts["simulator"], tester.simulator.rules, terms_of_drives]
     text = json.encode([what, terms, driven], order="sorted", enc_hook=plain)
     digest = hashlib.sha256(text).hexdigest()[:SHORT]
     place = Path(how.get("out") or Path(folder or "") / FOLDER / digest)
@@ -156,7 +155,7 @@ def say_complete(folder: Path, counts: Counts, on_event: Callable[[Event], objec
 
 
 def terms_of(store: CampaignStore) -> Mapping[str, Any]:
-    """Why a campaign drives roads again, see `drive`; empty if it does not."""
+    """Why a campaign drives roads again, see `campaign_again`; empty if it does not."""
     terms = store.config.get(TERMS)
     return terms if isinstance(terms, Mapping) else {}
 

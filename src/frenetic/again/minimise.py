@@ -424,7 +424,7 @@ def minimise(
 
     Raises:
         FreneticError: the road does not fail.
-        CampaignError: as for `frenetic.again.campaigns`.
+        CampaignError: as for `frenetic.again.campaigns.campaign_again`.
         ValueError: a number is out of range, or the road has other lanes than the tester.
     """
     max_drives = require_count("max_drives", max_drives)

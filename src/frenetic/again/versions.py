@@ -293,7 +293,8 @@ def fresh_roads(
         how: see `How`.
 
     Raises:
-        CampaignError: there is no such campaign, or as for `frenetic.again.campaigns`.
+        CampaignError: there is no such campaign, or as for
+            `frenetic.again.campaigns.campaign_again`.
         ValueError: an option is out of range.
     """
     return _drive_fresh(campaign, tester, fresh, how, named="random")
@@ -302,7 +303,7 @@ def fresh_roads(
 def _drive_fresh(
     campaign: Path | str, tester: RoadTester, fresh: int, how: How, *, named: str | None
 ) -> FreshRoads:
-    """`fresh_roads`, by a strategy of that name; without one, the campaign names no parts."""
+    """`fresh_roads`, by a strategy of that name; without one, its record has no spec to sign."""
     require_count("fresh", fresh)
     with CampaignStore.open(campaign) as store:
         seed = _fresh_seed(store)
@@ -477,7 +478,8 @@ def compare_versions(roads: FreshRoads, tester: RoadTester, **how: Unpack[How]) 
         how: see `How`.
 
     Raises:
-        CampaignError: both versions are the same, or as for `frenetic.again.campaigns`.
+        CampaignError: both versions are the same, or as for
+            `frenetic.again.campaigns.campaign_again`.
     """
     described = tester.described
     check_differ(roads.driver, described["driver"])
@@ -518,7 +520,20 @@ def back_to_back(
     fresh: int = FRESH,
     workers: int = 1,
 ) -> BackToBack:
-    """Compares two versions of a driver; see `fresh_roads` for arguments and errors."""
+    """Compares two versions of a driver on fresh random roads and on those on which one failed.
+
+    Args:
+        campaign: folder of the campaign of the old version.
+        simulator: any, not yet entered.
+        old: the version of the campaign.
+        new: the other version.
+        fresh: number of random roads.
+        workers: roads driven at once.
+
+    Raises:
+        CampaignError: both versions are the same, or as for `fresh_roads`.
+        ValueError: an option is out of range.
+    """
     with CampaignStore.open(campaign) as store:
         terms = store.setting.terms
     testers = [RoadTester(simulator, driver, terms) for driver in (old, new)]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,24 +22,13 @@ from frenetic.quantities import in_words as conditions_in_words
 from frenetic.registry import part_name
 from frenetic.road import profile
 from frenetic.road.classes import RoadClass
+from frenetic.spec.terms import Terms
 from frenetic.versions import short_version
 
 PARTS: Final = (
-    "strategy",
-    "driver",
-    "simulator",
-    "conditions",
-    "rules",
-    "budget",
-    "map_size",
-    "margin",
-    "lane_width",
-    "road_class",
-    "domain",
-    "lookahead",
-    "objective",
-    "start_from",
-    "behaviours",
+    *("strategy", "driver", "simulator", "rules", "budget"),
+    *(item.name for item in fields(Terms)),
+    *("lookahead", "objective", "start_from", "behaviours"),
 )
 """Parts of a configuration that repeats share; the strategy's seed differs."""
 

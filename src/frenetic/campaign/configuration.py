@@ -97,7 +97,7 @@ def fault_of(config: Mapping[str, Any]) -> str:
 
 
 def recorded_spec(config: Mapping[str, Any], *, source: object) -> Spec:
-    """The spec of a campaign; that of one of objects says only its roads and conditions.
+    """The spec of a campaign; of one that was made of objects, its roads and conditions alone.
 
     Args:
         config: its configuration.

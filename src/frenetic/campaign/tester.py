@@ -58,7 +58,8 @@ class RoadTester:
     spec: Spec | None = None
     """Spec that names driver and simulator; None for objects from Python."""
     folder: Path | None = None
-    """Folder in which parts with names were made, from which their names and files go."""
+    """Folder in which parts with names were made, from which their names and files go; by default
+    the current one."""
 
     @classmethod
     def of(cls, spec: Spec, terms: Terms | None = None, rules: Rules | None = None) -> RoadTester:
@@ -74,9 +75,11 @@ class RoadTester:
             ValueError: the terms are out of range.
         """
         driver, simulator = spec.make_driver(), spec.make_simulator(rules)
-        return cls(simulator, driver, spec.terms if terms is None else terms, spec, Path.cwd())
+        return cls(simulator, driver, spec.terms if terms is None else terms, spec)
 
     def __post_init__(self) -> None:
+        if self.spec is not None and self.folder is None:
+            object.__setattr__(self, "folder", Path.cwd())
         check_pair_in(self.terms.conditions, self.simulator, self.driver)
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -54,6 +54,7 @@ def campaign_spec(store: CampaignStore, given: Given, *, checked: bool = True) -
         FreneticError: a given rule is out of range.
         click.UsageError: other roads are given.
     """
+    from frenetic.campaign.configuration import SPEC
     from frenetic.campaign.state import is_told
 
     if given.says("roads"):
@@ -62,7 +63,7 @@ def campaign_spec(store: CampaignStore, given: Given, *, checked: bool = True) -
     spec = given.over(source.spec)
     if checked:
         spec, folder = given.trusted(spec, source)
-    if spec.driver is None or spec.simulator is None:
+    if store.config.get(SPEC) is None and None in (spec.driver, spec.simulator):
         how, elsewhere = "was started from Python", ", or do it from Python"
         if is_told(store.config):
             how, elsewhere = "was told its results", ""

@@ -1,6 +1,6 @@
 """Options of commands that are entries of a `Spec`, and the specs that they give.
 
-Each option's value is a spec that says its entry, so what a command line says is a row of specs.
+Each option is parsed to a spec with its entry alone; `Given.of` merges them.
 """
 
 from __future__ import annotations
@@ -40,8 +40,6 @@ _EXAMPLES: Final = {
     "driver": "planner,aggression=1.2",
     "simulator": "embedded,friction=0.7",
 }
-_NUMBERS: Final = ("map_size", "simulations", "failures", "seed")
-"""Entries that are numbers in their options."""
 _SEVERAL: Final = ("conditions", "start_from")
 """Entries whose option may be repeated."""
 
@@ -63,7 +61,7 @@ def names_of(
 
 
 class _Entry(click.ParamType):  # type: ignore[type-arg]  # generic in click's newest only
-    """A spec that says one entry, whose value is a text.
+    """The type of an option, for click: from a text to a spec with that one entry.
 
     Args:
         entry: name of the attribute of `Spec`.
@@ -87,10 +85,17 @@ class _Entry(click.ParamType):  # type: ignore[type-arg]  # generic in click's n
             return dict([_read_amount(text)])
         if self.entry == "start_from":
             return (text,)
-        return read_setting(text) if self.entry in _NUMBERS else text
+        return text if _takes_text(self.entry) else read_setting(text)
 
 
 _HINTS: Final[Mapping[str, Any]] = get_type_hints(Spec, include_extras=True)
+_KINDS: Final[Mapping[str, Any]] = get_type_hints(Spec)
+
+
+def _takes_text(entry: str) -> bool:
+    """Whether the value of an entry may be a text, so that an option's is not read as a number."""
+    hint = _KINDS[entry]
+    return any(str in (kind, get_origin(kind)) for kind in (hint, *get_args(hint)))
 
 
 def _read_amount(given: str) -> tuple[str, float]:
@@ -211,7 +216,7 @@ class Given:
     others: Parts = field(default_factory=dict)
     """Other parts that it names, such as a bench's entrants."""
     kinds: Collection[str] = ()
-    """Kinds of parts that its command has an option for."""
+    """Names of its command's parameters."""
 
     @classmethod
     def of(cls, context: click.Context) -> Given:

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 from msgspec import structs
 
-from frenetic._support.words import counted
+from frenetic._support.words import counted, part_word
 from frenetic.cli import echo
 from frenetic.cli.again import campaign_source, interrupted, shown_driving
 from frenetic.cli.console import Log, print_table, shell
 from frenetic.cli.entries import Given
-from frenetic.errors import CampaignError
+from frenetic.errors import CampaignError, FreneticError
 from frenetic.spec import Spec
 
 if TYPE_CHECKING:
@@ -51,7 +51,8 @@ def _specs(folder: Path, given: Given) -> tuple[Spec, Spec, Path]:
 
     Raises:
         CampaignError: the campaign was started from Python, or its record is damaged.
-        FreneticError: it names code that this user has not trusted.
+        FreneticError: it names code that this user has not trusted, or the file of ``--as`` says
+            more than another driver.
     """
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.configuration import SPEC
@@ -67,8 +68,27 @@ def _specs(folder: Path, given: Given) -> tuple[Spec, Spec, Path]:
         source = campaign_source(store)
         old = Spec.of(source.spec)
         Given(is_trusted=given.is_trusted).trusted(old, source)
-        new = structs.replace(old, driver=given.over(old).driver)
+        new = structs.replace(old, driver=_new_driver(folder, old, given))
         return old, *given.trusted(new, source, of_file=("driver",))
+
+
+def _new_driver(folder: Path, old: Spec, given: Given) -> str | None:
+    """The new driver, in whose file all else has to be as in the campaign.
+
+    Raises:
+        FreneticError: the file of ``--as`` names no driver, or says what the campaign does not.
+    """
+    file = Given(driven_as=given.driven_as).over(Spec())
+    if given.driven_as is not None and file.driver is None:
+        raise FreneticError(f"{given.driven_as} names no driver: name one there, or give --driver")
+    recorded = {**old.entries(), "simulator": part_word(*old.part("simulator"))}
+    others = {name: value for name, value in file.entries().items() if name != "driver"}
+    if differing := [repr(name) for name, value in others.items() if value != recorded.get(name)]:
+        raise FreneticError(
+            f"{given.driven_as} says {', '.join(differing)} otherwise than {folder}, where both"
+            " versions drive: leave that out, and only the driver differs"
+        )
+    return given.over(old).driver
 
 
 def _driven(

@@ -1,4 +1,4 @@
-"""Files with entries: TOML of a run or a bench, and roads with how they were driven."""
+"""Files with entries: TOML of a run, and roads with how they were driven."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ from frenetic._support.words import (
 )
 from frenetic.description import PARTS
 from frenetic.errors import FreneticError
-from frenetic.quantities import SEED, SPEED, quantities, quantity
+from frenetic.quantities import SEED, SPEED, quantities, quantity, require_allowed
 from frenetic.registry import Made
 from frenetic.spec.budget import Budget
 from frenetic.spec.files import (
@@ -194,9 +194,7 @@ class Spec(
     def __post_init__(self) -> None:
         said = converted(self.said, Spec)
         said |= {kind: part_word(*read_part(said[kind])) for kind in PARTS if kind in said}
-        for name, amount in said.get("conditions", {}).items():
-            if name != SEED and amount != quantity(name).nothing:
-                quantity(name).require(amount)
+        require_allowed(said.get("conditions", {}))
         if "criteria" in said:
             said |= converted(criteria_entries(said["criteria"]), Spec)
         if "roads" in said:
@@ -349,7 +347,7 @@ class Spec(
         Args:
             has_roads: whether the roads exist, with a map and a lane width of their own.
         """
-        entries = _DRIVING if has_roads else (*_DRIVING, "roads", *_ROADS)
+        entries = _DRIVING if has_roads else (*_DRIVING, "roads", *_TERMS)
         said = {name: getattr(self, name) for name in entries}
         if not has_roads and self._names_roads:
             said["roads"] = roads_entry(self.road_class)
@@ -358,7 +356,7 @@ class Spec(
     @classmethod
     def of_terms(cls, terms: Terms) -> Self:
         """The spec that says some terms."""
-        said: dict[str, Any] = {name: getattr(terms, name) for name in _ROADS}
+        said: dict[str, Any] = {name: getattr(terms, name) for name in _TERMS}
         said |= {"roads": roads_entry(terms.road_class), "conditions": dict(terms.conditions)}
         return cls(**said, odd=None if terms.domain is None else terms.domain.entries())
 
@@ -368,7 +366,7 @@ class Spec(
 
     def without_driving(self, *, has_roads: bool = False) -> Spec:
         """The same without what `driving` gives."""
-        entries = _DRIVING if has_roads else (*_DRIVING, "roads", *_ROADS)
+        entries = _DRIVING if has_roads else (*_DRIVING, "roads", *_TERMS)
         unsaid = Spec()
         return structs.replace(self, **{name: getattr(unsaid, name) for name in entries})
 
@@ -518,7 +516,7 @@ class Spec(
         """
         from frenetic.spec.terms import Terms  # numba takes its time
 
-        said = {name: value for name in _ROADS if (value := getattr(self, name)) is not None}
+        said = {name: value for name in _TERMS if (value := getattr(self, name)) is not None}
         said |= {"domain": self.domain, "conditions": self.conditions}
         return Terms.of_class(self.road_class, **said)
 
@@ -549,7 +547,7 @@ class Spec(
     # To parts
 
     def make_strategy(self) -> Strategy:
-        """The strategy, with seed, map size and this spec if its class takes them.
+        """The strategy; its class may take seed, map size, road class, domain and this spec.
 
         Raises:
             FreneticError: it cannot be made.
@@ -612,7 +610,7 @@ _DRIVING: Final = (
     "wall_limit",
 )
 """Entries that say how roads are driven."""
-_ROADS: Final = ("map_size", "margin", "lane_width")
-"""Entries that say where roads lie, and how wide they are."""
+_TERMS: Final = ("map_size", "margin", "lane_width")
+"""Entries that `Terms` has by the same names; of roads that exist, they do not count."""
 _LIMITS: Final = ("simulations", "time", "failures")
 """Entries that are limits of the budget."""

@@ -8,10 +8,11 @@ from typing import Any, Final, Self
 
 from msgspec import convert
 
-from frenetic._support.bounds import NotNegative, Positive, is_number, shown
+from frenetic._support.bounds import NotNegative, Positive, check
 from frenetic._support.scalars import take_numpy_scalars
 from frenetic.domain import Domain
 from frenetic.drive import CarBody, Rules
+from frenetic.quantities import require_allowed
 from frenetic.road import MAP_SIZE, MARGIN
 from frenetic.road.classes import RoadClass
 from frenetic.road.road import MAX_COORDINATE, checked_lane_width
@@ -23,8 +24,8 @@ class Terms:
     """Map, lanes, roads and conditions of a run's drives.
 
     Raises:
-        ValueError: the map is too small for its margin, or too large; the margin is negative; a
-            lane has no width that can be represented; or there is no such condition.
+        ValueError: a field is of another kind or out of its bounds; the map is too small for its
+            margin, or too large; or a condition is unknown or has an amount that is not allowed.
     """
 
     map_size: Positive = MAP_SIZE
@@ -41,13 +42,9 @@ class Terms:
     """Name of a quantity -> its amount in every drive, see `frenetic.quantities`."""
 
     def __post_init__(self) -> None:
-        for name in ("map_size", "margin", "lane_width"):
-            if not is_number(value := getattr(self, name)):
-                raise ValueError(f"{name} is {shown(value)}: a number of metres is needed")
         take_numpy_scalars(self)
+        check(vars(self), Terms)
         checked_lane_width(self.lane_width)
-        if self.margin < 0.0:
-            raise ValueError(f"margin is {self.margin:g}: a number of at least 0 is needed")
         if not self.map_size > 2.0 * self.margin:
             raise ValueError(
                 f"map_size is {self.map_size:g}: more than twice the margin of"
@@ -58,6 +55,7 @@ class Terms:
                 f"map_size is {self.map_size:g}: at most {MAX_COORDINATE:g} m are allowed"
             )
         check_conditions(self.conditions)
+        require_allowed(self.conditions)
 
     @classmethod
     def of_class(cls, road_class: RoadClass | None, **others: Any) -> Self:

@@ -80,7 +80,7 @@ class DriveProcess:
         except BaseException:
             self._worker.kill()
             raise
-        if self._tester.simulator.car != car:  # measured there
+        if self._tester.simulator.car != car:  # as a simulator with `prepare` has measured it
             self._tester.simulator.car = car
         self._is_up = True
         return self
