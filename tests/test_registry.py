@@ -303,7 +303,9 @@ def test_files_of_a_part_from_another_folder_get_absolute_paths(folder: Path) ->
         "planner",
         {"law": str(folder / "w.npz")},
     )
-    with pytest.raises(FreneticError, match=f"'own:Own' is a module in {folder}, and another part"):
+    with pytest.raises(
+        FreneticError, match=f"'own:Own' is a module, which would be imported from {folder}"
+    ):
         DRIVERS.absolute("own:Own", {}, folder)
 
 

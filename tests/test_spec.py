@@ -540,3 +540,28 @@ def test_other_terms_make_another_campaign(
         for tester in (usual, replace(usual, terms=replace(other.tester.terms, domain=None)))
     ]
     assert (again[0] == again[1]) == (field == "domain")
+
+
+def test_an_option_of_a_later_simulator_wins_over_an_earlier_condition() -> None:
+    icy = Spec.of({"with": {"friction": 0.5, "delay": 0.1}})
+    dry = Spec.of(icy, {"simulator": "embedded,friction=1.2"})
+    assert dry.conditions == {"delay": 0.1}
+    assert dry.amounts == {"friction": 1.2, "delay": 0.1}
+    assert Spec.of(dry, {"with": {"friction": 0.5}}).terms.conditions["friction"] == 0.5
+
+
+def test_amounts_may_be_numbers_of_numpy() -> None:
+    assert Spec(conditions={"delay": np.float64(0.1)}).conditions == {"delay": 0.1}
+    assert type(Spec.of({"with": {"delay": np.float32(1)}}).conditions["delay"]) is float
+    assert Terms(conditions={"delay": np.float64(0.1)}).conditions == {"delay": 0.1}
+
+
+def test_a_rule_has_one_value() -> None:
+    with pytest.raises(ValueError, match="speed_limit is 60, and 70 in the criteria: leave out"):
+        Spec.of({"criteria": "competition,speed_limit=70", "speed_limit": 60})
+    assert Spec.of({"criteria": "speed_limit=70", "speed_limit": 70}).speed_limit == 70.0
+
+
+def test_an_attributes_name_in_a_file_is_answered_with_that_of_the_entry() -> None:
+    with pytest.raises(ValueError, match="there is no entry 'conditions': it is 'with'"):
+        Spec.of({"conditions": {"delay": 0.1}})

@@ -310,9 +310,11 @@ def test_a_program_that_a_strangers_simulator_starts_is_refused(
     frenetic: Frenetic, received: Path
 ) -> None:
     change_fact("c", "config", with_entry("simulator", "beamng,home=/opt/theirs"))
-    for command in ("resume", "rerun"):
-        refused = frenetic(*commands()[command], *(NAMED if command == "rerun" else ()))
-        assert refused.refuses("the simulator 'beamng'", "--simulator beamng,home=/opt/theirs")
+    refused = frenetic(*commands()["rerun"], *NAMED)
+    assert refused.refuses("the simulator 'beamng'", "--simulator beamng,home=/opt/theirs")
+    # There is no option for the driver, so naming the simulator alone would not help.
+    refused = frenetic(*commands()["resume"])
+    assert refused.refuses("the simulator 'beamng'", "if you do, add --trust")
     assert not received.exists()
 
 
@@ -455,20 +457,20 @@ def test_an_installed_driver_drives_beside_a_folder_of_its_modules_name(
     frenetic: Frenetic, tmp_path: Path, mark: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     site = tmp_path / "site-packages"
-    info = site / "careful_drivers-1.0.dist-info"
+    info = site / "watchful_drivers-1.0.dist-info"
     info.mkdir(parents=True)
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: careful-drivers\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[frenetic.drivers]\ncareful = careful:Careful\n")
-    (site / "careful.py").write_text(
-        "from frenetic import Planner\n\nclass Careful(Planner): pass\n"
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: watchful-drivers\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[frenetic.drivers]\nwatchful = watchful:Watchful\n")
+    (site / "watchful.py").write_text(
+        "from frenetic import Planner\n\nclass Watchful(Planner): pass\n"
     )
     monkeypatch.syspath_prepend(str(site))
-    write_marking(tmp_path / "careful" / "__init__.py", mark, "class Careful: pass\n")
-    Path("own.toml").write_text("driver = 'careful'\n", encoding="utf-8")
+    write_marking(tmp_path / "watchful" / "__init__.py", mark, "class Watchful: pass\n")
+    Path("own.toml").write_text("driver = 'watchful'\n", encoding="utf-8")
     assert frenetic("run", "own.toml", *FEW, "--out", "c").code == 0, "and is not asked about"
     with CampaignStore.open("c") as store:
         driver: Any = store.config["driver"]
-    assert driver["class"] == "careful:Careful"
+    assert driver["class"] == "watchful:Watchful"
     assert not mark.exists()
 
 
@@ -531,7 +533,7 @@ def test_a_profile_is_signed_and_loaded_from_its_folder_only(
     assert read.spec().driver == f"{user}/mine.py:Mine"
     signed = {**read.driven, "driver": "mine.py:run"}
     with pytest.raises(
-        FreneticError, match=f"not trusted: if you do, go to where it was, {user}, and"
+        FreneticError, match=f"not trusted: if you do, go to where it was as that says, {user}, and"
     ):
         Profile(name="twin", driven=signed).spec()
     assert Profile(name="twin", driven={**read.driven, "signed": None}).digest() == read.digest()
@@ -808,7 +810,9 @@ def test_signed_code_is_loaded_from_the_folder_of_the_signature_only(tmp_path: P
     assert trust.require_trusted("c", parts, **signed) == Path("here")
     assert trust.require_trusted("c", parts, **signed, is_trusted=True) == Path("here")
     assert trust.require_trusted("c", parts, **signed, named=CODE) == tmp_path, "where it is named"
-    with pytest.raises(FreneticError, match=r"if you do, go to where it was, there, and name it"):
+    with pytest.raises(
+        FreneticError, match=r"if you do, go to where it was as that says, there, and name it"
+    ):
         trust.require_trusted("c", parts, **{**signed, "folder": "there"})
     Path("theirs.py").touch()
     others: list[dict[str, object]] = [

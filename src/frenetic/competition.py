@@ -257,7 +257,7 @@ def _frenetic() -> list[str]:
     if program:
         return [program]
     if importlib.util.find_spec("frenetic") and importlib.util.find_spec("msgspec"):
-        return [sys.executable, "-m", "frenetic"]
+        return [sys.executable, "-P", "-m", "frenetic"]
     raise RuntimeError(
         f"the command frenetic is not found: install frenetic-roads on Python 3.11 or newer, and"
         f" set {COMMAND} to its path"

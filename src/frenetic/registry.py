@@ -190,8 +190,9 @@ class Registry:
         if Path(name).suffix.lower() in self.files:
             return str(_path_in(folder, name).absolute()), options
         raise FreneticError(
-            f"the {self.kind} {name!r} is a module in {folder}, and another part is loaded from"
-            " another folder: name its file, such as path/to/file.py:Class"
+            f"the {self.kind} {name!r} is a module, which would be imported from {folder},"
+            " and another part is loaded from another folder: name its file, such as"
+            " path/to/file.py:Class"
         )
 
     def make(self, spec: str, /, **options: Any) -> Any:

@@ -67,9 +67,15 @@ _MOST_SHOWN: Final = 300  # characters of a part in a message
 
 
 def folder() -> Path:
-    """The user's own folder."""
+    """The user's own folder.
+
+    Raises:
+        FreneticError: `VARIABLE` says one that would be another in every current folder.
+    """
     if given := os.environ.get(VARIABLE):
-        return Path(given)
+        if not (place := Path(given).expanduser()).is_absolute():
+            raise FreneticError(f"{VARIABLE} is {given}: the whole path of a folder is needed")
+        return place
     if sys.platform == "win32":
         return Path(os.environ.get("LOCALAPPDATA", "~")).expanduser() / "frenetic"
     if sys.platform == "darwin":
@@ -171,8 +177,8 @@ def unsigned_text() -> str:
     except RuntimeError:  # there is no home folder
         file = Path("~", _KEY)
     return (
-        f"{file} cannot be read or written, so later commands ask about your own parts again: set"
-        f" {VARIABLE} to a folder where it can"
+        f"{file} cannot be written, or is no key, so later commands ask about your own parts again:"
+        f" remove it, or set {VARIABLE} to a folder where it can"
     )
 
 
@@ -348,10 +354,10 @@ def require_trusted(
     asked = [kind for kind in needed if given.get(kind) != needed[kind]]
     if asked and is_signed(signature, code, folder, sources):
         if not Path(str(folder)).is_dir() and not is_trusted:
-            texts, words = _in_words(asked, needed, optional)
+            texts, remedy = _in_words(asked, needed, optional)
             raise FreneticError(
-                f"{source} names {texts}, code that was in {folder}, which is no folder now: if it"
-                f" is here, {_remedy(words)}"
+                f"{source} names {texts}, code that was in {shortened(str(folder), _MOST_SHOWN)},"
+                f" which is no folder now: if it is here, {remedy}"
             )
         if Path(str(folder)).is_dir():
             return Path(str(folder))
@@ -361,28 +367,27 @@ def require_trusted(
         return here
     if is_toml and is_allowed(source, code):
         return here
-    texts, words = _in_words(asked, needed, optional)
-    remedy = _remedy(words)
+    texts, remedy = _in_words(asked, needed, optional)
     if folder and any(_is_missing(_word(kind), needed[kind][0]) for kind in asked):
-        remedy = f"go to where it was, {folder}, and {remedy}"
+        said = shortened(str(folder), _MOST_SHOWN)
+        remedy = f"go to where it was as that says, {said}, and {remedy}"
     raise FreneticError(
         f"{source} names {texts}, code that you have not trusted: if you do, {remedy}"
     )
 
 
 def _in_words(kinds: Iterable[str], parts: Parts, optional: Collection[str]) -> tuple[str, str]:
-    """What parts are called in a message, and the options that name them."""
-    texts, words = [], []
+    """What parts are called in a message, and what makes a command load them."""
+    texts, words, are_nameable = [], [], True
     for kind in kinds:
         word, (name, options) = _word(kind), parts[kind]
         texts.append(f"the {word} {shortened(name, _MOST_SHOWN)!r}")
         if word in optional:
             words += [f"--{word}", shortened(part_word(name, options), _MOST_SHOWN)]
-    return " and ".join(texts), shlex.join(words)
-
-
-def _remedy(words: str) -> str:
-    return f"name it yourself, {words}, or add --trust" if words else "add --trust"
+        else:
+            are_nameable = False
+    remedy = f"name it yourself, {shlex.join(words)}, or add --trust"
+    return " and ".join(texts), remedy if are_nameable else "add --trust"
 
 
 def _is_missing(kind: str, name: str) -> bool:

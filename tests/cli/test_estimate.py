@@ -439,11 +439,13 @@ def test_after_ctrl_c_a_line_says_where_the_drives_are_and_which_command_goes_on
 
 def test_that_of_a_campaign_lies_in_it(frenetic: Frenetic, tmp_path: Path) -> None:
     (tmp_path / "town.toml").write_text(TOWN, encoding="utf-8")
-    assert frenetic("run", "--odd", "town.toml", "--simulations", "5", "--out", "c").code == 0
+    search = ("--odd", "town.toml", "--simulations", "5", "--seed", "1", "--workers", "1")
+    assert frenetic("run", *search, "--out", "c").code == 0
+    shortened = set(Path("c").glob("again/*"))
     words = ("estimate", "c", "--drives", "100")
     told = frenetic(*words)
-    (folder,) = Path("c/again").iterdir()
+    (folder,) = set(Path("c/again").iterdir()) - shortened
     assert told.out.splitlines()[-1] == f"Kept in {folder}; to see it: frenetic report c"
     assert Estimate.read(Path("c")) == Estimate.read(folder) is not None
     assert frenetic(*words, "--workers", "2").out == told.out
-    assert list(Path("c/again").iterdir()) == [folder]
+    assert set(Path("c/again").iterdir()) == {folder, *shortened}

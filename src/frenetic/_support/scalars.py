@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
@@ -12,7 +13,9 @@ def is_numpy_scalar(value: object) -> bool:
 
 
 def without_numpy(value: Any) -> Any:
-    """The value, but Python's own for a scalar of numpy."""
+    """The value, but Python's own for a scalar of numpy, also as a value of a mapping."""
+    if isinstance(value, Mapping):
+        return {name: without_numpy(item) for name, item in value.items()}
     return value.item() if is_numpy_scalar(value) else value
 
 

@@ -190,6 +190,10 @@ class RoadTester:
         try:
             with one_process():
                 drive = self.simulator.drive(road, driver)
+            if not isinstance(drive, Drive):
+                raise TypeError(
+                    f"its drive gave {type(drive).__name__}: a frenetic.Drive is needed"
+                )
         except Exception as error:
             broke, drive = True, self._broken(raised(error, driver))
         if (trouble := drive.trouble) is not None and trouble.traceback:

@@ -291,6 +291,7 @@ class Given:
         left_out: Collection[str] = NOT_DRIVING,
         of_file: Collection[str] = ("driver", "simulator"),
         others: Parts = MappingProxyType({}),
+        noted: Collection[str] = (),
     ) -> tuple[Spec, Path]:
         """Checks that a command may make its parts, see `frenetic.trust`.
 
@@ -300,6 +301,7 @@ class Given:
             left_out: kinds of parts that the command does not make.
             of_file: kinds of parts that ``--as`` replaces.
             others: other parts that it makes, such as a bench's entrants.
+            noted: kinds of parts whose folder the command has noted before.
 
         Returns:
             The spec, and the folder in which it has to be made: what comes from another folder has
@@ -325,7 +327,7 @@ class Given:
                 folders |= {k: here if k in named else folder for k in named_code(its)}
         place = next((folder for folder in folders.values() if not is_here(folder)), here)
         for kind, folder in folders.items():
-            if not is_here(folder) and kind != "workers":
+            if not is_here(folder) and kind not in {"workers", *noted}:
                 Log().print(f"Note: {made[kind][0]} is loaded from {folder}", markup=False)
         elsewhere = {
             kind: folders.get(kind, here)

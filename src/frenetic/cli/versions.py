@@ -69,7 +69,7 @@ def _specs(folder: Path, given: Given) -> tuple[Spec, Spec, Path]:
         old = Spec.of(source.spec)
         Given(is_trusted=given.is_trusted).trusted(old, source)
         new = structs.replace(old, driver=_new_driver(folder, old, given))
-        return old, *given.trusted(new, source, of_file=("driver",))
+        return old, *given.trusted(new, source, of_file=("driver",), noted=("simulator",))
 
 
 def _new_driver(folder: Path, old: Spec, given: Given) -> str | None:

@@ -66,7 +66,7 @@ def _opens_buffers() -> bool:
     """Whether Panda3D opens a buffer as MetaDrive's camera needs it."""
     try:
         trial = subprocess.run(  # noqa: S603 - our own code, no shell
-            [sys.executable, "-c", _TRIAL],
+            [sys.executable, "-P", "-c", _TRIAL],
             stdin=subprocess.DEVNULL,
             capture_output=True,
             timeout=_LIMIT,

@@ -13,6 +13,7 @@ from msgspec import ValidationError, convert, structs, to_builtins
 from frenetic._support.bounds import check
 from frenetic._support.files import read_bounded, write_file
 from frenetic._support.outside_text import read_json, read_toml
+from frenetic._support.scalars import without_numpy
 from frenetic.errors import FreneticError
 from frenetic.registry import hint
 
@@ -30,12 +31,14 @@ def converted_entries(entries: Mapping[str, Any], kind: type[Any]) -> Any:
     """
     known = [item.encode_name for item in structs.fields(kind)]
     if unknown := [name for name in entries if name not in known]:
-        close = hint(unknown[0], known)
+        encoded = {item.name: item.encode_name for item in structs.fields(kind)}
+        attribute = encoded.get(unknown[0])
+        close = f": it is {attribute!r}" if attribute else hint(unknown[0], known)
         others = f"; there are {', '.join(known)}" if close == "." else close
         raise ValueError(f"there is no entry {unknown[0]!r}{others}")
     check(entries, kind)
     try:
-        return convert(dict(entries), kind)
+        return convert(without_numpy(entries), kind)
     except ValidationError as error:
         raise ValueError(str(error)) from None
 

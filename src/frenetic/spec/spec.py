@@ -196,7 +196,14 @@ class Spec(
         said |= {kind: part_word(*read_part(said[kind])) for kind in PARTS if kind in said}
         require_allowed(said.get("conditions", {}))
         if "criteria" in said:
-            said |= converted(criteria_entries(said["criteria"]), Spec)
+            entries = converted(criteria_entries(said["criteria"]), Spec)
+            for rule in ("speed_limit", "oob_tolerance"):
+                if rule in said and entries.get(rule, said[rule]) != said[rule]:
+                    raise ValueError(
+                        f"{rule} is {said[rule]:g}, and {entries[rule]:g} in the criteria: leave"
+                        " out one of the two"
+                    )
+            said |= entries
         if "roads" in said:
             said["roads"] = roads_entry(read_class(said["roads"]))
         if "odd" in said:
@@ -217,7 +224,8 @@ class Spec(
         """The spec of several sources, of which later ones win.
 
         Options are added to those of an earlier part of the same name, and conditions to earlier
-        ones; an amount without effect removes a condition. Roads bring their own speed limit, map
+        ones; an amount without effect removes a condition, and so does an option of a later
+        simulator that sets it. Roads bring their own speed limit, map
         and lanes, so those of earlier sources are left out, as is the wall limit of an earlier
         simulator that is another. What is merged is not signed.
 
@@ -245,7 +253,10 @@ class Spec(
         if later._names_roads or later.speed_limit is not None:
             conditions.pop(SPEED, None)
         if later.simulator is not None:
-            simulator, _ = read_part(later.simulator)
+            simulator, options = read_part(later.simulator)
+            for row in quantities().values():
+                if row.attribute in options:
+                    conditions.pop(row.name, None)
             if simulator not in (None, self.part("simulator").name):
                 values["wall_limit"] = None
         for kind in PARTS:

@@ -9,7 +9,7 @@ from typing import Any, Final, Self
 from msgspec import convert
 
 from frenetic._support.bounds import NotNegative, Positive, check
-from frenetic._support.scalars import take_numpy_scalars
+from frenetic._support.scalars import take_numpy_scalars, without_numpy
 from frenetic.domain import Domain
 from frenetic.drive import CarBody, Rules
 from frenetic.quantities import require_allowed
@@ -43,6 +43,7 @@ class Terms:
 
     def __post_init__(self) -> None:
         take_numpy_scalars(self)
+        object.__setattr__(self, "conditions", without_numpy(self.conditions))
         check(vars(self), Terms)
         checked_lane_width(self.lane_width)
         if not self.map_size > 2.0 * self.margin:

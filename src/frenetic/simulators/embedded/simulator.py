@@ -362,7 +362,7 @@ def _driving_elsewhere() -> Iterator[None]:
         " EmbeddedSimulator().drive(Road([0.0] * 5), Planner())"
     )
     nowhere = subprocess.DEVNULL
-    command = [sys.executable, "-c", drive]
+    command = [sys.executable, "-P", "-c", drive]
     with subprocess.Popen(command, stdout=nowhere, stderr=nowhere):  # noqa: S603 - our own code
         yield
 
