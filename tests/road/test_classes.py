@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec import convert, json
 from road_rules import RULES, violations
 
 from frenetic import Frenetic, Frenetic2021, RandomSearch, Road
@@ -180,3 +181,11 @@ def test_lanes_widen_in_narrow_bends() -> None:
     narrow = Road(values, urban.step, lane_width=3.25, superelevation=road.superelevation)
     broken = "A lane of 3.25 m in a radius of 258 m at 200 m: urban-50 needs at least 3.44 m (RAS-L"
     assert urban.breach(narrow).startswith(broken)
+
+
+@pytest.mark.parametrize("name", list(RULES))
+def test_a_recorded_class_is_written_as_it_was(name: str) -> None:
+    """So a road that `run` has shortened is not shortened anew by `minimise`."""
+    made = RoadClass.of(name)
+    entries = json.decode(json.encode(made.as_json()))
+    assert json.encode(convert(entries, RoadClass)) == json.encode(made)

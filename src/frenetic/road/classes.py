@@ -40,7 +40,7 @@ import numpy as np
 from msgspec import Meta
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.bounds import NotNegative, Positive, check
+from frenetic._support.bounds import NotNegative, Positive, check, converted
 from frenetic._support.compiled import njit
 from frenetic._support.files import read_bounded
 from frenetic._support.outside_text import read_toml
@@ -117,7 +117,9 @@ class RoadClass:
     """Rule -> where it comes from."""
 
     def __post_init__(self) -> None:
-        check(vars(self), RoadClass)
+        # A whole number is a float, too: records of a class are alike, however it was written.
+        for name, value in converted(vars(self), RoadClass).items():
+            object.__setattr__(self, name, value)
         if self.min_radius < 1.5 * self.lane_width:
             raise ValueError(
                 f"min_radius is {self.min_radius:g}: more than one and a half of the lane_width of"
