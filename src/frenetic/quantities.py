@@ -328,6 +328,12 @@ def _attributes(entries: tuple[Entry, ...]) -> frozenset[str]:
     return frozenset(row.attribute for row in _table(entries).values() if row.attribute)
 
 
+def amounts_in(options: Mapping[str, Any]) -> dict[str, Any]:
+    """The amounts that a simulator's options set: name of a quantity -> its amount."""
+    names = {row.attribute: row.name for row in quantities().values() if row.attribute}
+    return {names[option]: amount for option, amount in options.items() if option in names}
+
+
 def require_allowed(amounts: Mapping[str, float]) -> None:
     """Checks amounts of quantities; one without effect is allowed, and so is any seed.
 

@@ -23,7 +23,7 @@ from frenetic.cli.console import Log
 from frenetic.cli.options import Decorator, with_options
 from frenetic.description import PARTS
 from frenetic.errors import FreneticError
-from frenetic.quantities import quantities, quantity
+from frenetic.quantities import amounts_in, quantity
 from frenetic.registry import SIMULATORS
 from frenetic.spec import Signed, Spec, sign_driven, usual_of
 from frenetic.trust import NOT_DRIVING, REGISTRIES, Parts, is_here, named_code
@@ -364,9 +364,7 @@ class Given:
         conditions = [*self.spec.conditions]
         if self.driven_as is not None:
             return [*conditions, *spec.amounts]
-        options = self.spec.part("simulator").options
-        attributes = (row.name for row in quantities().values() if row.attribute in options)
-        return [*conditions, *attributes]
+        return [*conditions, *amounts_in(self.spec.part("simulator").options)]
 
     def check_drawn(self, spec: Spec) -> None:
         """Refuses an amount of a condition that the spec's domain draws.

@@ -36,7 +36,7 @@ from frenetic._support.words import (
 )
 from frenetic.description import PARTS
 from frenetic.errors import FreneticError
-from frenetic.quantities import SEED, SPEED, quantities, quantity, require_allowed
+from frenetic.quantities import SEED, SPEED, amounts_in, quantity, require_allowed
 from frenetic.registry import Made
 from frenetic.spec.budget import Budget
 from frenetic.spec.files import (
@@ -197,8 +197,8 @@ class Spec(
         require_allowed(said.get("conditions", {}))
         if "criteria" in said:
             entries = converted(criteria_entries(said["criteria"]), Spec)
-            for rule in ("speed_limit", "oob_tolerance"):
-                if rule in said and entries.get(rule, said[rule]) != said[rule]:
+            for rule in sorted(entries.keys() & said.keys() - {"criteria"}):
+                if said[rule] != entries[rule]:
                     raise ValueError(
                         f"{rule} is {said[rule]:g}, and {entries[rule]:g} in the criteria: leave"
                         " out one of the two"
@@ -254,9 +254,8 @@ class Spec(
             conditions.pop(SPEED, None)
         if later.simulator is not None:
             simulator, options = read_part(later.simulator)
-            for row in quantities().values():
-                if row.attribute in options:
-                    conditions.pop(row.name, None)
+            for name in amounts_in(options):
+                conditions.pop(name, None)
             if simulator not in (None, self.part("simulator").name):
                 values["wall_limit"] = None
         for kind in PARTS:
@@ -551,9 +550,7 @@ class Spec(
     @property
     def amounts(self) -> dict[str, float]:
         """Amounts of quantities that it says, as conditions or as options of the simulator."""
-        rows = {row.attribute: row.name for row in quantities().values() if row.attribute}
-        options = self.part("simulator").options
-        return {rows[n]: amount for n, amount in options.items() if n in rows} | self.conditions
+        return amounts_in(self.part("simulator").options) | self.conditions
 
     # To parts
 
