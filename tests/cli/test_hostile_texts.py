@@ -35,13 +35,11 @@ ENTRIES: Final = {
     "run --roads f.toml": "design_speed = {}",
     "run --criteria f.toml": "lateral_jerk = {}",
     "run --odd f.toml": "roads = {}",
-    "run --odd f.yaml": "MODULES: {}",
     "bench f.toml": "entrants = {}",
     "calibrate f.toml": "driver = {}",
     "calibrate f.jsonl --driver planner --fit braking": "{}",
     "drive f.json": "{}",
     "drive f.xodr": "{}",
-    "rank f.json": "{}",
     "run --from-roads roads": "{}",
     "run --as f.json": '{{"driven": {}}}',
     "run --roads rural-80,length={}": "",
@@ -71,8 +69,6 @@ ENTRIES: Final = {
 def test_deeply_nested_input_is_one_line_wherever_it_is_read(
     entry: str, nested: str, frenetic: Frenetic, tmp_path: Path
 ) -> None:
-    if "yaml" in entry:
-        pytest.importorskip("openodd")
     text = NESTED[nested]
     words = [word.replace("{}", text) for word in entry.split()]
     for word in (word for word in words if re.fullmatch(r"f\.\w+|roads", word)):

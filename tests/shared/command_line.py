@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import pkgutil
 import shutil
@@ -87,6 +88,19 @@ def empty_pictures(*drawn: str) -> Iterator[None]:
         yield
 
 
+@contextmanager
+def unchanged_logging() -> Iterator[None]:
+    """Takes back what `frenetic --debug` changes in Python's logging."""
+    root, library = logging.getLogger(), logging.getLogger("frenetic")
+    handlers, levels = root.handlers[:], (root.level, library.level)
+    try:
+        yield
+    finally:
+        root.handlers[:] = handlers
+        root.setLevel(levels[0])
+        library.setLevel(levels[1])
+
+
 @pytest.fixture
 def drawn() -> None:
     """Asked for by a test that looks at pictures, which are empty files otherwise."""
@@ -105,7 +119,7 @@ def frenetic(
 
     def call(*arguments: str) -> Answer:
         capsys.readouterr()
-        with pictures(), own_modules(), pytest.raises(SystemExit) as stop:
+        with pictures(), own_modules(), unchanged_logging(), pytest.raises(SystemExit) as stop:
             main([str(argument) for argument in arguments])
         captured = capsys.readouterr()
         assert isinstance(stop.value.code, int)
