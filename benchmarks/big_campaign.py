@@ -89,7 +89,7 @@ def make_campaign(folder: Path, tests: int) -> None:
     from frenetic._support.words import present_moment
     from frenetic.campaign import Budget, Campaign, CampaignStore, Test
     from frenetic.drivers import Planner
-    from frenetic.outcome import Outcome
+    from frenetic.oracle.outcome import Outcome
     from frenetic.search import RandomSearch
     from frenetic.simulators import EmbeddedSimulator
 

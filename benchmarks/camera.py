@@ -15,9 +15,9 @@ import numpy as np
 
 from frenetic import EmbeddedSimulator, Observation, Planner, Road
 from frenetic.drivers.camera import Scene
-from frenetic.vision import appearance
-from frenetic.vision.marking_follower import MarkingFollower
-from frenetic.vision.rendering import Renderer
+from frenetic.plugins.vision import appearance
+from frenetic.plugins.vision.marking_follower import MarkingFollower
+from frenetic.plugins.vision.rendering import Renderer
 
 ROAD = Road([0.0, 0.0, 0.03, 0.04, 0.0, -0.04, -0.05, -0.03, 0.0, 0.03, 0.05, 0.05, 0.0, 0.0])
 PICTURES = 40

@@ -25,19 +25,19 @@ from typing import Any
 import numpy as np
 
 from frenetic import Budget, Campaign, EmbeddedSimulator, Frenetic, Outcome, Planner, RandomSearch
-from frenetic.again.minimise import minimise_test
 from frenetic.analysis.statistics import a12, mann_whitney, rate_interval
 from frenetic.campaign import CampaignStore, RoadTester
-from frenetic.domain import Domain
-from frenetic.drive import Drive
+from frenetic.conditions.domain import Domain
 from frenetic.drivers import Camera, Controls, Driver, Observation
 from frenetic.drivers.driver import stack_of
-from frenetic.drivers.layers import Delayed, Hasty, LimitedView
-from frenetic.estimate import Draws, Estimate, estimate
+from frenetic.drivers.wrappers import Delayed, Hasty, LimitedView
+from frenetic.oracle.drive import Drive
+from frenetic.plugins.vision.appearance import Worn
+from frenetic.rerun.estimate import Draws, Estimate, estimate
+from frenetic.rerun.minimise import minimise_test
 from frenetic.road import Road
 from frenetic.search import Strategy
 from frenetic.spec.terms import Terms
-from frenetic.vision.appearance import Worn
 
 DOMAIN: dict[str, Any] = {
     "roads": "urban-50,length=500",

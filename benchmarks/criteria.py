@@ -23,10 +23,10 @@ from shapely import LineString, Point, Polygon, segmentize
 from frenetic import Budget, Campaign, EmbeddedSimulator, Frenetic, Outcome, Planner, RandomSearch
 from frenetic.analysis.statistics import a12
 from frenetic.campaign.objective import Objective
-from frenetic.criteria import Profile, profiles, quantity
-from frenetic.drive import Drive, Rules
+from frenetic.criteria.criterion import Profile, profiles, quantity
 from frenetic.drivers import BeamngAi, Driver, Stanley
-from frenetic.oracle import assess, judge
+from frenetic.oracle.drive import Drive, Rules
+from frenetic.oracle.verdict import assess, judge
 from frenetic.road import Road
 from frenetic.road.classes import RoadClass
 from frenetic.search import Strategy

@@ -23,7 +23,7 @@ import numpy as np
 
 from frenetic.analysis.failures import distinct_failures
 from frenetic.campaign import CampaignStore
-from frenetic.campaign.asking import FACTS
+from frenetic.campaign.guarded_strategy import FACTS
 from frenetic.campaign.summary import facts_in_words
 
 DRIVERS: Final = {

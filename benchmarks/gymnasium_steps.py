@@ -50,11 +50,11 @@ class Peer(NamedTuple):
 
 
 def make_ours() -> gymnasium.Env[Any, Any]:
-    return gymnasium.make("frenetic.vision.gym:frenetic/LaneKeeping-v0")
+    return gymnasium.make("frenetic.plugins.gym:frenetic/LaneKeeping-v0")
 
 
 def make_ours_together(cars: int) -> gymnasium.vector.VectorEnv[Any, Any, Any]:
-    return gymnasium.make_vec("frenetic.vision.gym:frenetic/LaneKeeping-v0", num_envs=cars)
+    return gymnasium.make_vec("frenetic.plugins.gym:frenetic/LaneKeeping-v0", num_envs=cars)
 
 
 def make_metadrive() -> gymnasium.Env[Any, Any]:

@@ -53,7 +53,7 @@ def run_campaign(tests: int, strategy: str, folder: Path) -> None:
     """The measured process: prints a reading per line, as JSON."""
     from frenetic.campaign import Budget, Campaign, Event
     from frenetic.drivers import Planner
-    from frenetic.registry import STRATEGIES
+    from frenetic.parts.registry import STRATEGIES
     from frenetic.simulators import EmbeddedSimulator
     from frenetic.simulators.embedded import compile_kernels
 

@@ -29,21 +29,21 @@ from pathlib import Path
 
 import numpy as np
 
-from frenetic.again.minimise import (
+from frenetic.analysis.failures import THRESHOLD, Failure
+from frenetic.analysis.segments import segment_of
+from frenetic.campaign import RoadTester
+from frenetic.drivers import Driver, Noisy
+from frenetic.oracle.drive import Drive
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import judge
+from frenetic.parts.registry import DRIVERS
+from frenetic.rerun.minimise import (
     MAX_DRIVES,
     Ending,
     FailureReason,
     Minimised,
     minimise,
 )
-from frenetic.analysis.failures import THRESHOLD, Failure
-from frenetic.analysis.segments import segment_of
-from frenetic.campaign import RoadTester
-from frenetic.drive import Drive
-from frenetic.drivers import Driver, Noisy
-from frenetic.oracle import judge
-from frenetic.outcome import Outcome
-from frenetic.registry import DRIVERS
 from frenetic.road import Road
 from frenetic.search import Candidate, Frenetic2021
 from frenetic.simulators import EmbeddedSimulator, Rules

@@ -18,8 +18,8 @@ from statistics import median
 import numpy as np
 
 from frenetic import Controls, DriveSetup, EmbeddedSimulator, Observation
+from frenetic.plugins.vision.neural import Dave2
 from frenetic.search.random_search import RandomRoads
-from frenetic.vision.neural import Dave2
 
 
 class Timed:

@@ -34,15 +34,15 @@ import numpy as np
 from frenetic import Budget, Campaign, CampaignStore, EmbeddedSimulator, Frenetic, Rules, Stanley
 from frenetic.analysis.causes import cause_of, in_words
 from frenetic.analysis.segments import segment_of
-from frenetic.commonroad import CommonRoadSimulator
-from frenetic.criteria import Criterion
-from frenetic.oracle import is_drivers, judge, measured
-from frenetic.outcome import Outcome
-from frenetic.registry import DRIVERS
+from frenetic.criteria.criterion import Criterion
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import is_drivers, judge, measured
+from frenetic.parts.registry import DRIVERS
+from frenetic.plugins.commonroad import CommonRoadSimulator
+from frenetic.plugins.third_party.vehicles import FissCar, HighwayEnvCar, OpendbcCar, RoxCar
 from frenetic.road import Road
 from frenetic.road.classes import RoadClass, classes
 from frenetic.search.random_search import RandomSearch
-from frenetic.shelf.vehicles import FissCar, HighwayEnvCar, OpendbcCar, RoxCar
 
 STEADY: dict[str, Any] = {"lateral": 100.0}
 """Options with which a driver of the shelf does not slow down for bends."""

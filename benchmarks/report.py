@@ -55,7 +55,7 @@ def make_report(simulations: int, folder: Path) -> Path:
     """Runs a campaign, writes its report and prints the times."""
     from frenetic.campaign import Budget, Campaign, CampaignStore
     from frenetic.drivers import Planner
-    from frenetic.outcome import Outcome
+    from frenetic.oracle.outcome import Outcome
     from frenetic.search import Frenetic
     from frenetic.simulators import EmbeddedSimulator
 

@@ -34,7 +34,7 @@ from frenetic import (
 )
 from frenetic.analysis.failures import distinct_failures
 from frenetic.campaign import CampaignStore
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 from frenetic.road import Road
 from frenetic.road.classes import RoadClass, classes
 from frenetic.search.random_search import RandomRoads

@@ -43,9 +43,9 @@ from frenetic._support.arrays import FloatArray
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.drivers import Driver, Stanley
 from frenetic.drivers.loading import load_driver
-from frenetic.metadrive import MetaDriveExpert, MetaDriveIdm, MetaDriveSimulator
-from frenetic.oracle import judge
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import judge
+from frenetic.plugins.metadrive import MetaDriveExpert, MetaDriveIdm, MetaDriveSimulator
 from frenetic.road import Road
 from frenetic.search import Frenetic
 from frenetic.search.random_search import RandomRoads

@@ -36,9 +36,9 @@ from steady import Steady
 
 from frenetic.campaign import Budget, Campaign, CampaignStore, Test
 from frenetic.drivers import Planner
-from frenetic.oracle import Result, judge
-from frenetic.outcome import Outcome
-from frenetic.registry import STRATEGIES
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import Result, judge
+from frenetic.parts.registry import STRATEGIES
 from frenetic.report import draw_drive
 from frenetic.road import MAP_SIZE, MARGIN, Road, check_validity, fit_to_map
 from frenetic.search import Candidate, Evaluation, Origin, RandomSearch, Strategy

@@ -22,7 +22,7 @@ from typing import Final
 from frenetic.analysis.failures import distinct_failures
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.drivers import Driver, Planner, Stanley
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 from frenetic.search import Frenetic
 from frenetic.simulators import EmbeddedSimulator
 

@@ -32,7 +32,7 @@ from frenetic.campaign import Budget, Campaign, CampaignStore, Event, RoadTester
 from frenetic.campaign.log import CampaignLog
 from frenetic.campaign.workers import Attempt, LocalWorkers
 from frenetic.drivers import Planner
-from frenetic.registry import STRATEGIES
+from frenetic.parts.registry import STRATEGIES
 from frenetic.search import Candidate
 from frenetic.simulators import EmbeddedSimulator
 from frenetic.simulators.embedded import compile_kernels

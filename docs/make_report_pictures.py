@@ -14,11 +14,11 @@ from pathlib import Path
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from frenetic import CampaignStore, EmbeddedSimulator, Planner
-from frenetic.again.conditions import Variation
-from frenetic.again.rerun import rerun
 from frenetic.analysis.failures import representative_failures
 from frenetic.cli import cli
 from frenetic.report.html import write_report
+from frenetic.rerun.rerun import rerun
+from frenetic.rerun.variations import Variation
 
 IMAGES = Path(__file__).resolve().parent / "images"
 SEED = 1

@@ -25,12 +25,12 @@ from frenetic._support.words import part_word
 from frenetic.analysis import Comparison
 from frenetic.analysis.comparison import MeasureComparison, PairComparison, compare, p_text
 from frenetic.analysis.failures import Failure, cluster_failures, failures_of
-from frenetic.bench import Entrant
 from frenetic.campaign.store import DATABASE
 from frenetic.campaign.workers import available_cores
-from frenetic.description import changed_parts
+from frenetic.plugins.bench import Entrant
 from frenetic.report.plots import draw_comparison
 from frenetic.spec import Spec
+from frenetic.spec.part_record import changed_parts
 
 HERE: Final = Path(__file__).resolve().parent
 PAGE: Final = HERE / "bench.md"

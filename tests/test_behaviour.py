@@ -19,22 +19,23 @@ from typing import Any, Final
 import numpy as np
 import pytest
 
-from frenetic import Budget, Campaign, CampaignStore, oracle, road
+from frenetic import Budget, Campaign, CampaignStore, road
+from frenetic.conditions.condition import quantities
 from frenetic.drivers import Observation, Planner
 from frenetic.drivers.driver import scene_of
-from frenetic.oracle import judge
-from frenetic.outcome import Outcome
-from frenetic.quantities import quantities
-from frenetic.registry import DRIVERS, SIMULATORS, STRATEGIES
+from frenetic.oracle import verdict
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import judge
+from frenetic.parts.registry import DRIVERS, SIMULATORS, STRATEGIES
+from frenetic.parts.versions import version_of
+from frenetic.plugins.vision import appearance
+from frenetic.plugins.vision.marking_follower import MarkingFollower
+from frenetic.plugins.vision.rendering import Renderer
 from frenetic.road import Road
 from frenetic.search import Candidate, Strategy
 from frenetic.simulators import EmbeddedSimulator, Rules
 from frenetic.simulators.simulator import Simulator
 from frenetic.testing import DummyDriver, DummySimulator, converse
-from frenetic.versions import version_of
-from frenetic.vision import appearance
-from frenetic.vision.marking_follower import MarkingFollower
-from frenetic.vision.rendering import Renderer
 
 RECORDED: Final = Path(__file__).with_name("behaviour.json")
 NOT_RECORDED: Final = {"simulator beamng"}
@@ -136,7 +137,7 @@ def of_map() -> list[float]:
 def probes() -> dict[str, tuple[str, Callable[[], list[float]]]]:
     """Name of a built-in part -> its version, and what it does."""
     known: dict[str, tuple[str, Callable[[], list[float]]]] = {
-        "rules": (f"version {oracle.BEHAVIOUR}", of_rules),
+        "rules": (f"version {verdict.BEHAVIOUR}", of_rules),
         "map": (f"version {road.BEHAVIOUR}", of_map),
     }
     for name in sorted(set(STRATEGIES.built_in) - OVER_ANOTHER):

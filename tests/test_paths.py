@@ -18,20 +18,20 @@ from frenetic import (
     RandomSearch,
     Road,
 )
-from frenetic.again.junit import write_junit
-from frenetic.again.rerun import rerun
 from frenetic.analysis import compare, find_campaigns, measure_campaign
 from frenetic.analysis.groups import group_campaigns
-from frenetic.bench import Bench, Entrant, RunTerms, open_bench
 from frenetic.campaign import RoadTester, new_folder
 from frenetic.errors import FreneticError
 from frenetic.export import ExportedRoad, format_of, write_road
+from frenetic.plugins.bench import Bench, Entrant, RunTerms, open_bench
+from frenetic.plugins.twin.calibration import read_recordings
+from frenetic.plugins.twin.profile import Profile
 from frenetic.report import draw_road
+from frenetic.rerun.junit import write_junit
+from frenetic.rerun.rerun import rerun
 from frenetic.road.files import find_roads
 from frenetic.spec import Spec
 from frenetic.testing import DummyDriver, DummySimulator
-from frenetic.twin.calibration import read_recordings
-from frenetic.twin.profile import Profile
 
 ROAD = Road([0.0, 0.01, 0.02, 0.0])
 

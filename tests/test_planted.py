@@ -9,10 +9,10 @@ import planted_drivers as planted
 import pytest
 
 from frenetic import EmbeddedSimulator, Frenetic
-from frenetic.again.minimise import Minimised, minimise_causes
 from frenetic.analysis.causes import Kind
 from frenetic.analysis.failures import Failure, caution, distinct_failures
 from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.rerun.minimise import Minimised, minimise_causes
 
 PAGE = Path(__file__).parent.parent / "docs" / "causes.md"
 

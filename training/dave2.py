@@ -51,9 +51,9 @@ from frenetic import (
     judge,
 )
 from frenetic.drivers.camera import Image
+from frenetic.plugins.vision.neural import METADATA, Convention, Network
+from frenetic.plugins.vision.neural.network import Resizing
 from frenetic.search.random_search import RandomRoads
-from frenetic.vision.neural import METADATA, Convention, Network
-from frenetic.vision.neural.network import Resizing
 
 PRESET: Final = "dave2"
 SIZE: Final = (66, 200)

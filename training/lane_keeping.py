@@ -44,10 +44,10 @@ from torch import nn
 
 from frenetic import Budget, Campaign, EmbeddedSimulator, Frenetic, Road
 from frenetic.analysis import measure_campaign
-from frenetic.vision.gym import LaneKeepingVectorEnv
-from frenetic.vision.gym.environment import given_roads
-from frenetic.vision.neural import METADATA, Network
-from frenetic.vision.policy import VECTOR_SIZE
+from frenetic.plugins.gym import LaneKeepingVectorEnv
+from frenetic.plugins.gym.environment import given_roads
+from frenetic.plugins.vision.neural import METADATA, Network
+from frenetic.plugins.vision.policy import VECTOR_SIZE
 
 CARS: Final = 64
 ROLLOUT: Final = 256

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     )
     from frenetic.errors import FreneticError
     from frenetic.export import data_frame
-    from frenetic.oracle import Finding, Result, judge
-    from frenetic.outcome import Outcome
+    from frenetic.oracle.outcome import Outcome
+    from frenetic.oracle.verdict import Finding, Result, judge
     from frenetic.report import Results, draw_drive, draw_road, resume, run
     from frenetic.road import Pose, Road, Verdict, check_validity
     from frenetic.search import (

@@ -13,8 +13,8 @@ from frenetic.analysis.metrics import CampaignMeasures
 from frenetic.campaign import Budget, Campaign, CampaignStore, Test
 from frenetic.campaign.counts import Counts
 from frenetic.drivers import Driver, Planner
-from frenetic.oracle import Result
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import Result
 from frenetic.search import Candidate, Origin, Strategy
 from frenetic.simulators import EmbeddedSimulator, Simulator
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from frenetic.analysis import Segment, segment_of
-from frenetic.oracle import Finding, Side
+from frenetic.oracle.verdict import Finding, Side
 from frenetic.road import Road
 from frenetic.simulators import Drive, Trajectory
 

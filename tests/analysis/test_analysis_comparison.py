@@ -20,7 +20,7 @@ from frenetic.analysis.metrics import MEASURES, CampaignMeasures
 from frenetic.campaign import Budget, Campaign
 from frenetic.drivers import Delayed, Planner
 from frenetic.errors import CampaignError, FreneticError
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 from frenetic.search import Frenetic2021, RandomSearch
 from frenetic.spec.terms import Terms
 from frenetic.testing import DummyDriver, DummySimulator

@@ -17,12 +17,12 @@ from frenetic.analysis import Clusters, Failure, cluster_failures, nearest_misse
 from frenetic.analysis import failures as module
 from frenetic.analysis.failures import describe, distinct_failures, representative_failures
 from frenetic.campaign import Campaign, CampaignStore
-from frenetic.oracle import Side
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import Side
 from frenetic.road import Pose, Road
 from frenetic.search import RandomSearch
 from frenetic.spec import Spec
-from frenetic.testing.dummy import DummyDriver, DummySimulator
+from frenetic.testing.dummies import DummyDriver, DummySimulator
 
 PLACE = 70.0
 STRAIGHT = [0.0] * 13

@@ -11,8 +11,8 @@ from frenetic import Controls, DriveSetup, EmbeddedSimulator, Observation, Plann
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis.causes import Cause, Kind, cause_of, in_words, kind_number
 from frenetic.analysis.segments import segment_of
-from frenetic.drive import Drive, Trajectory
-from frenetic.oracle import judge
+from frenetic.oracle.drive import Drive, Trajectory
+from frenetic.oracle.verdict import judge
 
 BEND = Road([0.0] * 6 + [0.066] * 12, 10.0)
 """A straight of 50 m and a left-hand bend that the driver below takes too fast."""

@@ -23,9 +23,9 @@ from frenetic.analysis.coverage import (
     varied_axes,
 )
 from frenetic.campaign.record import Test
-from frenetic.domain import Domain
-from frenetic.oracle import Result
-from frenetic.outcome import Outcome
+from frenetic.conditions.domain import Domain
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import Result
 from frenetic.search import Candidate, Origin
 from frenetic.simulators import EmbeddedSimulator
 from frenetic.spec.terms import Setting

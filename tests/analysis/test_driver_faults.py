@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 from made_campaigns import search
 
-from frenetic.again.minimise import FailureReason, minimise
 from frenetic.analysis import measure_campaign
 from frenetic.analysis.failures import caution, distinct_failures
 from frenetic.campaign import CampaignStore, RoadTester
 from frenetic.drivers import Controls, Observation, Planner
 from frenetic.errors import Fault
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
+from frenetic.rerun.minimise import FailureReason, minimise
 from frenetic.road import Road
 from frenetic.search import Evaluation, Frenetic
 from frenetic.simulators import EmbeddedSimulator

@@ -10,10 +10,10 @@ from frenetic.analysis.listing import list_tests
 from frenetic.analysis.segments import segments_of
 from frenetic.campaign import CampaignStore
 from frenetic.errors import UnknownNameError
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 from frenetic.road import Road
 from frenetic.search import RandomSearch
-from frenetic.testing.dummy import DummyDriver, DummySimulator
+from frenetic.testing.dummies import DummyDriver, DummySimulator
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,7 @@ from frenetic.analysis.segments import segments_of
 from frenetic.analysis.sparseness import unlike_lines
 from frenetic.campaign import CampaignStore
 from frenetic.export import export_campaign
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 from frenetic.search import Frenetic2021, RandomSearch
 
 SIMULATIONS = 110

@@ -11,7 +11,6 @@ import pytest
 from made_campaigns import search
 
 from frenetic._support.arrays import FloatArray
-from frenetic.again.rerun import rerun
 from frenetic.analysis import features_of, segments_of
 from frenetic.analysis.criteria import criteria_in_words
 from frenetic.analysis.failures import (
@@ -24,12 +23,13 @@ from frenetic.analysis.failures import (
 from frenetic.analysis.metrics import MEASURES, measure_campaign
 from frenetic.campaign import CampaignStore
 from frenetic.campaign.counts import Counts, FirstTests
-from frenetic.criteria import profiles
-from frenetic.drive import Rules
+from frenetic.criteria.criterion import profiles
 from frenetic.drivers import Planner
-from frenetic.outcome import Outcome
+from frenetic.oracle.drive import Rules
+from frenetic.oracle.outcome import Outcome
 from frenetic.report.html.campaign import Reading, campaign_report
 from frenetic.report.html.timeline import timeline_of
+from frenetic.rerun.rerun import rerun
 from frenetic.search import Candidate, Evaluation, Frenetic, Origin, Strategy
 from frenetic.search.strategy import Ledger
 from frenetic.simulators import EmbeddedSimulator

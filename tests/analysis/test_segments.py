@@ -8,7 +8,7 @@ from made_drives import departure, drive
 
 from frenetic.analysis import segment_of, segments_of
 from frenetic.campaign import Budget, Campaign, CampaignStore
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 from frenetic.road import Road
 from frenetic.search import RandomSearch
 from frenetic.simulators import Drive, Trajectory

@@ -20,11 +20,11 @@ from events import on_result
 from faulty import FaultySimulator
 from pids import LIMIT
 
-from frenetic import worker
-from frenetic._support.child_processes import process_context
 from frenetic.campaign import Summary
 from frenetic.campaign.store import DATABASE
 from frenetic.errors import CampaignError
+from frenetic.processes import worker
+from frenetic.processes.children import process_context
 
 
 @dataclass(frozen=True)

@@ -22,16 +22,16 @@ from events import on_test
 from frenetic._support.arrays import FloatArray
 from frenetic.campaign import Budget, Campaign, CampaignStore, Test, new_folder
 from frenetic.campaign import campaign as campaign_module
-from frenetic.campaign.asking import ObservingStrategy
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.configuration import decode_budget, with_budget
+from frenetic.campaign.guarded_strategy import ObservingStrategy
 from frenetic.campaign.objective import objectives
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.summary import Summary
 from frenetic.campaign.workers.workers import InProcessWorker
 from frenetic.drivers import Controls, Delayed, Driver, Observation, Planner
 from frenetic.errors import StrategyError
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 from frenetic.road import Road
 from frenetic.search import (
     Candidate,

@@ -23,7 +23,7 @@ from frenetic.campaign.store import DATABASE
 from frenetic.cli import main
 from frenetic.drivers import Planner
 from frenetic.errors import CampaignError
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 from frenetic.search import Frenetic2021
 from frenetic.simulators import EmbeddedSimulator
 

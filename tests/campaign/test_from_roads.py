@@ -16,7 +16,7 @@ from frenetic.drivers import Planner
 from frenetic.road import Road
 from frenetic.road.classes import RoadClass
 from frenetic.road.files import entries_of
-from frenetic.road.stretches import class_of, resampled, shown_class, stretches_of
+from frenetic.road.real_roads import class_of, resampled, shown_class, stretches_of
 from frenetic.search import Frenetic, RandomSearch
 from frenetic.search.random_search import GIVEN, RandomRoads
 from frenetic.simulators import EmbeddedSimulator

@@ -60,14 +60,14 @@ from frenetic.errors import (
     FreneticError,
     Trouble,
 )
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
+from frenetic.processes.worker import Loss, LostWorkerError
 from frenetic.road import Road
 from frenetic.simulators import EmbeddedSimulator, Simulator
 from frenetic.simulators.blame import Blame
 from frenetic.spec import Spec
 from frenetic.spec.terms import Terms
 from frenetic.testing import DummyDriver, DummySimulator
-from frenetic.worker import Loss, LostWorkerError
 
 ROAD = Road([0.0, 0.03, 0.05, 0.0, -0.05, -0.04, 0.0, 0.0])
 

@@ -18,7 +18,7 @@ from events import on_test
 
 from frenetic.campaign import Campaign, CampaignStore
 from frenetic.campaign.log import LOG, CampaignLog, LogEvent
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 from frenetic.road import Road
 from frenetic.search import RandomSearch
 from frenetic.testing import DummySimulator

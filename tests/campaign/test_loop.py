@@ -23,11 +23,11 @@ from frenetic.campaign import Budget, Campaign, CampaignStore, Event, Summary
 from frenetic.campaign.log import CampaignLog
 from frenetic.campaign.loop import MAX_ERRORS_IN_A_ROW
 from frenetic.campaign.record import Attempt
-from frenetic.campaign.repeat import SECOND_DRIVE
+from frenetic.campaign.second_drive import SECOND_DRIVE
 from frenetic.campaign.workers import Workers
 from frenetic.errors import Trouble
-from frenetic.oracle import Result
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import Result
 from frenetic.search import Candidate, Evaluation, Origin, SearchEnded, Strategy
 from frenetic.testing import DummyDriver, DummySimulator
 

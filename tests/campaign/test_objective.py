@@ -16,7 +16,7 @@ from frenetic.campaign.check import check_campaign
 from frenetic.campaign.objective import Objective, in_words, objectives
 from frenetic.drivers import Planner
 from frenetic.errors import FreneticError
-from frenetic.oracle import assess, judge
+from frenetic.oracle.verdict import assess, judge
 from frenetic.road import Road
 from frenetic.search import Evaluation, Frenetic, Frenetic2021
 from frenetic.simulators import EmbeddedSimulator

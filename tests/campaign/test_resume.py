@@ -182,7 +182,7 @@ def test_a_campaign_goes_on_with_the_parts_that_it_was_made_with(
     assert "; objective: it is source " in message
     file.write_text(PARTS, encoding="utf-8")
     with monkeypatch.context() as patch:
-        patch.setattr("frenetic.oracle.BEHAVIOUR", 99)
+        patch.setattr("frenetic.oracle.verdict.BEHAVIOUR", 99)
         assert "rules: it is version 99, it was version" in refusal()
     with with_parts(folder, 10) as search:
         assert search.resume().simulations == 10

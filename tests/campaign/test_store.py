@@ -27,10 +27,10 @@ from frenetic.campaign.lock import lock_file
 from frenetic.campaign.record import ASKED, FINISHED, Test
 from frenetic.campaign.store import APPLICATION_ID, DATABASE, FORMAT, CampaignStore
 from frenetic.campaign.trajectory_codec import rounded
-from frenetic.drive import CarBody, Rules, Trajectory
 from frenetic.errors import CampaignError, Fault
-from frenetic.oracle import Finding, Result
-from frenetic.outcome import Outcome
+from frenetic.oracle.drive import CarBody, Rules, Trajectory
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import Finding, Result
 from frenetic.road import Pose
 from frenetic.search.records import Candidate, Origin, Source
 from frenetic.spec.terms import Setting

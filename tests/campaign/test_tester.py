@@ -20,8 +20,8 @@ from frenetic.campaign import Campaign, CampaignStore, RoadTester
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.workers import DriveProcess
 from frenetic.drivers import Delayed, Driver, Planner
-from frenetic.outcome import Outcome
-from frenetic.registry import DRIVERS, STRATEGIES
+from frenetic.oracle.outcome import Outcome
+from frenetic.parts.registry import DRIVERS, STRATEGIES
 from frenetic.road import Road
 from frenetic.search import Candidate, Origin
 from frenetic.simulators import Drive, EmbeddedSimulator, Rules, Trajectory

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from frenetic.campaign.trajectory_codec import MAX_RECORDS, RESOLUTIONS, decode, encode, rounded
-from frenetic.drive import Trajectory
 from frenetic.errors import CampaignError
+from frenetic.oracle.drive import Trajectory
 
 HALF_STEPS = 0.5 * np.array(list(RESOLUTIONS.values()))
 

@@ -52,17 +52,17 @@ from faulty import (
 from pids import LIMIT, children, until, until_gone
 from user_modules import own_modules
 
-from frenetic import worker
 from frenetic.campaign import CampaignStore, RoadTester
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.log import CampaignLog
 from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers
 from frenetic.drivers import Driver
-from frenetic.outcome import Outcome
-from frenetic.registry import DRIVERS
+from frenetic.oracle.outcome import Outcome
+from frenetic.parts.registry import DRIVERS
+from frenetic.processes import worker
+from frenetic.processes.worker import Loss, LostWorkerError, Worker, pack, ready
 from frenetic.simulators import Simulator
 from frenetic.testing import DummyDriver, DummySimulator
-from frenetic.worker import Loss, LostWorkerError, Worker, pack, ready
 
 pytest_plugins = ["campaign_fixtures"]
 

@@ -15,9 +15,9 @@ from typing import Any
 import pytest
 
 from frenetic import CampaignStore, RandomSearch
-from frenetic.campaign.asktell import ToldCampaign
+from frenetic.campaign.ask_tell import ToldCampaign
 from frenetic.campaign.check import check_campaign
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 from frenetic.report.html import write_report
 from frenetic.search import Candidate, Evaluation, Origin
 from frenetic.search.strategy import Ledger, Strategy

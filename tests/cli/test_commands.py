@@ -17,7 +17,7 @@ import pytest
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.cli import cli
 from frenetic.drivers import Planner
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 from frenetic.search import RandomSearch
 from frenetic.simulators import EmbeddedSimulator
 

@@ -104,7 +104,7 @@ def shown_progress(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int]]:
     def record(*_: object) -> Iterator[Callable[[int, int], None]]:
         yield lambda done, total: shown.append((done, total))
 
-    monkeypatch.setattr("frenetic.cli.again.counted_progress", record)
+    monkeypatch.setattr("frenetic.cli.rerun_options.counted_progress", record)
     return shown
 
 

@@ -11,7 +11,7 @@ import pytest
 from click.shell_completion import ShellComplete
 
 from frenetic.cli import cli, main
-from frenetic.registry import DRIVERS, SIMULATORS, STRATEGIES
+from frenetic.parts.registry import DRIVERS, SIMULATORS, STRATEGIES
 
 
 def completed(*words: str) -> list[tuple[str, str]]:

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from user_modules import own_modules
 
-from frenetic.again.versions import as_recorded
 from frenetic.campaign import CampaignStore, RoadTester
-from frenetic.campaign.state import signed_spec
+from frenetic.campaign.status import signed_spec
+from frenetic.parts.versions import short_version
+from frenetic.rerun.back_to_back import as_recorded
 from frenetic.spec import Spec
-from frenetic.versions import short_version
 
 if TYPE_CHECKING:
     from command_line import Frenetic

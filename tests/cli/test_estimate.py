@@ -29,11 +29,11 @@ from frenetic._support.arrays import FloatArray
 from frenetic.analysis.statistics import rate_interval
 from frenetic.campaign import CampaignStore, Event, RoadTester
 from frenetic.campaign.record import Attempt
-from frenetic.domain import Domain
+from frenetic.conditions.domain import Domain
 from frenetic.errors import CampaignError, FreneticError
-from frenetic.estimate import Draws, Estimate, estimate
-from frenetic.oracle import judge
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import judge
+from frenetic.rerun.estimate import Draws, Estimate, estimate
 from frenetic.road.classes import RoadClass
 from frenetic.search.random_search import RandomRoads
 from frenetic.search.records import Candidate, Evaluation
@@ -394,7 +394,8 @@ KILLED = """
 import os, signal
 from unittest.mock import patch
 from frenetic.cli import main
-with patch("frenetic.estimate._Weighted.add", lambda *_: os.kill(os.getpid(), signal.SIGKILL)):
+kill = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
+with patch("frenetic.rerun.estimate._Weighted.add", kill):
     main(["estimate", "--odd", "town.toml", "--drives", "100", "--out", "c"])
 """
 """It is killed at the end of its first stage."""

@@ -19,7 +19,7 @@ from events import on_test
 from paced import campaign, paced
 
 from frenetic.campaign.log import CampaignLog, LogEvent
-from frenetic.campaign.state import News, Status, look
+from frenetic.campaign.status import News, Status, look
 from frenetic.cli import follow, main
 
 LIMIT = 120.0  # s after which a test that waits for another process fails

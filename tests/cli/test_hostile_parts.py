@@ -11,7 +11,7 @@ import pytest
 from pids import is_running
 
 from frenetic.campaign import CampaignStore
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 
 if TYPE_CHECKING:
     from command_line import Frenetic

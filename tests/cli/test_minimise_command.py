@@ -13,7 +13,7 @@ import pytest
 
 from frenetic.analysis.failures import representative_failures
 from frenetic.campaign import CampaignStore
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 from frenetic.road import Road, check_validity
 
 if TYPE_CHECKING:

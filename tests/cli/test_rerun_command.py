@@ -13,9 +13,9 @@ import pytest
 from permissions import bound_by_permissions
 
 from frenetic._support.words import counted
-from frenetic.again.rerun import read_reruns
 from frenetic.campaign import CampaignStore
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
+from frenetic.rerun.rerun import read_reruns
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -71,7 +71,7 @@ def test_fail_on_failure_ends_with_1_only_where_a_test_failed(frenetic: Frenetic
 def test_run_refuses_a_simulator_whose_package_is_missing_and_leaves_nothing(
     frenetic: Frenetic, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    loaded = ("metadrive.", "frenetic.metadrive.world")  # by other tests
+    loaded = ("metadrive.", "frenetic.plugins.metadrive.world")  # by other tests
     for name in [name for name in sys.modules if name.startswith(loaded)]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "metadrive", None)
@@ -419,7 +419,7 @@ def test_ctrl_c_that_leaves_nothing_gives_the_same_command(
     write(
         "town one.toml", 'roads = "urban-50"\n[conditions]\nfriction = { low = 0.3, high = 1.0 }\n'
     )
-    monkeypatch.setattr("frenetic.estimate.estimate", interrupt)
+    monkeypatch.setattr("frenetic.rerun.estimate.estimate", interrupt)
     answer = frenetic("estimate", "--odd", "town one.toml")
     assert answer.code == 130
     again = "to run it again: frenetic estimate --odd 'town one.toml'"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from frenetic.campaign import CampaignStore
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 
 if TYPE_CHECKING:
     from command_line import Frenetic

@@ -11,15 +11,15 @@ from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers import DriveProcess
-from frenetic.drive import Drive, Rules
 from frenetic.drivers import BeamngAi, Planner
-from frenetic.drivers.layers import Noisy, compiled_form
-from frenetic.oracle import assess
+from frenetic.drivers.wrappers import Noisy, compiled_form
+from frenetic.oracle.drive import Drive, Rules
+from frenetic.oracle.verdict import assess
+from frenetic.plugins.twin.model import Model
 from frenetic.road import Road
 from frenetic.search import RandomSearch
 from frenetic.simulators.embedded import EmbeddedSimulator, Vehicle
 from frenetic.spec import Spec
-from frenetic.twin.model import Model
 
 BEND = Road(np.array([0, 0, 0, 2, 5, 5, 5, 2, 0, 0, 0]) / 100)
 

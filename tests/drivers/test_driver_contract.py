@@ -17,8 +17,8 @@ from frenetic.drivers import (
     Planner,
     Stanley,
 )
+from frenetic.plugins.vision.marking_follower import MarkingFollower
 from frenetic.testing import DriverContract, TrackerContract
-from frenetic.vision.marking_follower import MarkingFollower
 
 
 class TestPlanner(DriverContract):

@@ -28,7 +28,7 @@ from frenetic.drivers import (
     laws,
 )
 from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING, checked_controls
-from frenetic.drivers.layers import compiled_form
+from frenetic.drivers.wrappers import compiled_form
 from frenetic.errors import DriverError
 
 FloatArray = npt.NDArray[np.float64]

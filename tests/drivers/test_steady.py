@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from frenetic import EmbeddedSimulator, Outcome, Road, judge
-from frenetic.registry import DRIVERS
+from frenetic.parts.registry import DRIVERS
 
 SPEC = f"{Path(__file__).parents[2] / 'benchmarks' / 'steady.py'}:Steady"
 

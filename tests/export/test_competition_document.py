@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from frenetic._support.arrays import FloatArray
-from frenetic.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.export import SimulationRecord
-from frenetic.export.competition import competition_document, simulation_records
-from frenetic.oracle import judge
-from frenetic.outcome import Outcome
+from frenetic.export.official_format import competition_document, simulation_records
+from frenetic.oracle.drive import CarBody, Drive, Rules, Trajectory
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import judge
 from frenetic.road import Road, Verdict
 from frenetic.road.files import read_road
 from frenetic.road.validity import interpolate

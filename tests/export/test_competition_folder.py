@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from frenetic.campaign import Budget, Campaign, CampaignStore
-from frenetic.export import competition, data_frame, export_campaign
-from frenetic.export.competition import SimulationRecord
-from frenetic.outcome import Outcome
+from frenetic.export import data_frame, export_campaign, official_format
+from frenetic.export.official_format import SimulationRecord
+from frenetic.oracle.outcome import Outcome
 from frenetic.road.validity import check_validity
 from frenetic.search import RandomSearch
 from frenetic.testing import DummyDriver, DummySimulator
@@ -136,7 +136,7 @@ def test_some_outcomes_only_change_the_files(
 def test_sparseness_of_too_many_failures_is_left_empty(
     campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(competition, "MOST_COMPARED", 2)
+    monkeypatch.setattr(official_format, "MOST_COMPARED", 2)
     folder = export_campaign(campaign, "competition", tmp_path / "out", trajectories="none")
     oob = row(folder / "oob_stats.csv")
     assert int(oob["total_oob"]) > 2

@@ -22,7 +22,7 @@ from frenetic.campaign import CampaignStore, Test
 from frenetic.cli import main
 from frenetic.errors import FreneticError
 from frenetic.export import campaigns, data_frame, export_campaign, tables
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 from frenetic.search.records import Source
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from frenetic.campaign import Budget, Campaign, CampaignStore, Test
 from frenetic.drivers import Planner
 from frenetic.errors import CampaignError, Fault
 from frenetic.export import TABLES, data_frame
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 from frenetic.road import Road
 from frenetic.road.classes import RoadClass
 from frenetic.road.profile import NAMES

@@ -9,10 +9,10 @@ import numpy as np
 
 from frenetic._support.json_value import JSONValue
 from frenetic.campaign import Budget, Campaign, CampaignStore, Test
-from frenetic.domain import Domain
+from frenetic.conditions.domain import Domain
 from frenetic.drivers import Planner
-from frenetic.oracle import Result
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import Result
 from frenetic.road.classes import RoadClass
 from frenetic.search import Candidate, Frenetic2021, Origin, RandomSearch
 from frenetic.simulators import EmbeddedSimulator

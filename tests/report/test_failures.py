@@ -14,7 +14,7 @@ from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.counts import Counts
 from frenetic.cli.console import print_failures
 from frenetic.errors import CampaignError
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 from frenetic.report.failures import road_document, write_failures
 from frenetic.road.files import read_road
 from frenetic.search import RandomSearch

@@ -9,7 +9,7 @@ import pytest
 
 from frenetic.analysis.coverage import Axis
 from frenetic.analysis.features import FEATURES as AXES
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 from frenetic.report.html import Part, feature_map
 from frenetic.report.html.feature_map import cells_of, choose_mapped, map_section
 from frenetic.report.html.tests import TestSummary

@@ -21,8 +21,6 @@ import pytest
 from click.testing import CliRunner
 from html_campaigns import HOSTILE, make_empty, make_hostile, make_refused
 
-from frenetic.again.conditions import Variation
-from frenetic.again.rerun import rerun
 from frenetic.analysis.failures import Cluster, Clusters, distinct_failures, nearest_misses
 from frenetic.analysis.features import FEATURES, features_of
 from frenetic.analysis.segments import place_in_words, segments_of
@@ -32,8 +30,8 @@ from frenetic.campaign.store import DATABASE
 from frenetic.cli import cli
 from frenetic.drivers import Planner
 from frenetic.errors import CampaignError, FreneticError
-from frenetic.oracle import assess
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import assess
 from frenetic.report.html import (
     Chart,
     Facts,
@@ -49,6 +47,8 @@ from frenetic.report.html import (
 from frenetic.report.html.campaign import Reading, configuration
 from frenetic.report.html.tests import COLUMNS, TestSummary, drive_columns
 from frenetic.report.html.timeline import POINTS, timeline_of
+from frenetic.rerun.rerun import rerun
+from frenetic.rerun.variations import Variation
 from frenetic.road import Road, profile
 from frenetic.search import RandomSearch
 from frenetic.simulators import EmbeddedSimulator

@@ -26,7 +26,7 @@ from frenetic.analysis.failures import Clusters, Failure, describe, distinct_fai
 from frenetic.campaign import Budget, Campaign, CampaignStore, Test
 from frenetic.cli import cli
 from frenetic.drivers.loading import load_driver
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 from frenetic.report import animate
 from frenetic.report.html import (
     Chart,

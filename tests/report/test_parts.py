@@ -6,13 +6,13 @@ from typing import Any
 
 import pytest
 
-from frenetic.description import describe, part_text, recorded_part
 from frenetic.drivers import Delayed, LimitedView, Planner
 from frenetic.search import RandomSearch
 from frenetic.simulators import EmbeddedSimulator
+from frenetic.spec.part_record import describe, part_text, recorded_part
 
 USUAL, SLIPPERY = (describe(EmbeddedSimulator(friction=value)) for value in (1.0, 0.8))
-NETWORK = {"class": "frenetic.vision.neural:Network"}
+NETWORK = {"class": "frenetic.plugins.vision.neural:Network"}
 MANY = {
     "class": "m:Part",
     "options": {"a": 1, "b": 2, "c": {"d": 3, "e": 4, "f": 5, "g": 6, "h": 7}},

@@ -16,10 +16,10 @@ import pytest
 
 from frenetic import Budget, EmbeddedSimulator, Planner, RandomSearch
 from frenetic.campaign import Campaign, CampaignStore
-from frenetic.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.errors import FreneticError, Trouble
-from frenetic.oracle import judge
-from frenetic.outcome import Outcome
+from frenetic.oracle.drive import CarBody, Drive, Rules, Trajectory
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import judge
 from frenetic.report import draw_drive, draw_gallery, draw_road
 from frenetic.report.orientation import edges_of
 from frenetic.report.picture import draw_test

@@ -27,7 +27,7 @@ from frenetic.campaign import CampaignStore
 from frenetic.campaign.counts import Counts
 from frenetic.drivers import Stanley
 from frenetic.errors import FreneticError
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 from frenetic.report import animate, plot, plot_progress
 from frenetic.report.plots import draw_comparison
 from frenetic.road import Road

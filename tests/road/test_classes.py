@@ -18,8 +18,8 @@ from road_rules import RULES, violations
 
 from frenetic import Frenetic, Frenetic2021, RandomSearch, Road
 from frenetic.errors import FreneticError
-from frenetic.oracle import Finding
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import Finding
 from frenetic.road.classes import RoadClass
 from frenetic.search import Evaluation, Strategy
 from frenetic.search.records import Trace

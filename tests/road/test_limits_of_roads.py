@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from frenetic.drive import Rules
 from frenetic.errors import RoadError
+from frenetic.oracle.drive import Rules
 from frenetic.road import Road, profile
 from frenetic.road.files import entries_of, read_road
 from frenetic.road.opendrive import RoadMap, to_opendrive

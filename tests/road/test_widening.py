@@ -13,12 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from frenetic import Road, Trajectory
-from frenetic.drive import CarBody, Drive, Rules
 from frenetic.errors import RoadError
-from frenetic.oracle import assess, judge
-from frenetic.outcome import Outcome
+from frenetic.oracle.drive import CarBody, Drive, Rules
+from frenetic.oracle.lane_share import share_outside
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import assess, judge
 from frenetic.road.files import entries_of, read_road
-from frenetic.road.overlap import share_outside
 
 CAR = CarBody(4.5, 1.8, 0.1)
 WIDENING = np.array([(0.0, 0.0), (20.0, 0.0), (40.0, 1.0), (60.0, 1.0), (80.0, 0.0)])

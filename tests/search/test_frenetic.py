@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from frenetic._support.arrays import FloatArray
-from frenetic.oracle import Finding
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import Finding
 from frenetic.road import Road
 from frenetic.search import Candidate, Evaluation, Frenetic, Trace
 from frenetic.search import speed_model as speeds

@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from frenetic._support.arrays import FloatArray
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 from frenetic.road import Road
 from frenetic.search import Candidate, Evaluation, Frenetic2021
 from frenetic.search.operators import MutationOptions

@@ -9,8 +9,8 @@ import numba
 import numpy as np
 import pytest
 
-from frenetic.outcome import Outcome
-from frenetic.registry import STRATEGIES
+from frenetic.oracle.outcome import Outcome
+from frenetic.parts.registry import STRATEGIES
 from frenetic.road import Road
 from frenetic.search.records import Evaluation, Trace
 from frenetic.testing import StrategyContract

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from frenetic._support.arrays import FloatArray
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 from frenetic.search import (
     Candidate,
     Evaluation,

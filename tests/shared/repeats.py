@@ -7,17 +7,17 @@ from types import MappingProxyType
 
 import numpy as np
 
-from frenetic.again.verdicts import Repeat
 from frenetic.campaign import CampaignStore
 from frenetic.campaign.record import Test
-from frenetic.criteria import LANE
+from frenetic.criteria.criterion import LANE
 from frenetic.drivers import Driver
-from frenetic.oracle import Finding, Result, Side
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import Finding, Result, Side
+from frenetic.rerun.stability import Repeat
 from frenetic.road import Road
 from frenetic.search import Candidate, Origin
 from frenetic.simulators import Drive, EmbeddedSimulator
-from frenetic.simulators.worlds import Conditions
+from frenetic.simulators.conditions import Conditions
 
 
 def recorded(

@@ -6,7 +6,7 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from frenetic.quantities import Quantity, quantities
+from frenetic.conditions.condition import Quantity, quantities
 from frenetic.spec import Part, Spec
 
 names = st.from_regex(r"[a-z][a-z_]{0,8}", fullmatch=True)

@@ -7,17 +7,17 @@ from typing import Any
 
 import pytest
 
-from frenetic.beamng import BeamngSimulator
-from frenetic.commonroad import CommonRoadSimulator
-from frenetic.description import describe
+from frenetic.conditions.condition import quantities
 from frenetic.drivers import Delayed, Driver, Planner
 from frenetic.drivers.loading import load_driver
 from frenetic.errors import DriverError, FreneticError
-from frenetic.metadrive import MetaDriveSimulator
-from frenetic.quantities import quantities
+from frenetic.plugins.beamng import BeamngSimulator
+from frenetic.plugins.commonroad import CommonRoadSimulator
+from frenetic.plugins.metadrive import MetaDriveSimulator
 from frenetic.simulators import EmbeddedSimulator, Rules, Simulator
 from frenetic.simulators.capabilities import Capabilities, capabilities, check_pair, usual
-from frenetic.simulators.worlds import check_can_vary
+from frenetic.simulators.conditions import check_can_vary
+from frenetic.spec.part_record import describe
 from frenetic.testing import DummyDriver, DummySimulator
 
 

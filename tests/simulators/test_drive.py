@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from frenetic.drive import Trajectory
 from frenetic.drivers import Planner
+from frenetic.oracle.drive import Trajectory
 from frenetic.road import Road
 from frenetic.simulators import EmbeddedSimulator
 

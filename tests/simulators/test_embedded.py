@@ -28,8 +28,8 @@ from frenetic.drivers import (
     Stanley,
 )
 from frenetic.errors import GIVES_NO_CONTROLS, HANGS, DriverError, Fault
-from frenetic.oracle import assess, judge
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import assess, judge
 from frenetic.road import Pose, Road
 from frenetic.simulators import Drive, EmbeddedSimulator, Rules, Vehicle
 from frenetic.simulators.embedded.vehicle import axle_forces

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from frenetic import Controls, DriveSetup, EmbeddedSimulator, Observation, Planner, Road, Stanley
-from frenetic.criteria import Profile
-from frenetic.drive import Drive, Rules
+from frenetic.criteria.criterion import Profile
 from frenetic.drivers import BeamngAi, LimitedView
 from frenetic.drivers.builtin import BuiltIn
-from frenetic.drivers.layers import Hasty
-from frenetic.oracle import judge
-from frenetic.outcome import Outcome
+from frenetic.drivers.wrappers import Hasty
+from frenetic.oracle.drive import Drive, Rules
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import judge
 
 STRAIGHT = Road(np.zeros(61), speed_limits=[(0, 50), (200, 30), (400, 80)])
 

@@ -23,14 +23,14 @@ from frenetic import (
     Trajectory,
     Vehicle,
 )
-from frenetic.beamng import BeamngSimulator
 from frenetic.campaign import RoadTester
 from frenetic.drivers import Delayed, Driver, Stanley
 from frenetic.drivers.driver import DRAG_FADE_SPEED
 from frenetic.drivers.loading import load_driver
 from frenetic.errors import RoadError
-from frenetic.metadrive import MetaDriveSimulator
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
+from frenetic.plugins.beamng import BeamngSimulator
+from frenetic.plugins.metadrive import MetaDriveSimulator
 from frenetic.road import Pose, profile
 from frenetic.road.geometry import project_near
 from frenetic.search import Candidate, Origin

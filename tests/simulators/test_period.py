@@ -10,8 +10,8 @@ import pytest
 from frenetic import Controls, Driver, DriveSetup, EmbeddedSimulator, Observation, Road, Stanley
 from frenetic.drivers import Noisy
 from frenetic.errors import DriverError
-from frenetic.oracle import judge
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import judge
 from frenetic.simulators.capabilities import check_pair
 from frenetic.testing import DummySimulator
 

@@ -9,8 +9,8 @@ import pytest
 
 from frenetic import DriveSetup, Pose, Road, Stanley
 from frenetic.errors import DriverError
-from frenetic.oracle import judge
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import judge
 from frenetic.simulators import Motion, SteppedSimulator
 from frenetic.simulators.capabilities import capabilities, check_pair
 

@@ -16,8 +16,8 @@ from vehiclemodels.vehicle_dynamics_ks import vehicle_dynamics_ks
 from vehiclemodels.vehicle_dynamics_st import vehicle_dynamics_st
 
 from frenetic._support.arrays import FloatArray
-from frenetic.drive import CarBody
 from frenetic.drivers.driver import DRAG_FADE_SPEED
+from frenetic.oracle.drive import CarBody
 from frenetic.simulators.embedded import vehicle
 from frenetic.simulators.embedded.vehicle import (
     GRAVITY,

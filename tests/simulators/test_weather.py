@@ -10,8 +10,9 @@ import pytest
 from frenetic import EmbeddedSimulator, Road, Trajectory
 from frenetic._support.arrays import FloatArray
 from frenetic.drivers import Controls, Driver, DriveSetup, Observation, Planner, Stanley
-from frenetic.drivers.layers import Hasty
+from frenetic.drivers.wrappers import Hasty
 from frenetic.errors import FreneticError
+from frenetic.simulators.conditions import in_conditions
 from frenetic.simulators.embedded.vehicle import AIR_DENSITY, PULL_LEFT, Vehicle
 from frenetic.simulators.embedded.weather import (
     GUST_LENGTH,
@@ -20,7 +21,6 @@ from frenetic.simulators.embedded.weather import (
     in_gust,
     weather_array,
 )
-from frenetic.simulators.worlds import in_conditions
 
 STRAIGHT = Road([0.0] * 31)
 BEND = Road([0.0] * 8 + [0.01, 0.02, 0.02, 0.02, 0.02, 0.01] + [0.0] * 12)

@@ -1,7 +1,6 @@
 """The meaning of a campaign's tests, one by one and together."""
 
 from frenetic.analysis.comparison import Comparison, compare
-from frenetic.analysis.competition import competition_segment, failure_segment
 from frenetic.analysis.coverage import DomainCoverage, domain_coverage
 from frenetic.analysis.failures import (
     Cluster,
@@ -14,6 +13,7 @@ from frenetic.analysis.failures import (
 from frenetic.analysis.features import FEATURES, Features, features_of
 from frenetic.analysis.groups import find_campaigns
 from frenetic.analysis.metrics import CampaignMeasures, measure_campaign
+from frenetic.analysis.official_segment import competition_segment, failure_segment
 from frenetic.analysis.segments import Segment, segment_of, segments_of
 from frenetic.analysis.sparseness import unlike_lines
 

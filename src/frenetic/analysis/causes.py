@@ -22,10 +22,10 @@ import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis.segments import Segment, bend_of_place, bends_of, segment_of
-from frenetic.criteria import DRIVER, EDGE_DISTANCE, LANE, quantity
-from frenetic.drive import Drive
-from frenetic.oracle import TIMED_OUT, Side, judge
-from frenetic.outcome import Outcome
+from frenetic.criteria.criterion import DRIVER, EDGE_DISTANCE, LANE, quantity
+from frenetic.oracle.drive import Drive
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import TIMED_OUT, Side, judge
 from frenetic.road import Road
 
 SETTLED: Final = 0.1

@@ -18,9 +18,9 @@ import numpy.typing as npt
 from frenetic._support.arrays import FloatArray
 from frenetic.campaign.counts import FirstTests
 from frenetic.campaign.record import Test
-from frenetic.domain import Domain
-from frenetic.outcome import Outcome
-from frenetic.quantities import named, quantity
+from frenetic.conditions.condition import named, quantity
+from frenetic.conditions.domain import Domain
+from frenetic.oracle.outcome import Outcome
 from frenetic.road.classes import RoadClass
 from frenetic.search.operators import CURVATURE_BOUND
 from frenetic.search.random_search import RANDOM, RandomRoads

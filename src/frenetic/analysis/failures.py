@@ -41,14 +41,14 @@ from frenetic.analysis.segments import (
     segment_of_test,
     segments_of,
 )
-from frenetic.campaign.earlier import read_earlier
 from frenetic.campaign.objective import MOOBD, Objective, evaluation_of
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
-from frenetic.criteria import EDGE_DISTANCE
+from frenetic.campaign.warm_start import read_earlier
+from frenetic.criteria.criterion import EDGE_DISTANCE
 from frenetic.errors import Fault
-from frenetic.oracle import Result, Side
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import Result, Side
 from frenetic.search.approach import (
     ALIKE,
     ROAD_SIZE,

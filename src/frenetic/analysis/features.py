@@ -13,8 +13,8 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis.segments import Segment, heading_range
-from frenetic.criteria import quantity
-from frenetic.measures import series
+from frenetic.criteria.criterion import quantity
+from frenetic.oracle.signals import series
 
 HEADING_BINS: Final = 10
 """Bins of 36 degrees in the full circle."""

@@ -14,16 +14,16 @@ from msgspec import convert
 from frenetic._support.files import require_list
 from frenetic.campaign.objective import MOOBD
 from frenetic.campaign.store import DATABASE, CampaignStore
-from frenetic.criteria import Profile
-from frenetic.description import part_text
-from frenetic.domain import Domain
+from frenetic.conditions.condition import in_words as conditions_in_words
+from frenetic.conditions.domain import Domain
+from frenetic.criteria.criterion import Profile
 from frenetic.errors import CampaignError
-from frenetic.quantities import in_words as conditions_in_words
-from frenetic.registry import part_name
+from frenetic.parts.registry import part_name
+from frenetic.parts.versions import short_version
 from frenetic.road import profile
 from frenetic.road.classes import RoadClass
+from frenetic.spec.part_record import part_text
 from frenetic.spec.terms import Terms
-from frenetic.versions import short_version
 
 PARTS: Final = (
     *("strategy", "driver", "simulator", "rules", "budget"),

@@ -10,9 +10,9 @@ from frenetic.analysis.features import FEATURES, Features, features_of
 from frenetic.analysis.segments import segment_of
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
+from frenetic.conditions.condition import quantities, quantity
 from frenetic.errors import UnknownNameError
-from frenetic.outcome import Outcome, chosen_outcomes
-from frenetic.quantities import quantities, quantity
+from frenetic.oracle.outcome import Outcome, chosen_outcomes
 
 ORDERS: Final = ("severity", "tested", "duration")
 """Orders that need no features: lowest MOOBD first, in the order of the results, longest first."""

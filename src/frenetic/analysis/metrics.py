@@ -13,14 +13,14 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import evenly
-from frenetic.analysis.competition import failure_segment
 from frenetic.analysis.failures import Failure, cluster_failures
 from frenetic.analysis.features import FEATURES, features_of
+from frenetic.analysis.official_segment import failure_segment
 from frenetic.analysis.segments import segment_of_test
 from frenetic.analysis.sparseness import MOST_COMPARED, largest_distances, unlike_lines
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.store import CampaignStore
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 
 IntArray: TypeAlias = npt.NDArray[np.int64]
 Curve: TypeAlias = Literal["distinct_after", "failures_after"]

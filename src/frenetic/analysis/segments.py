@@ -14,10 +14,10 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore, Order
-from frenetic.drive import Drive
-from frenetic.measures import Seen
-from frenetic.oracle import Assessment, Finding, Side, assess, seen_by_criteria
-from frenetic.outcome import Outcome
+from frenetic.oracle.drive import Drive
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.signals import Seen
+from frenetic.oracle.verdict import Assessment, Finding, Side, assess, seen_by_criteria
 from frenetic.road import Road
 
 REACH: Final = 30.0

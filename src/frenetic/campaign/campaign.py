@@ -21,11 +21,11 @@ from msgspec import structs, to_builtins
 
 from frenetic._support.bounds import require_count
 from frenetic._support.files import require_list
-from frenetic._support.interrupt import Interrupt, catch_interrupt
 from frenetic._support.json_value import JSONValue, plain
 from frenetic._support.notebook import Shown
 from frenetic._support.words import counted, number_word
-from frenetic.campaign.asking import (
+from frenetic.campaign.configuration import SPEC, EarlierCampaign, earlier_of
+from frenetic.campaign.guarded_strategy import (
     FACTS,
     ObservingStrategy,
     facts_of,
@@ -35,22 +35,21 @@ from frenetic.campaign.asking import (
     require_valid_roads,
     start,
 )
-from frenetic.campaign.configuration import SPEC, EarlierCampaign, earlier_of
-from frenetic.campaign.earlier import (
+from frenetic.campaign.log import CampaignLog, LogEvent
+from frenetic.campaign.loop import Dispatcher
+from frenetic.campaign.objective import MOOBD, Objective, objectives
+from frenetic.campaign.record import Test
+from frenetic.campaign.second_drive import SecondDrive
+from frenetic.campaign.status import has_judged, next_campaign, stored_budget
+from frenetic.campaign.store import SIGNATURE, SOURCES, STARTED_IN, CampaignStore
+from frenetic.campaign.summary import Event, EventKind, Summary
+from frenetic.campaign.tester import RoadTester
+from frenetic.campaign.warm_start import (
     earlier_evaluations,
     numbered,
     take_earlier,
     take_roads,
 )
-from frenetic.campaign.log import CampaignLog, LogEvent
-from frenetic.campaign.loop import Dispatcher
-from frenetic.campaign.objective import MOOBD, Objective, objectives
-from frenetic.campaign.record import Test
-from frenetic.campaign.repeat import SecondDrive
-from frenetic.campaign.state import has_judged, next_campaign, stored_budget
-from frenetic.campaign.store import SIGNATURE, SOURCES, STARTED_IN, CampaignStore
-from frenetic.campaign.summary import Event, EventKind, Summary
-from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers import (
     InProcessWorker,
     LocalWorkers,
@@ -58,22 +57,23 @@ from frenetic.campaign.workers import (
     available_cores,
     is_isolable,
 )
-from frenetic.description import changed_parts, describe, describe_terms, sources_of
-from frenetic.domain import Domain
+from frenetic.conditions.domain import Domain
 from frenetic.drivers.driver import Driver
 from frenetic.errors import CampaignError, CampaignGoneError, FreneticError, reason_of, traceback_of
-from frenetic.registry import Made, options_of
+from frenetic.parts.registry import Made, options_of
+from frenetic.parts.trust import is_here, named_code, unsigned_text
+from frenetic.parts.versions import package_versions, version_of
+from frenetic.processes.interrupt import Interrupt, catch_interrupt
 from frenetic.road import MARGIN
 from frenetic.search.records import Candidate
 from frenetic.search.strategy import Strategy, has_own
 from frenetic.simulators.capabilities import capabilities, check_class
+from frenetic.simulators.conditions import check_pair_in
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.simulator import Simulator
-from frenetic.simulators.worlds import check_pair_in
 from frenetic.spec import MAX_WORKERS, USUAL, Budget, Spec, read_workers
+from frenetic.spec.part_record import changed_parts, describe, describe_terms, sources_of
 from frenetic.spec.terms import Setting, Terms
-from frenetic.trust import is_here, named_code, unsigned_text
-from frenetic.versions import package_versions, version_of
 
 logger = logging.getLogger(__name__)
 
@@ -130,7 +130,7 @@ class Campaign(Shown):
         terms: map, lanes, roads and conditions of the drives; by default those of the strategy.
         folder: for results, made if need be; a new one under ``campaigns/`` by default.
         workers: number of roads driven at once, or the address of a Dask scheduler whose workers
-            drive (`frenetic.campaign.workers.cluster`). 1 drives them in this process, which does
+            drive (`frenetic.plugins.dask.cluster`). 1 drives them in this process, which does
             not survive a driver that kills or hangs it, closes its files or leaves its folder,
             unless `isolate` says otherwise. More are processes on this machine, each with a
             simulator and a driver of its own.
@@ -146,7 +146,7 @@ class Campaign(Shown):
             strategy, which has `start_from`, drives again what failed there. What
             is taken from them is kept in the new campaign, and a resumed one goes on with that.
         from_roads: folder of real roads, which are driven first and then changed; kept likewise.
-            The class that they show is `frenetic.road.stretches.shown_class`.
+            The class that they show is `frenetic.road.real_roads.shown_class`.
         description: other facts for the campaign's configuration.
         spec: names driver and simulator, which each process that drives makes anew then, from the
             current folder; if it names the strategy, too, commands can go on with the campaign.
@@ -357,7 +357,7 @@ class Campaign(Shown):
         prepare(self.tester.simulator, is_here=isinstance(self.workers, int))
         if isinstance(self.workers, str):
             # An optional extra.
-            from frenetic.campaign.workers.cluster import require_scheduler
+            from frenetic.plugins.dask.cluster import require_scheduler
 
             require_scheduler(self.workers)
         if self._search_so_far is not None:
@@ -676,7 +676,7 @@ class Campaign(Shown):
     def _workers(self, log: CampaignLog) -> Workers:
         if isinstance(self.workers, str):
             # An optional extra.
-            from frenetic.campaign.workers.cluster import ClusterWorkers
+            from frenetic.plugins.dask.cluster import ClusterWorkers
 
             return ClusterWorkers(self.tester, self.workers, drive_limit=self.drive_limit, log=log)
         if self.workers == 1 and not (self.isolate and is_isolable(self.tester)):

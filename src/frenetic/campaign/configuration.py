@@ -42,7 +42,7 @@ class EarlierCampaign:
 
 
 class _Described(Struct, forbid_unknown_fields=True, rename={"kind": "class"}):
-    """A part in the form of `frenetic.description.describe`."""
+    """A part in the form of `frenetic.spec.part_record.describe`."""
 
     kind: str
     options: dict[str, Any] = {}

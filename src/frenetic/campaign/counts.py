@@ -11,7 +11,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.words import counted
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 from frenetic.road import profile
 from frenetic.search.records import Candidate
 

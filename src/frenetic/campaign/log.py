@@ -32,7 +32,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, Self, TypeAlias
 
 from frenetic._support.outside_text import read_json
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 
 if TYPE_CHECKING:
     from frenetic._support.json_value import JSONValue

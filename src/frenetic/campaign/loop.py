@@ -8,10 +8,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Final
 
-from frenetic._support.child_processes import one_process
-from frenetic._support.interrupt import Interrupt
 from frenetic._support.words import present_moment
-from frenetic.campaign.asking import (
+from frenetic.campaign.guarded_strategy import (
     FACTS,
     ObservingStrategy,
     ask,
@@ -23,13 +21,15 @@ from frenetic.campaign.asking import (
 from frenetic.campaign.log import CampaignLog, LogEvent
 from frenetic.campaign.objective import Objective, evaluation_of
 from frenetic.campaign.record import Attempt, Test
-from frenetic.campaign.repeat import SecondDrive
+from frenetic.campaign.second_drive import SecondDrive
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Summary
 from frenetic.campaign.workers.workers import Workers
 from frenetic.errors import BrokenDriverError, CampaignError, StrategyError, Trouble
-from frenetic.oracle import is_drivers
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import is_drivers
+from frenetic.processes.children import one_process
+from frenetic.processes.interrupt import Interrupt
 from frenetic.search.random_search import most_frequent
 from frenetic.search.records import Candidate
 from frenetic.search.strategy import SearchEnded, Strategy, has_own

@@ -26,13 +26,13 @@ import numpy as np
 from frenetic._support.words import lane_words
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
-from frenetic.criteria import QUANTITIES, quantity
-from frenetic.drive import Drive, Trajectory
+from frenetic.criteria.criterion import QUANTITIES, quantity
 from frenetic.errors import CampaignError, describe_raised
-from frenetic.measures import Measured, worst
-from frenetic.oracle import Result, assess, judge, measured, seen_by_criteria
-from frenetic.outcome import Outcome
-from frenetic.registry import OBJECTIVES
+from frenetic.oracle.drive import Drive, Trajectory
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.signals import Measured, worst
+from frenetic.oracle.verdict import Result, assess, judge, measured, seen_by_criteria
+from frenetic.parts.registry import OBJECTIVES
 from frenetic.road import Road
 from frenetic.search.records import Candidate, Evaluation, Trace
 
@@ -225,7 +225,7 @@ criteria.place_of = lambda road, drive: _nearest(road, drive).distance  # type: 
 
 
 class Worst:
-    """An objective: the worst value of a quantity, see `frenetic.criteria`.
+    """An objective: the worst value of a quantity, see `frenetic.criteria.criterion`.
 
     It is by the drive's criterion for it, or else in the quantity's usual window; 0 for a drive
     that is shorter than that.

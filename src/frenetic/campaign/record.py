@@ -21,10 +21,10 @@ from frenetic._support.bounds import Count, Finite, Index, NotNegative, Share
 from frenetic._support.notebook import Shown
 from frenetic._support.outside_text import read_json
 from frenetic.campaign.trajectory_codec import decode, encode, rounded
-from frenetic.drive import Drive, Trajectory
 from frenetic.errors import IS_KILLED, CampaignError, Trouble
-from frenetic.oracle import Finding, Result, broken
-from frenetic.outcome import Outcome
+from frenetic.oracle.drive import Drive, Trajectory
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import Finding, Result, broken
 from frenetic.road import Pose, Road
 from frenetic.search.records import Candidate
 from frenetic.spec.terms import Setting

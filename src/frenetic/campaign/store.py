@@ -54,9 +54,9 @@ from frenetic.campaign.record import (
     row_of,
 )
 from frenetic.campaign.trajectory_codec import decode, encode
-from frenetic.drive import Trajectory
 from frenetic.errors import CampaignError, CampaignGoneError
-from frenetic.outcome import Outcome
+from frenetic.oracle.drive import Trajectory
+from frenetic.oracle.outcome import Outcome
 from frenetic.road import profile
 from frenetic.search.records import Candidate
 from frenetic.spec.terms import Setting

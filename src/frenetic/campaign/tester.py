@@ -16,24 +16,24 @@ from typing import Any
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.child_processes import one_process
 from frenetic._support.json_value import JSONValue
 from frenetic.campaign.record import Attempt
-from frenetic.description import describe, sources_of
-from frenetic.drive import Drive, Rules, Trajectory
 from frenetic.drivers.driver import Driver
 from frenetic.drivers.loading import under
 from frenetic.errors import RoadError, Trouble
-from frenetic.oracle import judge
-from frenetic.outcome import Outcome
-from frenetic.registry import SIMULATORS, Made
+from frenetic.oracle.drive import Drive, Rules, Trajectory
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import judge
+from frenetic.parts.registry import SIMULATORS, Made
+from frenetic.processes.children import one_process
 from frenetic.road import Pose, Road, Verdict, check_validity
 from frenetic.search.records import Candidate
 from frenetic.simulators.blame import raised
 from frenetic.simulators.capabilities import capabilities, check_pair, check_road
+from frenetic.simulators.conditions import check_conditions, check_pair_in, in_conditions
 from frenetic.simulators.simulator import Simulator
-from frenetic.simulators.worlds import check_conditions, check_pair_in, in_conditions
 from frenetic.spec import Spec
+from frenetic.spec.part_record import describe, sources_of
 from frenetic.spec.terms import Setting, Terms
 
 logger = logging.getLogger(__name__)
@@ -107,7 +107,7 @@ class RoadTester:
 
     @property
     def described(self) -> Mapping[str, dict[str, JSONValue]]:
-        """Driver and simulator as `frenetic.description.describe` gives them."""
+        """Driver and simulator as `frenetic.spec.part_record.describe` gives them."""
         parts = {"driver": self.driver, "simulator": self.simulator}
         with self.in_folder():
             return {kind: describe(part, self._made(kind)) for kind, part in parts.items()}

@@ -36,8 +36,8 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
-from frenetic.drive import Trajectory
 from frenetic.errors import CampaignError
+from frenetic.oracle.drive import Trajectory
 
 MAX_RECORDS: Final = 1_000_000
 """Longest trajectory that is stored: almost 14 hours at 20 Hz."""

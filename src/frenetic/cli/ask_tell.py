@@ -40,7 +40,7 @@ def ask_tell(
     like any other. The page on ask-tell has all requests.
     """
     from frenetic.campaign import CampaignStore, new_folder
-    from frenetic.campaign.asktell import ToldCampaign
+    from frenetic.campaign.ask_tell import ToldCampaign
     from frenetic.campaign.store import DATABASE
 
     spec = Given.of(context).over(Spec())

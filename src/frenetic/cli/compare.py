@@ -14,6 +14,7 @@ import click
 from rich.markup import escape
 
 from frenetic.cli import echo
+from frenetic.cli.compare_versions import compare_versions
 from frenetic.cli.console import Log, print_table
 from frenetic.cli.entries import Given, as_option, entry_option, trust_option, was_given
 from frenetic.cli.options import (
@@ -23,7 +24,6 @@ from frenetic.cli.options import (
     json_option,
     workers_option,
 )
-from frenetic.cli.versions import compare_versions
 from frenetic.errors import FreneticError
 
 if TYPE_CHECKING:

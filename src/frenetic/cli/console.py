@@ -27,15 +27,15 @@ from frenetic._support.words import (
     rate_words,
 )
 from frenetic.cli import Invocation, echo, silence
-from frenetic.criteria import DRIVER, LANE, quantity
-from frenetic.quantities import SPEED
+from frenetic.conditions.condition import SPEED
+from frenetic.criteria.criterion import DRIVER, LANE, quantity
 
 if TYPE_CHECKING:
     from frenetic.analysis import Clusters
     from frenetic.campaign import CampaignStore, Summary, Test
     from frenetic.campaign.counts import Counts
-    from frenetic.criteria import Profile
-    from frenetic.oracle import Result
+    from frenetic.criteria.criterion import Profile
+    from frenetic.oracle.verdict import Result
     from frenetic.road import Road
     from frenetic.spec.terms import Setting
 
@@ -306,7 +306,7 @@ def _cut(short: Test | None) -> str | None:
 
 def first_error(store: CampaignStore) -> str:
     """Reason of the first test in which the simulator broke; empty if there is none."""
-    from frenetic.outcome import Outcome
+    from frenetic.oracle.outcome import Outcome
 
     return "".join(test.reason for test in store.tests(Outcome.ERROR, limit=1))
 

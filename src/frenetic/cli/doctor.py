@@ -15,8 +15,8 @@ from frenetic.cli.entries import entry_option
 from frenetic.cli.options import as_usage_error, json_option
 
 if TYPE_CHECKING:
-    from frenetic.doctor import Examination
     from frenetic.simulators.checks import Check
+    from frenetic.simulators.doctor import Examination
     from frenetic.spec import Spec
 
 
@@ -32,7 +32,7 @@ def doctor(simulator: Spec | None, as_json: bool) -> None:
     Use --simulator and its options for a simulator that needs a licence or a place. The exit code
     is 0 if all checks pass, 1 otherwise.
     """
-    from frenetic.doctor import Health, examine, examine_all
+    from frenetic.simulators.doctor import Health, examine, examine_all
 
     name, options = (None, {}) if simulator is None else read_part(simulator.simulator or "")
     if name is None and options:

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from frenetic.cli import echo
-from frenetic.cli.again import campaign_spec, file_spec
 from frenetic.cli.console import (
     Log,
     announced_compilation,
@@ -38,13 +37,14 @@ from frenetic.cli.options import (
     road_option,
     source_arguments,
 )
-from frenetic.quantities import in_words, without
+from frenetic.cli.rerun_options import campaign_spec, file_spec
+from frenetic.conditions.condition import in_words, without
 from frenetic.spec import Spec
 
 if TYPE_CHECKING:
     from frenetic.campaign import RoadTester, Test
-    from frenetic.drive import Drive, Rules
-    from frenetic.oracle import Result
+    from frenetic.oracle.drive import Drive, Rules
+    from frenetic.oracle.verdict import Result
     from frenetic.road import Road, Verdict
     from frenetic.road.files import RoadFile
     from frenetic.road.opendrive import Stretch
@@ -151,8 +151,8 @@ def _of_campaign(
     given: Given, folder: Path, test_ids: tuple[int, ...], *, dry: bool
 ) -> tuple[tuple[Spec, Path], Rules | None, list[Asked]]:
     """A campaign's spec and the folder of its code, its rules unless that says them, and roads."""
-    from frenetic.again.rerun import unsaid_rules
     from frenetic.campaign import CampaignStore
+    from frenetic.rerun.rerun import unsaid_rules
 
     if not test_ids:
         raise click.UsageError(
@@ -221,7 +221,7 @@ def _of_map(
     from frenetic.road import Verdict
     from frenetic.road.files import read_stretches
     from frenetic.search.random_search import TO_GO_ON
-    from frenetic.simulators.worlds import rules_in
+    from frenetic.simulators.conditions import rules_in
 
     spec, folder = given.trusted(given.over(Spec(), has_roads=False))
     road_map, stretches = read_stretches(path, map_roads, lane=lane)
@@ -278,8 +278,8 @@ def _driven(
     """Drives the valid roads and prints what happened, unless quiet; gives it for JSON."""
     from frenetic.campaign import RoadTester
     from frenetic.campaign.workers import driving
-    from frenetic.oracle import Result, judge, measures_json
-    from frenetic.outcome import Outcome
+    from frenetic.oracle.outcome import Outcome
+    from frenetic.oracle.verdict import Result, judge, measures_json
 
     with chdir(folder):
         tester = RoadTester.of(spec, rules=rules)
@@ -341,7 +341,7 @@ def _compared(
     A drive with another driver, simulator, rules or conditions is not compared, nor is that of a
     road file.
     """
-    from frenetic.campaign.repeat import other_ending, other_moobd
+    from frenetic.campaign.second_drive import other_ending, other_moobd
 
     if asked.test is None or not _is_as_recorded(asked, tester):
         return {}
@@ -353,7 +353,7 @@ def _compared(
 
 def _is_as_recorded(asked: Asked, tester: RoadTester) -> bool:
     """Whether a campaign's test is driven with the campaign's parts, rules and conditions."""
-    from frenetic.versions import differences
+    from frenetic.parts.versions import differences
 
     test, setting = asked.test, tester.setting
     if test is None or test.setting is None or asked.campaign is None:
@@ -383,8 +383,8 @@ def _cannot_be_driven(tester: RoadTester, road: Road) -> str:
 
 def _who(spec: Spec, recorded: object, document: Mapping[str, Any]) -> Iterator[str]:
     """Who drove, and with what the road's file is recorded if that is another."""
-    from frenetic.description import part_text
-    from frenetic.versions import other_version
+    from frenetic.parts.versions import other_version
+    from frenetic.spec.part_record import part_text
 
     driver = document["driver"]
     now = part_text(driver, recorded, word=spec.driver)

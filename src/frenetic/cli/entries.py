@@ -21,12 +21,12 @@ from msgspec import Meta, structs
 from frenetic._support.words import part_word, read_part, read_setting
 from frenetic.cli.console import Log
 from frenetic.cli.options import Decorator, with_options
-from frenetic.description import PARTS
+from frenetic.conditions.condition import amounts_in, quantity
 from frenetic.errors import FreneticError
-from frenetic.quantities import amounts_in, quantity
-from frenetic.registry import SIMULATORS
+from frenetic.parts.registry import SIMULATORS
+from frenetic.parts.trust import NOT_DRIVING, REGISTRIES, Parts, is_here, named_code
 from frenetic.spec import Signed, Spec, sign_driven, usual_of
-from frenetic.trust import NOT_DRIVING, REGISTRIES, Parts, is_here, named_code
+from frenetic.spec.part_record import PARTS
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -293,7 +293,7 @@ class Given:
         others: Parts = MappingProxyType({}),
         noted: Collection[str] = (),
     ) -> tuple[Spec, Path]:
-        """Checks that a command may make its parts, see `frenetic.trust`.
+        """Checks that a command may make its parts, see `frenetic.parts.trust`.
 
         Args:
             spec: of the parts, as `over` gives it.

@@ -59,11 +59,11 @@ def estimate(
     command goes on with an interrupted one, and shows a complete one; without a CAMPAIGN it needs
     --out DIR for that.
     """
-    from frenetic.again.rerun import campaign_tester
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.tester import RoadTester
-    from frenetic.cli.again import campaign_spec, interrupted, shown_driving
-    from frenetic.estimate import estimate as estimated
+    from frenetic.cli.rerun_options import campaign_spec, interrupted, shown_driving
+    from frenetic.rerun.estimate import estimate as estimated
+    from frenetic.rerun.rerun import campaign_tester
 
     given = Given.of(context)
     if campaign is None and not given.says("odd"):

@@ -23,9 +23,9 @@ from frenetic.cli.options import (
     road_option,
     source_arguments,
 )
-from frenetic.outcome import Outcome
-from frenetic.quantities import in_words
-from frenetic.registry import hint
+from frenetic.conditions.condition import in_words
+from frenetic.oracle.outcome import Outcome
+from frenetic.parts.registry import hint
 
 if TYPE_CHECKING:
     from frenetic.export import ExportedRoad
@@ -247,7 +247,7 @@ def _exported(
         return ExportedRoad(file.road(), name, **options), source.with_name(name)
     from frenetic.campaign import CampaignStore
     from frenetic.report.failures import file_stem
-    from frenetic.simulators.worlds import rules_in
+    from frenetic.simulators.conditions import rules_in
 
     with CampaignStore.open(source) as store:
         test = store.test(test_id)

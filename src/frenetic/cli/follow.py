@@ -12,7 +12,7 @@ from typing import Final
 import click
 
 from frenetic._support.words import format_duration
-from frenetic.campaign.state import CampaignState, News, Status, look
+from frenetic.campaign.status import CampaignState, News, Status, look
 from frenetic.cli import echo
 from frenetic.cli.console import Results, live_line, print_facts, progress_text
 

@@ -21,7 +21,7 @@ def init(file: Path, as_json: bool) -> None:
     FILE is the driver's, my_driver.py by default; its test lies beside it. Neither replaces a file.
     The driver works: it passes most roads, and a search finds where it fails.
     """
-    from frenetic.testing.starting import write_driver
+    from frenetic.testing.first_driver import write_driver
 
     driver, test, name = write_driver(file)
     if as_json:

@@ -11,11 +11,11 @@ import click
 from frenetic.cli import echo
 from frenetic.cli.console import print_table
 from frenetic.cli.options import json_option
-from frenetic.criteria import QUANTITIES, profiles
-from frenetic.criteria import quantity as quantity_of
+from frenetic.conditions.condition import quantities
+from frenetic.criteria.criterion import QUANTITIES, profiles
+from frenetic.criteria.criterion import quantity as quantity_of
 from frenetic.errors import FreneticError
-from frenetic.quantities import quantities
-from frenetic.registry import DRIVERS, OBJECTIVES, SIMULATORS, STRATEGIES
+from frenetic.parts.registry import DRIVERS, OBJECTIVES, SIMULATORS, STRATEGIES
 
 if TYPE_CHECKING:
     from frenetic.road.classes import RoadClass

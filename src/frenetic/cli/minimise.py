@@ -13,13 +13,6 @@ import click
 
 from frenetic._support.words import counted
 from frenetic.cli import complain, echo
-from frenetic.cli.again import (
-    campaign_spec,
-    chosen_tests,
-    file_spec,
-    interrupted,
-    shown_driving,
-)
 from frenetic.cli.console import Log, print_facts, shell, this_command
 from frenetic.cli.entries import Given, part_options, trust_option
 from frenetic.cli.options import (
@@ -29,14 +22,21 @@ from frenetic.cli.options import (
     json_option,
     source_arguments,
 )
+from frenetic.cli.rerun_options import (
+    campaign_spec,
+    chosen_tests,
+    file_spec,
+    interrupted,
+    shown_driving,
+)
+from frenetic.conditions.condition import without
 from frenetic.errors import CampaignGoneError, FreneticError
-from frenetic.quantities import without
 from frenetic.spec import Spec
 
 if TYPE_CHECKING:
-    from frenetic.again.minimise import Minimised
     from frenetic.campaign import Event, Test
     from frenetic.report.minimised import MinimisedFiles
+    from frenetic.rerun.minimise import Minimised
     from frenetic.road import Road
 
 ENDINGS: Final = {
@@ -90,11 +90,11 @@ def minimise(
     smallest road found so far; the same command goes on with a campaign's test, and shows a
     complete one.
     """
-    from frenetic.again.minimise import minimise as minimised_road
-    from frenetic.again.minimise import minimise_test
-    from frenetic.again.rerun import campaign_tester
     from frenetic.campaign import CampaignStore, RoadTester
     from frenetic.report.minimised import minimised_document, write_minimised
+    from frenetic.rerun.minimise import minimise as minimised_road
+    from frenetic.rerun.minimise import minimise_test
+    from frenetic.rerun.rerun import campaign_tester
 
     given = Given.of(context)
     if source.is_dir():
@@ -164,7 +164,7 @@ def _of_campaign(
 ) -> tuple[Spec, Path, list[Work]]:
     """Terms of a campaign's drives, the folder of its code, and the tests to minimise."""
     from frenetic.campaign import CampaignStore
-    from frenetic.outcome import Outcome
+    from frenetic.oracle.outcome import Outcome
     from frenetic.report.minimised import MinimisedFiles, minimised_road
 
     if out is not None and (len(test_ids) > 1 or (top or 1) > 1):
@@ -205,7 +205,7 @@ def _of_file(given: Given, path: Path, out: Path | None) -> tuple[Spec, Path, li
 
 
 def _print(work: Work, minimised: Minimised) -> None:
-    from frenetic.campaign.repeat import Match
+    from frenetic.campaign.second_drive import Match
 
     before, after = minimised.shapes
     trouble = minimised.trouble

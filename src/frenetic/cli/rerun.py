@@ -12,12 +12,6 @@ import click
 
 from frenetic._support.words import counted, oob_unit
 from frenetic.cli import echo
-from frenetic.cli.again import (
-    campaign_spec,
-    chosen_tests,
-    interrupted,
-    shown_driving,
-)
 from frenetic.cli.console import Log, print_table, shell, two_digits
 from frenetic.cli.entries import Given, part_options, trust_option
 from frenetic.cli.options import (
@@ -30,14 +24,20 @@ from frenetic.cli.options import (
     ranges,
     workers_option,
 )
+from frenetic.cli.rerun_options import (
+    campaign_spec,
+    chosen_tests,
+    interrupted,
+    shown_driving,
+)
 from frenetic.cli.search import fail_on_failure_option
-from frenetic.quantities import in_words
+from frenetic.conditions.condition import in_words
 
 if TYPE_CHECKING:
-    from frenetic.again.conditions import Variation
-    from frenetic.again.rerun import Rerun
-    from frenetic.again.verdicts import Repeats
     from frenetic.campaign import CampaignStore, RoadTester
+    from frenetic.rerun.rerun import Rerun
+    from frenetic.rerun.stability import Repeats
+    from frenetic.rerun.variations import Variation
 
 VARIED_TIMES: Final = 20
 """Default number of drives of each test if something is varied."""
@@ -45,7 +45,7 @@ VARIED_TIMES: Final = 20
 
 def variation(asked: AskedRange, tester: RoadTester) -> Variation:
     """The range of a quantity; its usual one for a tester if none is given."""
-    from frenetic.again.conditions import Variation
+    from frenetic.rerun.variations import Variation
 
     if asked.limits is None:
         own = tester.terms.conditions.get(asked.name)
@@ -110,9 +110,9 @@ def rerun(
     within one distinct failure. The same command goes on with an interrupted one, and shows a
     complete one.
     """
-    from frenetic.again.junit import write_junit
-    from frenetic.again.rerun import campaign_tester, rerun_with
     from frenetic.campaign import CampaignStore
+    from frenetic.rerun.junit import write_junit
+    from frenetic.rerun.rerun import campaign_tester, rerun_with
 
     if everything and (test_ids or top is not None):
         raise click.UsageError("--all excludes --top and the ID of a test")
@@ -162,8 +162,8 @@ def _driven_tests(store: CampaignStore) -> list[int]:
 
 
 def _print(found: Rerun, times: int, *, is_as_before: bool, with_rows: bool) -> None:
-    from frenetic.again.verdicts import Stability, matches_text
     from frenetic.analysis.failures import LISTED
+    from frenetic.rerun.stability import Stability, matches_text
 
     tests, drives = found.tests, found.drives
     varied = [

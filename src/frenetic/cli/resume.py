@@ -10,7 +10,6 @@ import click
 from msgspec import structs
 
 from frenetic._support.words import counted
-from frenetic.cli.again import campaign_source
 from frenetic.cli.console import shell
 from frenetic.cli.entries import Given, Source, entry_option, moved, place_option, trust_option
 from frenetic.cli.options import (
@@ -19,11 +18,12 @@ from frenetic.cli.options import (
     campaign_argument,
     json_option,
 )
+from frenetic.cli.rerun_options import campaign_source
 from frenetic.cli.search import fail_on_failure_option, is_finished, make_campaign, search
 from frenetic.errors import CampaignError
-from frenetic.registry import SIMULATORS
+from frenetic.parts.registry import SIMULATORS
+from frenetic.parts.trust import is_here
 from frenetic.spec import Budget, Spec
-from frenetic.trust import is_here
 
 
 @click.command()
@@ -58,9 +58,9 @@ def resume(
     """
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.configuration import SPEC, decode_budget, with_budget
-    from frenetic.campaign.state import has_judged, is_told, next_campaign
+    from frenetic.campaign.status import has_judged, is_told, next_campaign
+    from frenetic.parts.versions import edited_files
     from frenetic.report import results
-    from frenetic.versions import edited_files
 
     with CampaignStore.open(campaign) as store:
         config, facts, counts = store.config, store.facts, store.counts()

@@ -13,10 +13,10 @@ from frenetic.cli.console import limit_of_search
 from frenetic.cli.entries import Given, Source, entry_options, part_options, trust_option
 from frenetic.cli.options import folder_option, json_option
 from frenetic.cli.search import fail_on_failure_option, make_campaign, search
-from frenetic.description import PARTS
-from frenetic.quantities import in_words
+from frenetic.conditions.condition import in_words
+from frenetic.parts.trust import is_here
 from frenetic.spec import Spec
-from frenetic.trust import is_here
+from frenetic.spec.part_record import PARTS
 
 DEFAULT_SIMULATIONS: Final = 1000
 
@@ -75,7 +75,7 @@ def run(
 def _with_search(spec: Spec) -> Spec:
     """The spec with a budget, a seed and a look-ahead."""
     from frenetic.campaign import LOOKAHEAD
-    from frenetic.registry import STRATEGIES  # with what it loads, too slow for help
+    from frenetic.parts.registry import STRATEGIES  # with what it loads, too slow for help
 
     usual: dict[str, Any] = {}
     if spec.budget is None:

@@ -218,8 +218,8 @@ class _Printer:
     def _print_found(self, results: Results) -> None:
         """Print counts, causes or near misses, notes and the next command."""
         from frenetic.campaign import CampaignStore
-        from frenetic.campaign.earlier import still_failing
         from frenetic.campaign.objective import worst_criterion
+        from frenetic.campaign.warm_start import still_failing
 
         summary, findings, folder = results.summary, results.findings, results.folder
         misses, counts = findings.misses, findings.counts

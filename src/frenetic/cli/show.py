@@ -34,12 +34,12 @@ from frenetic.cli.options import (
     json_option,
     ranges,
 )
-from frenetic.description import PARTS, recorded_part
+from frenetic.conditions.condition import in_words as conditions_in_words
+from frenetic.conditions.condition import quantity
 from frenetic.errors import CampaignError, FreneticError
-from frenetic.outcome import Outcome
-from frenetic.quantities import in_words as conditions_in_words
-from frenetic.quantities import quantity
-from frenetic.versions import innermost, short_version
+from frenetic.oracle.outcome import Outcome
+from frenetic.parts.versions import innermost, short_version
+from frenetic.spec.part_record import PARTS, recorded_part
 
 if TYPE_CHECKING:
     from frenetic.analysis.coverage import DomainCoverage
@@ -201,14 +201,14 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     from frenetic.analysis.coverage import domain_coverage
     from frenetic.analysis.criteria import criteria_in_words
     from frenetic.analysis.failures import LISTED, caution, distinct_failures, nearest_misses
-    from frenetic.campaign.asking import FACTS
     from frenetic.campaign.configuration import earlier_of
-    from frenetic.campaign.earlier import still_failing
+    from frenetic.campaign.guarded_strategy import FACTS
     from frenetic.campaign.objective import in_words
-    from frenetic.campaign.repeat import not_repeatable
+    from frenetic.campaign.second_drive import not_repeatable
     from frenetic.campaign.summary import facts_in_words
-    from frenetic.estimate import Estimate
+    from frenetic.campaign.warm_start import still_failing
     from frenetic.report.minimised import minimised_drives
+    from frenetic.rerun.estimate import Estimate
 
     counts, setting = store.counts(), store.setting
     config, facts = store.config, store.facts
@@ -274,7 +274,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
 
 def _budget(store: CampaignStore) -> str:
     """The budget of a campaign, and whether it was spent."""
-    from frenetic.campaign.state import stored_budget
+    from frenetic.campaign.status import stored_budget
 
     facts = store.facts
     try:
@@ -289,7 +289,7 @@ def _budget(store: CampaignStore) -> str:
 def _going_on(store: CampaignStore) -> str:
     """The command that goes on with a campaign, or writes its report; empty if it is finished."""
     from frenetic.campaign.configuration import SPEC
-    from frenetic.campaign.state import Status, look
+    from frenetic.campaign.status import Status, look
     from frenetic.cli.search import is_finished
 
     state, config = look(store.folder), store.config
@@ -341,9 +341,9 @@ def _part(config: Mapping[str, Any], kind: str) -> str:
 
 
 def _show_test(store: CampaignStore, test_id: int, as_json: bool) -> None:
-    from frenetic.campaign.earlier import driven_again
     from frenetic.campaign.objective import value_in_words
-    from frenetic.campaign.state import signed_driving
+    from frenetic.campaign.status import signed_driving
+    from frenetic.campaign.warm_start import driven_again
     from frenetic.report.failures import FAILURES, PICTURES, file_stem, road_document
     from frenetic.report.minimised import minimised_drives, minimised_road
     from frenetic.report.picture import draw_test

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from frenetic.drivers.camera import Camera
     from frenetic.drivers.driver import CameraDriver, Controls, Driver, DriveSetup, Observation
     from frenetic.drivers.lane import Lane
-    from frenetic.drivers.layers import Delayed, LimitedView, Noisy
+    from frenetic.drivers.wrappers import Delayed, LimitedView, Noisy
 
 __all__ = [
     "BeamngAi",

@@ -28,7 +28,7 @@ class BuiltIn:
 
     law: ClassVar[int]
     BEHAVIOUR: ClassVar[int] = 1
-    """Raised when its controls change; campaigns record it, see `frenetic.versions`."""
+    """Raised when its controls change; campaigns record it, see `frenetic.parts.versions`."""
 
     def __post_init__(self) -> None:
         take_numpy_scalars(self)

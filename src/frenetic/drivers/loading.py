@@ -7,10 +7,10 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from frenetic.conditions.condition import SEED, quantity
 from frenetic.drivers.driver import Driver, OwnLayer
 from frenetic.errors import FreneticError
-from frenetic.quantities import SEED, quantity
-from frenetic.registry import DRIVERS
+from frenetic.parts.registry import DRIVERS
 
 
 def load_driver(
@@ -34,9 +34,9 @@ def under(amounts: Mapping[str, float], driver: Driver) -> Driver:
     """A driver under layers, each in place of its own of that kind.
 
     Args:
-        amounts: name of a quantity of `frenetic.quantities` -> its amount; what is no layer is
+        amounts: name of a quantity of `frenetic.conditions` -> its amount; what is no layer is
             skipped. ``noise`` is that of a `Noisy` layer, whose heading error is a tenth of it in
-            rad per m. `frenetic.quantities.SEED` is the seed of the random ones.
+            rad per m. `frenetic.conditions.condition.SEED` is the seed of the random ones.
         driver: any.
 
     Raises:

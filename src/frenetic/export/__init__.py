@@ -1,7 +1,7 @@
 """Files for other tools."""
 
 from frenetic.export.campaigns import export_campaign
-from frenetic.export.competition import SimulationRecord
+from frenetic.export.official_format import SimulationRecord
 from frenetic.export.openscenario import to_openscenario
 from frenetic.export.roads import FORMATS, ExportedRoad, format_of, road_format, write_road
 from frenetic.export.tables import TABLES, data_frame

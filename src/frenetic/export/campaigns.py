@@ -13,9 +13,9 @@ from typing import Final, Literal, TypeAlias, get_args
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import FreneticError
-from frenetic.export.competition import write_competition_folder
+from frenetic.export.official_format import write_competition_folder
 from frenetic.export.tables import Place, opened, write_tables
-from frenetic.outcome import Outcome, chosen_outcomes
+from frenetic.oracle.outcome import Outcome, chosen_outcomes
 
 Format: TypeAlias = Literal["parquet", "csv", "json", "competition"]
 Which: TypeAlias = Literal["all", "failures", "none"]

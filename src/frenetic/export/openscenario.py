@@ -18,7 +18,7 @@ from frenetic.road import Road
 from frenetic.road.profile import LIMITS, piece_of
 from frenetic.simulators import Rules
 from frenetic.simulators.embedded import Vehicle
-from frenetic.simulators.observing import in_metres_per_second
+from frenetic.simulators.observer import in_metres_per_second
 
 EGO: Final = "hero"
 """Name of the ego car, which CARLA's tools look for."""

@@ -16,7 +16,7 @@ from frenetic._support.bounds import Finite
 from frenetic._support.files import write_file
 from frenetic.campaign.record import Test
 from frenetic.errors import FreneticError, UnknownNameError
-from frenetic.export.competition import GROUND, competition_document, stored_test_document
+from frenetic.export.official_format import GROUND, competition_document, stored_test_document
 from frenetic.export.openscenario import to_openscenario
 from frenetic.road import MAP_SIZE, Road, profile
 from frenetic.road.files import entries_of

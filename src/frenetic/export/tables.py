@@ -23,11 +23,11 @@ from frenetic.analysis.groups import find_campaigns
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.record import FINISHED, Test, value_at
 from frenetic.campaign.store import CampaignStore
-from frenetic.drive import Trajectory
+from frenetic.conditions.condition import SEED
 from frenetic.errors import FreneticError
-from frenetic.oracle import Side
-from frenetic.outcome import Outcome, chosen_outcomes
-from frenetic.quantities import SEED
+from frenetic.oracle.drive import Trajectory
+from frenetic.oracle.outcome import Outcome, chosen_outcomes
+from frenetic.oracle.verdict import Side
 from frenetic.road import profile
 
 if TYPE_CHECKING:

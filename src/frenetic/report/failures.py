@@ -11,15 +11,15 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from frenetic._support.files import replacing
-from frenetic._support.interrupt import catch_interrupt
 from frenetic._support.json_value import JSONValue
 from frenetic._support.words import simulated_time
 from frenetic.campaign.record import Test
-from frenetic.campaign.state import signed_driving
+from frenetic.campaign.status import signed_driving
 from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.errors import CampaignError
-from frenetic.oracle import Result
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import Result
+from frenetic.processes.interrupt import catch_interrupt
 from frenetic.road import Road
 from frenetic.road.files import entries_of
 from frenetic.spec import DRIVEN, Spec
@@ -66,7 +66,7 @@ def road_document(
     Args:
         record: the test.
         config: of its campaign.
-        spec: that of `frenetic.campaign.state.signed_driving`.
+        spec: that of `frenetic.campaign.status.signed_driving`.
     """
     candidate, road = record.candidate, record.road
     return {

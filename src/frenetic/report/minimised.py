@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from frenetic._support.files import check_writable, write_file
-from frenetic.again.campaigns import FOLDER
-from frenetic.again.minimise import OPERATOR, Minimised
 from frenetic.campaign import CampaignStore, RoadTester, Test
 from frenetic.errors import FreneticError
 from frenetic.report.failures import file_stem, road_entries, verdict_entries
+from frenetic.rerun.campaigns import FOLDER
+from frenetic.rerun.minimise import OPERATOR, Minimised
 from frenetic.road.files import read_road
 from frenetic.spec import DRIVEN, USUAL, Spec
 

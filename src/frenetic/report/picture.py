@@ -26,10 +26,10 @@ from matplotlib.ticker import MaxNLocator
 
 from frenetic._support.words import capitalised, oob_words, signed
 from frenetic.campaign.record import Test
-from frenetic.criteria import DRIVER, LANE, quantity
-from frenetic.drive import Drive
+from frenetic.criteria.criterion import DRIVER, LANE, quantity
 from frenetic.errors import FreneticError
-from frenetic.outcome import Outcome
+from frenetic.oracle.drive import Drive
+from frenetic.oracle.outcome import Outcome
 from frenetic.report.orientation import turn_of, turned
 from frenetic.report.scene import (
     ACROSS,

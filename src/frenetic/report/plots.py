@@ -19,8 +19,8 @@ from frenetic._support.words import counted, oob_words
 from frenetic.analysis.comparison import Comparison
 from frenetic.analysis.failures import distinct_failures
 from frenetic.campaign.record import Test
-from frenetic.drive import Drive
 from frenetic.export.tables import Place, opened
+from frenetic.oracle.drive import Drive
 from frenetic.report.html.comparison import group_curves
 from frenetic.report.html.page import Chart
 from frenetic.report.html.tests import TestSummary

@@ -25,12 +25,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final, Literal, TypeAlias
 
-from frenetic._support.interrupt import plain_interrupts
-from frenetic.again.minimise import minimise_causes
 from frenetic.analysis.failures import Clusters, caution, representative_failures
 from frenetic.campaign import Campaign, CampaignStore, Event, Summary, Test
 from frenetic.campaign.counts import Counts
 from frenetic.errors import CampaignError, FreneticError
+from frenetic.processes.interrupt import plain_interrupts
 from frenetic.report.failures import FAILURES, GALLERY, write_failures
 from frenetic.report.html.campaign import Reading, write_report
 from frenetic.report.minimised import (
@@ -40,6 +39,7 @@ from frenetic.report.minimised import (
     minimised_road,
     write_minimised,
 )
+from frenetic.rerun.minimise import minimise_causes
 
 SLOW_DRIVE: Final = 0.5
 """Wall time of a drive above which no failing road is shortened, in s."""

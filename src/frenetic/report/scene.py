@@ -17,10 +17,10 @@ from matplotlib.patches import Polygon, Rectangle
 from frenetic._support.arrays import FloatArray
 from frenetic._support.words import capitalised
 from frenetic.campaign.record import Test
-from frenetic.criteria import DRIVER, quantity
-from frenetic.drive import Drive, Trajectory
-from frenetic.oracle import Assessment, Result, assess, judge
-from frenetic.outcome import Outcome
+from frenetic.criteria.criterion import DRIVER, quantity
+from frenetic.oracle.drive import Drive, Trajectory
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import Assessment, Result, assess, judge
 from frenetic.report.orientation import edge_of, edges_of, turned
 from frenetic.report.style import INK, MARGIN, PANEL, POINT, QUIET, WIDTH, Paper
 from frenetic.road import Road

@@ -1,6 +1,6 @@
 """Roads from curvature: their geometry, fitting the map, validity and lanes."""
 
-from frenetic.road.fitting import MARGIN, fit_to_map
+from frenetic.road.placing import MARGIN, fit_to_map
 from frenetic.road.road import BEHAVIOUR, Pose, Road
 from frenetic.road.validity import MAP_SIZE, Verdict, check_validity
 

@@ -45,7 +45,7 @@ from frenetic._support.compiled import njit
 from frenetic._support.files import read_bounded
 from frenetic._support.outside_text import read_toml
 from frenetic._support.words import read_part
-from frenetic.criteria import COMPETITION
+from frenetic.criteria.criterion import COMPETITION
 from frenetic.errors import FreneticError
 from frenetic.road import profile
 from frenetic.road.validity import Verdict

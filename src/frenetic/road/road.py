@@ -12,8 +12,8 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.errors import RoadError
 from frenetic.road import geometry, profile
-from frenetic.road.fitting import MARGIN, fit_to_map
-from frenetic.road.recovery import curvature_from_points
+from frenetic.road.from_points import curvature_from_points
+from frenetic.road.placing import MARGIN, fit_to_map
 from frenetic.road.validity import (
     MAP_SIZE,
     RoadRules,

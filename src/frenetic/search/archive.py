@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 from frenetic.road.geometry import build_table, sub_steps
 from frenetic.search.approach import (
     SIZE,

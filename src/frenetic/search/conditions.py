@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from frenetic.quantities import SEED, quantity, without
+from frenetic.conditions.condition import SEED, quantity, without
 
 if TYPE_CHECKING:
     from frenetic._support.arrays import FloatArray
-    from frenetic.domain import Domain
+    from frenetic.conditions.domain import Domain
     from frenetic.search.records import Candidate
 
 _LITTLE: Final = 0.08

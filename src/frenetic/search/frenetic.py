@@ -13,9 +13,9 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Count, Index, Positive, Share
-from frenetic.domain import Domain
+from frenetic.conditions.domain import Domain
 from frenetic.errors import Fault
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 from frenetic.road import profile
 from frenetic.road.classes import RoadClass
 from frenetic.search.approach import SIZE, lower_squares, nearest_square

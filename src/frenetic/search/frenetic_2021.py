@@ -13,7 +13,7 @@ from msgspec import Meta
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Count, Finite, Index, Positive, Share
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 from frenetic.road.classes import RoadClass
 from frenetic.search.operators import (
     CURVATURE_BOUND,

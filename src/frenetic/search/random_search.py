@@ -14,8 +14,8 @@ from msgspec import Meta
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Index, Positive
-from frenetic.criteria import LANE
-from frenetic.domain import Domain
+from frenetic.conditions.domain import Domain
+from frenetic.criteria.criterion import LANE
 from frenetic.errors import RoadError
 from frenetic.road import MAP_SIZE, MARGIN, Road, profile
 from frenetic.road.classes import RoadClass, conform

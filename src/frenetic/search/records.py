@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 
 if TYPE_CHECKING:
     from frenetic.errors import Fault
-    from frenetic.oracle import Finding
+    from frenetic.oracle.verdict import Finding
     from frenetic.road import Pose, Road
     from frenetic.road.classes import RoadClass
 

@@ -13,7 +13,7 @@ from frenetic._support.scalars import without_numpy
 from frenetic.search.records import Candidate, Evaluation, Origin
 
 if TYPE_CHECKING:
-    from frenetic.domain import Domain
+    from frenetic.conditions.domain import Domain
     from frenetic.road.classes import RoadClass
 
 

@@ -1,8 +1,8 @@
 """Simulators, which move the car: the Simulator protocol and its implementations."""
 
-from frenetic.drive import CarBody, Drive, Rules, Trajectory
+from frenetic.oracle.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.simulators.embedded import EmbeddedSimulator, Vehicle
-from frenetic.simulators.observing import Observer
+from frenetic.simulators.observer import Observer
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.stepped import Motion, SteppedSimulator
 

@@ -15,8 +15,8 @@ from frenetic.errors import (
     Trouble,
     describe_raised,
 )
+from frenetic.processes.worker import Loss, LostWorkerError
 from frenetic.simulators.simulator import Simulator
-from frenetic.worker import Loss, LostWorkerError
 
 _FAULTS: Final = {
     Loss.LATE: HANGS,

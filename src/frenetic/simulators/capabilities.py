@@ -12,9 +12,9 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Final
 
 from frenetic._support.bounds import Count, Positive, check
+from frenetic.conditions.condition import Quantity, attributes
 from frenetic.drivers.driver import Driver, SelectiveDriver, camera_of, period_of, stack_of
 from frenetic.errors import DriverError, FreneticError, RoadError
-from frenetic.quantities import Quantity, attributes
 from frenetic.road import Road
 from frenetic.simulators.checks import Check
 from frenetic.simulators.simulator import Simulator
@@ -48,7 +48,7 @@ class Usual:
     """Names of its options that say where it is and change no drive: a campaign may be resumed
     with others, and a road's file never gives them."""
     variable: frozenset[str] = frozenset()
-    """Attributes of it that `frenetic.quantities` names: they may be set between two drives. A
+    """Attributes of it that `frenetic.conditions` names: they may be set between two drives. A
     `steering_lag` of None is that of its ``vehicle``."""
 
     @property

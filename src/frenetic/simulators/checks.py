@@ -10,8 +10,8 @@ import numpy as np
 
 from frenetic.drivers import Driver, Stanley
 from frenetic.errors import reason_of
-from frenetic.oracle import judge
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import judge
 from frenetic.road import Pose, Road
 from frenetic.simulators.simulator import Simulator
 

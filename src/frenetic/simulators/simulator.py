@@ -6,9 +6,9 @@ from numbers import Real
 from types import TracebackType
 from typing import Any, Generic, Protocol, Self, TypeVar, runtime_checkable
 
-from frenetic.drive import CarBody, Drive, Rules
+from frenetic.conditions.condition import quantity
 from frenetic.drivers.driver import Driver
-from frenetic.quantities import quantity
+from frenetic.oracle.drive import CarBody, Drive, Rules
 from frenetic.road import Road
 
 
@@ -20,9 +20,9 @@ class Simulator(Protocol):
     with ``rules=Rules(...)`` and puts them into every `Drive`.
 
     `drive` puts the car at rest on the centre of the ego lane at the road's first point, aligned
-    with the road, and records it at a fixed rate until `frenetic.oracle` says that the drive has
-    ended. A driver or simulator that breaks gives a `Drive` with its `trouble` instead of an
-    exception, and leaves the next drive clean. The same road and driver give the same drive.
+    with the road, and records it at a fixed rate until `frenetic.oracle.verdict` says that the
+    drive has ended. A driver or simulator that breaks gives a `Drive` with its `trouble` instead of
+    an exception, and leaves the next drive clean. The same road and driver give the same drive.
     """
 
     rules: Rules

@@ -6,13 +6,13 @@ import math
 from typing import ClassVar, NamedTuple
 
 from frenetic._support.bounds import Positive, check
-from frenetic.drive import CarBody, Drive, Rules
 from frenetic.drivers.driver import Driver, DriveSetup
+from frenetic.oracle.drive import CarBody, Drive, Rules
 from frenetic.road import Pose, Road
 from frenetic.simulators.capabilities import check_road
+from frenetic.simulators.drive_loop import RECORD_PERIOD, follow
 from frenetic.simulators.embedded.rollout import start_state
-from frenetic.simulators.following import RECORD_PERIOD, follow
-from frenetic.simulators.observing import wrap
+from frenetic.simulators.observer import wrap
 from frenetic.simulators.simulator import Ready, StartingPlace
 
 

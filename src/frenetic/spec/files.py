@@ -15,7 +15,7 @@ from frenetic._support.files import read_bounded, write_file
 from frenetic._support.outside_text import read_json, read_toml
 from frenetic._support.scalars import without_numpy
 from frenetic.errors import FreneticError
-from frenetic.registry import hint
+from frenetic.parts.registry import hint
 
 DRIVEN: Final = "driven"
 """Entry of a road's file that says how the road was driven, see `frenetic.spec.Spec.driving`."""

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from frenetic._support.words import part_word, read_part
-from frenetic.registry import SIMULATORS
+from frenetic.parts.registry import SIMULATORS
 
 if TYPE_CHECKING:
     from frenetic.simulators.capabilities import Usual

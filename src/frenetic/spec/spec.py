@@ -18,7 +18,6 @@ from msgspec import (
     to_builtins,
 )
 
-from frenetic import trust
 from frenetic._support.bounds import (
     Count,
     Index,
@@ -34,10 +33,10 @@ from frenetic._support.words import (
     part_word,
     read_part,
 )
-from frenetic.description import PARTS
+from frenetic.conditions.condition import SEED, SPEED, amounts_in, quantity, require_allowed
 from frenetic.errors import FreneticError
-from frenetic.quantities import SEED, SPEED, amounts_in, quantity, require_allowed
-from frenetic.registry import Made
+from frenetic.parts import trust
+from frenetic.parts.registry import Made
 from frenetic.spec.budget import Budget
 from frenetic.spec.files import (
     DRIVEN,
@@ -46,6 +45,7 @@ from frenetic.spec.files import (
     read_entries,
     write_entries,
 )
+from frenetic.spec.part_record import PARTS
 from frenetic.spec.parts import USUAL, Part, followed_by, usual_of
 from frenetic.spec.values import (
     MAX_WORKERS,
@@ -60,9 +60,9 @@ from frenetic.spec.values import (
 # Imports inside functions below are too slow for help.
 
 if TYPE_CHECKING:
-    from frenetic.domain import Domain
-    from frenetic.drive import Rules
+    from frenetic.conditions.domain import Domain
     from frenetic.drivers import Driver
+    from frenetic.oracle.drive import Rules
     from frenetic.road.classes import RoadClass
     from frenetic.search import Strategy
     from frenetic.simulators.simulator import Simulator
@@ -78,7 +78,7 @@ def _about(text: str, metavar: str = "") -> Meta:
 
 
 class Signed(Struct, frozen=True, forbid_unknown_fields=True):
-    """The user's signature of the code that a file names, see `frenetic.trust`."""
+    """The user's signature of the code that a file names, see `frenetic.parts.trust`."""
 
     folder: str
     """From which the code is loaded."""
@@ -395,7 +395,7 @@ class Spec(
 
     @property
     def code(self) -> list[str]:
-        """Kinds of its parts that name code, see `frenetic.trust`."""
+        """Kinds of its parts that name code, see `frenetic.parts.trust`."""
         return [*trust.named_code(self.parts)]
 
     def signed_in(
@@ -404,7 +404,7 @@ class Spec(
         sources: object = None,
         others: trust.Parts = MappingProxyType({}),
     ) -> Self:
-        """The same with its user's signature of the code that it names, see `frenetic.trust`.
+        """The same with its user's signature of the code that it names, see `frenetic.parts.trust`.
 
         It is unsigned if it names none, or if the user's key cannot be written.
 
@@ -421,12 +421,12 @@ class Spec(
     def require_trusted(
         self, source: Path | str, *, others: trust.Parts = MappingProxyType({}), **how: Any
     ) -> Path:
-        """The folder from which the code may be loaded that it names, see `frenetic.trust`.
+        """The folder from which the code may be loaded that it names, see `frenetic.parts.trust`.
 
         Args:
             source: the file or campaign that says this spec.
             others: other parts that it names, such as a bench's entrants.
-            how: other arguments of `frenetic.trust.require_trusted`.
+            how: other arguments of `frenetic.parts.trust.require_trusted`.
 
         Raises:
             FreneticError: the user has not trusted it.
@@ -480,7 +480,7 @@ class Spec(
         if self.domain is not None and self.domain.road_class is not None:
             return self.domain.road_class
         if self.from_roads is not None:
-            from frenetic.road.stretches import shown_class  # numba takes its time
+            from frenetic.road.real_roads import shown_class  # numba takes its time
 
             return shown_class(self.from_roads)
         return None
@@ -493,7 +493,7 @@ class Spec(
     @cached_property
     def rules(self) -> Rules:
         """The rules of its drives, but for a speed limit among its conditions."""
-        from frenetic.drive import Rules  # numba takes its time
+        from frenetic.oracle.drive import Rules  # numba takes its time
 
         return self.rules_over(Rules())
 

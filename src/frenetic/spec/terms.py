@@ -10,13 +10,13 @@ from msgspec import convert
 
 from frenetic._support.bounds import NotNegative, Positive, check
 from frenetic._support.scalars import take_numpy_scalars, without_numpy
-from frenetic.domain import Domain
-from frenetic.drive import CarBody, Rules
-from frenetic.quantities import require_allowed
+from frenetic.conditions.condition import require_allowed
+from frenetic.conditions.domain import Domain
+from frenetic.oracle.drive import CarBody, Rules
 from frenetic.road import MAP_SIZE, MARGIN
 from frenetic.road.classes import RoadClass
 from frenetic.road.road import MAX_COORDINATE, checked_lane_width
-from frenetic.simulators.worlds import check_conditions, rules_in
+from frenetic.simulators.conditions import check_conditions, rules_in
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +39,7 @@ class Terms:
     domain: Domain | None = None
     """Domain whose conditions its drives have; None for the usual ones."""
     conditions: Mapping[str, float] = field(default_factory=dict)
-    """Name of a quantity -> its amount in every drive, see `frenetic.quantities`."""
+    """Name of a quantity -> its amount in every drive, see `frenetic.conditions`."""
 
     def __post_init__(self) -> None:
         take_numpy_scalars(self)

@@ -10,12 +10,12 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 from frenetic._support.words import part_word, read_part, shortened
-from frenetic.criteria import Profile
+from frenetic.criteria.criterion import Profile
 
 # Imports inside functions below are too slow for help.
 
 if TYPE_CHECKING:
-    from frenetic.domain import Domain
+    from frenetic.conditions.domain import Domain
     from frenetic.road.classes import RoadClass
 
 COMPETITION: Final = "competition"
@@ -54,7 +54,7 @@ def read_domain(odd: str | Mapping[str, Any]) -> Domain:
         ValueError: the entry is wrong.
         FreneticError: there is no such file, or it is wrong.
     """
-    from frenetic.domain import Domain  # numba takes its time
+    from frenetic.conditions.domain import Domain  # numba takes its time
 
     if isinstance(odd, str):
         return Domain.of(odd)

@@ -13,8 +13,8 @@ from frenetic._support.public_names import lazy_names
 
 if TYPE_CHECKING:
     from frenetic.testing.driver_contract import DriverContract
-    from frenetic.testing.dummy import DummyDriver, DummySimulator, converse
-    from frenetic.testing.keeping import keeps_lane
+    from frenetic.testing.dummies import DummyDriver, DummySimulator, converse
+    from frenetic.testing.lane_test import keeps_lane
     from frenetic.testing.simulator_contract import SimulatorContract
     from frenetic.testing.strategy_contract import StrategyContract
     from frenetic.testing.tracker_contract import TrackerContract

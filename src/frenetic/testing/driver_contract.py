@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from frenetic.drivers import Driver
-from frenetic.oracle import judge
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import judge
 from frenetic.road import Road
 from frenetic.simulators import EmbeddedSimulator
 

@@ -26,7 +26,7 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
         return (yield)
     finally:
         # Imported only by those who use it.
-        if keeping := sys.modules.get("frenetic.testing.keeping"):
+        if keeping := sys.modules.get("frenetic.testing.lane_test"):
             item.user_properties += [(_NAME, text) for text in keeping.NOTICES]
             keeping.NOTICES.clear()
 
@@ -37,7 +37,7 @@ def pytest_runtest_makereport(
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """Shows the message of a failure that Frenetic raised alone, without Python's traceback."""
     report = yield
-    keeping = sys.modules.get("frenetic.testing.keeping")
+    keeping = sys.modules.get("frenetic.testing.lane_test")
     if keeping and call.when == "call" and item.get_closest_marker("keeps_lane") and call.excinfo:
         error = call.excinfo.value
         if isinstance(error, keeping.SHOWN):

@@ -12,17 +12,17 @@ import numpy.typing as npt
 import pytest
 
 from frenetic._support.arrays import FloatArray
-from frenetic.drive import CarBody, Drive, Rules
 from frenetic.drivers import Driver, DriveSetup, Observation, Stanley
 from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING, Controls
-from frenetic.oracle import LEFT_LANE, REACHED, RUNNING, STUCK, TIMED_OUT, assess, judge
-from frenetic.outcome import Outcome
+from frenetic.oracle.drive import CarBody, Drive, Rules
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import LEFT_LANE, REACHED, RUNNING, STUCK, TIMED_OUT, assess, judge
+from frenetic.processes.wall_limit import WallLimitExceeded, wall_limit
 from frenetic.road import Pose, Road
 from frenetic.simulators.capabilities import capabilities
-from frenetic.simulators.observing import Observer, wrap
+from frenetic.simulators.observer import Observer, wrap
 from frenetic.simulators.simulator import Simulator
-from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
-from frenetic.testing.dummy import DummyDriver
+from frenetic.testing.dummies import DummyDriver
 
 RECORD_RATE = 10.0
 """Least rate of a drive's records, in Hz."""

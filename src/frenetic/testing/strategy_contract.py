@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from frenetic._support.arrays import FloatArray
-from frenetic.oracle import Finding, Side
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import Finding, Side
 from frenetic.search.records import Candidate, Evaluation, Trace
 from frenetic.search.strategy import SearchEnded, Strategy, has_own
 

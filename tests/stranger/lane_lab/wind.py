@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from frenetic import Controls, Driver, DriveSetup, Observation
-from frenetic.quantities import Quantity
+from frenetic.conditions.condition import Quantity
 
 QUANTITIES = (
     Quantity(

@@ -10,13 +10,13 @@ from typing import Self, TypeAlias
 
 from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers.local import is_isolable
-from frenetic.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.errors import CampaignError, Trouble
+from frenetic.oracle.drive import CarBody, Drive, Rules, Trajectory
+from frenetic.processes.worker import LostWorkerError, Worker, pack
 from frenetic.road import Road
 from frenetic.simulators.blame import Blame, lost_process, raised
 from frenetic.simulators.capabilities import capabilities
 from frenetic.simulators.embedded import compile_kernels
-from frenetic.worker import LostWorkerError, Worker, pack
 
 Driving: TypeAlias = Callable[[Road, Mapping[str, float]], Drive]
 """Drives a road in some conditions."""

@@ -14,10 +14,10 @@ from frenetic.campaign.log import CampaignLog, LogEvent
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import CampaignError, Fault, Trouble, describe_error
+from frenetic.processes.worker import MOST_WORKERS, LostWorkerError, Worker, pack, ready
 from frenetic.search.records import Candidate
 from frenetic.simulators.blame import Blame, lost_process
 from frenetic.simulators.capabilities import capabilities
-from frenetic.worker import MOST_WORKERS, LostWorkerError, Worker, pack, ready
 
 STARTS: Final = 3
 """Consecutive failed starts after which a worker is given up."""

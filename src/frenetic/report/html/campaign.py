@@ -24,7 +24,6 @@ from frenetic._support.words import (
     rate_words,
     signed,
 )
-from frenetic.again.rerun import elsewhere, own_repeats, read_reruns
 from frenetic.analysis.coverage import domain_coverage, varied_axes
 from frenetic.analysis.criteria import criteria_in_words
 from frenetic.analysis.failures import (
@@ -37,22 +36,21 @@ from frenetic.analysis.failures import (
 )
 from frenetic.analysis.features import Features, features_of
 from frenetic.analysis.segments import Segment, segment_of_test
-from frenetic.campaign.asking import FACTS
 from frenetic.campaign.configuration import SPEC, earlier_of
 from frenetic.campaign.counts import Counts
-from frenetic.campaign.earlier import still_failing
+from frenetic.campaign.guarded_strategy import FACTS
 from frenetic.campaign.objective import in_words as objective_in_words
 from frenetic.campaign.record import Test
-from frenetic.campaign.repeat import not_repeatable
-from frenetic.campaign.state import going_on
+from frenetic.campaign.second_drive import not_repeatable
+from frenetic.campaign.status import going_on
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import facts_in_words
-from frenetic.description import PARTS, recorded_part
+from frenetic.campaign.warm_start import still_failing
+from frenetic.conditions.condition import in_words
 from frenetic.errors import CampaignError
-from frenetic.estimate import Estimate
 from frenetic.export.tables import Place, opened
-from frenetic.outcome import Outcome
-from frenetic.quantities import in_words
+from frenetic.oracle.outcome import Outcome
+from frenetic.parts.versions import innermost, short_version
 from frenetic.report.failures import MOST_FILES
 from frenetic.report.html.domain import domain_section
 from frenetic.report.html.feature_map import choose_mapped, map_section
@@ -76,9 +74,11 @@ from frenetic.report.html.tests import (
     table_of,
 )
 from frenetic.report.html.timeline import timeline_section
+from frenetic.rerun.estimate import Estimate
+from frenetic.rerun.rerun import elsewhere, own_repeats, read_reruns
 from frenetic.search.records import Candidate
 from frenetic.spec import FILE
-from frenetic.versions import innermost, short_version
+from frenetic.spec.part_record import PARTS, recorded_part
 
 FILMS: Final = "frenetic.films"
 """Group of entry points: functions of a campaign's record that give one of a test, for its `Film`

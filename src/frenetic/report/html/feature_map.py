@@ -14,7 +14,7 @@ from frenetic._support.arrays import FloatArray, evenly, spread
 from frenetic._support.words import capitalised
 from frenetic.analysis.coverage import Axis
 from frenetic.analysis.features import FEATURES, Feature, Features
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 from frenetic.report.html.page import Part, Section, proper
 from frenetic.report.html.tests import TestSummary
 

@@ -6,13 +6,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from frenetic._support.words import capitalised, counted
-from frenetic.again.rerun import Rerun, name_of
-from frenetic.again.verdicts import Repeats
 from frenetic.analysis.causes import in_words
 from frenetic.analysis.failures import Clusters
 from frenetic.campaign.counts import Counts
 from frenetic.report.html.page import Part, Section, Table
 from frenetic.report.html.tests import TestSummary
+from frenetic.rerun.rerun import Rerun, name_of
+from frenetic.rerun.stability import Repeats
 
 
 def gallery_section(

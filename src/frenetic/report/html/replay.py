@@ -10,7 +10,7 @@ from typing import Final
 from frenetic._support.files import write_file
 from frenetic.analysis.segments import segment_of
 from frenetic.campaign.record import Test
-from frenetic.drive import Drive
+from frenetic.oracle.drive import Drive
 from frenetic.report.html.page import Report, render
 from frenetic.report.html.tests import COLUMNS, drive_data
 from frenetic.report.scene import look, road_of

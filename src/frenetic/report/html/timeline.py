@@ -10,7 +10,7 @@ import numpy as np
 from frenetic._support.arrays import evenly
 from frenetic.analysis.failures import Clusters
 from frenetic.analysis.statistics import proportion_interval
-from frenetic.outcome import Outcome
+from frenetic.oracle.outcome import Outcome
 from frenetic.report.html.page import Chart, Section, Series, percent
 from frenetic.report.html.tests import TestSummary
 

@@ -34,8 +34,8 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.errors import RoadError
 from frenetic.road import geometry, profile
+from frenetic.road.from_points import CORRECTION, follow_line
 from frenetic.road.opendrive.writing import PROFILE_CODE, ROAD_CODE, add_road
-from frenetic.road.recovery import CORRECTION, follow_line
 from frenetic.road.road import (
     MAX_COORDINATE,
     MAX_CURVATURE,

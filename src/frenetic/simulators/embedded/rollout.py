@@ -11,8 +11,8 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
 from frenetic.drivers.elastic_band import MEMORY
 from frenetic.drivers.laws import decide
-from frenetic.drivers.layers import disturb
-from frenetic.oracle import RUNNING
+from frenetic.drivers.wrappers import disturb
+from frenetic.oracle.verdict import RUNNING
 from frenetic.simulators.embedded.slopes import lay
 from frenetic.simulators.embedded.vehicle import (
     HEADING,
@@ -25,7 +25,7 @@ from frenetic.simulators.embedded.vehicle import (
     advance,
 )
 from frenetic.simulators.embedded.weather import grip_at, in_gust, place_of
-from frenetic.simulators.observing import look_for_limits, observe
+from frenetic.simulators.observer import look_for_limits, observe
 
 STEP = 0.01
 """Step of the RK4 integration, in s: 100 Hz."""
@@ -142,7 +142,7 @@ def rollout(
         table, ds: the road, see `frenetic.road.geometry`.
         slopes: `Road.slopes`.
         lane_width: m.
-        rules, car: see `frenetic.oracle.assess_record`.
+        rules, car: see `frenetic.oracle.verdict.assess_record`.
         vehicle: `Vehicle.to_array()`.
         law, parameters, setup: see `frenetic.drivers.laws`.
         rows: points of the driver's view.

@@ -19,7 +19,6 @@ from frenetic._support.bounds import Positive, check
 from frenetic._support.compiled import cache_folder
 from frenetic._support.entry_points import imported, installed
 from frenetic._support.kernel_cache import VARIABLE
-from frenetic.drive import Drive, Rules, Trajectory
 from frenetic.drivers import Planner
 from frenetic.drivers.camera import RENDERERS, Camera, Image, Renderer, Scene
 from frenetic.drivers.driver import (
@@ -32,18 +31,19 @@ from frenetic.drivers.driver import (
     under_layers,
 )
 from frenetic.drivers.laws import setup_array
-from frenetic.drivers.layers import Noisy, compiled_form
+from frenetic.drivers.wrappers import Noisy, compiled_form
 from frenetic.errors import DriverError, Trouble
-from frenetic.oracle import judge, rules_array
-from frenetic.outcome import Outcome
+from frenetic.oracle.drive import Drive, Rules, Trajectory
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import judge, rules_array
 from frenetic.road import Road
 from frenetic.simulators.capabilities import check_road
 from frenetic.simulators.checks import Check
+from frenetic.simulators.drive_loop import follow
 from frenetic.simulators.embedded import rollout as kernels
 from frenetic.simulators.embedded.vehicle import HEADING, Vehicle, X, Y
 from frenetic.simulators.embedded.weather import weather_array
-from frenetic.simulators.following import follow
-from frenetic.simulators.observing import in_metres_per_second
+from frenetic.simulators.observer import in_metres_per_second
 from frenetic.simulators.simulator import Amount, Ready, StartingPlace, unusual_amounts
 
 _NO_ERRORS = np.empty((0, 2))

@@ -50,8 +50,8 @@ from msgspec import Meta
 from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import NotNegative, Positive, check
 from frenetic._support.compiled import njit
-from frenetic.drive import CarBody, Rules
 from frenetic.drivers.driver import DRAG_FADE_SPEED, DriveSetup
+from frenetic.oracle.drive import CarBody, Rules
 from frenetic.road import Road
 
 GRAVITY: Final = 9.81
@@ -385,7 +385,7 @@ CARS: Final[Mapping[str, Mapping[str, float]]] = {
 }
 """Name of a car -> the parameters in which it differs from the default.
 
-``metadrive`` is the car of `frenetic.metadrive`, as far as this model allows. Sizes, mass,
+``metadrive`` is the car of `frenetic.plugins.metadrive`, as far as this model allows. Sizes, mass,
 steering, engine and brakes are those of MetaDrive 0.4.3's default car with constant parameters. Its
 wheels do not slide before the friction limit and hold it beyond, so the tyres are as stiff as the
 step rate allows and their force has no peak; they steer at once; nothing but the engine's limit of

@@ -1,8 +1,0 @@
-"""Imported for its effect: loads BeamNGpy, which takes seconds, into the server of processes."""
-
-from contextlib import suppress
-
-from frenetic.beamng.link import beamngpy
-
-with suppress(Exception):  # the process that uses it says what is wrong
-    beamngpy()

@@ -1,0 +1,159 @@
+"""Shared parts of the commands that drive recorded roads, and of estimate, which draws them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from frenetic.cli import Invocation
+from frenetic.cli.console import Log, announced_compilation, counted_progress, this_command
+from frenetic.cli.entries import Given, Source, without_place
+from frenetic.cli.options import as_usage_error
+from frenetic.errors import CampaignError
+from frenetic.spec import DRIVEN, Signed, Spec, sign_driven
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from frenetic.campaign import CampaignStore, Event
+    from frenetic.road.files import RoadFile
+
+
+def campaign_source(store: CampaignStore) -> Source:
+    """A campaign as a source of parts."""
+    from frenetic.campaign.status import signed_spec
+    from frenetic.campaign.store import SIGNATURE, SOURCES, STARTED_IN, CampaignStore
+
+    def sign(signed: Signed) -> None:
+        facts = {STARTED_IN: signed.folder, SIGNATURE: signed.signature}
+        try:
+            with CampaignStore.open(store.folder, readonly=False) as written:
+                written.keep(**facts)
+        except CampaignError as error:
+            Log().print(f"Note: --trust holds for this command only: {error}", markup=False)
+
+    return Source(store.folder, signed_spec(store), sources=store.fact(SOURCES), sign=sign)
+
+
+def campaign_spec(store: CampaignStore, given: Given, *, checked: bool = True) -> tuple[Spec, Path]:
+    """The spec of a campaign, with replacements from the command line, and its parts' folder.
+
+    Args:
+        store: the campaign.
+        given: on the command line.
+        checked: whether code that it names has to be trusted, see `frenetic.parts.trust`.
+
+    Raises:
+        CampaignError: the campaign was started from Python and a part is not given, or its record
+            is damaged.
+        FreneticError: a given rule is out of range.
+        click.UsageError: other roads are given.
+    """
+    from frenetic.campaign.configuration import SPEC
+    from frenetic.campaign.status import is_told
+
+    if given.says("roads"):
+        raise click.UsageError("--roads is for a ROAD file: a campaign has its own road class")
+    source, folder = campaign_source(store), Path.cwd()
+    spec = given.over(source.spec)
+    if checked:
+        spec, folder = given.trusted(spec, source)
+    if store.config.get(SPEC) is None and None in (spec.driver, spec.simulator):
+        how, elsewhere = "was started from Python", ", or do it from Python"
+        if is_told(store.config):
+            how, elsewhere = "was told its results", ""
+        raise CampaignError(
+            f"{store.folder} {how}, so its driver and simulator have no names: give --driver and"
+            f" --simulator{elsewhere}"
+        )
+    return spec, folder
+
+
+def file_spec(given: Given, file: RoadFile, *, checked: bool = True) -> tuple[Spec, Path]:
+    """The spec with which a road's file was driven, likewise.
+
+    Files that do not say it are driven as the options and their defaults say.
+
+    Args:
+        given: on the command line.
+        file: the road's file.
+        checked: as for `campaign_spec`.
+
+    Raises:
+        FreneticError: the file names parts that are not loaded unasked, or its record is damaged.
+    """
+    spec, source = Spec(), None
+    if has_driven := DRIVEN in file.entries:
+        recorded = Spec.of_driven(file.entries[DRIVEN], source=file.path)
+        source = Source(file.path, recorded, sign=partial(sign_driven, file.path))
+        spec = without_place(recorded)  # which program is started, no file says
+    spec = given.over(spec, has_roads=has_driven)
+    return given.trusted(spec, source) if checked else (spec, Path.cwd())
+
+
+def chosen_tests(
+    store: CampaignStore, test_ids: tuple[int, ...], top: int | None
+) -> list[int] | None:
+    """The tests that the command line names; None if it names none.
+
+    Raises:
+        click.UsageError: it names them twice.
+    """
+    from frenetic.analysis.failures import representative_failures
+
+    if test_ids and top is not None:
+        raise click.UsageError("--top and the ID of a test exclude each other")
+    if top is not None:
+        return [record.candidate.id for record in representative_failures(store, top)]
+    return list(dict.fromkeys(test_ids)) or None
+
+
+@contextmanager
+def shown_driving(
+    log: Log, what: str, total: int | None = None
+) -> Iterator[Callable[[Event], None]]:
+    """Gives the function that shows the events of campaigns that drive again.
+
+    Args:
+        log: the console for progress.
+        what: the work, such as "Driving again".
+        total: number of drives of all campaigns; by default from the budget of the only one.
+    """
+    drives: dict[Path, int] = {}  # folder of a campaign -> its drives
+
+    with (
+        announced_compilation(log) as compiled,
+        counted_progress(log, what) as show,
+        as_usage_error(),
+    ):
+
+        def on_event(event: Event) -> None:
+            if event.kind == "interrupted":
+                log.stopping()
+                return
+            if event.kind == "started":
+                compiled()
+            now = event.summary
+            drives[now.folder] = now.simulations
+            done = sum(drives.values())
+            whole = total
+            if whole is None and now.budget_spent:  # the share of the drives
+                whole = round(now.simulations / now.budget_spent)
+            if whole is not None and done <= whole:  # more may be stored than is wanted now
+                show(done, whole)
+
+        yield on_event
+
+
+def interrupted(log: Log, what: str, command: Invocation | None = None) -> click.exceptions.Exit:
+    """Print what is left to do, and which command goes on, by default the same; end this one."""
+    goes_on = f"the same command goes on: {this_command()}"
+    if command is not None:
+        goes_on = f"go on: {command}"
+    log.print(f"Interrupted: {what}; {goes_on}", markup=False)
+    return click.exceptions.Exit(130)

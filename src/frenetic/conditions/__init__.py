@@ -1,0 +1,1 @@
+"""Conditions of a drive, such as noise or grip, and domains: how often they and roads occur."""

@@ -1,0 +1,362 @@
+"""Quantities: what the conditions of a drive have an amount of, such as noise, fog or friction.
+
+A row declares a quantity once, for the command line, records, reports and `frenetic.rerun`. A
+quantity is a layer over the driver, so that it works with every simulator, or an attribute of the
+simulator that may be set between two drives. A package adds rows by an entry point in the group
+``frenetic.conditions`` that names a tuple of them.
+
+The command line reads the table, so a layer is imported when it is laid.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from types import MappingProxyType
+from typing import Any, Final
+
+from frenetic._support.entry_points import Entry, imported, installed
+from frenetic.errors import FreneticError, UnknownNameError
+from frenetic.parts.registry import hint
+
+GROUP: Final = "frenetic.conditions.condition"
+SEED: Final = "noise_seed"
+"""Name of the seed of random layers among the conditions of a drive."""
+SPEED: Final = "speed"
+"""Name of the quantity that is the speed limit."""
+FARTHEST: Final = 100_000.0
+"""Largest amount in m of what has no upper bound."""
+MAX_START_OFFSET: Final = 2.0
+"""Largest distance of a start from the ego lane's centre, in m: to the lane's edge."""
+MAX_START_HEADING: Final = math.pi / 4.0
+"""Largest angle of a start against the road, in rad."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quantity:
+    """A quantity of a drive's conditions."""
+
+    name: str
+    about: str
+    unit: str = ""
+    """Empty if it has none."""
+    low: float
+    """Least amount allowed."""
+    high: float
+    """Largest amount allowed."""
+    usual: tuple[float, float]
+    """Range in which it usually varies, where a campaign does not set it."""
+    is_relative: bool = False
+    """Whether that range is in shares of the simulator's own amount."""
+    nothing: float | None = None
+    """Amount without effect, which removes a recorded layer."""
+    layer: str = ""
+    """``module:Class`` of a layer, whose class method ``over(driver, amount)`` lays it."""
+    attribute: str = ""
+    """Attribute of a simulator, where it is no layer."""
+    is_seeded: bool = False
+    """Whether the layer draws random numbers: then ``over`` takes a ``seed``, too."""
+    needs_camera: bool = False
+    """Whether only a driver with a camera can have the layer."""
+    place_of: str = ""
+    """Quantity whose place along the road it is, in m; it is drawn wherever that one varies."""
+    words: tuple[str, str] | None = None
+    """Words for a smaller and for a larger amount; None for "less" and "more" of its name."""
+
+    @property
+    def less(self) -> str:
+        """Words for a smaller amount, such as "less friction"."""
+        return self.words[0] if self.words else f"less {self.name}"
+
+    @property
+    def more(self) -> str:
+        """Words for a larger amount."""
+        return self.words[1] if self.words else f"more {self.name}"
+
+    def layer_class(self) -> Any:
+        """The class of its layer."""
+        return imported(self.layer)
+
+    def require(self, amount: float) -> float:
+        """An amount that is allowed.
+
+        Raises:
+            ValueError: it is not.
+        """
+        if not self.low <= amount <= self.high:
+            raise ValueError(f"{self.name} is {amount:g}: {self.allowed} is needed")
+        return float(amount)
+
+    @property
+    def allowed(self) -> str:
+        """The allowed range in words."""
+        unit = f" {self.unit}" if self.unit else ""
+        low, high = (float(f"{value:.3g}") for value in (self.low, self.high))
+        return f"{low:g} to {high:g}{unit}"
+
+    def around(self, own: float | None) -> tuple[float, float]:
+        """The usual range, as far on both sides of a campaign's own amount as is allowed.
+
+        Args:
+            own: None if the campaign does not set it, which a relative one needs.
+        """
+        low, high = self.usual
+        if self.is_relative:
+            assert own is not None
+            low, high = low * own, high * own
+        elif own is not None and own != self.nothing:
+            nothing = self.nothing or 0.0
+            spread = 0.5 * own if nothing == math.inf else max(high - nothing, nothing - low)
+            low, high = own - spread, own + spread
+        return max(low, self.low), min(high, self.high)
+
+    def text(self, amount: float) -> str:
+        """An amount for people."""
+        return f"{self.name} {amount:g}{' ' if self.unit else ''}{self.unit}"
+
+
+_OWN: Final = (
+    Quantity(
+        name="friction",
+        about="friction of the road, 1 is dry",
+        low=0.01,
+        high=1.5,
+        usual=(0.8, 1.2),
+        is_relative=True,
+        attribute="friction",
+    ),
+    Quantity(
+        name="wet",
+        about="friction on one wet stretch of 40 m, as a share of the road's",
+        low=0.05,
+        high=1.0,
+        usual=(0.4, 1.0),
+        nothing=1.0,
+        attribute="wet",
+        words=("a wetter stretch", "a drier stretch"),
+    ),
+    Quantity(
+        name="wet_at",
+        about="place of the middle of the wet stretch along the road",
+        unit="m",
+        low=0.0,
+        high=FARTHEST,
+        usual=(0.0, 200.0),
+        attribute="wet_at",
+        place_of="wet",
+        words=("an earlier wet stretch", "a later wet stretch"),
+    ),
+    Quantity(
+        name="gust",
+        about="speed of one gust across 60 m of the road, to the left",
+        unit="m/s",
+        low=-40.0,
+        high=40.0,
+        usual=(-15.0, 15.0),
+        nothing=0.0,
+        attribute="gust",
+        words=("more gust to the right", "more gust to the left"),
+    ),
+    Quantity(
+        name="gust_at",
+        about="place of the middle of the gust along the road",
+        unit="m",
+        low=0.0,
+        high=FARTHEST,
+        usual=(0.0, 200.0),
+        attribute="gust_at",
+        place_of="gust",
+        words=("an earlier gust", "a later gust"),
+    ),
+    Quantity(
+        name="load",
+        about="mass of passengers and luggage, of which the driver is not told",
+        unit="kg",
+        low=0.0,
+        high=1000.0,
+        usual=(0.0, 400.0),
+        nothing=0.0,
+        attribute="load",
+    ),
+    Quantity(
+        name="overspeed",
+        about="what the driver takes the speed limit for above what it is",
+        unit="km/h",
+        low=0.0,
+        high=200.0,
+        usual=(0.0, 20.0),
+        nothing=0.0,
+        layer="frenetic.drivers.wrappers:Hasty",
+    ),
+    Quantity(
+        name=SPEED,
+        about="speed limit; of a road with several, the highest, and the others in proportion",
+        unit="km/h",
+        low=1.0,
+        high=500.0,
+        usual=(0.9, 1.1),
+        is_relative=True,
+        attribute="rules",
+        words=("a lower speed limit", "a higher speed limit"),
+    ),
+    Quantity(
+        name="noise",
+        about="standard deviation of the driver's error about its lateral place",
+        unit="m",
+        low=0.0,
+        high=10.0,
+        usual=(0.0, 0.2),
+        nothing=0.0,
+        layer="frenetic.drivers.wrappers:Noisy",
+        is_seeded=True,
+    ),
+    Quantity(
+        name="delay",
+        about="time until the driver's controls arrive",
+        unit="s",
+        low=0.0,
+        high=10.0,
+        usual=(0.0, 0.1),
+        nothing=0.0,
+        layer="frenetic.drivers.wrappers:Delayed",
+    ),
+    Quantity(
+        name="lag",
+        about="time constant of the steering",
+        unit="s",
+        low=0.005,
+        high=2.0,
+        usual=(0.5, 1.5),
+        is_relative=True,
+        attribute="steering_lag",
+        words=("less steering lag", "more steering lag"),
+    ),
+    Quantity(
+        name="start",
+        about="place of the start, to the left of the lane's centre",
+        unit="m",
+        low=-MAX_START_OFFSET,
+        high=MAX_START_OFFSET,
+        usual=(-0.3, 0.3),
+        attribute="start_offset",
+        words=("a start further right", "a start further left"),
+    ),
+    Quantity(
+        name="heading",
+        about="heading at the start, to the left of the road's direction",
+        unit="rad",
+        low=-MAX_START_HEADING,
+        high=MAX_START_HEADING,
+        usual=(-0.03, 0.03),
+        attribute="start_heading",
+        words=("a start turned to the right", "a start turned to the left"),
+    ),
+    Quantity(
+        name="view",
+        about="length of the road ahead that the driver sees",
+        unit="m",
+        low=1.0,
+        high=FARTHEST,
+        usual=(10.0, 50.0),
+        nothing=math.inf,
+        layer="frenetic.drivers.wrappers:LimitedView",
+        words=("a shorter view", "a longer view"),
+    ),
+)
+
+_BY_NAME: Final = {row.name: row for row in _OWN}
+
+
+def quantities() -> Mapping[str, Quantity]:
+    """All quantities by name: our own, then those of installed packages.
+
+    Raises:
+        FreneticError: two have one name.
+    """
+    return _table(installed(GROUP))
+
+
+@cache
+def _table(entries: tuple[Entry, ...]) -> Mapping[str, Quantity]:
+    table = dict(_BY_NAME)
+    for entry in entries:
+        for row in imported(entry.target):
+            if row.name in table:
+                raise FreneticError(
+                    f"two quantities are named {row.name!r}, one comes from {entry.origin}:"
+                    " uninstall one of them"
+                )
+            table[row.name] = row
+    return MappingProxyType(table)
+
+
+def named(conditions: Mapping[str, float]) -> list[str]:
+    """The quantities of some conditions, without their places and the seed."""
+    return [name for name in conditions if name != SEED and not quantity(name).place_of]
+
+
+def without(conditions: Mapping[str, float], *names: str) -> dict[str, float]:
+    """The conditions without some quantities, their places, and a seed that nothing else needs."""
+    left = [other for other in named(conditions) if other not in names]
+    has_seed = any(quantity(other).is_seeded for other in left)
+    return {
+        other: amount
+        for other, amount in conditions.items()
+        if other not in names
+        and (has_seed if other == SEED else (quantity(other).place_of or other) in left)
+    }
+
+
+def in_words(conditions: Mapping[str, float]) -> str:
+    """Conditions for people, such as ``friction 0.4, gust 12 m/s at 80 m``."""
+    texts = {name: quantity(name).text(conditions[name]) for name in named(conditions)}
+    for name, amount in conditions.items():
+        if name != SEED and (of := quantity(name).place_of) in texts:
+            texts[of] += f" at {amount:g} m"
+    return ", ".join(texts.values())
+
+
+def attributes() -> frozenset[str]:
+    """Attributes of simulators that the quantities name."""
+    return _attributes(installed(GROUP))
+
+
+@cache
+def _attributes(entries: tuple[Entry, ...]) -> frozenset[str]:
+    return frozenset(row.attribute for row in _table(entries).values() if row.attribute)
+
+
+def amounts_in(options: Mapping[str, Any]) -> dict[str, Any]:
+    """The amounts that a simulator's options set: name of a quantity -> its amount."""
+    names = {row.attribute: row.name for row in quantities().values() if row.attribute}
+    return {names[option]: amount for option, amount in options.items() if option in names}
+
+
+def require_allowed(amounts: Mapping[str, float]) -> None:
+    """Checks amounts of quantities; one without effect is allowed, and so is any seed.
+
+    Raises:
+        UnknownNameError: there is no such quantity.
+        ValueError: an amount is out of its quantity's range.
+    """
+    for name, amount in amounts.items():
+        if name != SEED and amount != quantity(name).nothing:
+            quantity(name).require(amount)
+
+
+def quantity(name: str) -> Quantity:
+    """The quantity of a name.
+
+    Raises:
+        UnknownNameError: there is none; the message lists the known ones.
+    """
+    if (own := _BY_NAME.get(name)) is not None:
+        return own
+    known = quantities()
+    if name not in known:
+        raise UnknownNameError(
+            f"unknown quantity {name!r}{hint(name, known)} Known: {', '.join(known)}"
+        )
+    return known[name]

@@ -1,0 +1,1 @@
+"""Criteria of a drive beside the lane: limits of signals such as the lateral acceleration."""

@@ -1,0 +1,273 @@
+"""A simulator's output: the trajectory of one drive, and its rules."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field, fields, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal, Protocol
+
+import numpy as np
+
+from frenetic._support.arrays import FloatArray
+from frenetic._support.bounds import check
+from frenetic._support.scalars import take_numpy_scalars
+from frenetic.criteria.criterion import JUDGED_BY_LANE, Profile
+from frenetic.errors import Trouble
+
+if TYPE_CHECKING:
+    from frenetic.road import Road
+
+
+@dataclass(frozen=True)
+class CarBody:
+    """The rectangle that a car covers on the ground, relative to its centre of mass."""
+
+    length: float = 4.508
+    """Length from bumper to bumper, in m (BMW 320i, CommonRoad vehicle 2)."""
+    width: float = 1.610
+    """Width in m, without mirrors."""
+    centre_ahead: float = 0.0
+    """Distance of the rectangle's centre ahead of the centre of mass, in m."""
+
+    def __post_init__(self) -> None:
+        take_numpy_scalars(self)
+        for name, value in (("length", self.length), ("width", self.width)):
+            if not (np.isfinite(value) and value > 0.0):
+                raise ValueError(f"the car's {name} is {value}: a positive number is needed")
+
+    def to_array(self) -> FloatArray:
+        """Length, width and centre_ahead, (3,), as the kernels take them."""
+        return np.array([self.length, self.width, self.centre_ahead])
+
+
+class HasLimits(Protocol):
+    """A road or candidate, as far as its speed limits go."""
+
+    @property
+    def speed_limits(self) -> FloatArray | None:
+        """Speed limits, (k, 2) in m and km/h, as a `Road` has them; None for none."""
+
+    @property
+    def length(self) -> float:
+        """Length in m."""
+
+
+@dataclass(frozen=True)
+class Rules:
+    """Rules for the end of a drive and for failing it."""
+
+    speed_limit: float = 70.0
+    """Speed limit where the road has none of its own, in km/h; see `road_limits`."""
+    oob_tolerance: float = 0.95
+    """Share (0..1] of the car's box that may be outside the ego lane; more is a FAIL."""
+    goal_distance: float = 8.0
+    """Distance from the road's last point at which the drive has passed, in m."""
+    stuck_distance: float = 1.0
+    """Distance that a car has to move within `stuck_time`, in m."""
+    stuck_time: float = 10.0
+    """s."""
+    timeout_base: float = 20.0
+    """Time granted to every drive, in s, whatever its length."""
+    timeout_speed: float = 2.5
+    """Mean speed below which a drive takes too long, in m/s: timeout = base + length / speed."""
+    criteria: Profile = JUDGED_BY_LANE
+    """What a drive has to keep beside its lane; a breach is a FAIL and does not end the drive."""
+    road_limits: Literal["kept", "scaled", "ignored"] = "kept"
+    """Whether a road's own speed limits are kept, scaled until the highest is `speed_limit`, or
+    ignored, so that `speed_limit` holds everywhere."""
+    scaled_from: float | None = None
+    """Speed limit before limits were scaled, in km/h, which a road has where it has none of its
+    own; None if they are not scaled."""
+
+    def __post_init__(self) -> None:
+        take_numpy_scalars(self)
+        check({"road_limits": self.road_limits}, Rules)
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if item.name in ("criteria", "road_limits") or value is None:
+                continue
+            if not (np.isfinite(value) and value > 0.0):
+                raise ValueError(f"{item.name} is {value}: a positive number is needed")
+        if self.oob_tolerance > 1.0:
+            raise ValueError(
+                f"oob_tolerance is {self.oob_tolerance}: a share above 0 and up to 1 is needed"
+            )
+
+    def as_json(self) -> dict[str, Any]:
+        """Its fields, for JSON."""
+        return asdict(self) | {"criteria": self.criteria.as_json()}
+
+    def speed_limits_on(self, road: HasLimits) -> FloatArray:
+        """Return the speed limits that hold along a road, (k, 2) in m and km/h, k >= 1.
+
+        Each holds from its station on, the first from 0 m. Stations beyond the road's end are left
+        out.
+        """
+        from frenetic.road.profile import LIMITS, merged, piece_of  # numba takes its time
+
+        limits = road.speed_limits
+        if self.road_limits == "ignored" or limits is None or not len(limits):
+            return np.array([[0.0, self.speed_limit]])
+        stations, values = piece_of(LIMITS, limits, 0.0, road.length).T
+        values = np.where(values > 0.0, values, self.scaled_from or self.speed_limit)
+        if self.road_limits == "scaled":
+            values = values * (self.speed_limit / values.max())
+        return merged(np.column_stack([stations, values]))
+
+    def start_limit_on(self, road: Road) -> float:
+        """Return the speed limit at a road's start, in m/s."""
+        return float(self.speed_limits_on(road)[0, 1]) / 3.6
+
+    def with_speed(self, amount: float) -> Rules:
+        """Return the rules with another speed limit in km/h, to which a road's own are scaled."""
+        if self.road_limits == "ignored":
+            return replace(self, speed_limit=amount)
+        base = self.scaled_from or self.speed_limit
+        return replace(self, speed_limit=amount, road_limits="scaled", scaled_from=base)
+
+    def limit_in_words(self, road: Road | None = None, class_name: str = "") -> str:
+        """Return which speed limit holds on a road, and who says it.
+
+        Args:
+            road: None for the roads of a search.
+            class_name: name of the road class to which `speed_limit` belongs, if it does.
+        """
+        from frenetic.road.profile import LIMITS, piece_of  # numba takes its time
+
+        otherwise = f"{self.speed_limit:.4g} km/h"
+        if self.road_limits == "kept":
+            otherwise += f", of {class_name}" if class_name else ", assumed"
+        else:
+            otherwise += ", as given"
+        if road is None or self.road_limits == "ignored":
+            return otherwise
+        limits = piece_of(LIMITS, road.speed_limits, 0.0, road.length)[:, 1]
+        if not limits.any():
+            return otherwise
+        if self.road_limits == "scaled":
+            values = self.speed_limits_on(road)[:, 1]
+            return f"{_range(values)}, the road's own, scaled" if np.ptp(values) else otherwise
+        where = "" if limits.all() else f"; where it has none, {otherwise}"
+        return f"{_range(limits[limits > 0.0])}, of the road{where}"
+
+    def timeout(self, road_length: float) -> float:
+        """Simulated seconds after which a drive on a road of `road_length` m has failed."""
+        return self.timeout_base + road_length / self.timeout_speed
+
+
+def _range(limits: FloatArray) -> str:
+    """Speed limits in km/h in words, such as ``30 to 70 km/h``."""
+    low, high = float(limits.min()), float(limits.max())
+    return f"{low:.4g} to {high:.4g} km/h" if low < high else f"{low:.4g} km/h"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory:
+    """The records of a drive at a fixed rate: columns of equal length (n,), read-only float64.
+
+    Place and heading are those on the map, speeds and yaw rate those in the road's plane.
+    """
+
+    time: FloatArray
+    """Simulated time since the start, in s; the first record is the start."""
+    x: FloatArray
+    """Coordinate of the centre of mass, in m."""
+    y: FloatArray
+    """Coordinate of the centre of mass, in m."""
+    heading: FloatArray
+    """Heading in rad, counter-clockwise from +x, unwrapped."""
+    speed: FloatArray
+    """Speed along the car, in m/s."""
+    lateral_speed: FloatArray
+    """Lateral speed across the car in m/s, positive to the left."""
+    yaw_rate: FloatArray
+    """Yaw rate in rad/s, positive to the left."""
+    steering: FloatArray
+    """Angle of the front wheels in rad, positive to the left."""
+    steering_input: FloatArray
+    """Angle that the driver asked for, in rad."""
+    throttle: FloatArray
+    """Pedal position 0..1, as the driver asked."""
+    brake: FloatArray
+    """Pedal position 0..1, as the driver asked."""
+
+    def __post_init__(self) -> None:
+        n = len(self.time)
+        for item in fields(self):
+            column = np.array(getattr(self, item.name), dtype=np.float64)
+            if column.shape != (n,):
+                raise ValueError(
+                    f"column {item.name} has shape {column.shape}, the time column ({n},)"
+                )
+            column.setflags(write=False)
+            object.__setattr__(self, item.name, column)
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __repr__(self) -> str:
+        """The trajectory at a glance."""
+        return f"<Trajectory of {len(self)} records, {self.time[-1] if len(self) else 0.0:.1f} s>"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Made anew, so that the columns are read-only again.
+        return Trajectory, tuple(getattr(self, name) for name in self.names())
+
+    @cached_property
+    def lateral_acceleration(self) -> FloatArray:
+        """Acceleration of the centre of mass across the car, (n,) in m/s^2, positive to the left.
+
+        It is yaw rate times speed, and the change of the lateral speed.
+        """
+        change = (
+            np.gradient(self.lateral_speed, self.time) if len(self) > 1 else np.zeros(len(self))
+        )
+        found: FloatArray = self.yaw_rate * self.speed + change
+        found.setflags(write=False)
+        return found
+
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        """The columns' names, in order."""
+        return tuple(item.name for item in fields(cls))
+
+    @classmethod
+    def from_rows(cls, rows: FloatArray) -> Trajectory:
+        """A trajectory from an (n, 11) array whose columns are in the order of `names()`."""
+        return cls(*(rows[:, k] for k in range(rows.shape[1])))
+
+    @classmethod
+    def empty(cls) -> Trajectory:
+        """A trajectory without records."""
+        return cls.from_rows(np.empty((0, len(cls.names()))))
+
+    def to_rows(self) -> FloatArray:
+        """The records as an (n, 11) array in the order of `names()`."""
+        return np.column_stack([getattr(self, name) for name in self.names()])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Drive:
+    """One execution of a road test."""
+
+    trajectory: Trajectory
+    car: CarBody = field(default_factory=CarBody)
+    rules: Rules = field(default_factory=Rules)
+    road: Road | None = None
+    """The road that was driven, for pictures; None if the simulator does not say."""
+    trouble: Trouble | None = None
+    """What broke in the driver or the simulator; None if the drive ended by the rules."""
+    driver_seconds: float = field(default=0.0, compare=False)
+    """Wall time in the driver's own code, in s; 0 if the simulator does not say."""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.trouble, Trouble | None):
+            raise TypeError(
+                f"the drive's trouble is {self.trouble!r}: a frenetic.errors.Trouble is needed"
+            )
+
+    def __repr__(self) -> str:
+        """The drive at a glance."""
+        road = "" if self.road is None else f" on {self.road.length:.0f} m of road"
+        broken = "" if self.trouble is None else f", trouble: {self.trouble.reason}"
+        return f"<Drive{road}: {repr(self.trajectory)[15:-1]}{broken}>"

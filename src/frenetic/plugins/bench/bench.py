@@ -1,0 +1,378 @@
+"""Comparison of generators and strategies, with repeats, on the same terms."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+from collections import Counter
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import msgspec
+from filelock import FileLock
+
+from frenetic._support.bounds import Count, Index, check
+from frenetic._support.files import FolderInUse, write_file
+from frenetic._support.outside_text import read_json
+from frenetic._support.words import counted
+from frenetic.analysis.comparison import (
+    Comparison,
+    compare,
+    compare_measured,
+    repeats_needed,
+)
+from frenetic.analysis.metrics import measure_campaign
+from frenetic.campaign import campaign
+from frenetic.campaign.lock import lock_file
+from frenetic.campaign.summary import Summary
+from frenetic.errors import FreneticError
+from frenetic.parts import trust
+from frenetic.parts.registry import STRATEGIES
+from frenetic.parts.versions import differences, package_versions
+from frenetic.plugins.bench.entrants import Entrant, entrant_parts, folder_names
+from frenetic.plugins.bench.presets import Preset
+from frenetic.plugins.bench.processes import run_all
+from frenetic.plugins.bench.runs import (
+    Run,
+    RunState,
+    RunTerms,
+    compile_measures,
+    ending_of,
+    try_out,
+)
+from frenetic.plugins.bench.strategy import End
+from frenetic.simulators.embedded import compile_kernels
+from frenetic.spec import SIGNED, Spec, write_entries
+
+logger = logging.getLogger(__name__)
+
+BENCHES: Final = Path("benches")
+"""Default parent of benches' folders."""
+RECORD: Final = "bench.json"
+"""Name of the file in a bench's folder that says what it was begun with."""
+LOCK: Final = "bench.lock"
+FILE: Final = "bench.toml"
+"""Name of the file in it that repeats it, see `frenetic.plugins.bench.file`."""
+
+OnProgress = Callable[[float, str], None]
+"""Told the spent share 0..1 of all runs' budgets, and the numbers in words."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bench:
+    """A bench: its entrants, terms, repeats and folder.
+
+    Run k of an entrant has the seed ``seed + k - 1``; so the runs with one number share it.
+    """
+
+    entrants: tuple[Entrant, ...]
+    terms: RunTerms
+    repeats: Count = 10
+    seed: Index = 1
+    folder: Path = field(default_factory=lambda: campaign.new_folder(BENCHES))
+    """Its folder; a text is taken, too."""
+    preset: Preset | None = None
+    """Edition of the competition whose figures stand beside its results."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "folder", Path(self.folder))
+        check({"repeats": self.repeats, "seed": self.seed}, Bench)
+        if not self.entrants:
+            raise FreneticError("nobody takes part: name a generator or a strategy")
+        object.__setattr__(self, "entrants", tuple(self.entrants))
+        folder_names(self.entrants)
+        for entrant in self.entrants:
+            if entrant.is_strategy:
+                available = {"seed": self.seed, "map_size": self.terms.tester.terms.map_size}
+                STRATEGIES.make_from(entrant.spec, entrant.options, available)
+
+    @property
+    def runs(self) -> list[Run]:
+        """All runs; the first of every entrant come first, for early results of all."""
+        names = folder_names(self.entrants)
+        return [
+            Run(
+                entrant,
+                repeat,
+                self.seed + repeat - 1,
+                self.folder / names[entrant.name] / f"{repeat:02d}",
+            )
+            for repeat in range(1, self.repeats + 1)
+            for entrant in self.entrants
+        ]
+
+    @property
+    def runs_in_words(self) -> str:
+        """Numbers of runs and of simulations of an entrant."""
+        return f"{counted(self.repeats, 'run')} of {self.terms.simulations} simulations"
+
+    @property
+    def repeats_needed(self) -> int:
+        """Least repeats with which a difference between two entrants can be shown."""
+        return repeats_needed(len(self.entrants)) if len(self.entrants) > 1 else 1
+
+    def states(self) -> list[RunState]:
+        """All runs with their results.
+
+        Raises:
+            CampaignError: one is damaged.
+        """
+        return [RunState(run, ending_of(run.folder)) for run in self.runs]
+
+    def run(
+        self,
+        *,
+        resume: bool = False,
+        workers: Count = 1,
+        on_start: Callable[[], None] | None = None,
+        on_progress: OnProgress = lambda *_: None,
+        on_end: Callable[[RunState], None] = lambda _: None,
+        on_interrupt: Callable[[], None] | None = None,
+    ) -> list[RunState]:
+        """Completes all runs; returns their states.
+
+        Each generator is built once beforehand, so an unbuildable one is noticed at once.
+
+        Args:
+            resume: whether the folder holds this bench already, to be completed.
+            workers: runs at once.
+            on_start: called before the first run.
+            on_progress: called now and then.
+            on_end: called after each run.
+            on_interrupt: called at the first Ctrl-C, after which no run begins.
+
+        Raises:
+            ValueError: ``workers`` is no whole number of at least 1.
+            FreneticError: the folder holds something else, another process uses it, a generator
+                cannot be built, the simulator does not start, or the folder is moved or deleted
+                meanwhile.
+        """
+        check({"workers": workers}, Bench.run)
+        campaign.prepare(self.terms.tester.simulator)
+        compile_kernels()
+        compile_measures()
+        if resume:
+            self._require_same()
+        else:
+            self._require_new_folder()
+        to_do = [state.run for state in self.states() if state.ending is None]
+        for entrant in self.entrants:
+            if not entrant.is_strategy and any(run.entrant == entrant for run in to_do):
+                try_out(entrant, self.terms, self.seed)
+        with _locked(self.folder):
+            if not resume:
+                self._write()
+            if on_start is not None:
+                on_start()
+            return self._run(workers, on_progress, on_end, on_interrupt)
+
+    def _run(
+        self,
+        workers: int,
+        on_progress: OnProgress,
+        on_end: Callable[[RunState], None],
+        on_interrupt: Callable[[], None] | None,
+    ) -> list[RunState]:
+        states = self.states()
+        to_do = [state.run for state in states if state.ending is None]
+        done = len(states) - len(to_do)
+        progress: dict[Path, Summary] = {}
+        ends: dict[Path, RunState] = {}
+        events = run_all(to_do, self.terms, workers=workers, on_interrupt=on_interrupt)
+        with closing(events), closing(FolderInUse(self.folder)) as folder:
+            for run, event in events:
+                self._require_in_place(folder)
+                if isinstance(event, Summary):
+                    progress[run.folder] = event
+                else:
+                    ends[run.folder] = event
+                    on_end(event)
+                whole = done + len(ends)
+                begun = sum(p.budget_spent for f, p in progress.items() if f not in ends)
+                simulations = sum(summary.simulations for summary in progress.values())
+                failures = sum(summary.failures for summary in progress.values())
+                on_progress(
+                    (whole + begun) / len(states),
+                    f"runs {whole} of {len(states)}, simulations {simulations},"
+                    f" failures {failures}",
+                )
+                self._require_in_place(folder)  # before another run makes a part of it again
+        return list(ends.values())
+
+    def _require_in_place(self, folder: FolderInUse) -> None:
+        """Checks that nobody has moved or deleted the folder.
+
+        Raises:
+            FreneticError: the folder was moved or deleted.
+        """
+        if fate := folder.fate():
+            advice = "its complete runs stand there; go on with --resume there"
+            if "deleted" in fate:
+                advice = "its runs are gone; begin a new bench"
+            raise FreneticError(f"{self.folder} {fate} while the bench ran: {advice}")
+
+    def comparison(self) -> Comparison:
+        """The comparison of the entrants by their complete runs.
+
+        Raises:
+            FreneticError: no entrant has a complete run.
+        """
+        states = self.states()
+        groups: dict[str, list[Path]] = {one.name: [] for one in self.entrants}
+        for state in states:
+            if state.ending is not None:
+                groups[state.run.entrant.name].append(state.run.folder)
+        groups = {name: folders for name, folders in groups.items() if folders}
+        if len(groups) == 1:
+            measured = {n: tuple(map(measure_campaign, f)) for n, f in groups.items()}
+            comparison = compare_measured(measured)
+        else:
+            comparison = compare(groups)
+        return replace(comparison, notes=(*unusual_endings(states), *comparison.notes))
+
+    @property
+    def file(self) -> Path | None:
+        """Its file; None for parts without names, which came from Python."""
+        return None if self.terms.tester.spec is None else self.folder / FILE
+
+    def entries(self) -> dict[str, Any]:
+        """The entries of its file; those of the parts only if these have names."""
+        terms, spec = self.terms, self.terms.tester.spec
+        return {
+            "generator": [one.word for one in self.entrants if not one.is_strategy],
+            "strategy": [one.word for one in self.entrants if one.is_strategy],
+            **({} if spec is None else spec.driving().entries()),
+            "with": dict(terms.tester.terms.conditions),
+            "map_size": terms.tester.terms.map_size,
+            "objective": terms.objective,
+            "simulations": terms.simulations,
+            "seconds_per_test": terms.seconds_per_test,
+            "patience": terms.patience,
+            "repeats": self.repeats,
+            "seed": self.seed,
+            "preset": None if self.preset is None else self.preset.name,
+        }
+
+    def _record(self) -> dict[str, Any]:
+        tester = self.terms.tester
+        return {
+            "version": 3,
+            "entries": self.entries(),
+            "sources": {one.name: one.source() for one in self.entrants},
+            **tester.described,
+            "rules": tester.simulator.rules.as_json(),
+        }
+
+    def _require_new_folder(self) -> None:
+        if os.path.lexists(self.folder) and (
+            not self.folder.is_dir() or any(child.name != LOCK for child in self.folder.iterdir())
+        ):
+            raise FreneticError(
+                f"{self.folder} is not empty: choose another place, or go on with the bench in it"
+            )
+
+    def _require_same(self) -> None:
+        theirs, ours = read_record(self.folder), json.loads(json.dumps(self._record()))
+        for name, source in theirs.sources.items():
+            if ours["sources"].get(name) != source:
+                raise FreneticError(
+                    f"the source of {name} is not what the bench in {self.folder} was begun with:"
+                    " restore it, or begin a new bench"
+                )
+        for name in ("simulator", "driver"):
+            if changed := differences(name, getattr(theirs, name), ours[name]):
+                raise FreneticError(
+                    f"{self.folder} holds a bench with another {name}: {'; '.join(changed)[:1000]};"
+                    " restore it, or begin a new bench"
+                )
+        for name, value in [*ours["entries"].items(), ("rules", ours["rules"])]:
+            told = theirs.rules if name == "rules" else theirs.entries.get(name)
+            if told != value:
+                raise FreneticError(
+                    f"{self.folder} holds a bench with another {name}:"
+                    f" {json.dumps(told)[:200]}, not {json.dumps(value)[:200]}"
+                )
+
+    def _write(self) -> None:
+        document = self._record() | {
+            "created_at": datetime.now().astimezone().isoformat(timespec="seconds"),
+            "versions": package_versions(),
+        }
+        text = json.dumps(document, indent=1) + "\n"
+        write_file(self.folder / RECORD, text, remedy="choose another place", durable=True)
+        if self.file is not None:
+            what = "What ran in this folder; 'frenetic bench' with this file does it again."
+            write_entries({**self.entries(), **self._signed()}, self.file, what)
+
+    def _signed(self) -> dict[str, Any]:
+        """The entry with its user's signature of the code that its file names, if it can be."""
+        entries, tester = self.entries(), self.terms.tester
+        assert tester.spec is not None
+        others = entrant_parts(entries["generator"], entries["strategy"])
+        driving = {**tester.spec.driving().entries(), "objective": self.terms.objective}
+        spec = Spec.of(driving).signed_in(tester.folder, others=others)
+        if spec.signed is not None:
+            return {SIGNED: msgspec.to_builtins(spec.signed)}
+        if trust.named_code({**spec.parts, **others}):
+            logger.warning("%s", trust.unsigned_text())
+        return {}
+
+
+def unusual_endings(states: Sequence[RunState]) -> list[str]:
+    """How runs ended that did not end by the budget, with the reasons, a line for each entrant."""
+    found: dict[str, list[RunState]] = {}
+    for state in states:
+        found.setdefault(state.run.entrant.name, []).append(state)
+    lines = []
+    for name, runs in found.items():
+        endings = [state.ending for state in runs if state.ending is not None]
+        reasons = Counter(str(one) for one in endings if str(one) != End.OVER)
+        told = [f"{count} of {len(runs)} runs {why}" for why, count in reasons.most_common(3)]
+        if told:
+            lines.append(f"{name}: {'; '.join(told)}")
+    return lines
+
+
+class Record(msgspec.Struct):
+    """What a bench was begun with, as far as going on needs it."""
+
+    version: Literal[3]
+    """Of the file's form."""
+    entries: dict[str, Any]
+    sources: dict[str, str | None]
+    simulator: Any
+    driver: Any
+    rules: Any
+
+
+def read_record(folder: Path | str) -> Record:
+    """What the bench in a folder was begun with.
+
+    Raises:
+        FreneticError: there is none, or it is damaged or of another version.
+    """
+    path = Path(folder) / RECORD
+    try:
+        return read_json(path.read_bytes(), Record)
+    except FileNotFoundError:
+        raise FreneticError(f"{folder} holds no bench: give the folder of one") from None
+    except (OSError, ValueError) as error:
+        raise FreneticError(
+            f"{path} is damaged or of another version of frenetic ({error}): restore it from a"
+            " copy, or begin a new bench"
+        ) from None
+
+
+def _locked(folder: Path) -> FileLock:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FreneticError(
+            f"cannot make the folder {folder}: {error.strerror or error}; choose another place"
+        ) from error
+    return lock_file(folder / LOCK)

@@ -1,0 +1,345 @@
+"""Runs of a bench: one entrant, one seed, one campaign each."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import KW_ONLY, dataclass
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import MappingProxyType
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from msgspec import structs
+
+from frenetic._support.bounds import Count, Positive, check
+from frenetic._support.json_value import JSONValue
+from frenetic._support.words import part_word
+from frenetic.analysis.sparseness import largest_distances, unlike_lines
+from frenetic.campaign.campaign import Campaign
+from frenetic.campaign.objective import MOOBD, Objective
+from frenetic.campaign.store import DATABASE, CampaignStore
+from frenetic.campaign.summary import Event, Summary
+from frenetic.campaign.tester import RoadTester
+from frenetic.errors import FreneticError, StrategyError
+from frenetic.parts.registry import STRATEGIES
+from frenetic.plugins.bench.entrants import Entrant
+from frenetic.plugins.bench.generator import GeneratorProcess
+from frenetic.plugins.bench.strategy import (
+    End,
+    Ending,
+    GeneratorStrategy,
+)
+from frenetic.road import Road, check_validity
+from frenetic.road.validity import interpolate, min_radius, overlaps_itself
+from frenetic.search import Strategy
+from frenetic.spec import Budget
+
+WORK: Final = "work"
+"""Folder in a run's that is its generator's working directory."""
+RESULTS: Final = "results"
+"""Folder in that one that a generator sees as the pipeline's results folder."""
+GENERATOR_LOG: Final = "generator.log"
+"""File with the output of a run's generator."""
+_NEVER_COPIED: Final = (".git", "__pycache__")
+FACT: Final = "bench"
+"""Name of the campaign's fact with the end of its run in a bench."""
+
+OnProgress = Callable[[Summary], None]
+
+
+@dataclass(frozen=True)
+class RunTerms:
+    """Terms of all runs of a bench."""
+
+    tester: RoadTester
+    """Tests the roads of every run."""
+    _: KW_ONLY
+    simulations: Count = 200
+    """Budget of each run, in drives."""
+    seconds_per_test: Positive = 36.0
+    """Virtual s that each executed test costs, as a generator sees it."""
+    patience: Positive = 600.0
+    """Wall time that a generator may take between two tests, in s."""
+    objective: str = MOOBD
+    """Name of what the strategies minimise; a generator has its own."""
+
+    def __post_init__(self) -> None:
+        Objective.load(self.objective)
+        checked = ("simulations", "seconds_per_test", "patience")
+        check({name: getattr(self, name) for name in checked}, RunTerms)
+
+    @property
+    def time(self) -> float:
+        """Budget of each run, in virtual s."""
+        return self.simulations * self.seconds_per_test
+
+
+@dataclass(frozen=True)
+class Run:
+    """One entrant with one seed."""
+
+    entrant: Entrant
+    repeat: int
+    """Number from 1."""
+    seed: int
+    folder: Path
+
+    @property
+    def name(self) -> str:
+        """Entrant and number, for messages."""
+        return f"{self.entrant.name}, run {self.repeat}"
+
+
+@dataclass(frozen=True)
+class RunState:
+    """A run and its result."""
+
+    run: Run
+    ending: Ending | None
+    """None if it is not complete."""
+    trouble: str = ""
+    """Reason why the last try did not complete it, in one line."""
+
+    def as_json(self) -> dict[str, JSONValue]:
+        """The run as a JSON object."""
+        return {
+            "generator": self.run.entrant.name,
+            "run": self.run.repeat,
+            "seed": self.run.seed,
+            "folder": str(self.run.folder),
+            "ending": msgspec.to_builtins(self.ending),
+        }
+
+
+def run_entrant(run: Run, terms: RunTerms, on_progress: OnProgress | None = None) -> Ending:
+    """Runs an entrant until its budget is spent, or until it ends otherwise.
+
+    The folder becomes a campaign's. An interrupted run begins again.
+
+    Args:
+        run: the entrant, its seed, and a folder of this run alone.
+        terms: those of the bench.
+        on_progress: called after every test.
+
+    Raises:
+        FreneticError: the simulator does not start, or the folder cannot be written.
+    """
+    try:
+        if run.folder.is_dir():  # the remains of an interrupted run
+            shutil.rmtree(run.folder)
+    except OSError as error:
+        raise FreneticError(
+            f"{run.folder} cannot be cleared for a new run: {error.strerror or error}"
+        ) from None
+    facts: dict[str, Any] = {"seconds_per_test": terms.seconds_per_test}
+    if run.entrant.is_strategy:
+        available = {"seed": run.seed, "map_size": terms.tester.terms.map_size}
+        own: Strategy = STRATEGIES.make_from(run.entrant.spec, run.entrant.options, available)
+        ending = _search(_campaign(run, terms, own), on_progress)
+    else:
+        with hosted(run, terms) as strategy:
+            campaign = _campaign(run, terms, strategy, {"strategy": _described(run)})
+            ending = _search(campaign, on_progress)
+            if ending is None or ending.end is not End.GAVE_UP:
+                ending = strategy.dismiss()
+        facts["strategy_seconds"] = round(strategy.computing, 4)
+    ending = ending or Ending(End.OVER)
+    facts[FACT] = msgspec.to_builtins(ending)
+    with CampaignStore.open(run.folder, readonly=False) as store:
+        store.finish(finished_at=store.facts["finished_at"], **facts)
+    return ending
+
+
+def ending_of(folder: Path) -> Ending | None:
+    """End of the run in a folder; None if it is not complete.
+
+    Raises:
+        CampaignError: its campaign is damaged.
+    """
+    if not (folder / DATABASE).is_file():
+        return None
+    with CampaignStore.open(folder) as store:
+        fact = store.facts.get(FACT)
+    try:
+        return msgspec.convert(fact, Ending)
+    except msgspec.ValidationError:
+        return None
+
+
+@contextmanager
+def hosted(run: Run, terms: RunTerms) -> Iterator[GeneratorStrategy]:
+    """A generator in its own process; its ``ending`` tells if it could not be built.
+
+    Args:
+        run: the generator, the seed of `random` and numpy in its process, and the folder for its
+            working directory and output.
+        terms: those of the bench.
+
+    Raises:
+        OSError: its folder cannot be copied, or its process cannot be started.
+    """
+    work = run.folder.absolute() / WORK
+    if run.entrant.copy is not None:
+        _copy(run.entrant.copy, work)
+    (work / RESULTS).mkdir(parents=True, exist_ok=True)
+    process = GeneratorProcess(
+        assignment(run, terms),
+        folder=work,
+        log=run.folder / GENERATOR_LOG,
+        python=run.entrant.python,
+    )
+    with process:
+        strategy = GeneratorStrategy(
+            process,
+            terms.tester,
+            simulations=terms.simulations,
+            seconds_per_test=terms.seconds_per_test,
+            patience=terms.patience,
+            seed=run.seed,
+        )
+        strategy.start()
+        yield strategy
+
+
+def try_out(entrant: Entrant, terms: RunTerms, seed: int) -> None:
+    """Builds a generator once.
+
+    Raises:
+        FreneticError: it cannot be built.
+    """
+    with TemporaryDirectory(prefix="frenetic-bench-", ignore_cleanup_errors=True) as place:
+        folder = Path(place)
+        try:
+            with hosted(Run(entrant, 1, seed, folder), terms) as strategy:
+                ending = strategy.ending
+        except OSError as error:
+            why = str(error.strerror or error)[:300]  # copying lists every file
+            raise FreneticError(f"{entrant.name} cannot be started: {why}") from None
+        if ending is None:
+            return
+        log = (folder / GENERATOR_LOG).read_text(encoding="utf-8", errors="replace")
+    printed = log.strip().splitlines()[-1:] if ending.detail.startswith("its process") else []
+    needs = "; its interpreter needs Python 3.9 or newer and numpy"
+    raise FreneticError(
+        f"{entrant.name} cannot be built: {ending.detail or ending.end}"
+        + "".join(f" ({line[:200]})" for line in printed)
+        + (needs if printed and entrant.python is not None else "")
+    )
+
+
+@cache
+def compile_measures() -> None:
+    """Compiles what runs need beside driving once, before several of them start."""
+    points = np.column_stack([np.linspace(0.0, 60.0, 31), 5.0 * np.sin(np.linspace(0.0, 6.0, 31))])
+    for some in (points, points[::10]):
+        Road.from_points(some)
+    check_validity(points)
+    min_radius(interpolate(points))
+    overlaps_itself(points, points + 4.0)
+    segments = [points, 1.5 * points, points[:-4].copy()]
+    largest_distances(segments)
+    unlike_lines(segments)
+
+
+def _described(run: Run) -> dict[str, JSONValue]:
+    """A generator as a campaign records its strategy."""
+    entrant = run.entrant
+    module = Path(entrant.module).name if entrant.module.endswith(".py") else entrant.module
+    path: dict[str, JSONValue] = {} if entrant.path is None else {"path": str(entrant.path)}
+    return {"class": f"{module}:{entrant.class_name}", "options": {**path, "seed": run.seed}}
+
+
+def assignment(run: Run, terms: RunTerms) -> dict[str, Any]:
+    """What a generator's process is told first."""
+    entrant, setting = run.entrant, terms.tester.setting
+    rules, size = setting.rules_in({}), setting.map_size
+    work = run.folder.absolute() / WORK
+    places = {"path": entrant.path, "pipeline": entrant.own_pipeline}
+    is_file = entrant.module.endswith(".py")
+    return {
+        "module": str(_copied(Path(entrant.module), entrant, work)) if is_file else entrant.module,
+        "class_name": entrant.class_name,
+        **{k: place and str(_copied(place, entrant, work)) for k, place in places.items()},
+        "seed": run.seed % 2**32,  # more bits than those no generator of numbers takes
+        "map_size": int(size) if size == int(size) else size,
+        "time_budget": terms.time,
+        "seconds_per_test": terms.seconds_per_test,
+        "oob_tolerance": rules.oob_tolerance,
+        "speed_limit": rules.speed_limit,
+        "result_folder": str(work / RESULTS),
+    }
+
+
+def _copied(place: Path, entrant: Entrant, work: Path) -> Path:
+    """A generator's file or folder, in the copy if there is one of it."""
+    if entrant.copy is not None and place.is_relative_to(entrant.copy):
+        place = work / place.relative_to(entrant.copy)
+    return place
+
+
+def _copy(source: Path, target: Path) -> None:
+    """Copies a folder, but no repository, virtual environment or folder that holds the target."""
+    around = {target.resolve(), *target.resolve().parents}
+
+    def left_out(folder: str, names: list[str]) -> list[str]:
+        return [
+            name
+            for name in names
+            for place in (Path(folder, name),)
+            if name in _NEVER_COPIED
+            or (place / "pyvenv.cfg").is_file()
+            or place.resolve() in around
+        ]
+
+    shutil.copytree(
+        source, target, ignore=left_out, ignore_dangling_symlinks=True, dirs_exist_ok=True
+    )
+
+
+def _campaign(
+    run: Run,
+    terms: RunTerms,
+    strategy: Strategy,
+    described: Mapping[str, JSONValue] = MappingProxyType({}),
+) -> Campaign:
+    budget: JSONValue = {"time": terms.time, "seconds_per_test": terms.seconds_per_test}
+    entrant: JSONValue = {**run.entrant.as_json(), "budget": budget}
+    tester, spec = terms.tester, terms.tester.spec
+    if spec is not None:
+        name = part_word(run.entrant.spec, run.entrant.options)
+        spec = structs.replace(spec, strategy=name, seed=run.seed)
+    with tester.in_folder():
+        return Campaign(
+            strategy=strategy,
+            simulator=tester.simulator,
+            driver=tester.driver,
+            terms=tester.terms,
+            budget=Budget(simulations=terms.simulations),
+            folder=run.folder,
+            isolate=spec is not None,
+            objective=terms.objective,
+            description={"seed": run.seed, "entrant": entrant, **described},
+            spec=spec,
+        )
+
+
+def _search(campaign: Campaign, on_progress: OnProgress | None) -> Ending | None:
+    """Runs a campaign; returns its end, None if its budget was spent."""
+
+    def say(event: Event) -> None:
+        if on_progress is not None and event.kind == "result":
+            on_progress(event.summary)
+
+    try:
+        summary = campaign.run(on_event=say)
+    except StrategyError as error:
+        with CampaignStore.open(campaign.folder, readonly=False) as store:  # it is never resumed
+            seconds = round(store.elapsed(), 3)
+            store.finish(seconds=seconds, interrupted=False, ended=str(error))
+        return Ending(End.GAVE_UP, str(error))
+    return Ending(End.RETURNED, summary.ended) if summary.ended else None

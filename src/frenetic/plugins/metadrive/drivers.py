@@ -1,0 +1,251 @@
+"""MetaDrive's own drivers as systems under test.
+
+In MetaDrive they look at its world instead of an `Observation`: `MetaDriveSimulator` recognises
+them and lets MetaDrive's policies act, see `policies` beside this module. Networks drive
+elsewhere, too: an `Observation` has all that they see on an empty road, see `expert`.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any, ClassVar, NoReturn
+
+import numpy as np
+
+from frenetic._support.arrays import FloatArray
+from frenetic._support.bounds import Positive, check
+from frenetic._support.onnx_model import Model, read_model, shown_shape
+from frenetic.drivers import Controls, Driver, DriveSetup, Observation
+from frenetic.drivers.driver import under_layers
+from frenetic.errors import DriverError
+from frenetic.plugins.metadrive.car import VEHICLE, Decision
+from frenetic.plugins.metadrive.expert import (
+    ACTION_SIZES,
+    SIZE,
+    expert_action,
+    mean_action,
+    read_weights,
+    state_of,
+    weights,
+)
+from frenetic.simulators.simulator import Simulator
+
+
+class PolicySimulator:
+    """Base of a simulator that lets MetaDrive's policies act."""
+
+
+class MetaDriveDriver:
+    """A policy that comes with MetaDrive; the subclasses are its options."""
+
+    name: ClassVar[str]
+    """Name in the registry."""
+    BEHAVIOUR: ClassVar[int] = 1
+    """Raised when its controls change; campaigns record it."""
+    BEHAVIOUR_PACKAGES: ClassVar[tuple[str, ...]] = ("metadrive-simulator",)
+    """Distributions whose versions belong to it."""
+
+    def check_simulator(self, simulator: Simulator) -> None:
+        """Refuses simulators that do not know MetaDrive's drivers.
+
+        Raises:
+            DriverError: the simulator does not know them.
+        """
+        if not isinstance(simulator, PolicySimulator):
+            self._refuse()
+
+    def reset(self, setup: DriveSetup) -> None:  # noqa: ARG002 - asked by a foreign simulator
+        """Refuses: see `act`.
+
+        Raises:
+            DriverError: always.
+        """
+        self._refuse()
+
+    def act(self, observation: Observation) -> Controls:  # noqa: ARG002
+        """Refuses, because a simulator that asks for controls is not MetaDrive.
+
+        Raises:
+            DriverError: always.
+        """
+        self._refuse()
+
+    def _refuse(self) -> NoReturn:
+        raise DriverError(f"{self.name} drives in MetaDrive only: choose the simulator metadrive")
+
+
+class MetaDriveIdm(MetaDriveDriver):
+    """MetaDrive's rule-based driver: PID steering to the lane's centre, constant target speed.
+
+    It does not slow down for curves, so its target speed decides which roads it can take.
+
+    Args:
+        target_speed: km/h; 30 is what MetaDrive's traffic keeps. The speed limit caps it.
+    """
+
+    name = "metadrive-idm"
+
+    def __init__(self, *, target_speed: Positive = 30.0) -> None:
+        check(locals(), MetaDriveIdm.__init__)
+        self.target_speed = float(target_speed)
+
+    @property
+    def options(self) -> dict[str, float]:
+        """Its options."""
+        return {"target_speed": self.target_speed}
+
+
+class ObservingDriver(MetaDriveDriver, ABC):
+    """A driver that acts by MetaDrive's observation.
+
+    In another simulator it steers the wheels by the same angle as MetaDrive's car and accelerates
+    like it, as far as that car can.
+    """
+
+    period: ClassVar[float] = 0.1
+    """s: the time between two decisions in MetaDrive."""
+
+    @abstractmethod
+    def mean_action(self, seen: FloatArray) -> tuple[float, float]:
+        """Steering to the left and throttle or brake, not cut to -1..1.
+
+        Args:
+            seen: (275,), as MetaDrive's `LidarStateObservation` has it.
+        """
+
+    def check_simulator(self, simulator: Simulator) -> None:
+        """Accepts any."""
+
+    def reset(self, setup: DriveSetup) -> None:
+        """Forgets the last drive."""
+        self._setup, self._action, self._heading = setup, (0.0, 0.0), math.nan
+
+    def act(self, observation: Observation) -> Controls:
+        """The policy's action, as the controls of this car."""
+        turned = observation.heading - self._heading
+        turned = 0.0 if math.isnan(turned) else turned
+        seen = state_of(observation, self._setup, self._action, turned)
+        steering, pedal = (min(max(value, -1.0), 1.0) for value in self.mean_action(seen))
+        self._action, self._heading = (steering, pedal), observation.heading
+        decision = Decision.of_action(steering, pedal)
+        acceleration = (
+            decision.throttle * VEHICLE.engine_acceleration
+            - decision.brake * VEHICLE.brake_deceleration
+        )
+        return Controls.from_acceleration(
+            acceleration, decision.steering, speed=observation.speed, setup=self._setup
+        )
+
+
+class MetaDriveExpert(ObservingDriver):
+    """The neural network that comes with MetaDrive, trained there by PPO; its mean action."""
+
+    name = "metadrive-expert"
+
+    def reset(self, setup: DriveSetup) -> None:
+        """Forgets the last drive.
+
+        Raises:
+            FreneticError: MetaDrive is not installed.
+        """
+        weights()
+        super().reset(setup)
+
+    def mean_action(self, seen: FloatArray) -> tuple[float, float]:
+        """See `ObservingDriver`."""
+        return expert_action(seen)
+
+
+class MetaDrivePolicy(ObservingDriver):
+    """A policy of one's own that was trained with MetaDrive's observation; its mean action.
+
+    Args:
+        weights: path of a ``.npz`` file in the layout of the expert's, of which nothing is
+            executed, or of an ``.onnx`` file that gives 2 numbers for 275, (1, 275).
+
+    Raises:
+        FreneticError: it is an ``.onnx`` file and onnxruntime is not installed.
+        ValueError: the file holds no such network, or it gives no finite numbers.
+    """
+
+    name = "metadrive-policy"
+    BEHAVIOUR_PACKAGES: ClassVar[tuple[str, ...]] = ("onnxruntime",)
+
+    def __init__(self, *, weights: str) -> None:
+        self._path = str(weights)
+        self._data = read_model(self._path)
+        self._load()
+
+    @property
+    def options(self) -> dict[str, str]:
+        """Its file."""
+        return {"weights": self._path}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The file's content: the other process may have no such file."""
+        return {name: getattr(self, name) for name in ("_path", "_data")}
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._load()
+
+    def _load(self) -> None:
+        self._network: Model | Mapping[str, FloatArray]
+        if self._path.endswith(".onnx"):
+            self._network = model = Model(self._data)
+            shapes = [shown_shape(shape) for shape in model.inputs.values()]
+            if len(shapes) != 1 or shapes[0] not in (f"(1, {SIZE})", f"(any, {SIZE})"):
+                given = " and ".join(shapes)
+                raise ValueError(f"it takes {given}: (1, {SIZE}) alone is needed")
+        else:
+            self._network = read_weights(self._data)
+        self._answer(np.zeros(SIZE, dtype=np.float32))
+
+    def mean_action(self, seen: FloatArray) -> tuple[float, float]:
+        """See `ObservingDriver`.
+
+        Raises:
+            DriverError: it gives no finite numbers.
+        """
+        try:
+            return self._answer(seen)
+        except ValueError as error:
+            raise DriverError(f"{self._path}: {error}") from None
+
+    def _answer(self, seen: FloatArray) -> tuple[float, float]:
+        """The network's mean action.
+
+        Raises:
+            ValueError: it gives none of finite numbers.
+        """
+        if isinstance(self._network, Model):
+            (name,) = self._network.inputs
+            outputs = self._network.run({name: seen.astype(np.float32)[np.newaxis]})
+            given = np.concatenate([one.ravel() for one in outputs.values()])
+        else:
+            with np.errstate(over="ignore", invalid="ignore"):
+                given = np.array(mean_action(seen, self._network))
+        if given.size not in ACTION_SIZES:
+            raise ValueError(f"it gives {given.size} numbers: 2, steering and pedal, are needed")
+        if not np.isfinite(given).all():
+            raise ValueError(f"it gives {given[~np.isfinite(given)][0]}")
+        return float(given[0]), float(given[1])
+
+
+def metadrive_driver(driver: Driver) -> MetaDriveDriver | None:
+    """The driver if it is one of MetaDrive's own, otherwise None.
+
+    Raises:
+        DriverError: it is one of MetaDrive's own under layers, which would not reach it.
+    """
+    inner = under_layers(driver)
+    if not isinstance(inner, MetaDriveDriver):
+        return None
+    if inner is not driver:
+        raise DriverError(
+            f"{inner.name} looks at MetaDrive's own world, where noise, delay and view do not"
+            " reach it: leave them out, those of a campaign with noise=0, delay=0 or view=inf"
+        )
+    return inner

@@ -1,0 +1,71 @@
+"""MetaDrive's policies in charge of the car."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from metadrive.obs.state_obs import LidarStateObservation
+from metadrive.policy.idm_policy import IDMPolicy
+
+from frenetic.plugins.metadrive.car import Decision
+from frenetic.plugins.metadrive.drivers import MetaDriveDriver, MetaDriveIdm, ObservingDriver
+from frenetic.plugins.metadrive.world import SEED, World
+
+
+class Policy(Protocol):
+    """A driver that knows MetaDrive's world."""
+
+    def act(self, speed_limit: float) -> Decision:
+        """Its controls until it is asked again, under a speed limit in km/h."""
+
+    def close(self) -> None:
+        """Ends it."""
+
+
+class Idm:
+    """MetaDrive's `IDMPolicy`."""
+
+    def __init__(self, world: World, target_speed: float) -> None:
+        self._vehicle = world.vehicle
+        self._policy = IDMPolicy(world.vehicle, SEED)
+        self._target_speed = target_speed  # km/h
+
+    def act(self, speed_limit: float) -> Decision:
+        """MetaDrive's action."""
+        self._policy.target_speed = min(self._target_speed, speed_limit)
+        self._vehicle.after_step()  # looks where the car is
+        return _decision(self._policy.act())
+
+    def close(self) -> None:
+        """Ends it."""
+        self._policy.destroy()
+
+
+class Observing:
+    """A driver that acts by MetaDrive's observation."""
+
+    def __init__(self, world: World, driver: ObservingDriver) -> None:
+        self._mean_action = driver.mean_action
+        self._vehicle = world.vehicle
+        self._observation = LidarStateObservation(world.engine.global_config)
+
+    def act(self, speed_limit: float) -> Decision:  # noqa: ARG002
+        """The mean action."""
+        self._vehicle.after_step()  # looks where the car is
+        return _decision(self._mean_action(self._observation.observe(self._vehicle)))
+
+    def close(self) -> None:
+        """Ends nothing."""
+        self._observation.destroy()
+
+
+def make_policy(driver: MetaDriveDriver, world: World) -> Policy:
+    """The policy of a driver for the car that is in the world."""
+    if isinstance(driver, MetaDriveIdm):
+        return Idm(world, driver.target_speed)
+    assert isinstance(driver, ObservingDriver)
+    return Observing(world, driver)
+
+
+def _decision(action: Any) -> Decision:
+    return Decision.of_action(*(min(max(float(value), -1.0), 1.0) for value in action))

@@ -1,0 +1,287 @@
+"""MetaDrive as a `Simulator`."""
+
+from __future__ import annotations
+
+import math
+from contextlib import closing
+from dataclasses import replace
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
+
+from frenetic._support.bounds import Positive, check
+from frenetic._support.words import pip_install
+from frenetic.drivers.camera import Camera, Image
+from frenetic.drivers.driver import (
+    Controls,
+    Driver,
+    DriveSetup,
+    Observation,
+    camera_of,
+    check_other_world,
+)
+from frenetic.errors import DriverError, FreneticError, Trouble, describe_error
+from frenetic.oracle.drive import Drive, Rules, Trajectory
+from frenetic.plugins.metadrive.car import PHYSICS_STEP, VEHICLE, Decision
+from frenetic.plugins.metadrive.drawing import check_drawing, drawn_region
+from frenetic.plugins.metadrive.drivers import PolicySimulator, metadrive_driver
+from frenetic.road import Road
+from frenetic.simulators.capabilities import check_road
+from frenetic.simulators.drive_loop import RECORD_PERIOD, follow
+from frenetic.simulators.observer import LimitsAhead, wrap
+from frenetic.simulators.simulator import StartingPlace, unusual_amounts
+
+if TYPE_CHECKING:
+    from frenetic.plugins.metadrive.policies import Policy
+    from frenetic.plugins.metadrive.world import World
+
+EXTRA: Final = pip_install("metadrive")
+DECISION_PERIODS: Final = 2
+"""Periods between two decisions of MetaDrive's drivers: 0.1 s, for which they were made."""
+_IDM_DECELERATION: Final = 2.0  # m/s^2, with which IDM is made to brake to a lower limit; ours
+
+
+class MetaDriveSimulator(StartingPlace, PolicySimulator):
+    """MetaDrive: Bullet physics of a four-wheeled car, headless; needs the extra ``metadrive``.
+
+    Its engine exists once in a process, from entering to leaving the simulator. It draws for
+    drivers with a camera only: it starts anew where one comes or goes.
+
+    Args:
+        rules: speed limit, oob tolerance and when a drive ends.
+        friction: of the road; 1 is what MetaDrive's tyres have, 0.9 of their load.
+        wall_limit: s of wall time that a drive may take; then it is an ERROR.
+        start_offset: m to the left of the ego lane's centre at which the car starts, -2 to 2.
+        start_heading: rad to the left of the road's direction in which it points there, within an
+            eighth of a turn.
+
+    `rules`, `friction`, `start_offset` and `start_heading` may be set between two drives; they hold
+    from the next one on.
+
+    Raises:
+        ValueError: an option is out of range.
+    """
+
+    needs: Final = ("metadrive",)
+    """Modules that the extra brings."""
+    preloads: Final = ("frenetic.plugins.metadrive.preloading",)
+
+    draws: Final = True
+    period_step: Final = RECORD_PERIOD
+    BEHAVIOUR: ClassVar[int] = 1
+    """Raised when its drives change; campaigns record it."""
+    BEHAVIOUR_PACKAGES: ClassVar[tuple[str, ...]] = ("metadrive-simulator",)
+    """Distributions whose versions belong to it."""
+
+    def __init__(
+        self,
+        *,
+        rules: Rules | None = None,
+        friction: Positive = 1.0,
+        wall_limit: Positive = 60.0,
+        start_offset: float = 0.0,
+        start_heading: float = 0.0,
+    ) -> None:
+        check({"wall_limit": wall_limit}, MetaDriveSimulator.__init__)
+        self.rules = rules or Rules()
+        self.car = VEHICLE.body()
+        self.friction = friction
+        self.start_offset = start_offset
+        self.start_heading = start_heading
+        self.wall_limit = wall_limit
+        self._world: World | None = None
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Its options beside the rules; of friction and start only unusual ones."""
+        unusual = unusual_amounts(self)
+        if self.friction != 1.0:
+            unusual["friction"] = self.friction
+        return {"wall_limit": self.wall_limit, **unusual}
+
+    @property
+    def friction(self) -> float:
+        """Friction of the road: 1 is dry."""
+        return self._friction
+
+    @friction.setter
+    def friction(self, friction: float) -> None:
+        check({"friction": friction}, MetaDriveSimulator.__init__)
+        self._friction = float(friction)
+
+    def __enter__(self) -> Self:
+        """Starts MetaDrive's engine.
+
+        Raises:
+            FreneticError: MetaDrive is missing or of an unknown version, or its engine is already
+                running in this process.
+        """
+        try:
+            from frenetic.plugins.metadrive.world import World  # imports the extra
+        except ModuleNotFoundError as error:
+            package = str(error.name).partition(".")[0]
+            raise FreneticError(
+                f"the simulator metadrive needs the package {package}: {EXTRA}"
+            ) from error
+        except ImportError as error:
+            raise FreneticError(
+                f"MetaDrive cannot be imported: {describe_error(error)}; install it anew, in an"
+                f" environment of its own: {EXTRA}"
+            ) from error
+        self._world = World()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Ends MetaDrive's engine."""
+        world, self._world = self._world, None
+        if world is not None:
+            world.close()
+
+    def check_driver(self, driver: Driver) -> None:
+        """Refuses MetaDrive's own drivers under layers, and cameras where it cannot draw.
+
+        Raises:
+            DriverError: it is such a one; or it has a camera, and MetaDrive cannot draw here or
+                not what its lens and layers ask for.
+        """
+        metadrive_driver(driver)
+        check_other_world(driver, "MetaDrive")
+        if camera_of(driver) is not None:
+            check_drawing()
+
+    def setup(self, road: Road) -> DriveSetup:
+        """The setup of a drive along the road for its driver."""
+        # Its wheels turn at once, and do not slide before the friction limit.
+        return replace(
+            VEHICLE.setup(self.rules, road, RECORD_PERIOD),
+            front_cornering_stiffness=None,
+            rear_cornering_stiffness=None,
+            steering_rate=math.inf,
+            steering_lag=0.0,
+        )
+
+    def drive(self, road: Road, driver: Driver) -> Drive:
+        """One drive of the driver along the road.
+
+        Raises:
+            FreneticError: the simulator has not been entered, or the road is too long to be drawn.
+            RoadError: the road leans or rises.
+            ArithmeticError: MetaDrive's physics broke.
+        """
+        check_road(self, driver, road)
+        world = self._world_for(road, camera_of(driver))
+        try:
+            own = metadrive_driver(driver)
+        except DriverError as error:
+            trouble = Trouble.of(error, "simulator")
+            return Drive(Trajectory.empty(), self.car, self.rules, road, trouble)
+        world.load(
+            road,
+            friction=self.friction,
+            left=self.start_offset,
+            turned=self.start_heading,
+        )
+        car = _Car(world, road.pose.heading)
+        setup = self.setup(road)
+        if own is None:
+            return follow(car, road, self.rules, self.car, setup, driver, self.wall_limit)
+        from frenetic.plugins.metadrive.policies import make_policy  # imports the extra
+
+        with closing(make_policy(own, world)) as policy:
+            holding = _Holding(car, policy, road, self.rules)
+            return follow(holding, road, self.rules, self.car, setup, holding, self.wall_limit)
+
+    def _world_for(self, road: Road, camera: Camera | None) -> World:
+        """The world with this camera, None for none; started anew if it is another one's."""
+        world = self._world
+        if world is None:
+            raise FreneticError("MetaDrive is not running: drive roads in a with statement")
+        region = 0 if camera is None else drawn_region(road)
+        if camera != world.camera or region > world.region:
+            # While there is none, leaving the simulator has nothing to end.
+            kind, self._world = type(world), None
+            world.close()
+            world = self._world = kind(camera, region)
+        return world
+
+
+class _Car:
+    """MetaDrive's car for a driver of ours."""
+
+    def __init__(self, world: World, heading: float) -> None:
+        self._world = world
+        self._heading = heading
+        self._wheels = 0.0
+
+    def motion(self) -> list[float]:
+        """The car's motion.
+
+        Raises:
+            ArithmeticError: it is not finite.
+        """
+        motion = self._world.motion()
+        if not all(map(math.isfinite, motion)):
+            raise ArithmeticError(f"MetaDrive's physics broke: the car's motion is {motion}")
+        self._heading += wrap(motion.heading - self._heading)
+        return list(motion._replace(heading=self._heading, steering=self._wheels))
+
+    def picture(self) -> Image | None:
+        """What the camera sees."""
+        return None if self._world.camera is None else self._world.picture()
+
+    def steer(self, decision: Decision) -> None:
+        """Sets the controls."""
+        self._wheels = decision.wheel_angle
+        self._world.steer(*decision.action)
+
+    def advance(self, steering: float, throttle: float, brake: float, seconds: float) -> None:
+        """Moves it on."""
+        self.steer(Decision(steering, throttle, brake))
+        self.move(seconds)
+
+    def move(self, seconds: float) -> None:
+        """Moves it on with the controls that were set."""
+        self._world.advance(round(seconds / PHYSICS_STEP))
+
+
+class _Holding:
+    """MetaDrive's car with one of its own drivers, which decides every `DECISION_PERIODS`."""
+
+    def __init__(self, car: _Car, policy: Policy, road: Road, rules: Rules) -> None:
+        self._car = car
+        self._policy = policy
+        self._limits = LimitsAhead(road, rules)
+        self._only_limit = float(rules.speed_limits_on(road)[0, 1])  # km/h, if there is one alone
+        self.motion = car.motion
+
+    def picture(self) -> None:
+        """None: it looks at MetaDrive's world."""
+
+    def reset(self, setup: DriveSetup) -> None:  # noqa: ARG002
+        """It was made for this drive."""
+        self._periods = 0
+
+    def act(self, observation: Observation) -> Controls:
+        """Its controls; its brake may go beyond a driver's."""
+        if self._periods % DECISION_PERIODS == 0:
+            limit = self._only_limit
+            if not self._limits.is_one:
+                limit = 3.6 * self._limits.speed_at(observation.distance, _IDM_DECELERATION)
+            self._decision = self._policy.act(limit)
+            self._car.steer(self._decision)
+        self._periods += 1
+        return Controls(*self._decision)
+
+    def advance(
+        self,
+        steering: float,  # noqa: ARG002
+        throttle: float,  # noqa: ARG002
+        brake: float,  # noqa: ARG002
+        seconds: float,
+    ) -> None:
+        """Moves the car on."""
+        self._car.move(seconds)

@@ -1,0 +1,136 @@
+"""The command that fits a twin to recorded drives: calibrate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from frenetic._support.words import counted, signed
+from frenetic.cli import echo
+from frenetic.cli.console import Log, counted_progress, print_table, shell
+from frenetic.cli.entries import names_of, was_given
+from frenetic.cli.options import as_usage_error, file_option, json_option
+
+if TYPE_CHECKING:
+    from frenetic.plugins.twin.profile import Figures, Profile
+
+
+@click.command()
+@click.argument(
+    "recordings", type=click.Path(), nargs=-1, required=True, metavar="FILE.toml | RECORDING..."
+)
+@click.option(
+    "--driver",
+    metavar="DRIVER",
+    shell_complete=names_of("driver"),
+    help="The twin's driver with its options: planner,aggression=1.2 ('frenetic list drivers').",
+)
+@click.option(
+    "--fit",
+    multiple=True,
+    metavar="NAME[=LOW:HIGH],...",
+    help="Parameters to fit: options of the driver, vehicle.NAME or layer.delay, such as"
+    " --fit aggression,braking=1:4,vehicle.friction. [default bounds: a quarter of the value to"
+    " four times it]",
+)
+@click.option(
+    "--vehicle",
+    metavar="NAME",
+    help="The car to begin with, and its parameters: metadrive,mass=1500.",
+)
+@file_option(
+    "--out",
+    "Where the profile goes. [default: profile.json]",
+    type=click.Path(dir_okay=False),
+)
+@json_option
+@click.pass_context
+def calibrate(
+    context: click.Context, /, recordings: tuple[str, ...], as_json: bool, **options: Any
+) -> None:
+    """Fit a twin to recorded drives: a driver and a car of the embedded simulator.
+
+    A RECORDING is a campaign (of any simulator), a folder of campaigns, a folder of the
+    competition's test files, or a table of drives in JSON Lines. FILE.toml says what the options
+    say, recordings, and terms of their drives (speed_limit). Options given beside it win.
+
+    The twin is cross-validated: by run where there are several, else by road. The command says how
+    well it follows drives that it has not seen, whether it is good enough to start from, and which
+    parameters the data do not determine. The profile is for --as.
+    """
+    from msgspec import structs
+
+    from frenetic.plugins.twin.calibration import CalibrationFile, answer, read_recordings
+    from frenetic.plugins.twin.calibration import calibrate as calibrate_twin
+    from frenetic.spec import read_entries
+
+    asked = CalibrationFile(recordings=recordings)
+    if len(recordings) == 1 and recordings[0].endswith(".toml"):
+        asked = read_entries(Path(recordings[0]), CalibrationFile, "a calibration")
+    given = {name: value for name, value in options.items() if was_given(context, name)}
+    if "fit" in given:
+        given["fit"] = [text for several in given["fit"] for text in several.split(",")]
+    asked = structs.replace(asked, **given)
+    out = Path(asked.out)
+    if out.suffix.lower() != ".json":
+        raise click.UsageError(f"{out}: a profile's name ends with .json")
+    log = Log()
+    with log.status("Reading the recordings"):
+        found = read_recordings(asked.recordings, asked.terms)
+    with as_usage_error():
+        model = asked.model()
+    log.print(
+        f"{counted(len(found.drives), 'recorded drive')} of {counted(len(found.runs), 'run')},"
+        f" {sum(drive.failed for drive in found.drives)} failed"
+        + (f"; {counted(found.skipped, 'other test')} left out" if found.skipped else ""),
+        markup=False,
+    )
+    with counted_progress(log, "Fitting") as show:
+        profile = calibrate_twin(
+            found, model, name=out.stem, places=asked.recordings, on_progress=show
+        )
+    profile.write(out)
+    if as_json:
+        echo(out.read_text(encoding="utf-8"), nl=False)
+        return
+    _print(profile)
+    echo(answer(profile))
+    echo(f"Profile:     {out}")
+    echo(f"Use it:      frenetic run --as {shell(out)}")
+
+
+def _print(profile: Profile) -> None:
+    """Prints the parameters with their intervals, and the figures beside those of baselines."""
+    print_table(
+        ("parameter", ">fitted", ">from", ">to", ">bounds", "the data"),
+        [
+            (
+                one.name,
+                *(f"{value:.4g}" for value in (one.value, one.from_, one.to)),
+                f"{one.low:.4g} to {one.high:.4g}",
+                ("determine it" if one.is_determined else "do not determine it")
+                + ("; its interval ends at a bound" if one.at_bound else ""),
+            )
+            for one in profile.fitted
+        ],
+    )
+    assert profile.validation is not None
+    ranked = {"twin": profile.validation.twin, **profile.validation.baselines}
+    print_table(
+        ("ranking", ">AUC", ">top tenth", ">same outcome", ">offset error"),
+        [(name, *_cells(figures)) for name, figures in ranked.items()],
+    )
+
+
+def _cells(figures: Figures) -> tuple[str | None, ...]:
+    def text(value: float | None, form: str) -> str | None:
+        return None if value is None else form.format(value)
+
+    return (
+        signed(figures.auc),
+        text(figures.top_tenth, "{:.1f} ×"),
+        text(figures.agreement, "{:.0%}"),
+        text(figures.offset_error, "{:.2f} m"),
+    )

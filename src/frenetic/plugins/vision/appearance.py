@@ -1,0 +1,345 @@
+"""Layers over a driver with a camera: scenery, worn markings, fog, rain, blur, light and grain.
+
+Scenery and wear say what is drawn, which only the embedded simulator does. The others
+change the picture of any simulator: each is a function of the picture, the camera and the
+observation, on the assumption that the ground is flat.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, ClassVar, Final, Self
+
+import numpy as np
+
+from frenetic._support.arrays import FloatArray
+from frenetic._support.bounds import Index, check
+from frenetic._support.compiled import njit
+from frenetic.conditions.condition import Quantity
+from frenetic.drivers.camera import Camera, Scene
+from frenetic.drivers.driver import (
+    Controls,
+    Driver,
+    Observation,
+    OwnLayer,
+    camera_of,
+)
+from frenetic.plugins.vision.quantities import (
+    BLUR,
+    FOG,
+    GRAIN,
+    LIGHT,
+    QUANTITIES,
+    RAIN,
+    SCENE,
+    WEAR,
+)
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from frenetic.drivers.camera import Image
+
+GAMMA: Final = 2.2
+"""Exponent that takes a value of a picture, from 0 to 1, to light."""
+FOG_COLOUR: Final = (202.0, 206.0, 210.0)
+"""Colour of fog without anything in it."""
+RAIN_COLOUR: Final = (214.0, 219.0, 226.0)
+"""Colour of a streak of rain."""
+
+_TAPS = 7  # places that a blurred pixel is averaged over
+_BANK = 1 << 16  # different beginnings of the grain
+
+
+class CameraLayer(OwnLayer):
+    """A layer that changes what a driver's camera sees.
+
+    Args:
+        driver: the driver underneath; it or one under its layers has a camera.
+
+    Raises:
+        ValueError: none has a camera.
+    """
+
+    quantity: ClassVar[Quantity]
+    name: ClassVar[str]
+    """Name of its amount."""
+
+    def __init__(self, driver: Driver, amount: float) -> None:
+        camera = camera_of(driver)
+        if camera is None:
+            raise ValueError(
+                f"{self.quantity.name} changes what a camera sees, and the driver has none:"
+                " leave it out"
+            )
+        super().__init__(driver)
+        self.amount = self.quantity.require(amount)
+        self._camera = camera
+
+    @classmethod
+    def over(cls, driver: Driver, amount: float, **seed: int) -> Self:
+        """A driver under this layer; a random one takes a seed."""
+        return cls(driver, amount, **seed)
+
+    @property
+    def options(self) -> dict[str, float]:
+        """Its options."""
+        return {self.name: self.amount}
+
+    def act(self, observation: Observation) -> Controls:
+        """The driver's controls for what its camera sees now."""
+        if observation.image is not None:
+            image = self.seen(observation.image, observation)
+            image.setflags(write=False)
+            observation = replace(observation, image=image)
+        return self.driver.act(observation)
+
+    def seen(self, image: Image, observation: Observation) -> Image:  # noqa: ARG002
+        """What the camera sees instead of a picture."""
+        return image
+
+
+class Elsewhere(CameraLayer):
+    """A driver in another place: other asphalt, land, sky and sun, drawn from a seed.
+
+    Args:
+        driver: the driver underneath.
+        amount: the seed, rounded down; 0 is the usual scene.
+    """
+
+    quantity, name, place = SCENE, "seed", 3
+
+    def in_scene(self, scene: Scene) -> Scene:
+        """The scene with another seed."""
+        return replace(scene, seed=int(self.amount))
+
+
+class Worn(CameraLayer):
+    """A driver on a road whose markings are worn.
+
+    Args:
+        driver: the driver underneath.
+        amount: share of the paint that is gone, 0..1.
+    """
+
+    quantity, name, place = WEAR, "share", 4
+
+    def in_scene(self, scene: Scene) -> Scene:
+        """The scene with worn markings."""
+        return replace(scene, wear=self.amount)
+
+
+class Foggy(CameraLayer):
+    """A driver in fog. Light from a distance x comes through to exp(-3 x / visibility).
+
+    Args:
+        driver: the driver underneath.
+        amount: the visibility in m: the meteorological optical range, at which a twentieth of the
+            contrast is left.
+    """
+
+    quantity, name, place = FOG, "visibility", 5
+
+    def seen(self, image: Image, observation: Observation) -> Image:  # noqa: ARG002
+        """The picture in fog."""
+        through = np.exp(-3.0 / self.amount * _distances(self._camera))[..., None]
+        return _picture(image * through + (1.0 - through) * FOG_COLOUR)
+
+
+class _SeededLayer(CameraLayer):
+    """A layer with chance in it.
+
+    Args:
+        driver: the driver underneath.
+        amount: of the layer.
+        seed: of its random numbers, from 0.
+    """
+
+    def __init__(self, driver: Driver, amount: float, *, seed: Index = 0) -> None:
+        check({"seed": seed}, _SeededLayer.__init__)
+        super().__init__(driver, amount)
+        self.seed = int(seed)
+
+    @property
+    def options(self) -> dict[str, float]:
+        """Its options."""
+        return {**super().options, "seed": self.seed}
+
+
+class Rainy(_SeededLayer):
+    """A driver that sees streaks of rain; each picture has its own.
+
+    On 160 x 80 pixels there are about 2 streaks for each mm/h, up to a seventh of the height long.
+
+    Args:
+        driver: the driver underneath.
+        amount: rate of the rain, in mm/h.
+        seed: of the streaks, from 0.
+    """
+
+    quantity, name, place = RAIN, "rate", 6
+
+    def seen(self, image: Image, observation: Observation) -> Image:
+        """The picture with streaks."""
+        height, width, _ = image.shape
+        rng = _of_moment(self.seed, observation)
+        number = rng.poisson(2.0 * self.amount * height * width / (160.0 * 80.0))
+        u, v, length, slant, strength = rng.random((5, number, 1))
+        longest = max(height / 7.0, 2.0)
+        along = np.arange(math.ceil(longest))
+        rows = (v * (height + longest) - longest + along).astype(np.int64)
+        columns = np.floor(u * width + (slant - 0.5) * 0.5 * along).astype(np.int64)
+        is_seen = (along < longest * (0.4 + 0.6 * length)) & (rows >= 0) & (rows < height)
+        is_seen &= (columns >= 0) & (columns < width)
+        opaque = np.zeros((height, width))
+        shares = np.broadcast_to(0.2 + 0.3 * strength, rows.shape)
+        np.maximum.at(opaque, (rows[is_seen], columns[is_seen]), shares[is_seen])
+        return _picture(image + opaque[..., None] * (np.array(RAIN_COLOUR) - image))
+
+
+class Blurred(CameraLayer):
+    """A driver whose camera takes time for a picture, while the car drives and turns.
+
+    Each pixel is the mean along the way of what it sees, with the speed and yaw rate of now.
+
+    Args:
+        driver: the driver underneath.
+        amount: the time of exposure, in s.
+    """
+
+    quantity, name, place = BLUR, "exposure", 7
+
+    def __init__(self, driver: Driver, amount: float) -> None:
+        super().__init__(driver, amount)
+        # Compiles the kernel, which is not on the driver's time.
+        _smear(np.zeros((1, 1, 3), np.uint8), np.zeros((1, 1, 2)), np.zeros((1, 1, 3), np.uint8))
+
+    def seen(self, image: Image, observation: Observation) -> Image:
+        """The blurred picture."""
+        ways = _flow(self._camera, observation.speed, observation.yaw_rate) * self.amount
+        blurred: Image = np.empty_like(image)
+        _smear(image, ways, blurred)
+        return blurred
+
+
+class Lit(CameraLayer):
+    """A driver in more or less light than a camera with a fixed exposure is set for.
+
+    Args:
+        driver: the driver underneath.
+        amount: factor of the light, 1 is the usual; bright colours saturate above.
+    """
+
+    quantity, name, place = LIGHT, "factor", 8
+
+    def seen(self, image: Image, observation: Observation) -> Image:  # noqa: ARG002
+        """The picture in this light."""
+        values = np.arange(256) * self.amount ** (1.0 / GAMMA)
+        lit: Image = _picture(values)[image]
+        return lit
+
+
+class Grainy(_SeededLayer):
+    """A driver whose camera's sensor is noisy: Gaussian noise in each colour of each pixel.
+
+    Args:
+        driver: the driver underneath.
+        amount: standard deviation of the noise, of the values 0 to 255.
+        seed: of the noise, from 0.
+    """
+
+    quantity, name, place = GRAIN, "deviation", 9
+
+    def seen(self, image: Image, observation: Observation) -> Image:
+        """The picture with noise."""
+        start = int(_of_moment(self.seed, observation).integers(_BANK))
+        grain = _grain(self.seed, _BANK + image.size)[start : start + image.size]
+        return _picture(image + self.amount * grain.reshape(image.shape))
+
+
+def _picture(values: FloatArray | npt.NDArray[np.float32]) -> Image:
+    """Colours as a picture."""
+    picture: Image = np.clip(values + 0.5, 0.0, 255.0).astype(np.uint8)
+    return picture
+
+
+def _of_moment(seed: int, observation: Observation) -> np.random.Generator:
+    """Random numbers that belong to a seed and a time, to a millisecond."""
+    return np.random.default_rng([seed, round(1e3 * observation.time)])
+
+
+@lru_cache(maxsize=4)
+def _grain(seed: int, size: int) -> npt.NDArray[np.float32]:
+    return np.random.default_rng(seed).standard_normal(size, dtype=np.float32)
+
+
+@lru_cache(maxsize=8)
+def _distances(camera: Camera) -> FloatArray:
+    """Distance to the flat ground along each pixel's ray, (height, width) in m; inf in the sky."""
+    rays = camera.rays_through(*np.mgrid[0 : camera.height, 0 : camera.width])
+    with np.errstate(divide="ignore"):
+        distances: FloatArray = np.where(rays[..., 2] < 0.0, camera.up / -rays[..., 2], np.inf)
+    return distances
+
+
+@lru_cache(maxsize=8)
+def _flows(camera: Camera) -> tuple[FloatArray, FloatArray]:
+    """Ways of what each pixel sees, (2, height, width, 2): columns and rows per m and per rad.
+
+    The first for driving a metre straight on, the second for turning a radian to the left, both
+    about the centre of mass.
+    """
+    rows, columns = np.mgrid[0 : camera.height, 0 : camera.width].astype(float)
+    rays = camera.rays_through(rows, columns)
+    # Seen in the sky is what is very far away.
+    far = np.minimum(_distances(camera), 1e4)
+    points = rays * far[..., None] + (camera.forward, camera.left, 0.0)
+
+    def rate(velocity: FloatArray) -> FloatArray:
+        """Columns and rows per unit for points with this velocity in the car's frame."""
+        across = camera.rays_through(rows, columns + 0.5) - camera.rays_through(rows, columns - 0.5)
+        down = camera.rays_through(rows + 0.5, columns) - camera.rays_through(rows - 0.5, columns)
+        moved = velocity / far[..., None]
+        moved = moved - (moved * rays).sum(-1, keepdims=True) * rays
+        # Least squares in the plane across the ray.
+        aa, bb, ab = (across**2).sum(-1), (down**2).sum(-1), (across * down).sum(-1)
+        am, bm = (across * moved).sum(-1), (down * moved).sum(-1)
+        whole = aa * bb - ab * ab
+        return np.stack([(bb * am - ab * bm) / whole, (aa * bm - ab * am) / whole], axis=-1)
+
+    straight = rate(np.broadcast_to([-1.0, 0.0, 0.0], points.shape))
+    still = np.zeros_like(points[..., 0])
+    turning = rate(np.stack([points[..., 1], -points[..., 0], still], axis=-1))
+    return straight, turning
+
+
+def _flow(camera: Camera, speed: float, yaw_rate: float) -> FloatArray:
+    """Ways of what each pixel sees in a second, (height, width, 2): columns and rows."""
+    straight, turning = _flows(camera)
+    flow: FloatArray = speed * straight + yaw_rate * turning
+    return flow
+
+
+@njit()
+def _smear(image: Image, ways: FloatArray, out: Image) -> None:
+    """Writes the mean along ``ways``, (height, width, 2), that end at each pixel."""
+    height, width = image.shape[0], image.shape[1]
+    for v in range(height):
+        for u in range(width):
+            red = green = blue = 0
+            for k in range(_TAPS):
+                back = k / (_TAPS - 1)
+                i = min(max(int(v - back * ways[v, u, 1] + 0.5), 0), height - 1)
+                j = min(max(int(u - back * ways[v, u, 0] + 0.5), 0), width - 1)
+                red += image[i, j, 0]
+                green += image[i, j, 1]
+                blue += image[i, j, 2]
+            out[v, u, 0] = (red + _TAPS // 2) // _TAPS
+            out[v, u, 1] = (green + _TAPS // 2) // _TAPS
+            out[v, u, 2] = (blue + _TAPS // 2) // _TAPS
+
+
+ALL: Final[dict[str, type[CameraLayer]]] = {row.name: row.layer_class() for row in QUANTITIES}
+"""Name of a quantity -> its layer."""

@@ -1,0 +1,93 @@
+"""The quantities that change what a driver's camera sees.
+
+`frenetic.plugins.vision.appearance` lays them over each other, from the world to the sensor.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from frenetic.conditions.condition import FARTHEST, Quantity
+
+_LAYERS: Final = "frenetic.plugins.vision.appearance"
+
+SCENE: Final = Quantity(
+    name="scene",
+    about="seed of the asphalt, land, sky and sun that a camera sees",
+    low=0.0,
+    high=1e6,
+    usual=(0.0, 1000.0),
+    nothing=0.0,
+    layer=f"{_LAYERS}:Elsewhere",
+    needs_camera=True,
+    words=("a scene of a lower seed", "a scene of a higher seed"),
+)
+WEAR: Final = Quantity(
+    name="wear",
+    about="share of the markings' paint that is gone, for a camera",
+    low=0.0,
+    high=1.0,
+    usual=(0.0, 0.8),
+    nothing=0.0,
+    layer=f"{_LAYERS}:Worn",
+    needs_camera=True,
+)
+FOG: Final = Quantity(
+    name="fog",
+    about="visibility in the fog that a camera sees",
+    unit="m",
+    low=2.0,
+    high=FARTHEST,
+    usual=(30.0, 300.0),
+    nothing=math.inf,
+    layer=f"{_LAYERS}:Foggy",
+    needs_camera=True,
+    words=("thicker fog", "thinner fog"),
+)
+RAIN: Final = Quantity(
+    name="rain",
+    about="rate of the rain that a camera sees",
+    unit="mm/h",
+    low=0.0,
+    high=200.0,
+    usual=(0.0, 20.0),
+    nothing=0.0,
+    layer=f"{_LAYERS}:Rainy",
+    needs_camera=True,
+    is_seeded=True,
+)
+BLUR: Final = Quantity(
+    name="blur",
+    about="time of a camera's exposure, while the car moves",
+    unit="s",
+    low=0.0,
+    high=0.5,
+    usual=(0.0, 0.05),
+    nothing=0.0,
+    layer=f"{_LAYERS}:Blurred",
+    needs_camera=True,
+)
+LIGHT: Final = Quantity(
+    name="light",
+    about="factor of the light that a camera gets, 1 is what it is set for",
+    low=0.01,
+    high=10.0,
+    usual=(0.4, 1.6),
+    nothing=1.0,
+    layer=f"{_LAYERS}:Lit",
+    needs_camera=True,
+)
+GRAIN: Final = Quantity(
+    name="grain",
+    about="standard deviation of a camera's noise, of the values 0 to 255",
+    low=0.0,
+    high=128.0,
+    usual=(0.0, 20.0),
+    nothing=0.0,
+    layer=f"{_LAYERS}:Grainy",
+    needs_camera=True,
+    is_seeded=True,
+)
+
+QUANTITIES: Final = (SCENE, WEAR, FOG, RAIN, BLUR, LIGHT, GRAIN)

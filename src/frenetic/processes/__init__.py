@@ -1,0 +1,1 @@
+"""Processes beside the command's own: workers that drive, their limits, and their end."""

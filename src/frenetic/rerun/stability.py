@@ -1,0 +1,322 @@
+"""What drives on a campaign's roads say beside the campaign's own: one set of words.
+
+Everything here is a function of two tests of one road, the campaign's own and one that drove it
+again, possibly with another driver, in another simulator or in other conditions.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field
+from enum import StrEnum
+from functools import cached_property
+from typing import Final
+
+from frenetic._support.json_value import JSONValue
+from frenetic._support.words import counted, simulated_time
+from frenetic.analysis.statistics import SIGNIFICANT, holm, proportion_interval, spearman
+from frenetic.campaign.record import Test
+from frenetic.campaign.second_drive import Match
+from frenetic.conditions.condition import quantity, without
+from frenetic.oracle.outcome import Outcome
+from frenetic.rerun.variations import Variation
+from frenetic.simulators.conditions import Conditions
+
+LEVEL: Final = 0.5
+"""Share of drives with the same failure from which on it is robust."""
+LEAST_DRIVES: Final = 8
+"""Fewest drives for a verdict on which quantities matter."""
+
+
+class Change(StrEnum):
+    """Change of a test."""
+
+    FAILS_AGAIN = "fails again"
+    PASSES_NOW = "passes now"
+    """It failed."""
+    FAILS_NOW = "fails now"
+    """It passed."""
+    PASSES_AGAIN = "passes again"
+    NOT_JUDGED = "not judged"
+    """The road is INVALID now, or the simulator broke."""
+
+    def counted(self, number: int) -> str:
+        """So many tests with this change: ``1 fails again``, ``3 fail again``."""
+        text = str(self) if number == 1 else self.replace("fails", "fail").replace("passes", "pass")
+        return f"{number} {text}"
+
+    @classmethod
+    def of(cls, failed: bool, fails: bool) -> Change:
+        """The change of a judged test.
+
+        Args:
+            failed: whether it failed before.
+            fails: whether it fails now.
+        """
+        if fails:
+            return cls.FAILS_AGAIN if failed else cls.FAILS_NOW
+        return cls.PASSES_NOW if failed else cls.PASSES_AGAIN
+
+
+class Stability(StrEnum):
+    """Whether a failure is there in other drives: the same one, not any on its road."""
+
+    REPEATABLE = "repeatable"
+    """Each drive with the same parts in the same conditions has it."""
+    NOT_REPEATABLE = "not repeatable"
+    """Some of these drives do not: driver or simulator is not the same twice."""
+    ROBUST = "robust"
+    """It is there in at least half of the worlds: the interval lies above."""
+    UNCLEAR = "unclear"
+    """The interval lies on both sides; more drives would decide."""
+    FRAGILE = "fragile"
+    """It is there in less than half of the worlds: the interval lies below."""
+
+
+@dataclass(frozen=True)
+class Repeat:
+    """A campaign's test, and its road driven again."""
+
+    recorded: Test = field(compare=False)
+    """The campaign's own test."""
+    test: Test
+    """The test of the campaign that drove it again; the campaign's own for its own drive."""
+    difference: float | None = None
+    """Difference from the recorded failure in m, as of `frenetic.analysis.failures`; None unless
+    both failed."""
+
+    @property
+    def conditions(self) -> Conditions:
+        """The conditions of the drive."""
+        return self.test.candidate.conditions
+
+    @property
+    def outcome(self) -> Outcome:
+        """Its outcome."""
+        return self.test.outcome
+
+    @property
+    def moobd(self) -> float | None:
+        """Minimum oob distance in m; None unless PASS or FAIL."""
+        return self.test.moobd
+
+    @property
+    def reason(self) -> str:
+        """Reason of the outcome, for people."""
+        return self.test.reason
+
+    @property
+    def duration(self) -> float | None:
+        """Simulated time, in s."""
+        return self.test.result.duration
+
+    @property
+    def margin(self) -> float:
+        """Distance to failing, in m: the MOOBD of a drive that passed; all failures are equal.
+
+        The distance of a failing car from its lane depends more on its speed than on the road.
+        """
+        return -math.inf if self.outcome is Outcome.FAIL or self.moobd is None else self.moobd
+
+    @property
+    def match(self) -> Match | None:
+        """How it fails, beside the campaign's own drive; None unless both fail."""
+        return Match.of(self.recorded, self.test, self.difference)
+
+    @property
+    def is_alike(self) -> bool:
+        """Whether it is the campaign's own failure, as far as that is known."""
+        return self.match is not None and self.match.is_alike
+
+    @property
+    def is_same(self) -> bool:
+        """Whether outcome and MOOBD are exactly as before."""
+        before = self.recorded
+        return self.outcome is before.outcome and self.moobd == before.moobd
+
+
+@dataclass(frozen=True)
+class Influence:
+    """Influence of a varied quantity on the drives."""
+
+    quantity: str
+    spearman: float
+    """Rank correlation -1..1 of the quantity with `Repeat.margin`: negative if more is worse."""
+    p: float
+    """The p that it is chance, corrected by Holm for the number of varied quantities."""
+
+    @property
+    def matters(self) -> bool:
+        """Whether it is more than chance."""
+        return self.p < SIGNIFICANT
+
+    def __str__(self) -> str:
+        row = quantity(self.quantity)
+        worse = row.less if self.spearman > 0.0 else row.more
+        return f"{worse} is worse (Spearman {self.spearman:.2f})"
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """A campaign's test and all drives that were made of its road again."""
+
+    recorded: Test = field(compare=False)
+    """The campaign's own test."""
+    drives: tuple[Repeat, ...]
+    variations: tuple[Variation, ...] = ()
+    """Ranges of the conditions of the drives."""
+    is_own: bool = True
+    """Whether driver, simulator and rules are the campaign's."""
+
+    @property
+    def id(self) -> int:
+        """The campaign's test."""
+        return self.recorded.id
+
+    @property
+    def conditions(self) -> Conditions:
+        """The conditions of its drives, without those that vary."""
+        return without(self.drives[0].conditions, *(one.quantity for one in self.variations))
+
+    @property
+    def failed(self) -> int:
+        """Drives that failed."""
+        return sum(drive.outcome is Outcome.FAIL for drive in self.drives)
+
+    @property
+    def judged(self) -> int:
+        """Drives that passed or failed; the others count neither way."""
+        return sum(drive.outcome.is_driven for drive in self.drives)
+
+    @property
+    def alike(self) -> int:
+        """Drives with the campaign's own failure, see `Repeat.is_alike`."""
+        return sum(drive.is_alike for drive in self.drives)
+
+    @property
+    def share(self) -> float | None:
+        """Share 0..1 of the judged drives with the same failure, None if there are none."""
+        return self.alike / self.judged if self.judged else None
+
+    @cached_property
+    def interval(self) -> tuple[float, float]:
+        """Wilson's 95 % interval of the share; 0..1 if no drive was judged."""
+        return proportion_interval(self.alike, self.judged) if self.judged else (0.0, 1.0)
+
+    @property
+    def change(self) -> Change:
+        """How the verdict changed: a road fails if any drive does, else all have to be judged."""
+        if self.judged < len(self.drives) and not self.failed:
+            return Change.NOT_JUDGED
+        return Change.of(self.recorded.outcome is Outcome.FAIL, self.failed > 0)
+
+    @property
+    def verdict(self) -> str:
+        """Its change in words, with how it fails: ``fails again, same failure``."""
+        matches = list(dict.fromkeys(drive.match for drive in self.drives if drive.match))
+        return ", ".join([str(self.change), *map(str, matches)])
+
+    @property
+    def stability(self) -> Stability | None:
+        """Whether its failure is there again; None without one, or with fewer than two judged."""
+        if self.recorded.outcome is not Outcome.FAIL or self.judged < 2:
+            return None
+        if self.is_own and not self.variations:
+            is_there = self.alike == self.judged
+            return Stability.REPEATABLE if is_there else Stability.NOT_REPEATABLE
+        low, high = self.interval
+        if low >= LEVEL:
+            return Stability.ROBUST
+        return Stability.FRAGILE if high < LEVEL else Stability.UNCLEAR
+
+    @property
+    def what_varied(self) -> str:
+        """The ranges of the conditions, for people."""
+        return ", ".join(map(str, self.variations)) or "nothing varied"
+
+    @cached_property
+    def influences(self) -> tuple[Influence, ...]:
+        """Influences of the varied quantities, the strongest first.
+
+        None if fewer than `LEAST_DRIVES` drives were judged, or all failed.
+        """
+        judged = [drive for drive in self.drives if drive.outcome.is_driven]
+        margins = [drive.margin for drive in judged]
+        names = [v.quantity for v in self.variations if not v.is_fixed]
+        if len(judged) < LEAST_DRIVES or len(set(margins)) == 1:
+            return ()
+        columns = [[drive.conditions.get(name, 0.0) for drive in judged] for name in names]
+        found = [spearman(column, margins) for column in columns]
+        p_values = holm([p for _, p in found])
+        influences = [
+            Influence(name, rho, p)
+            for name, (rho, _), p in zip(names, found, p_values, strict=True)
+        ]
+        return tuple(sorted(influences, key=lambda influence: -abs(influence.spearman)))
+
+    def __str__(self) -> str:
+        if self.share is None:
+            return f"none of {len(self.drives)} drives could be judged"
+        low, high = self.interval
+        text = (
+            f"the same failure in {self.alike} of {counted(self.judged, 'drive')}"
+            f" ({100.0 * self.share:.0f} %, 95 % interval {100.0 * low:.0f} to"
+            f" {100.0 * high:.0f} %)"
+        )
+        if others := matches_text(one for one in self.drives if not one.is_alike):
+            text += f", another in {self.failed - self.alike} ({others})"
+        return "; ".join([text, *(str(one) for one in self.influences if one.matters)])
+
+    def as_json(self) -> dict[str, JSONValue]:
+        """The test as a JSON object, with figures derived from its drives."""
+        return {
+            "test": self.id,
+            "conditions": dict(self.conditions),
+            "change": str(self.change),
+            "stability": None if self.stability is None else str(self.stability),
+            "failed": self.failed,
+            "judged": self.judged,
+            "alike": self.alike,
+            "matches": matches_json(self.drives),
+            "share": self.share,
+            "interval": list(self.interval),
+            "influences": [asdict(influence) for influence in self.influences],
+            "recorded": _verdict_json(self.recorded),
+            "drives": [
+                {
+                    "conditions": dict(drive.test.candidate.conditions),
+                    **_verdict_json(drive.test),
+                    "seconds": drive.test.seconds,
+                    "match": drive.match,
+                    "difference": drive.difference,
+                    "is_same": drive.is_same,
+                }
+                for drive in self.drives
+            ],
+        }
+
+
+def _verdict_json(test: Test) -> dict[str, JSONValue]:
+    place = test.departure
+    return {
+        "outcome": str(test.outcome),
+        "reason": test.reason,
+        "moobd": test.moobd,
+        "duration": simulated_time(test.result.duration),
+        "departure_distance": None if place is None else place.distance,
+        "departure_side": None if place is None else place.side,
+    }
+
+
+def matches_text(drives: Iterable[Repeat]) -> str:
+    """Kinds of failing drives with their numbers: ``2 same failure, 8 elsewhere``."""
+    counts = Counter(drive.match for drive in drives)
+    return ", ".join(f"{counts[match]} {match}" for match in Match if counts[match])
+
+
+def matches_json(drives: Iterable[Repeat]) -> dict[str, JSONValue]:
+    """The same as a JSON object, with all kinds."""
+    counts = Counter(drive.match for drive in drives)
+    return {str(match): counts[match] for match in Match}

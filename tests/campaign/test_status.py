@@ -1,0 +1,152 @@
+"""What a look at a campaign says, whatever became of it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from campaigns import refused
+from events import on_test
+from paced import campaign, paced
+
+from frenetic.campaign.log import LOG, CampaignLog, LogEvent
+from frenetic.campaign.status import KEPT, TAIL, CampaignState, Status, look
+from frenetic.campaign.store import DATABASE, LOCK
+from frenetic.road import Road
+
+
+@pytest.fixture
+def finished(tmp_path: Path) -> Path:
+    campaign(tmp_path / "c").run()
+    return tmp_path / "c"
+
+
+def news_of(state: CampaignState) -> list[str]:
+    return [line.message for line in state.news if line.event != LogEvent.TEST_FAILED]
+
+
+# What became of it
+
+
+def test_a_finished_campaign(tmp_path: Path) -> None:
+    summary = campaign(tmp_path, 80).run()
+    state = look(tmp_path)
+    assert (state.status, state.seconds_left) == (Status.FINISHED, None)
+    assert state.summary.counts_json() == summary.counts_json()
+    assert state.summary.budget_spent == 1.0
+    assert summary.failed > KEPT
+    assert {line.event for line in state.news} == {LogEvent.TEST_FAILED}
+    assert len(state.news) == KEPT
+    shown = json.loads(json.dumps(state.as_json(), allow_nan=False))
+    names = [shown[part] for part in ("status", "strategy", "driver", "simulator", "seed")]
+    assert names == ["finished", "random", "DummyDriver", "DummySimulator", 2]
+    assert (shown["failed"], shown["budget_spent"]) == (summary.failed, 1.0)
+    (tmp_path / LOG).unlink()
+    without_log = look(tmp_path)
+    assert (without_log.status, without_log.news) == (Status.FINISHED, ())
+
+
+def test_a_running_campaign_is_seen_result_by_result(tmp_path: Path) -> None:
+    with paced(tmp_path) as process:
+        for told in range(1, 6):
+            state = look(tmp_path)
+            assert (state.status, state.summary.told) == (Status.RUNNING, told)
+            assert state.writer == f"process {process.id}"
+            process.go_on()
+        process.finish()
+        assert look(tmp_path).status is Status.FINISHED
+
+
+def test_a_killed_campaign_is_known_at_once_until_it_is_resumed(tmp_path: Path) -> None:
+    with paced(tmp_path) as process:
+        process.go_on()
+        process.kill()
+        state = look(tmp_path)
+    assert (state.status, state.summary.told) == (Status.KILLED, 2)
+    seen = []
+    campaign(tmp_path).resume(on_event=on_test(lambda test: seen.append(look(tmp_path).status)))
+    assert set(seen) == {Status.RUNNING}
+    assert look(tmp_path).status is Status.FINISHED
+
+
+def test_of_another_machine_nobody_can_say_whether_it_still_runs(tmp_path: Path) -> None:
+    with paced(tmp_path) as process:
+        process.kill()
+    lock = tmp_path / LOCK
+    lock.write_text(" " + json.dumps(json.loads(lock.read_text()) | {"host": "bench-2"}))
+    state = look(tmp_path)
+    assert (state.status, state.writer) == (Status.UNKNOWN, "bench-2")
+    campaign(tmp_path).resume()
+    assert look(tmp_path).status is Status.FINISHED
+
+
+def test_an_interrupted_campaign(tmp_path: Path) -> None:
+    one = campaign(tmp_path)
+    one.run(on_event=on_test(lambda test: one.stop()))
+    assert look(tmp_path).status is Status.INTERRUPTED
+
+
+def test_a_campaign_that_gave_up(tmp_path: Path) -> None:
+    def break_down(road: Road) -> float:
+        raise RuntimeError("no\n\x1b[2Jpower")
+
+    one = campaign(tmp_path)
+    one.tester.simulator.drift = break_down  # type: ignore[attr-defined]
+    with refused():
+        one.run()
+    state = look(tmp_path)
+    assert state.status is Status.GAVE_UP
+    last = state.news[-1]
+    assert (last.level, last.event) == ("error", "gave_up")
+    assert last.message.isprintable()
+
+
+# Its log
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "nonsense",
+        '{"time": "2026-01-01T00:00:00',
+        "[1, 2]",
+        "null",
+        "{}",
+        '{"event": 3}',
+        "[" * 100_000,
+        b"\xff\xfe\x00{",
+        b"\x00" * (2 * TAIL),
+    ],
+    ids=lambda line: repr(line[-40:]),
+)
+def test_lines_that_cannot_be_read_are_skipped(finished: Path, line: str | bytes) -> None:
+    with (finished / LOG).open("ab") as file:
+        file.write((line.encode() if isinstance(line, str) else line) + b"\n")
+    with CampaignLog(finished) as log:
+        log.write(LogEvent.NOTICE, "after it", level="warning")
+    state = look(finished)
+    assert (state.status, news_of(state)) == (Status.FINISHED, ["after it"])
+
+
+# Where there is no campaign
+
+
+def a_file(folder: Path) -> None:
+    folder.write_text("in the way")
+
+
+@pytest.mark.parametrize("make", [lambda folder: None, a_file, Path.mkdir])
+def test_a_folder_without_a_campaign_is_one_line(
+    tmp_path: Path, make: Callable[[Path], None]
+) -> None:
+    make(tmp_path / "c")
+    with refused():
+        look(tmp_path / "c")
+
+
+def test_a_damaged_database_is_one_line(finished: Path) -> None:
+    (finished / DATABASE).write_bytes(b"no database at all" * 500)
+    with refused():
+        look(finished)

@@ -1,0 +1,188 @@
+"""Domains: their file, their points and distributions, and campaigns in them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from statistics import NormalDist
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from frenetic import Campaign, CampaignStore, Evaluation, Outcome
+from frenetic.conditions.condition import SEED, in_words
+from frenetic.conditions.domain import Distribution, Domain
+from frenetic.errors import FreneticError
+from frenetic.search import Frenetic, RandomSearch
+from frenetic.search.conditions import moved_along
+from frenetic.spec import FILE, Spec
+
+TEXT = """
+about = "Town roads in all weather"
+roads = "urban-50,length=400"
+
+[conditions]
+friction = { low = 0.3, high = 1.0, mean = 0.85, deviation = 0.2 }
+gust = { low = -18, high = 18, mean = 0, deviation = 8 }
+wet = { low = 0.4, high = 0.9, chance = 0.3 }
+noise = { low = 0.0, high = 0.2 }
+load = 150
+"""
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    found = tmp_path / "town.toml"
+    found.write_text(TEXT, encoding="utf-8")
+    return found
+
+
+def test_a_file_says_a_domain(path: Path) -> None:
+    domain = Domain.of(path)
+    assert domain.name == "town"
+    assert domain.road_class is not None
+    assert (domain.road_class.name, domain.road_class.length) == ("urban-50", 400.0)
+    assert domain.axes == ("friction", "wet", "gust", "load", "noise", "wet_at", "gust_at", SEED)
+    assert "gust -18 to 18 m/s" in domain.in_words()
+    assert "wet 0.4 to 0.9 in 30 %" in domain.in_words()
+    assert Domain.made("x", domain.entries()) == domain
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[conditions]\ngrip = 1", "unknown quantity 'grip'"),
+        ("[conditions]\nfriction = 9", "friction is from 9 to 9: 0.01 to 1.5 is needed"),
+        ("[conditions]\nfriction = {low = 1}", "friction: .*high"),
+        ("[conditions]\nfriction = {low = 1, high = 0.5}", "low is 1: at most high"),
+        ("[conditions]\nfriction = {low = 0.5, high = 1, mean = 1}", "mean and deviation"),
+        ("[conditions]\ngust = {low = 9, high = 12, mean = 0, deviation = 1}", "leave nothing"),
+        ("[conditions]\nfriction = {low = 0.5, high = 1, chance = 0}", "chance is 0"),
+        ("[conditions]\nfriction = 'wet'", "friction: "),
+        ("[conditions]\ngust_at = 9", "gust_at follows from gust"),
+        ("road = 'x'", "there is no entry road: about, roads and conditions are"),
+        ("conditions = 3", "conditions are names"),
+        ("roads = 'rural-81'", "there is no road class 'rural-81'"),
+        ("roads = 3", "no road class"),
+        ("x = ", "town.toml is no TOML file: Invalid value"),
+        ("TAXONOMY:\n  friction: float", "town.toml is no TOML file"),
+    ],
+)
+def test_a_wrong_file_is_one_line(path: Path, text: str, said: str) -> None:
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(FreneticError, match=said) as caught:
+        Domain.of(path)
+    assert "\n" not in str(caught.value)
+
+
+@given(st.floats(0.0, 1.0))
+def test_a_share_and_its_amount_are_the_reverse_of_each_other(share: float) -> None:
+    for of in (
+        Distribution(low=-2.0, high=6.0),
+        Distribution(low=-18.0, high=18.0, mean=3.0, deviation=8.0),
+    ):
+        amount = of.amount(share)
+        assert amount is not None
+        assert of.low <= amount <= of.high
+        assert of.share(amount) == pytest.approx(share, abs=1e-6)
+
+
+def test_amounts_are_distributed_as_declared(path: Path) -> None:
+    domain, rng = Domain.of(path), np.random.default_rng(1)
+    drawn = [domain.at(rng.random(domain.dimension), 400.0) for _ in range(4000)]
+    friction = np.array([one["friction"] for one in drawn])
+    assert friction.min() >= 0.3
+    assert friction.max() <= 1.0
+    # A normal distribution cut at both ends, by its formula.
+    normal = NormalDist(0.85, 0.2)
+    low, high = normal.cdf(0.3), normal.cdf(1.0)
+    for at in (0.6, 0.8, 0.95):
+        assert np.mean(friction < at) == pytest.approx(
+            (normal.cdf(at) - low) / (high - low), abs=0.03
+        )
+    wet = [one for one in drawn if "wet" in one]
+    assert len(wet) / 4000 == pytest.approx(0.3, abs=0.03)
+    assert all(("wet_at" in one) == ("wet" in one) for one in drawn)
+    assert np.mean([one["gust_at"] for one in drawn]) == pytest.approx(200.0, abs=8.0)
+    assert {one["load"] for one in drawn} == {150.0}
+    assert len({one[SEED] for one in drawn}) == 4000
+
+
+def test_conditions_are_found_again_as_a_point(path: Path) -> None:
+    domain, rng = Domain.of(path), np.random.default_rng(2)
+    for _ in range(50):
+        conditions = domain.at(rng.random(domain.dimension), 400.0)
+        again = domain.at(domain.shares_of(conditions, 400.0), 400.0)
+        assert again.keys() == conditions.keys()
+        for name, amount in conditions.items():
+            assert again[name] == pytest.approx(amount, rel=2e-3, abs=0.2)
+
+
+def test_what_lies_on_the_road_moves_with_it() -> None:
+    there = {"friction": 0.5, "wet": 0.4, "wet_at": 30.0, "gust": 9.0, "gust_at": 100.0}
+    assert moved_along(there, -40.0) == {"friction": 0.5, "gust": 9.0, "gust_at": 60.0}
+    assert moved_along(there, 10.0)["wet_at"] == 40.0
+    assert in_words(there) == "friction 0.5, wet 0.4 at 30 m, gust 9 m/s at 100 m"
+
+
+@pytest.mark.parametrize("name", ["frenetic", "random"])
+def test_a_campaign_in_a_domain_goes_on_and_is_driven_again(
+    name: str, path: Path, tmp_path: Path
+) -> None:
+    domain = Domain.of(path)
+    spec = Spec(strategy=name, odd=domain.entries(), seed=3, lookahead=4, simulations=60)
+    whole = Campaign.of(spec, folder=tmp_path / "whole", workers=1)
+    whole.run()
+    parts = Campaign.of(spec, folder=tmp_path / "parts", workers=1)
+    parts.run(20)
+    again = Campaign.of(spec, folder=tmp_path / "parts", workers=1)
+    again.resume()
+    with CampaignStore.open(tmp_path / "whole") as a, CampaignStore.open(tmp_path / "parts") as b:
+        tests, others = list(a.tests()), list(b.tests())
+        assert [one.candidate.conditions for one in tests] == [
+            one.candidate.conditions for one in others
+        ]
+        assert [one.outcome for one in tests] == [one.outcome for one in others]
+        assert all(one.candidate.conditions for one in tests if one.outcome.is_driven)
+        assert a.setting.domain == domain
+    written = Spec.read(tmp_path / "whole" / FILE)
+    assert written.domain == domain
+    assert written.road_class == domain.road_class
+
+
+def test_without_a_domain_nothing_changes() -> None:
+    for kind in (Frenetic, RandomSearch):
+        strategy: Any = kind(seed=1)
+        for _ in range(5):
+            assert strategy.ask().conditions == {}
+
+
+def test_until_something_fails_a_search_has_rare_conditions_in_half_of_its_roads() -> None:
+    rare = {"low": 0.1, "high": 0.3, "chance": 0.1}
+    domain = Domain.made("x", {"conditions": {"delay": rare, "load": {"low": 0, "high": 300}}})
+    shares = {}
+    for kind in (Frenetic, RandomSearch):
+        strategy: Any = kind(seed=1, domain=domain)
+        asked = [strategy.ask().conditions for _ in range(400)]
+        delays = [one["delay"] for one in asked if "delay" in one]
+        shares[kind] = len(delays) / len(asked)
+        # Evenly over their range, as the others are.
+        assert np.quantile(delays, (0.1, 0.5, 0.9)) == pytest.approx((0.12, 0.2, 0.28), abs=0.03)
+        loads = [one["load"] for one in asked]
+        assert np.quantile(loads, (0.1, 0.5, 0.9)) == pytest.approx((30, 150, 270), abs=25)
+    assert shares[Frenetic] == pytest.approx(0.5, abs=0.08)
+    assert shares[RandomSearch] == pytest.approx(0.1, abs=0.05)
+
+
+def test_after_a_failure_conditions_are_drawn_as_the_domain_says() -> None:
+    rare = {"low": 0.1, "high": 0.3, "chance": 0.1}
+    domain = Domain.made("x", {"conditions": {"delay": rare}})
+    strategy = Frenetic(seed=1, domain=domain, random_roads=300)
+    first = strategy.ask()
+    strategy.tell(Evaluation(first, Outcome.FAIL, -1.0, 0.001))
+    asked = [strategy.ask() for _ in range(250)]
+    drawn = [one.conditions for one in asked if one.origin.operator == "random"]
+    assert len(drawn) > 200
+    assert sum("delay" in one for one in drawn) / len(drawn) == pytest.approx(0.1, abs=0.06)

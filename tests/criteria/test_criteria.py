@@ -1,0 +1,437 @@
+"""Criteria: their quantities against closed forms, scipy and shapely, profiles, and verdicts."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from msgspec import convert
+from scipy.integrate import cumulative_trapezoid
+from shapely import LineString, Polygon
+
+from frenetic._support.arrays import FloatArray
+from frenetic._support.entry_points import Entry
+from frenetic.analysis.criteria import criteria_in_words
+from frenetic.analysis.failures import caution
+from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.criteria.criterion import (
+    DRIVER,
+    QUANTITIES,
+    Criterion,
+    Profile,
+    Quantity,
+    profiles,
+    quantity,
+)
+from frenetic.drivers import Planner, Stanley
+from frenetic.errors import Fault, FreneticError, Trouble
+from frenetic.oracle.drive import CarBody, Drive, Rules, Trajectory
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.signals import Seen, mean, rate, spread, worst
+from frenetic.oracle.verdict import judge, measured, measures_json, seen_by_criteria
+from frenetic.road import Road
+from frenetic.search import RandomSearch
+from frenetic.simulators import EmbeddedSimulator
+from frenetic.spec import Spec
+
+RATE = 0.05  # s
+ISO = profiles()["after-iso-11270"]
+
+
+def read_criteria(entry: Any) -> Profile:
+    """The criteria of an entry or of an option's text."""
+    profile = Spec(criteria=entry).rules.criteria
+    assert isinstance(profile, Profile)
+    return profile
+
+
+def along(road: Road, speed: float, aside: float = 0.0) -> Drive:
+    """A drive along the middle of the ego lane, or so many m left of it, at a steady speed."""
+    time = np.arange(0.0, (road.length - 1.0) / speed, RATE)
+    offset = aside - 0.5 * road.lane_width
+    s = speed * time
+    line = road.sample(0.01)
+    places = np.arange(len(line)) * 0.01
+    headings = np.array([road.pose_at(place)[2] for place in s])
+    x, y = (np.interp(s, places, line[:, k]) for k in (0, 1))
+    curvature = road.curvature_at(s)
+    # The way of the car itself, beside the line, is longer or shorter.
+    own = speed * (1.0 - curvature * offset)
+    columns = {name: np.zeros(len(time)) for name in Trajectory.names()}
+    columns |= {
+        "time": time,
+        "x": x - offset * np.sin(headings),
+        "y": y + offset * np.cos(headings),
+        "heading": headings,
+        "speed": own,
+        "yaw_rate": speed * curvature,
+    }
+    return Drive(Trajectory(**columns), CarBody(), Rules(), road=road)
+
+
+def amount(name: str, drive: Drive) -> float:
+    assert drive.road is not None
+    found = worst(name, seen_by_criteria(drive.road, drive))
+    assert found is not None
+    return found.value
+
+
+def judged(road: Road, drive: Drive, profile: Profile) -> Any:
+    return judge(road, replace(drive, rules=Rules(criteria=profile)))
+
+
+# Closed forms
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_on_a_circle_the_lateral_acceleration_is_that_of_the_speed_and_curvature(
+    side: float,
+) -> None:
+    road, speed = Road(np.full(21, side * 0.01)), 15.0
+    drive = along(road, speed)
+    radius = 100.0 + side * 2.0  # of the ego lane's middle, right of the road's
+    own = speed * radius / 100.0
+    assert amount("lateral_acceleration", drive) == pytest.approx(own**2 / radius, rel=1e-9)
+    assert amount("yaw_rate", drive) == pytest.approx(np.degrees(speed / 100.0), rel=1e-9)
+    assert amount("lateral_jerk", drive) == pytest.approx(0.0, abs=1e-9)
+    assert amount("speed_excess", drive) == pytest.approx(3.6 * own - 70.0, rel=1e-9)
+    found = worst("lateral_acceleration", seen_by_criteria(road, drive))
+    assert found is not None
+    assert found.side == ("left" if side > 0.0 else "right")
+
+
+def test_on_a_clothoid_the_jerk_is_that_of_the_speed_and_the_change_of_curvature() -> None:
+    change, speed = 1e-4, 12.0  # 1/m per m
+    road = Road(change * 10.0 * np.arange(21), lane_width=4.0)
+    drive = along(road, speed, aside=2.0)  # on the road's own line
+    assert amount("lateral_jerk", drive) == pytest.approx(speed**3 * change, rel=1e-9)
+
+
+def test_where_a_straight_meets_a_circle_the_mean_over_half_a_second_is_what_counts() -> None:
+    speed, curvature = 10.0, 0.02
+    road = Road(np.array([0.0] * 11 + [curvature] * 11))  # a clothoid of 10 m, 1 s long
+    drive = along(road, speed, aside=2.0)
+    assert amount("lateral_jerk", drive) == pytest.approx(speed**2 * curvature, rel=1e-6)
+
+
+def test_the_edge_distance_is_half_of_what_the_lane_is_wider_than_the_car() -> None:
+    road = Road(np.zeros(21))
+    gap = 0.5 * (4.0 - CarBody().width)
+    for aside in (0.0, 0.5, -0.7, 1.5):
+        found = worst("edge_distance", seen_by_criteria(road, along(road, 15.0, aside)))
+        assert found is not None
+        assert found.value == pytest.approx(gap - abs(aside), abs=1e-9)
+        if aside:
+            assert found.side == ("left" if aside > 0.0 else "right")
+
+
+def test_a_wider_lane_leaves_more_room_on_its_right() -> None:
+    wider = np.array([[0.0, 0.6], [200.0, 0.6]])
+    road = Road(np.zeros(21), widening=wider)
+    gap = 0.5 * (4.0 - CarBody().width)
+    assert amount("edge_distance", along(road, 15.0, -0.5)) == pytest.approx(gap + 0.1, abs=1e-9)
+
+
+def test_steps_and_ramps() -> None:
+    road = Road(np.zeros(21))
+    drive = along(road, 10.0)
+    time = drive.trajectory.time
+
+    def with_(**columns: FloatArray) -> Drive:
+        known = {name: getattr(drive.trajectory, name) for name in Trajectory.names()}
+        return replace(drive, trajectory=Trajectory(**known | columns))
+
+    braking = with_(speed=10.0 - 0.4 * time)
+    assert amount("deceleration", braking) == pytest.approx(0.4)
+    assert amount("acceleration", braking) == pytest.approx(-0.4)
+    assert amount("longitudinal_jerk", braking) == pytest.approx(0.0, abs=1e-9)
+    assert amount("steering_rate", with_(steering=0.02 * time)) == pytest.approx(np.degrees(0.02))
+    stands = with_(speed=np.where((time > 3.0) & (time < 8.0), 0.0, 10.0))
+    assert amount("stop", stands) == pytest.approx(5.0, abs=2.0 * RATE)
+    assert amount("stop", with_(speed=np.where(time < 3.0, 0.0, 10.0))) == 0.0, "not yet moving"
+    assert amount("duration", drive) == judge(road, drive).duration
+
+
+def test_the_edge_distance_agrees_with_shapely() -> None:
+    roads = RandomSearch(seed=5)
+    simulator = EmbeddedSimulator()
+    for _ in range(12):
+        candidate = roads.ask()
+        road = candidate.road(4.0)
+        drive = simulator.drive(road, Planner(aggression=1.15))
+        seen = seen_by_criteria(road, drive)
+        left = LineString(road.sample(0.05))
+        right = LineString(road.sample(0.05, -4.0))
+        car = seen.car
+        for i in range(20, len(seen.distance) - 30, 15):
+            if not 10.0 < seen.distance[i] < road.length - 10.0:
+                continue
+            cos, sin = np.cos(seen.path.heading[i]), np.sin(seen.path.heading[i])
+            corners = [
+                (a * car.length / 2 + car.centre_ahead, b * car.width / 2) for a, b in _CORNERS
+            ]
+            box = Polygon(
+                (
+                    seen.path.x[i] + cos * a - sin * b,
+                    seen.path.y[i] + sin * a + cos * b,
+                )
+                for a, b in corners
+            )
+            near = seen.edge_distances[i]
+            for edge, distance in zip((left, right), near, strict=True):
+                if distance > 0.05:
+                    assert edge.distance(box) == pytest.approx(distance, abs=0.005)
+                elif distance < -0.05:
+                    assert edge.intersects(box) or edge.distance(box) < -distance
+
+
+_CORNERS = ((1, 1), (1, -1), (-1, -1), (-1, 1))
+
+
+# Filters
+
+steady = st.lists(st.floats(-50.0, 50.0), min_size=21, max_size=80)
+
+
+@given(steady)
+def test_the_moving_average_is_that_of_scipy(values: list[float]) -> None:
+    column: FloatArray = np.array(values)
+    time = np.arange(len(column), dtype=np.float64) * RATE
+    whole = cumulative_trapezoid(column, time, initial=0)
+    expected = (whole[10:] - whole[:-10]) / (10 * RATE)
+    found = mean(time, column, 10 * RATE)
+    assert np.isnan(found[:10]).all()
+    assert found[10:] == pytest.approx(expected, abs=1e-9)
+    np.testing.assert_array_equal(mean(time, column, 0.0), column)
+
+
+@given(steady)
+def test_the_mean_of_a_derivative_is_the_difference_of_the_windows_ends(
+    values: list[float],
+) -> None:
+    column: FloatArray = np.array(values)
+    time = np.arange(len(column), dtype=np.float64) * RATE
+    found = rate(time, column, 10 * RATE)
+    assert np.isnan(found[:10]).all()
+    assert found[10:] == pytest.approx((column[10:] - column[:-10]) / (10 * RATE), abs=1e-9)
+    np.testing.assert_array_equal(rate(time, column, 0.0), np.gradient(column, time))
+
+
+def test_a_window_between_two_records_is_interpolated() -> None:
+    time = np.array([0.0, 0.1, 0.3, 0.35, 0.6, 1.0])
+    assert mean(time, 2.0 * time, 0.5)[4:] == pytest.approx([0.7, 1.5])
+    assert rate(time, 2.0 * time, 0.5)[4:] == pytest.approx([2.0, 2.0])
+    assert spread(time, np.array([0.0, 5.0, 1.0, 1.0, 2.0, 1.5]), 0.3).tolist() == [
+        0.0, 5.0, 5.0, 4.0, 1.0, 0.0,
+    ]  # fmt: skip
+
+
+# Profiles
+
+
+def test_limits_are_those_that_others_keep() -> None:
+    limits = {one.quantity: one for one in ISO.criteria}
+    # As opendbc has them: ISO_LATERAL_ACCEL, ISO_LATERAL_JERK and JERK_MEAS_T.
+    assert (limits["lateral_acceleration"].limit, limits["lateral_jerk"].limit) == (3.0, 5.0)
+    assert limits["lateral_jerk"].window == 0.5
+    for profile in profiles().values():
+        assert all(one.clause for one in profile.criteria), "each limit cites its source"
+        assert profile.left_out or not profile, "what was left out is said"
+
+
+def test_a_file_of_ones_own(tmp_path: Path) -> None:
+    path = tmp_path / "ours.toml"
+    path.write_text(
+        'about = "ours"\nlateral_acceleration = 2.5\n'
+        'lateral_jerk = {limit = 4, window = 0.4, clause = "7.2"}\n'
+    )
+    found = read_criteria(str(path))
+    assert found == Profile(
+        "ours",
+        (Criterion("lateral_acceleration", 2.5, 0.0), Criterion("lateral_jerk", 4.0, 0.4, "7.2")),
+        about="ours",
+    )
+    assert read_criteria(f"{path},yaw_rate=20").criteria[2].limit == 20.0
+    assert read_criteria(f"{path},lateral_jerk=3").criteria[1].window == 0.4
+    assert read_criteria(json.loads(json.dumps(found.entry()))) == found, "as a run's file has it"
+
+
+def test_limits_of_ones_own_beside_a_profile() -> None:
+    found = read_criteria("after-iso-11270,lateral_jerk=4,duration=60")
+    limits = {one.quantity: one for one in found.criteria}
+    assert (limits["lateral_jerk"].limit, limits["lateral_jerk"].window) == (4.0, 0.5)
+    assert limits["duration"].clause == "as given"
+    assert limits["lateral_acceleration"] == ISO.criteria[1]
+    assert found.entry() == "after-iso-11270,lateral_jerk=4,duration=60"
+    exact = found.with_limits({"lateral_jerk": 4.00000001})
+    assert read_criteria(exact.entry()) == exact
+    assert read_criteria(found.entry()) == found
+    assert not read_criteria("competition")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("iso", "there are no criteria 'iso': choose competition, after-iso-11270"),
+        ("after-iso-11270,jerk=4", "there is no quantity jerk: choose from edge_distance"),
+        ("after-iso-11270,lateral_jerk=nan", "lateral_jerk is nan"),
+        ("missing.toml", "missing.toml"),
+    ],
+)
+def test_mistakes_are_named(text: str, words: str) -> None:
+    with pytest.raises(FreneticError) as error:
+        read_criteria(text)
+    assert words in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("lateral_jerk = {window = 1}", "lateral_jerk: Object missing required field `limit`"),
+        (
+            "lateral_jerk = {limit = 1, windows = 1}",
+            "contains unknown field `windows`",
+        ),
+        ("lateral_jerk = {limit = 1, window = -1}", "window is -1"),
+        ("sideways = 1", "there is no quantity sideways"),
+        ("lateral_jerk =", "says no criteria"),
+        ("about = 1", "about is 1"),
+    ],
+)
+def test_mistakes_in_a_file_are_named(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "ours.toml"
+    path.write_text(text)
+    with pytest.raises(FreneticError, match=words):
+        Profile.of(str(path))
+
+
+# Verdicts
+
+
+def test_a_breach_fails_a_drive_that_reached_the_end_and_says_all() -> None:
+    road = Road(np.array([0.0] * 5 + [0.03] * 12))
+    drive = along(road, 14.0)
+    assert judge(road, drive).outcome is Outcome.PASS
+    result = judged(road, drive, ISO)
+    assert result.outcome is Outcome.FAIL
+    assert [one.criterion for one in result.findings] == ["lateral_jerk", "lateral_acceleration"]
+    assert result.finding.criterion == "lateral_jerk", "the first"
+    assert result.departure is None
+    assert "ateral acceleration" in result.reason
+    assert "(at most 3 m/s²)" in result.reason
+    kept = judged(road, drive, Profile("gentle", (Criterion("yaw_rate", 90.0, 0.0),)))
+    assert (kept.outcome, kept.findings) == (Outcome.PASS, ())
+
+
+def test_leaving_the_lane_is_the_gravest() -> None:
+    road = Road(np.array([0.0, 0.0, 0.05, 0.06, 0.07, 0.0]))
+    drive = EmbeddedSimulator().drive(road, Planner(aggression=1.6))
+    result = judged(road, drive, ISO)
+    assert result.departure is not None
+    assert result.finding is result.departure
+    assert len(result.findings) > 1
+    assert result.reason == judge(road, drive).reason
+    assert list(result.findings) == sorted(result.findings, key=lambda one: one.time)
+    rows = drive.trajectory.to_rows()[: round(result.departure.time / RATE)]
+    fault = Fault("driver", "ValueError")
+    broke = Drive(Trajectory.from_rows(rows), trouble=Trouble("it raised", fault=fault))
+    faulty = judged(road, broke, ISO)
+    assert faulty.finding.criterion == DRIVER
+    assert len(faulty.findings) > 1
+
+
+def test_a_drive_shorter_than_the_window_has_no_mean() -> None:
+    road = Road(np.zeros(3))
+    drive = along(road, 10.0)
+    assert measured(road, drive, [Criterion("lateral_jerk", 5.0, 60.0)]) == []
+    names = [row["quantity"] for row in measures_json(road, drive)]
+    assert names == list(QUANTITIES)
+
+
+def test_values_that_are_no_numbers_are_no_verdict() -> None:
+    road = Road(np.zeros(21))
+    drive = along(road, 10.0)
+    rows = drive.trajectory.to_rows()
+    rows[40, 4] = np.nan
+    broken = replace(drive, trajectory=Trajectory.from_rows(rows))
+    assert judge(road, broken).outcome is Outcome.PASS, "the lane needs places alone"
+    assert judged(road, broken, ISO).outcome is Outcome.ERROR
+
+
+def test_every_drive_agrees_with_what_is_measured() -> None:
+    roads, simulator = RandomSearch(seed=2), EmbeddedSimulator()
+    outcomes = set()
+    for driver in (Planner(), Planner(lateral_acceleration=2.0, smoothing=8.0), Stanley()):
+        for _ in range(6):
+            road = roads.ask().road(4.0)
+            drive = simulator.drive(road, driver)
+            for profile in profiles().values():
+                result = judged(road, drive, profile)
+                shares = [one.margin for one in measured(road, drive, profile.criteria)]
+                broke = sum(margin < 0.0 for margin in shares)
+                assert broke == sum(one.criterion != "lane" for one in result.findings)
+                if not broke and not result.departure:
+                    assert result.outcome is judge(road, drive).outcome
+                outcomes.add(result.outcome)
+    assert outcomes == {Outcome.PASS, Outcome.FAIL}
+
+
+def test_quantities_and_their_limits_in_words() -> None:
+    assert quantity("lateral_jerk").told(4.0) == "4.00 m/s³"
+    assert ISO.criteria[2].told() == "at most 5 m/s³ in the mean of 0.5 s"
+    assert ISO.criteria[0].told() == "at least 0 m"
+
+
+# Other packages
+
+
+def top_speed(seen: Seen, _: float) -> FloatArray:
+    return seen.path.speed
+
+
+TOP_SPEED = Quantity("top_speed", "m/s", "of the car", 10.0, series=top_speed)
+SLOW = Profile("of the object", (Criterion("duration", 1e4, 0.0, "our handbook"),), "slow")
+NO_SERIES = replace(TOP_SPEED, name="no_series", series=lambda seen, _: np.zeros(3))
+
+
+def test_a_package_adds_quantities_and_profiles(monkeypatch: pytest.MonkeyPatch) -> None:
+    entries = tuple(
+        Entry(name, f"{__name__}:{target}", "theirs")
+        for name, target in zip(
+            ("top_speed", "slow", "no_series"), ("TOP_SPEED", "SLOW", "NO_SERIES"), strict=True
+        )
+    )
+    monkeypatch.setattr("frenetic.criteria.criterion.installed", lambda _: entries)
+    road = Road(np.zeros(21))
+    drive = along(road, 15.0)
+    profile = read_criteria("slow,top_speed=12")
+    assert profile.name == "slow"
+    result = judged(road, drive, profile)
+    assert result.reason == "Top speed 15.00 m/s at 0 m (at most 12 m/s)"
+    document = json.loads(json.dumps(profile.as_json()))
+    assert convert(document, Profile) == profile, "as a campaign records it"
+    broken = judged(road, drive, read_criteria("slow,no_series=1"))
+    assert broken.outcome is Outcome.ERROR
+    assert "one value a record is needed" in broken.reason
+
+
+def test_less_time_than_the_criteria_ask_for_is_said(tmp_path: Path) -> None:
+    rules = Rules(criteria=profiles()["after-un-r157"])
+    for simulations, is_said in ((1, True), (20, False)):
+        campaign = Campaign(
+            strategy=RandomSearch(seed=1),
+            simulator=EmbeddedSimulator(rules=rules),
+            driver=Planner(lateral_acceleration=2.0),
+            budget=Budget(simulations=simulations),
+            folder=tmp_path / str(simulations),
+        )
+        assert campaign.run().failed == 0
+        with CampaignStore.open(campaign.folder) as store:
+            assert ("after-un-r157 asks for 300 s" in caution(store)) is is_said
+            assert ("less than the 5 min" in criteria_in_words(store)) is is_said

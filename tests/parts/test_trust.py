@@ -1,0 +1,904 @@
+"""Code that a file names is loaded only if its user has signed or listed it, or names it."""
+
+from __future__ import annotations
+
+import json
+import os
+import py_compile
+import secrets
+import shutil
+import sqlite3
+import subprocess
+import sys
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import chdir, closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import pytest
+from user_modules import own_modules
+
+from frenetic.campaign import CampaignStore
+from frenetic.errors import FreneticError
+from frenetic.parts import trust
+from frenetic.plugins.twin.profile import Profile
+from frenetic.spec import Spec
+
+if TYPE_CHECKING:
+    from command_line import Frenetic
+
+pytest_plugins = ["command_line"]
+
+DRIVER = """
+from frenetic.drivers.driver import Controls
+from near import GAIN
+
+class Mine:
+    def __init__(self, gain=GAIN):
+        self.gain = gain
+    def reset(self, setup):
+        pass
+    def act(self, o):
+        steering = self.gain * o.curvature_ahead[3] - 0.1 * o.lateral_offset
+        return Controls(steering - 0.8 * o.heading_error, 0.3 if o.speed < 17 else 0.0, 0.0)
+
+def run(*args, **options):
+    return Mine()
+"""
+NEAR = "GAIN = 3.5\n"
+MARKING = """
+import os
+from pathlib import Path
+
+with Path({mark!r}).open("a") as file:
+    file.write(f"{{os.getpid()}} ")
+"""
+PARENT = f"{os.getpid()} "
+NAMED = ("--driver", "mine.py:Mine")
+FEW = ("--simulations", "12", "--workers", "1", "--seed", "3")
+FRESH = ("--fresh", "2")
+
+
+def write_marking(file: Path, mark: Path, text: str = "") -> None:
+    """A module that leaves a mark, with the number of its process, when it is loaded."""
+    file.parent.mkdir(exist_ok=True)
+    source = file.with_suffix(".py")
+    source.write_text(MARKING.format(mark=str(mark)) + text, encoding="utf-8")
+    if file.suffix == ".pyc":
+        py_compile.compile(str(source), str(file))
+        source.unlink()
+
+
+@pytest.fixture(scope="module")
+def mine(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None]) -> Path:
+    """The user's folder with a driver of their own and a campaign `c` of it."""
+    folder = tmp_path_factory.mktemp("mine")
+    (folder / "mine.py").write_text(DRIVER, encoding="utf-8")
+    (folder / "near.py").write_text(NEAR, encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch, chdir(folder):
+        patch.setenv(trust.VARIABLE, str(folder / "home"))
+        prepare("run", *FEW, *NAMED, "--out", "c")
+    return folder
+
+
+@pytest.fixture
+def user(mine: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of the user whose commands run in another one now."""
+    monkeypatch.setenv(trust.VARIABLE, str(mine / "home"))
+    return mine
+
+
+@pytest.fixture
+def mark(tmp_path: Path) -> Path:
+    """What foreign code leaves where it is loaded."""
+    return tmp_path / "was-here"
+
+
+@pytest.fixture
+def received(mine: Path, tmp_path: Path, mark: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """That campaign in the folder of somebody else, with code that leaves a mark; the mark."""
+    monkeypatch.setenv(trust.VARIABLE, str(tmp_path / "home"))
+    copy_with_marks(mine, tmp_path, mark)
+    return mark
+
+
+def copy_with_marks(mine: Path, folder: Path, mark: Path) -> None:
+    """A copy of campaign and driver beside modules that leave a mark."""
+    shutil.copytree(mine / "c", folder / "c")
+    shutil.copy(mine / "mine.py", folder)
+    write_marking(folder / "near.py", mark, NEAR)
+    write_marking(folder / "colorsys.pyc", mark)
+
+
+def a_failure(campaign: Path | str = "c") -> str:
+    return str(min(Path(campaign, "failures").glob("test-*.json")))
+
+
+def commands(campaign: Path | str = "c") -> dict[str, tuple[str, ...]]:
+    """Commands that load code that a file or campaign names."""
+    campaign = str(campaign)
+    return {
+        "drive": ("drive", a_failure(campaign)),
+        "drive a test": ("drive", campaign, "1"),
+        "drive as": ("drive", "road.json", "--as", f"{campaign}/campaign.toml"),
+        "rerun": ("rerun", campaign, "--top", "1"),
+        "minimise": ("minimise", campaign, "--max-drives", "3"),
+        "run": ("run", f"{campaign}/campaign.toml", "--out", "again"),
+        "resume": ("resume", campaign, "--simulations", "1"),
+        "compare": ("compare", campaign, "--driver", "planner", *FRESH),
+    }
+
+
+COMMANDS: Final = ("drive", "drive a test", "drive as", "rerun", "minimise", "run", "resume")
+"""Those but for compare, whose ``--driver`` is the new one."""
+
+
+def write_road() -> None:
+    text = json.dumps({"curvatures": [0, 0.01, 0.02, 0.02, 0.01, 0]})
+    Path("road.json").write_text(text, encoding="utf-8")
+
+
+def change_fact(campaign: Path | str, name: str, change: Callable[[Any], Any]) -> None:
+    """Changes a fact of a campaign, by hand."""
+    with closing(sqlite3.connect(Path(campaign, "campaign.sqlite"))) as database, database:
+        (text,) = database.execute("SELECT value FROM fact WHERE name = ?", (name,)).fetchone()
+        value = json.dumps(change(json.loads(text)))
+        database.execute("UPDATE fact SET value = ? WHERE name = ?", (value, name))
+
+
+# What the user made
+
+
+@pytest.mark.parametrize("command", [*COMMANDS, "compare"])
+@pytest.mark.parametrize("is_there", [True, False])
+def test_what_the_user_made_goes_on_unasked_with_code_of_its_own_folder_only(
+    frenetic: Frenetic, user: Path, mark: Path, tmp_path: Path, command: str, is_there: bool
+) -> None:
+    """From that folder, and from another one, beside a copy with other code."""
+    place = user if is_there else tmp_path
+    copy_with_marks(user, tmp_path, mark)
+    out = ("--out", str(tmp_path / "new")) if command == "run" else ()
+    with chdir(place):
+        write_road()
+        answer = frenetic(*commands()[command], *out)
+    assert answer.code in (0, 1, 3), answer.err
+    assert (f"mine.py:Mine is loaded from {user}" in answer.err) is not is_there
+    assert not mark.exists()
+
+
+@pytest.mark.parametrize("command", [*COMMANDS, "compare"])
+def test_code_whose_folder_is_gone_is_one_line(
+    frenetic: Frenetic, user: Path, mark: Path, tmp_path: Path, command: str
+) -> None:
+    copy_with_marks(user, tmp_path, mark)
+    write_road()
+    gone = user.rename(f"{user}-gone")
+    os.environ[trust.VARIABLE] = str(gone / "home")  # of the fixture's
+    try:
+        refused = frenetic(*commands()[command])
+    finally:
+        gone.rename(user)
+    assert refused.refuses("the driver 'mine.py:Mine', code that was in", "no folder now")
+    assert not mark.exists()
+
+
+def test_an_edited_driver_is_refused_by_resume_with_the_next_command(
+    frenetic: Frenetic, user: Path
+) -> None:
+    try:
+        (user / "near.py").write_text("GAIN = 3.4\n", encoding="utf-8")
+        refused = frenetic("resume", str(user / "c"), "--simulations", "1")
+        words = f"near.py was edited, and {user}/c tests it as it was"
+        assert refused.refuses(words, f"frenetic run {user}/c/campaign.toml --from {user}/c")
+        assert frenetic("drive", a_failure(user / "c")).code in (0, 1), "it is signed still"
+    finally:
+        (user / "near.py").write_text(NEAR, encoding="utf-8")
+
+
+def test_python_signs_too(tmp_path: Path, user: Path) -> None:
+    import frenetic
+
+    with chdir(user), own_modules():
+        spec = Spec(driver="mine.py:Mine", simulations=3, seed=1)
+        campaign = frenetic.Campaign.of(spec, folder=tmp_path / "c", workers=1)
+        campaign.run()
+    with CampaignStore.open(tmp_path / "c") as store:
+        signature: Any = store.fact("signature")
+        sources = store.fact("sources")
+        assert "signature" not in store.facts
+        assert trust.is_signed(signature, part("driver", "mine.py:Mine"), user, sources)
+        assert "signed" not in json.dumps(dict(store.config))
+    read = Spec.read(tmp_path / "c" / "campaign.toml")
+    assert read.signed is not None
+    assert read.require_trusted("c") == user
+    assert Spec.of(read).signed is None, "what is merged is not signed"
+
+
+def test_a_part_that_the_command_names_comes_from_its_own_folder(
+    frenetic: Frenetic, user: Path, tmp_path: Path
+) -> None:
+    """Also where another one is loaded from that of the campaign."""
+    shutil.copytree(user / "c", "c")
+    Path("near.py").write_text("GAIN = 3.4\n", encoding="utf-8")
+    shutil.copy(user / "mine.py", tmp_path)
+    answer = frenetic("rerun", "c", "--top", "1", "--driver", "mine.py:Mine,gain=3.3", "--json")
+    assert answer.json["driver"]["options"] == {"gain": 3.3}
+    assert "is loaded from" not in answer.err
+    (user / "plan.py").write_text("from frenetic import RandomSearch as Plan\n", encoding="utf-8")
+    with chdir(user):
+        plan = ("--strategy", "plan.py:Plan")
+        assert frenetic("run", *FEW, *NAMED, *plan, "--out", str(tmp_path / "d")).code == 0
+    answer = frenetic("run", "d/campaign.toml", *NAMED, "--out", "e")
+    assert f"plan.py:Plan is loaded from {user}" in answer.err
+    assert "mine.py:Mine is loaded" not in answer.err
+    with CampaignStore.open("e") as store:
+        spec: Any = store.config["spec"]
+        assert (spec["driver"], spec["strategy"]) == (f"{tmp_path}/mine.py:Mine", "plan.py:Plan")
+        sources: Any = store.fact("sources")
+        assert sources["near.py"] == "GAIN = 3.4\n"
+
+
+# What somebody else made
+
+
+@pytest.mark.parametrize("command", [*COMMANDS, "compare"])
+def test_a_strangers_driver_is_refused_unrun(
+    frenetic: Frenetic, received: Path, command: str
+) -> None:
+    write_road()
+    refused = frenetic(*commands()[command])
+    assert refused.refuses("names the driver 'mine.py:Mine', code that you have not trusted")
+    is_named = command not in ("resume", "compare")
+    assert ("name it yourself, --driver mine.py:Mine, or add --trust" in refused.err) is is_named
+    assert not received.exists()
+
+
+@pytest.mark.parametrize("command", [name for name in COMMANDS if name != "resume"])
+def test_it_drives_once_the_command_names_it_and_is_asked_for_again_then(
+    frenetic: Frenetic, received: Path, command: str
+) -> None:
+    """But for a TOML, which a person writes and names once."""
+    write_road()
+    assert frenetic(*commands()[command], *NAMED).code in (0, 1)
+    assert received.exists()
+    received.unlink()
+    shutil.rmtree("again", ignore_errors=True)
+    is_toml = command in ("run", "drive as")
+    assert (frenetic(*commands()[command]).code in (0, 1)) is is_toml
+    assert received.exists() is is_toml
+
+
+@pytest.mark.parametrize("command", [*COMMANDS, "compare"])
+def test_trust_signs_it_for_later_commands(
+    frenetic: Frenetic, received: Path, command: str
+) -> None:
+    write_road()
+    if command == "resume":  # which refuses an edited driver
+        Path("near.py").write_text(NEAR, encoding="utf-8")
+    assert frenetic(*commands()[command], "--trust").code in (0, 1, 3)
+    received.unlink(missing_ok=True)
+    shutil.rmtree("again", ignore_errors=True)
+    assert frenetic(*commands()[command]).code in (0, 1, 3)
+    assert received.exists() is (command not in ("compare", "resume")), "it is loaded from here"
+    if command in ("rerun", "compare"):
+        Path("near.py").write_text(NEAR, encoding="utf-8")
+        assert frenetic("resume", "c", "--simulations", "1").code == 0, "the campaign is trusted"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("show", "c"),
+        ("show", "c", "1", "--json"),
+        ("check", "c"),
+        ("report", "c"),
+        ("export", "c", "--format", "csv"),
+        ("drive", "c", "1", "--dry"),
+    ],
+)
+def test_looking_at_a_campaign_runs_nothing_of_it(
+    frenetic: Frenetic, received: Path, words: tuple[str, ...]
+) -> None:
+    answer = frenetic(*words)
+    assert answer.code == 0
+    assert "signature" not in answer.out, "what is not the user's is not signed in passing"
+    assert not received.exists()
+
+
+def test_a_program_that_a_strangers_simulator_starts_is_refused(
+    frenetic: Frenetic, received: Path
+) -> None:
+    change_fact("c", "config", with_entry("simulator", "beamng,home=/opt/theirs"))
+    refused = frenetic(*commands()["rerun"], *NAMED)
+    assert refused.refuses("the simulator 'beamng'", "--simulator beamng,home=/opt/theirs")
+    # There is no option for the driver, so naming the simulator alone would not help.
+    refused = frenetic(*commands()["resume"])
+    assert refused.refuses("the simulator 'beamng'", "if you do, add --trust")
+    assert not received.exists()
+
+
+def test_a_scheduler_of_a_stranger_is_not_connected_to(
+    frenetic: Frenetic, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Dask loads what it sends."""
+    monkeypatch.setenv(trust.VARIABLE, str(tmp_path / "home"))
+    Path("own.toml").write_text("workers = 'tcp://127.0.0.1:1'\nsimulations = 3\n")
+    asked = frenetic("run", "own.toml")
+    assert asked.refuses("names the workers 'tcp://127.0.0.1:1'", "--workers tcp://127.0.0.1:1")
+    for more in (("--workers", "tcp://127.0.0.1:1"), ()):
+        assert frenetic("run", "own.toml", *more).refuses("no Dask scheduler"), (
+            "unasked, once named"
+        )
+    assert frenetic("run", "own.toml", "--workers", "1", "--out", "c").code == 0
+
+
+def with_entry(name: str, value: object) -> Callable[[Any], Any]:
+    """Changes an entry of the spec in a campaign's configuration."""
+    return lambda config: {**config, "spec": {**config["spec"], name: value}}
+
+
+# The other ways past a digest of the driver's file
+
+
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_a_neighbour_of_a_users_part_is_not_taken_for_what_we_import(
+    workers: str, tmp_path: Path, mark: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In processes of their own, which have imported neither module before."""
+    monkeypatch.chdir(tmp_path)
+    Path("own.py").write_text(
+        "from frenetic import RandomSearch as S\n\ndef f(road, drive):\n    return road.length\n",
+        encoding="utf-8",
+    )
+    for name in ("matplotlib.py", "glob.py"):
+        write_marking(Path(name), mark)
+    parts = ("--strategy", "own.py:S", "--objective", "own.py:f", "--driver", "planner")
+    few = ("--simulations", "6", "--workers", workers, "--seed", "3", "--out", "c")
+    for words in (("run", *parts, *few), ("report", "c"), ("show", "c", "1")):
+        subprocess.run(["frenetic", *words], check=True, capture_output=True)
+    assert Path("c/report.html").exists()
+    assert not mark.exists()
+
+
+def test_foreign_sources_run_in_a_process_of_their_own_and_only_if_trusted(
+    frenetic: Frenetic, received: Path
+) -> None:
+    text = MARKING.format(mark=str(received)) + NEAR
+    change_fact("c", "sources", lambda sources: {**sources, "near.py": text})
+    Path("near.py").write_text("GAIN = 3.4\n", encoding="utf-8")
+    compare = commands()["compare"]
+    assert frenetic(*compare).refuses("code that you have not trusted", "add --trust")
+    assert not received.exists()
+    assert frenetic(*compare, "--trust").code in (0, 1, 3)
+    assert received.exists()
+    assert PARENT not in received.read_text()
+
+
+def test_a_source_that_somebody_changed_in_the_users_campaign_is_refused(
+    frenetic: Frenetic, user: Path, mark: Path
+) -> None:
+    shutil.copytree(user / "c", "c")
+    text = MARKING.format(mark=str(mark)) + NEAR
+    change_fact("c", "sources", lambda sources: {**sources, "near.py": text})
+    for command in ("compare", "rerun", "resume"):
+        assert frenetic(*commands()[command]).refuses("names the driver 'mine.py:Mine'")
+    assert not mark.exists()
+
+
+@pytest.mark.parametrize("option", ["python", "copy", "pipeline", "path"])
+def test_a_foreign_bench_is_refused_until_it_is_named_or_trusted(
+    frenetic: Frenetic, tmp_path: Path, mark: Path, option: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(trust.VARIABLE, str(tmp_path / "home"))
+    folder = tmp_path / "theirs"
+    write_marking(folder / "gen.py", mark, "class Gen: pass\n")
+    value = sys.executable if option == "python" else str(folder)
+    generator = f"{folder}/gen.py:Gen,{option}={value}"
+    Path("b.toml").write_text(f"generator = ['{generator}']\nsimulations = 2\nrepeats = 1\n")
+    for where in (("b.toml",), ("b.toml", "--strategy", "own.py:S")):
+        named = "--strategy" in where
+        answer = frenetic("bench", *where, "--out", "b")
+        words = "own.py" if named else "b.toml names the generator"
+        assert answer.refuses(words), answer.err
+    assert not mark.exists()
+    how = ("--generator", generator) if option in ("python", "path") else ("--trust",)
+    assert not frenetic("bench", "b.toml", *how, "--out", "b").refuses("not trusted")
+    assert not frenetic("bench", "b.toml", "--out", "b").refuses("not trusted"), "unasked then"
+    assert mark.exists() is (option != "pipeline"), "which is no folder of a pipeline"
+
+
+def test_the_users_bench_goes_on_until_somebody_edits_what_names_code(
+    frenetic: Frenetic, user: Path, mark: Path, tmp_path: Path
+) -> None:
+    least = ("--simulations", "2", "--repeats", "1", "--workers", "1")
+    with chdir(user):
+        words = ("bench", "--strategy", "random", *NAMED, *least, "--out", str(tmp_path / "b"))
+        assert frenetic(*words).code in (0, 1)
+    copy_with_marks(user, tmp_path, mark)
+    file, resume = Path("b/bench.toml"), ("bench", "--resume", "--out", "b")
+    assert f"the code of b is loaded from {user}" in frenetic(*resume).err
+    again = frenetic("bench", "b/bench.toml", "--out", "b2")
+    assert again.code in (0, 1)
+    assert f"mine.py:Mine is loaded from {user}" in again.err
+    text = file.read_text(encoding="utf-8")
+    file.write_text(text.replace("patience = 600.0", "patience = 500.0"), encoding="utf-8")
+    assert frenetic("bench", "b/bench.toml", "--out", "b3").code in (0, 1), "which names no code"
+    for old, new in (
+        ('"random,name=random"', '"own.py:S,name=random"'),
+        ('driver = "mine.py:Mine"', 'driver = "mine.py:run"'),
+        (str(user), str(tmp_path)),
+    ):
+        assert old in text
+        file.write_text(text.replace(old, new), encoding="utf-8")
+        for command in (("bench", "b/bench.toml", "--out", "b4"), resume):
+            assert frenetic(*command).refuses("bench.toml names the", "have not trusted")
+    assert not mark.exists()
+
+
+@pytest.mark.parametrize("way", ["named", "TOML", "trusted"])
+def test_a_package_called_model_is_not_loaded_for_a_file_of_data(
+    frenetic: Frenetic, tmp_path: Path, mark: Path, way: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(trust.VARIABLE, str(tmp_path / "home"))
+    write_marking(tmp_path / "model" / "onnx.py", mark, "class Own: pass\n")
+    (tmp_path / "model" / "__init__.py").touch()
+    Path("model.onnx").touch()
+    Path("own.toml").write_text("driver = 'model.onnx:Own'\n", encoding="utf-8")
+    options = {"named": ("--driver", "model.onnx:Own"), "TOML": ("own.toml",)}
+    words = options.get(way, ("own.toml", "--trust"))
+    refused = frenetic("run", *words, *FEW)
+    is_asked = way == "TOML"
+    assert refused.refuses("not trusted" if is_asked else "a file of data has no class 'Own'")
+    assert not mark.exists()
+
+
+def test_an_installed_driver_drives_beside_a_folder_of_its_modules_name(
+    frenetic: Frenetic, tmp_path: Path, mark: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    site = tmp_path / "site-packages"
+    info = site / "watchful_drivers-1.0.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: watchful-drivers\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[frenetic.drivers]\nwatchful = watchful:Watchful\n")
+    (site / "watchful.py").write_text(
+        "from frenetic import Planner\n\nclass Watchful(Planner): pass\n"
+    )
+    monkeypatch.syspath_prepend(str(site))
+    write_marking(tmp_path / "watchful" / "__init__.py", mark, "class Watchful: pass\n")
+    Path("own.toml").write_text("driver = 'watchful'\n", encoding="utf-8")
+    assert frenetic("run", "own.toml", *FEW, "--out", "c").code == 0, "and is not asked about"
+    with CampaignStore.open("c") as store:
+        driver: Any = store.config["driver"]
+    assert driver["class"] == "watchful:Watchful"
+    assert not mark.exists()
+
+
+@pytest.mark.parametrize(
+    "driver",
+    ['mine.py:run,args=["rm"]', "mine.py:Mine,gain=3.0", "subprocess:run,args=rm", "near.py:Own"],
+)
+def test_a_record_of_the_users_that_somebody_edited_is_refused(
+    frenetic: Frenetic, user: Path, driver: str
+) -> None:
+    """Database, road, TOML and profile."""
+    shutil.copytree(user / "c", "c")
+    write_road()
+    change_fact("c", "config", with_entry("driver", driver))
+    for file in (Path("c/campaign.toml"), *Path("c/failures").glob("*.json")):
+        text = file.read_text(encoding="utf-8")
+        quoted = json.dumps(driver)
+        file.write_text(
+            text.replace('"driver": "mine.py:Mine"', f'"driver": {quoted}').replace(
+                'driver = "mine.py:Mine"', f"driver = '{driver}'"
+            ),
+            encoding="utf-8",
+        )
+    name = driver.partition(",")[0]
+    for command in (*COMMANDS, "compare"):
+        refused = frenetic(*commands()[command])
+        assert refused.refuses(f"names the driver '{name}'", "have not trusted"), command
+    assert frenetic("drive", "road.json", "--as", a_failure()).refuses("have not trusted")
+
+
+# Where nothing can be signed
+
+
+def test_runs_go_on_unsigned_where_the_users_folder_cannot_be_written(
+    frenetic: Frenetic, user: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "home").touch()
+    monkeypatch.setenv(trust.VARIABLE, str(tmp_path / "home"))
+    for file in ("mine.py", "near.py"):
+        shutil.copy(user / file, tmp_path)
+    answer = frenetic("run", *FEW, *NAMED, "--out", "c")
+    assert answer.code == 0
+    assert answer.err.count(trust.VARIABLE) == 1
+    assert "signed" not in Path("c/campaign.toml").read_text(encoding="utf-8")
+    assert frenetic("rerun", "c", "--top", "1").refuses("have not trusted")
+    for more in (NAMED, ("--trust",)):
+        assert frenetic("rerun", "c", "--top", "1", *more).code in (0, 1)
+    built_in = frenetic("run", *FEW, "--out", "d")
+    assert trust.VARIABLE not in built_in.err, "which has nothing to sign"
+
+
+def test_a_profile_is_signed_and_loaded_from_its_folder_only(
+    tmp_path: Path, user: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with chdir(user):
+        profile = Profile.of("twin", Spec(driver="mine.py:Mine"))
+    profile.write(tmp_path / "twin.json")
+    monkeypatch.chdir(tmp_path)
+    read = Profile.read("twin.json")
+    assert read.spec().driver == f"{user}/mine.py:Mine"
+    signed = {**read.driven, "driver": "mine.py:run"}
+    with pytest.raises(
+        FreneticError, match=f"not trusted: if you do, go to where it was as that says, {user}, and"
+    ):
+        Profile(name="twin", driven=signed).spec()
+    assert Profile(name="twin", driven={**read.driven, "signed": None}).digest() == read.digest()
+
+
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Of a user who has run nothing yet."""
+    monkeypatch.setenv(trust.VARIABLE, str(tmp_path / "home"))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path / "home"
+
+
+# Signatures, the list and the border
+
+CODE: Final[trust.Parts] = {"driver": ("theirs.py:Theirs", {"gain": 2.0})}
+SOURCES: Final = {"theirs.py": "import near", "near.py": "GAIN = 1"}
+
+
+def part(kind: str, name: str, **options: object) -> trust.Parts:
+    return {kind: (name, options)}
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        part("driver", "planner", aggression=1.2),
+        part("driver", "dave2"),
+        part("strategy", "frenetic", likely=True, step=None),
+        part("objective", "oob-share"),
+        part("simulator", "embedded", friction=0.5, vehicle="etk800"),
+        part(
+            "simulator", "beamng", host="pc.home.arpa", port=25252, level="tech_ground", home=None
+        ),
+        {"driver": ("stanley", {}), "simulator": ("metadrive", {"friction": 0.8})},
+        {"strategy 1": ("random", {}), "strategy 2": ("frenetic", {"likely": True})},
+    ],
+)
+def test_built_in_and_installed_parts_with_plain_options_name_no_code(parts: trust.Parts) -> None:
+    assert trust.named_code(parts) == {}
+    assert trust.require_trusted("c", parts) == Path.cwd()
+    assert trust.sign(trust.named_code(parts), ".") == ""
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("own.py:Own", "own:Own", "sub.own:Own", "net.onnx", "subprocess:run", "nowhere"),
+        *("frenetic.testing:DummyDriver", "frenetic.drivers:Planner", "model.onnx:Own"),
+    ],
+)
+@pytest.mark.parametrize("kind", ["driver", "simulator", "strategy", "objective", "generator 3"])
+def test_any_other_part_names_code_with_all_its_options(kind: str, name: str) -> None:
+    parts = part(kind, name, gain=2, mode="fast")
+    assert trust.named_code(parts) == parts
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "options"),
+    [
+        ("simulator", "beamng", {"home": "b"}),
+        ("simulator", "beamng", {"user": "b"}),
+        ("driver", "metadrive-policy", {"weights": "policy.npz"}),
+        ("strategy", "foresight", {"profile": "models/twin"}),
+        ("strategy", "foresight", {"profile": ["twin.json"]}),
+        ("driver", "planner", {"law": {"model": "net.onnx"}}),
+        ("driver", "planner", {"law": "~"}),
+        ("driver", "planner", {"law": Path("law")}),
+        ("driver", "planner", {"law": "C:\\laws"}),
+        ("generator", "wiggly:Wiggly", {"python": "/opt/python", "copy": "/opt/wiggly"}),
+    ],
+)
+def test_an_option_that_names_a_program_or_a_file_names_code(
+    kind: str, name: str, options: Mapping[str, object]
+) -> None:
+    code = trust.named_code(part(kind, name, **options, speed=3, mode="fast"))
+    expected = options if kind != "generator" else {**options, "speed": 3, "mode": "fast"}
+    assert code == {kind: (name, expected)}
+
+
+def another(**changes: object) -> dict[str, Any]:
+    """Arguments of `trust.sign`, one of which is another than those of `signed`."""
+    return {"code": CODE, "folder": "here", "sources": SOURCES, **changes}
+
+
+@pytest.mark.usefixtures("home")
+def test_a_signature_is_for_all_that_names_code_and_its_folder_and_sources() -> None:
+    signature = trust.sign(**another())
+    assert signature
+    assert trust.is_signed(signature, **another())
+    assert trust.is_signed(signature, **another(folder=Path("here").absolute()))
+    read: Any = json.loads(json.dumps(another()))
+    assert trust.is_signed(signature, **read), "as a file holds it"
+    for changes in (
+        {"code": part("driver", "theirs.py:run", gain=2.0)},
+        {"code": part("driver", "theirs.py:Theirs", gain=2.0, args=["rm"])},
+        {"code": part("driver", "theirs.py:Theirs")},
+        {"code": part("strategy", "theirs.py:Theirs", gain=2.0)},
+        {"code": {**CODE, **part("simulator", "beamng", home="/opt/b")}},
+        {"folder": "there"},
+        {"folder": None},
+        {"sources": {**SOURCES, "near.py": "GAIN = 2"}},
+        {"sources": {**SOURCES, "glob.py": ""}},
+        {"sources": None},
+        {"sources": ["near.py"]},
+    ):
+        assert not trust.is_signed(signature, **another(**changes)), changes
+    for other in (None, 7, "", "é", "\ud800", signature.upper(), signature[:-1], [signature]):
+        assert not trust.is_signed(other, **another()), other
+
+
+def test_another_user_has_another_key(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    signature = trust.sign(**another())
+    monkeypatch.setenv(trust.VARIABLE, f"{home} of another")
+    assert not trust.is_signed(signature, **another())
+    assert not Path(f"{home} of another").exists(), "who reads makes no key"
+    assert trust.sign(**another()) != signature
+    assert not trust.is_signed(signature, **another())
+
+
+def test_a_link_that_leads_elsewhere_is_another_folder(tmp_path: Path, home: Path) -> None:
+    del home
+    for name in ("mine", "theirs"):
+        Path(name).mkdir()
+    link = tmp_path / "link"
+    link.symlink_to(tmp_path / "mine")
+    signature = trust.sign(**another(folder=link))
+    assert trust.is_signed(signature, **another(folder=link))
+    link.unlink()
+    link.symlink_to(tmp_path / "theirs")
+    assert not trust.is_signed(signature, **another(folder=link))
+
+
+@pytest.mark.skipif(os.name != "posix", reason="Windows has no such modes")
+@pytest.mark.parametrize("has_links", [True, False])
+def test_the_key_is_readable_by_its_user_alone(
+    home: Path, has_links: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = os.umask(0)
+    try:
+        if not has_links:
+            monkeypatch.setattr(os, "link", refuse)
+        assert trust.sign(**another())
+        trust.allow("run.toml", CODE)
+    finally:
+        os.umask(before)
+    assert sorted(file.name for file in home.iterdir()) == ["allowed", "key"]
+    assert [file.stat().st_mode & 0o777 for file in home.iterdir()] == [0o600, 0o600]
+    assert home.stat().st_mode & 0o777 == 0o700
+
+
+def refuse(*_: object) -> None:
+    raise OSError("not on this file system")
+
+
+@pytest.mark.parametrize("has_links", [True, False])
+def test_a_process_that_is_second_takes_the_key_of_the_first(
+    home: Path, has_links: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    signatures = []
+    with monkeypatch.context() as patch:
+        if not has_links:
+            patch.setattr(os, "link", refuse)
+        random = secrets.token_hex
+
+        def token(size: int) -> str:
+            """Another process makes the key at the last moment."""
+            patch.setattr(secrets, "token_hex", random)
+            signatures.append(trust.sign(**another()))
+            return random(size)
+
+        patch.setattr(secrets, "token_hex", token)
+        signatures.append(trust.sign(**another()))
+    assert signatures == [trust.sign(**another())] * 2
+    assert [file.name for file in home.iterdir()] == ["key"]
+
+
+def test_processes_that_begin_at_once_have_one_key(home: Path) -> None:
+    code = (
+        "import sys; from frenetic import trust; print(trust.folder()); sys.stdin.read();"
+        " print(trust.sign({'driver': ('own.py:Own', {})}, '.'))"
+    )
+    pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    processes = [subprocess.Popen([sys.executable, "-c", code], **pipes) for _ in range(3)]
+    for process in processes:
+        assert process.stdout is not None
+        process.stdout.readline()  # it has imported
+    with ThreadPoolExecutor() as threads:
+        lines = {out for out, _ in threads.map(subprocess.Popen.communicate, processes)}
+    assert lines == {f"{trust.sign({'driver': ('own.py:Own', {})}, '.')}\n"}
+    assert [file.name for file in home.iterdir()] == ["key"]
+
+
+@pytest.mark.parametrize("damage", ["a file", "garbage", "too short", "a folder", "no home"])
+def test_without_a_key_all_goes_on_unsigned_and_one_line_says_what_to_do(
+    damage: str, home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if damage == "a file":
+        home.touch()
+    elif damage == "no home":
+        monkeypatch.setattr(trust, "folder", lambda: Path("~nobody-of-this-name").expanduser())
+    else:
+        home.mkdir()
+        text = {"garbage": b"\xff\x00", "too short": b"00" * 31}.get(damage)
+        (home / "key").mkdir() if text is None else (home / "key").write_bytes(text)
+    assert trust.sign(**another()) is None
+    assert not trust.is_signed("00" * 32, **another())
+    assert trust.VARIABLE in trust.unsigned_text()
+    assert "\n" not in trust.unsigned_text()
+    with pytest.raises(FreneticError, match="code that you have not trusted"):
+        trust.require_trusted("c", CODE)
+    assert trust.require_trusted("c", CODE, is_trusted=True) == Path.cwd()
+
+
+@pytest.mark.usefixtures("home")
+def test_an_allowed_file_is_asked_again_when_what_names_code_changes() -> None:
+    Path("there").mkdir()
+    assert not trust.is_allowed("run.toml", CODE)
+    assert trust.allow("run.toml", CODE)
+    assert trust.is_allowed(Path("run.toml").absolute(), CODE)
+    for other in (
+        {"path": "other.toml"},
+        {"code": part("driver", "theirs.py:run", gain=2.0)},
+        {"code": part("driver", "theirs.py:Theirs", gain=3.0)},
+        {"folder": "there"},
+    ):
+        assert not trust.is_allowed(**{"path": "run.toml", "code": CODE, **other})  # type: ignore[arg-type]
+
+
+def test_the_list_survives_garbage_and_interrupted_processes(home: Path) -> None:
+    home.mkdir()
+    (home / "allowed").write_bytes(b"\xff\n" + b"0" * 63)
+    assert trust.allow("run.toml", CODE)
+    with (home / "allowed").open("ab") as file:
+        file.write(b"\n" + b"0" * 12)  # half an entry
+    assert trust.allow("other.toml", CODE)
+    with (home / "allowed").open("ab") as file:
+        file.write(b"\x00\xff" * 2**17)
+    for name in ("run.toml", "other.toml"):
+        assert trust.is_allowed(name, CODE)
+    size = (home / "allowed").stat().st_size
+    assert trust.allow("run.toml", CODE)
+    assert (home / "allowed").stat().st_size == size, "it is there once"
+
+
+def test_the_list_holds_the_last_files_only(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(trust, "_MOST_LISTED", 10)
+    names = [f"{number}{'é' * 100}.toml" for number in range(38)]
+    for name in names:
+        assert trust.allow(name, CODE)
+    listed = [name for name in names if trust.is_allowed(name, CODE)]
+    assert listed == names[-len(listed) :]
+    assert 5 <= len(listed) <= 10
+    assert (home / "allowed").stat().st_size < 10 * 400
+
+
+def test_processes_that_allow_at_once_lose_nothing(home: Path) -> None:
+    del home
+    names = [f"{number}.toml" for number in range(40)]
+    with ThreadPoolExecutor(8) as threads:
+        assert all(threads.map(lambda name: trust.allow(name, CODE), names))
+    assert all(trust.is_allowed(name, CODE) for name in names)
+
+
+@pytest.mark.usefixtures("home")
+def test_signed_code_is_loaded_from_the_folder_of_the_signature_only(tmp_path: Path) -> None:
+    parts = {**CODE, **part("strategy", "frenetic", likely=True)}
+    signed = another(signature=trust.sign(**another(code=trust.named_code(parts))))
+    del signed["code"]
+    with pytest.raises(FreneticError, match=r"code that was in here, which is no folder now"):
+        trust.require_trusted("c", parts, **signed)
+    assert trust.require_trusted("c", parts, **signed, is_trusted=True) == tmp_path
+    Path("here").mkdir()
+    assert trust.require_trusted("c", parts, **signed) == Path("here")
+    assert trust.require_trusted("c", parts, **signed, is_trusted=True) == Path("here")
+    assert trust.require_trusted("c", parts, **signed, named=CODE) == tmp_path, "where it is named"
+    with pytest.raises(
+        FreneticError, match=r"if you do, go to where it was as that says, there, and name it"
+    ):
+        trust.require_trusted("c", parts, **{**signed, "folder": "there"})
+    Path("theirs.py").touch()
+    others: list[dict[str, object]] = [
+        {"folder": "there"},
+        {"sources": {}},
+        {"signature": "0" * 64},
+    ]
+    for changes in others:
+        with pytest.raises(
+            FreneticError, match=r"c names the driver 'theirs\.py:Theirs', code that"
+        ):
+            trust.require_trusted("c", parts, **{**signed, **changes})
+
+
+@pytest.mark.parametrize(
+    ("parts", "named", "words"),
+    [
+        (part("driver", "own.py:run", args=["rm"]), {}, "--driver 'own.py:run,args=[\"rm\"]'"),
+        (
+            part("driver", "own.py:run", args=["rm"]),
+            part("driver", "own.py:run"),
+            "--driver 'own.py:run,args=[\"rm\"]'",
+        ),
+        (
+            part("simulator", "beamng", home="/opt/b", port=25252),
+            part("simulator", "beamng", port=4),
+            "--simulator beamng,home=/opt/b",
+        ),
+        (
+            {"driver": ("own:A", {}), "strategy": ("own:B", {}), "objective": ("own:c", {})},
+            part("strategy", "own:B"),
+            "--driver own:A --objective own:c",
+        ),
+        (part("generator 2", "own:G", path="/opt/g"), {}, "--generator own:G,path=/opt/g"),
+    ],
+)
+@pytest.mark.usefixtures("home")
+def test_one_line_says_what_is_named_and_what_to_do(
+    parts: trust.Parts, named: trust.Parts, words: str
+) -> None:
+    """An option that is taken over from the file is asked for, too."""
+    kinds = [*trust.REGISTRIES, "generator"]
+    with pytest.raises(FreneticError) as refused:
+        trust.require_trusted("c", parts, named=named, made=parts, optional=kinds)
+    text = str(refused.value)
+    assert text.startswith("c names the ")
+    assert text.endswith(f"if you do, name it yourself, {words}, or add --trust")
+    with pytest.raises(FreneticError, match=r"that you have not trusted: if you do, add --trust$"):
+        trust.require_trusted("c", parts, named=named, made=parts, optional=())
+    assert trust.require_trusted("c", parts, named=named, made=named) == Path.cwd()
+    assert trust.require_trusted("c", parts, made={}) == Path.cwd()
+    assert trust.require_trusted("c", parts, named=parts) == Path.cwd()
+
+
+@pytest.mark.usefixtures("home")
+def test_a_file_of_a_person_runs_unasked_once_its_part_was_named_or_trusted() -> None:
+    def is_refused(**more: Any) -> bool:
+        try:
+            assert trust.require_trusted("run.toml", CODE, is_toml=True, **more) == Path.cwd()
+        except FreneticError:
+            return True
+        return False
+
+    for named in (
+        part("driver", "planner"),
+        part("driver", "theirs.py:run"),
+        part("driver", "theirs.py:Theirs", gain=3.0),
+    ):
+        assert not is_refused(named=named)
+        assert is_refused(), "another part was named"
+    assert is_refused(named=part("driver", "theirs.py:Theirs"), made=CODE)
+    assert not is_refused(named=CODE)
+    assert not is_refused()
+    home = trust.folder()
+    shutil.rmtree(home)
+    assert is_refused()
+    assert not is_refused(is_trusted=True)
+    assert not is_refused()
+    with pytest.raises(FreneticError):
+        trust.require_trusted("run.toml", CODE)  # which is no TOML
+
+
+@pytest.mark.usefixtures("home")
+def test_a_signature_outlives_an_edit_of_the_code_that_it_names() -> None:
+    """A digest of a file would not bind what it imports; the folder is the user's own."""
+    Path("here").mkdir()
+    signature = trust.sign(**another())
+    Path("here", "theirs.py").write_text("GAIN = 3")
+    assert trust.is_signed(signature, **another())

@@ -1,0 +1,310 @@
+"""Two versions of a part are told apart, whatever of it was changed."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from user_modules import own_modules
+
+from frenetic.drivers import Planner
+from frenetic.drivers.loading import load_driver
+from frenetic.parts.registry import DRIVERS, arguments_of
+from frenetic.parts.versions import differences, short_version, sources_named, version_of
+from frenetic.search import Frenetic
+from frenetic.simulators import EmbeddedSimulator, Rules
+from frenetic.spec.part_record import describe, sources_of
+
+DRIVER = """
+from frenetic.drivers.driver import Controls
+import gains
+from parts import lookahead
+from folder.deep import law
+
+class Mpc:
+    def __init__(self, comfort=2.0, model=None, **more):
+        self._comfort = comfort
+    def reset(self, setup):
+        import lazy
+    def act(self, observation):
+        return Controls(0.0)
+"""
+FILES = {
+    "mpc.py": DRIVER,
+    "gains.py": "GAIN = 1.0\n",
+    "lazy.py": "import json\n",
+    "parts/__init__.py": "",
+    "parts/lookahead.py": "from . import inner\n",
+    "parts/inner.py": "NEAR = 3\n",
+    "parts/mpc.py": f"from . import inner\n{DRIVER}",
+    "folder/deep/law.py": "LAW = 1\n",
+    "folder/mpc.py": f"from .deep.law import LAW\n{DRIVER}",
+    "unused.py": "NOTHING = 0\n",
+}
+MAIN = {"mpc.py", "parts/mpc.py", "folder/mpc.py"}
+UNUSED = {
+    "mpc.py:Mpc": {"unused.py", *MAIN} - {"mpc.py"},
+    "mpc:Mpc": {"unused.py", *MAIN} - {"mpc.py"},
+    "parts.mpc:Mpc": {"unused.py", *MAIN} - {"parts/mpc.py"},
+    "folder.mpc:Mpc": {"unused.py", *MAIN} - {"folder/mpc.py"},
+}
+"""A driver in a file, a module, a package and a folder -> the files that it does not use."""
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with drivers and the modules that they import."""
+    write(tmp_path, FILES)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def write(folder: Path, files: Mapping[str, str]) -> None:
+    for name, content in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(content.encode())
+
+
+def made(spec: str = "mpc.py:Mpc", **options: Any) -> dict[str, Any]:
+    """The description of a driver that is loaded anew."""
+    with own_modules():
+        return describe(DRIVERS.make(spec, **options), DRIVERS.made(spec, options, {}))
+
+
+@pytest.mark.parametrize("spec", UNUSED)
+def test_the_sources_are_its_file_and_the_local_ones_that_it_imports(
+    place: Path, spec: str
+) -> None:
+    used = {name: text for name, text in FILES.items() if name not in UNUSED[spec]}
+    assert sources_named(spec) == used
+    with own_modules():
+        driver = load_driver(spec, delay=0.1)
+        assert sources_of(driver) == used
+    assert made(spec) == made(spec)
+
+
+@pytest.mark.parametrize("spec", UNUSED)
+def test_an_edit_of_these_makes_another_version(place: Path, spec: str) -> None:
+    for name in FILES:
+        before = made(spec)
+        write(place, {name: FILES[name] + "# a comment\n"})
+        after = made(spec)
+        old, new = short_version(before), short_version(after)
+        told = () if name in UNUSED[spec] else (f"driver Mpc: it is {new}, it was {old}",)
+        assert differences("driver", before, after) == told
+        assert old.startswith("source ")
+        assert new.startswith("source ")
+
+
+@pytest.mark.parametrize("spec", ["{}/mpc.py:Mpc", "mpc:Mpc", "parts.mpc:Mpc", "folder.mpc:Mpc"])
+def test_it_is_the_same_elsewhere_and_with_other_ends_of_lines(
+    place: Path, monkeypatch: pytest.MonkeyPatch, spec: str
+) -> None:
+    before = made(spec.format(place))
+    other = place.parent / f"{place.name} elsewhere"
+    write(other, {name: text.replace("\n", "\r\n") for name, text in FILES.items()})
+    monkeypatch.chdir(other)
+    assert made(spec.format(other)) == before
+
+
+def test_arguments_are_recorded_with_their_defaults(place: Path) -> None:
+    assert made()["options"] == {"comfort": 2.0, "model": None}
+    other = made(comfort=3.0, horizon=9)
+    assert other["options"] == {"comfort": 3.0, "model": None, "horizon": 9}
+    assert differences("driver", made(), other) == (
+        "driver Mpc: comfort is 3.0, it was 2.0",
+        "driver Mpc: horizon is 9, it was null",
+    )
+
+
+def test_a_file_that_is_an_argument_counts_with_its_content(place: Path) -> None:
+    model = place / "net.onnx"
+    versions = []
+    for content in (b"1" * 3_000_000, b"1" * 2_999_999 + b"2"):
+        model.write_bytes(content)
+        versions.append(short_version(made(model="net.onnx")))
+        assert short_version(made(model=model)) == versions[-1]
+    model.unlink()
+    versions.append(short_version(made(model="net.onnx")))
+    assert len(set(versions)) == 3
+    assert ", files " in versions[0]
+    assert versions[2] == short_version(made())
+
+
+def test_what_an_argument_is_made_of_counts_too(place: Path) -> None:
+    def version() -> str:
+        with own_modules():
+            law = DRIVERS.make("unused.py:Law")
+            return short_version(made(model=law))
+
+    law = "class Law:\n    def reset(self, setup): pass\n    def act(self, o): return {}\n"
+    write(place, {"unused.py": law.format(0)})
+    before = version()
+    write(place, {"unused.py": law.format(1)})
+    assert before != version()
+
+
+@pytest.mark.parametrize("tags_of", [frozenset, lambda names: {"all": [set(names)]}])
+def test_a_set_is_described_alike_in_every_process(
+    tags_of: Callable[[Iterable[str]], object],
+) -> None:
+    @dataclass
+    class Tagged:
+        tags: object
+
+    tags = describe(Tagged(tags_of("cab")))["options"]
+    assert tags in ({"tags": ["a", "b", "c"]}, {"tags": {"all": [["a", "b", "c"]]}})
+
+
+def test_arguments_of_an_object_are_those_that_it_keeps() -> None:
+    class Keeps:
+        def __init__(self, gain: float, *, rate: float = 2.0, lost: int = 0) -> None:
+            self.gain, self._rate = gain, rate
+
+    assert arguments_of(Keeps(1.5)) == {"gain": 1.5, "rate": 2.0}
+    assert describe(Keeps(1.5))["options"] == {"gain": 1.5, "rate": 2.0}
+    assert describe(EmbeddedSimulator(rules=Rules(speed_limit=50.0)))["options"].keys() == {  # type: ignore[union-attr]
+        "vehicle",
+        "wall_limit",
+    }
+
+
+def test_objects_that_are_arguments_are_told_apart(place: Path) -> None:
+    class Holder:
+        def __init__(self, gain: float) -> None:
+            self.gain = gain
+
+    def described(*values: object) -> list[Any]:
+        return [made(x=value)["options"]["x"] for value in values]
+
+    one, same, other = described(Holder(1.0), Holder(1.0), Holder(2.0))
+    assert one == same != other
+    weights = np.arange(5000.0)
+    one, same, other = described(weights, weights.copy(), np.where(weights == 2000, 0, weights))
+    assert one == same != other
+    assert described(made) == [f"{__name__}:made"]
+
+
+def test_layers_and_built_in_parts_have_declared_versions(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = describe(load_driver("planner", delay=0.1))
+    assert (short_version(before), sources_of(Planner())) == ("version 1", {})
+    monkeypatch.setattr(Planner, "BEHAVIOUR", 2)
+    assert differences("driver", before, describe(load_driver("planner", delay=0.2))) == (
+        "driver Delayed: seconds is 0.2, it was 0.1",
+        "driver planner: it is version 2, it was version 1",
+    )
+    assert differences("driver", before, describe(load_driver("stanley"))) == (
+        "driver is stanley, it was Delayed",
+    )
+
+
+def test_a_class_of_ones_own_over_a_built_in_one_has_both() -> None:
+    class Mine(Frenetic):
+        pass
+
+    version = version_of(Mine(seed=1))
+    assert version.text.startswith("source ")
+    assert version.text.endswith(f", Frenetic version {Frenetic.BEHAVIOUR}")
+    assert f"{Path(__file__).name}" in version.sources
+
+
+def test_an_installed_part_has_the_version_of_its_distribution(
+    place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    site = place / "lib" / "site-packages"
+    info = site / "my_drivers-1.2.dist-info"
+    write(
+        site,
+        {
+            "fast/__init__.py": "",
+            "fast/mpc.py": DRIVER.replace("import gains", "").replace("from ", "# "),
+            f"{info.name}/METADATA": "Name: my-drivers\nVersion: 1.2\n",
+            f"{info.name}/top_level.txt": "fast\n",
+            f"{info.name}/RECORD": "fast/__init__.py,,\n",
+        },
+    )
+    monkeypatch.syspath_prepend(str(site))
+    assert short_version(made("fast.mpc:Mpc")) == "my-drivers 1.2"
+    assert sources_named("fast.mpc:Mpc") == {}
+
+
+NOTEBOOK = """
+import linecache
+source = '''
+class Cell:
+    def reset(self, setup): pass
+    def act(self, observation): return 1
+'''
+for text in (source, source, source.replace("return 1", "return 2")):
+    linecache.cache["<cell>"] = len(text), None, text.splitlines(True), "<cell>"
+    exec(compile(text, "<cell>", "exec"))
+    import __main__
+    __main__.__file__ = "<cell>"
+    from frenetic.parts.versions import version_of
+    print(version_of(Cell()).text)
+linecache.clearcache()
+del __main__.__file__
+print(version_of(Cell()).text)
+"""
+
+
+def test_a_class_of_a_notebook_counts_with_its_source(place: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", NOTEBOOK], cwd=place, capture_output=True, text=True, check=True
+    )
+    first, again, other, without = done.stdout.splitlines()
+    assert first == again != other
+    assert other.startswith("source ")
+    assert without.startswith("unknown (")
+
+
+class Angry:
+    """Raises wherever it can."""
+
+    options = property(lambda self: 1 / 0)
+
+    def __init__(self, gain: float = 1.0) -> None:
+        pass
+
+    def __getattribute__(self, name: str) -> Any:
+        if name in ("gain", "_gain"):
+            raise RuntimeError(name)
+        return object.__getattribute__(self, name)
+
+    def __repr__(self) -> str:
+        raise RuntimeError("repr")
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("gains.py", None),
+        ("lazy.py", b"\xff\x00 = ("),
+        ("lazy.py", b"(" * 5000),
+        ("mpc.py", b"("),
+    ],
+)
+def test_taking_one_never_raises(place: Path, name: str, content: bytes | None) -> None:
+    with own_modules():
+        driver = DRIVERS.make("mpc.py:Mpc")
+        if content is None:
+            (place / name).unlink()
+        else:
+            (place / name).write_bytes(content)
+        assert describe(driver)["class"] == "mpc.py:Mpc"
+        assert describe(driver)["version"]
+
+
+@pytest.mark.parametrize(
+    "value", [Angry(), "\x00", "a" * 100_000, Path(os.devnull), [[[[]]]], {1: {2: 3}}]
+)
+def test_no_argument_is_too_odd(place: Path, value: object) -> None:
+    assert made(x=value)["class"] == "mpc.py:Mpc"
+    assert describe(Angry())["class"] == f"{__name__}:Angry"

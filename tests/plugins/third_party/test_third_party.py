@@ -1,0 +1,135 @@
+"""Real drivers off the shelf: the contract, and roads on which a fault of the glue shows."""
+
+from __future__ import annotations
+
+import math
+import sys
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+import pytest
+
+from frenetic import Controls, Driver, DriveSetup, EmbeddedSimulator, Observation, Rules
+from frenetic.errors import FreneticError
+from frenetic.parts.registry import DRIVERS
+from frenetic.plugins.third_party.vehicles import FissCar, HighwayEnvCar, OpendbcCar, OwnCar, RoxCar
+from frenetic.simulators import Simulator
+from frenetic.testing import TrackerContract
+from frenetic.testing.tracker_contract import ROADS
+
+MODULES = {
+    "highway-env": "highway_env",
+    "opendbc": "opendbc",
+    "rox-control": "rox_control",
+    "fiss-planner": "fiss_planner",
+}
+"""Driver, and so extra -> module of its package."""
+CARS: dict[str, type[OwnCar]] = {
+    "highway-env": HighwayEnvCar,
+    "opendbc": OpendbcCar,
+    "rox-control": RoxCar,
+    "fiss-planner": FissCar,
+}
+KEEPS = {
+    "highway-env": 0.2,
+    "opendbc": 0.15,
+    "rox-control": 0.1,
+    "fiss-planner": 0.1,
+}
+"""Distance from the lane's centre that it keeps on all these roads, in m."""
+
+
+def among(names: Any) -> list[Any]:
+    """The drivers as parameters, skipped where their package is not installed."""
+    return [
+        pytest.param(
+            name,
+            marks=pytest.mark.skipif(
+                find_spec(MODULES[name]) is None, reason=f"{name} is not installed"
+            ),
+        )
+        for name in names
+    ]
+
+
+class TestContract(TrackerContract):
+    """In its own package's car."""
+
+    @pytest.fixture(autouse=True, params=among(MODULES))
+    def _named(self, request: pytest.FixtureRequest) -> None:
+        self.name = request.param
+        self.keeps = KEEPS[self.name]
+
+    def make(self) -> Driver:
+        driver: Driver = DRIVERS.make(self.name)
+        return driver
+
+    def simulator(self) -> Simulator:
+        return CARS[self.name](rules=Rules(speed_limit=36.0))
+
+
+@pytest.mark.parametrize("name", among(MODULES))
+def test_it_slows_down_for_bends_as_far_as_it_is_told(name: str) -> None:
+    """On a circle of 50 m, the option `lateral` says how fast; 100 leaves the speed limit."""
+    fastest = {}
+    for lateral in (1.0, 100.0):
+        driver = DRIVERS.make(name, lateral=lateral)
+        simulator = EmbeddedSimulator(rules=Rules(speed_limit=32.0), steering_lag=0.03)
+        drive = simulator.drive(ROADS["left-hand circle"], driver)
+        assert drive.trouble is None, drive.trouble
+        fastest[lateral] = drive.trajectory.speed[-1]
+    assert fastest[1.0] == pytest.approx(math.sqrt(1.0 * 52.0), abs=0.5)
+    assert fastest[100.0] == pytest.approx(32.0 / 3.6, abs=0.4)
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_without_its_package_it_says_what_to_install(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in [m for m in sys.modules if m.partition(".")[0] == MODULES[name]]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, MODULES[name], None)
+    with pytest.raises(FreneticError, match=rf"{name} needs the package .*\[{name}\]"):
+        DRIVERS.make(name)
+
+
+class Steady:
+    """Keeps the wheels and the speed."""
+
+    def __init__(self, steering: float) -> None:
+        self.steering = steering
+
+    def reset(self, setup: DriveSetup) -> None:
+        self.setup = setup
+
+    def act(self, observation: Observation) -> Controls:
+        wanted = 2.0 * (8.0 - observation.speed)
+        return Controls.from_acceleration(
+            wanted, self.steering, speed=observation.speed, setup=self.setup
+        )
+
+
+@pytest.mark.parametrize("name", among(CARS))
+def test_the_packages_cars_turn_as_their_wheels_say(name: str) -> None:
+    """A kinematic car turns by speed / wheelbase times the tangent of the wheels' angle."""
+    simulator = CARS[name](rules=Rules(timeout_base=8.0, timeout_speed=1e3))
+    path = simulator.drive(ROADS["straight"], Steady(0.01)).trajectory
+    setup = simulator.setup(ROADS["straight"])
+    expected = path.speed[-1] * math.tan(0.01) / setup.wheelbase
+    assert path.speed[-1] == pytest.approx(8.0, abs=0.1)
+    # opendbc's car has tyres, by which it understeers: at 8 m/s it turns 6 % less.
+    assert path.yaw_rate[-1] == pytest.approx(expected, rel=0.1 if name == "opendbc" else 0.01)
+    assert np.diff(path.heading)[-1] == pytest.approx(path.yaw_rate[-1] * 0.05, rel=0.02)
+    moved = math.hypot(np.diff(path.x)[-1], np.diff(path.y)[-1])
+    assert moved == pytest.approx(
+        math.hypot(path.speed[-1], path.lateral_speed[-1]) * 0.05, rel=0.01
+    )
+
+
+@pytest.mark.parametrize("name", among(CARS))
+def test_a_lag_delays_the_wheels_of_the_packages_cars(name: str) -> None:
+    simulator = CARS[name](rules=Rules(timeout_base=0.5, timeout_speed=1e3), steering_lag=0.2)
+    path = simulator.drive(ROADS["straight"], Steady(0.02)).trajectory
+    assert path.steering[4] == pytest.approx(0.02 * (1.0 - math.exp(-1.0)), rel=0.02)
+    assert simulator.setup(ROADS["straight"]).steering_lag == 0.2

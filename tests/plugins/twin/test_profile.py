@@ -1,0 +1,144 @@
+"""Profiles: written and read, refused where they are wrong, and driven with by `--as`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from frenetic import EmbeddedSimulator, Road, Rules, Stanley, Vehicle
+from frenetic._support.files import MAX_BYTES
+from frenetic.campaign import RoadTester
+from frenetic.cli.entries import Given
+from frenetic.drivers import Delayed
+from frenetic.errors import FreneticError
+from frenetic.plugins.twin.profile import Profile
+from frenetic.spec import Spec
+
+if TYPE_CHECKING:
+    from command_line import Frenetic
+
+pytest_plugins = ["command_line"]
+
+TWIN = Profile.of(
+    "twin",
+    Spec(
+        driver="stanley,aggression=1.2",
+        conditions={"delay": 0.05},
+        simulator='embedded,vehicle={"name":"metadrive","mass":1300.0}',
+        speed_limit=80.0,
+        oob_tolerance=0.85,
+        map_size=210.0,
+        lane_width=4.5,
+    ),
+)
+ROAD = [0.0, 0.01, 0.03, 0.05, 0.02, -0.02, -0.04, -0.01, 0.0]
+
+
+def changed(path: Path, driven: dict[str, Any], **entries: Any) -> Path:
+    """The file of `TWIN` with other entries, also in how it drives; None for no such entry."""
+    TWIN.write(path)
+    document = json.loads(path.read_text(encoding="utf-8")) | entries
+    known = document["driven"] | driven
+    document["driven"] = {name: value for name, value in known.items() if value is not None}
+    path.write_text(json.dumps(document), encoding="utf-8")
+    return path
+
+
+def test_it_is_read_as_written_and_drives_as_its_parts_made_by_hand(tmp_path: Path) -> None:
+    TWIN.write(tmp_path / "new" / "twin.json")
+    read = Profile.read(tmp_path / "new" / "twin.json")
+    assert read == TWIN
+    tester = RoadTester.of(read.spec())
+    by_hand = EmbeddedSimulator(
+        vehicle=Vehicle.of({"name": "metadrive", "mass": 1300.0}),
+        rules=Rules(speed_limit=80.0, oob_tolerance=0.85, road_limits="ignored"),
+    )
+    road = Road(ROAD, lane_width=4.5)
+    drive = tester.drive(road)
+    expected = by_hand.drive(road, Delayed(Stanley(aggression=1.2), seconds=0.05))
+    assert (drive.trajectory.to_rows() == expected.trajectory.to_rows()).all()
+    assert drive.rules == expected.rules
+
+
+@pytest.mark.parametrize(
+    ("driven", "entries", "message"),
+    [
+        ({"driver": None}, {}, r"it has no driver"),
+        ({"driver": 3}, {}, r"driver is 3: a text is needed"),
+        ({}, {"versoin": 1}, r"unknown field `versoin`"),
+        ({}, {"version": 99}, r"at `\$.version`"),
+        ({"haze": 0.1}, {}, r"there is no entry .haze."),
+        ({"with": {"haze": 0.1}}, {}, r"unknown quantity 'haze'"),
+        ({"roads": "urban-51"}, {}, r"there is no road class 'urban-51'"),
+        ({"speed_limit": 0.0}, {}, r"speed_limit is 0.0: a number > 0 is needed"),
+    ],
+)
+def test_what_is_wrong_in_a_profile_is_named(
+    tmp_path: Path, driven: dict[str, Any], entries: dict[str, Any], message: str
+) -> None:
+    path = changed(tmp_path / "twin.json", driven, **entries)
+    with pytest.raises(FreneticError, match=message) as caught:
+        Profile.read(path)
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize("content", [b"", b"[]", b"\xff\xfe", b"[" * 10**5, b" " * (MAX_BYTES + 1)])
+def test_what_is_no_profile_is_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "twin.json"
+    path.write_bytes(content)
+    with pytest.raises(FreneticError, match=r"does not say how roads are driven|too large"):
+        Profile.read(path)
+
+
+def test_given_options_lie_over_those_of_the_profile(tmp_path: Path) -> None:
+    TWIN.write(tmp_path / "twin.json")
+    campaign = Spec(conditions={"noise": 0.2}, map_size=300.0, lane_width=5.0)
+
+    def over(has_roads: bool = True, **entries: Any) -> Spec:
+        given = Given(Spec(**entries), tmp_path / "twin.json")
+        return given.over(campaign, has_roads=has_roads)
+
+    spec = over(driver="braking=3.0", speed_limit=60.0)
+    assert spec.driver == "stanley,aggression=1.2,braking=3.0"
+    assert spec.conditions == {"delay": 0.05}
+    assert (spec.rules.speed_limit, spec.rules.oob_tolerance) == (60.0, 0.85)
+    # The roads are the campaign's.
+    assert (spec.map_size, spec.lane_width) == (300.0, 5.0)
+    anew = over(has_roads=False)
+    assert (anew.map_size, anew.lane_width) == (210.0, 4.5)
+    assert over(driver="planner").driver == "planner"
+    assert over(driver="stanley").driver == TWIN.spec().driver
+
+
+def test_a_profile_loads_nobodys_code_unasked(tmp_path: Path) -> None:
+    path = changed(tmp_path / "twin.json", {"driver": "elsewhere.py:Bold,aggression=1.2"})
+    with pytest.raises(FreneticError, match=r"'elsewhere\.py:Bold', code that you have not trust"):
+        Profile.read(path).spec()
+
+
+def test_commands_drive_with_a_profile_and_its_campaign_keeps_what_it_says(
+    frenetic: Frenetic,
+) -> None:
+    TWIN.write(Path("twin.json"))
+    budget = ("--failures", "1", "--seed", "1", "--workers", "1", "--out", "c")
+    assert frenetic("run", "--as", "twin.json", *budget).code == 0
+    Path("twin.json").rename("moved.json")  # the record holds all of it
+    (road,) = Path("c/failures").glob("test-*.json")
+    recorded = json.loads(road.read_text(encoding="utf-8"))
+    assert recorded["lane_width"] == 4.5
+    again = frenetic("drive", str(road), "--json").json
+    assert again["moobd"] == recorded["moobd"]
+    assert again["driver"]["options"]["aggression"] == 1.2
+    assert again["conditions"] == {"delay": 0.05}
+    assert again["simulator"]["options"]["vehicle"]["mass"] == 1300.0
+    again = frenetic("rerun", "c", "--as", "moved.json", "--driver", "aggression=1.1", "--json")
+    assert "'aggression': 1.1" in str(again.json)
+    assert frenetic("rerun", "c", "--as", "twin.json").refuses("there is no file twin.json")
+    # A failing road's file says it, too.
+    as_road = ("--as", str(road), "--simulations", "2", "--seed", "1", "--workers", "1")
+    assert frenetic("run", *as_road, "--out", "r", "--json").json["simulations"] == 2
+    shown = frenetic("show", "r", "--json").json["config"]
+    assert (shown["lane_width"], shown["spec"]["driver"]) == (4.5, "stanley,aggression=1.2")

@@ -1,0 +1,265 @@
+"""Back-to-back testing: what two versions of a driver drive, and what is said about them."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pids import LIMIT
+from repeats import Counting, driven_in, failures_in, recorded
+
+from frenetic.campaign import Budget, Campaign, Event, RoadTester
+from frenetic.drivers import Planner
+from frenetic.errors import CampaignError
+from frenetic.oracle.outcome import Outcome
+from frenetic.rerun.back_to_back import (
+    BackToBack,
+    Pair,
+    PairedRoads,
+    back_to_back,
+    compare_versions,
+    fresh_roads,
+)
+from frenetic.rerun.stability import Change
+from frenetic.search import Frenetic
+from frenetic.simulators import EmbeddedSimulator, Simulator
+
+pytest_plugins = ["searched_campaign"]
+
+FRESH = 12
+CALMER = Planner(aggression=0.9)
+
+
+def compared(folder: Path, simulator: Simulator | None = None, **how: Any) -> BackToBack:
+    """The planner beside a calmer one, unless another version is given."""
+    new = how.pop("new", CALMER)
+    simulator = simulator or EmbeddedSimulator()
+    return back_to_back(folder, simulator, Planner(), new, **{"fresh": FRESH, **how})
+
+
+@pytest.fixture(scope="module")
+def found(searched_campaign: Path, tmp_path_factory: pytest.TempPathFactory) -> BackToBack:
+    """What comes of it in one process, unbroken; nothing in its folders may be changed."""
+    return compared(Path(shutil.copytree(searched_campaign, tmp_path_factory.mktemp("v") / "c")))
+
+
+def driven_by(found: BackToBack) -> list[Any]:
+    """All that was driven, set by set."""
+    return [
+        [(old.id, old.result, new.result) for old, new in roads.pairs]
+        for roads in (found.fresh, found.known)
+    ]
+
+
+# What is driven
+
+
+def test_both_versions_drive_fresh_random_roads_and_the_failing_ones(
+    found: BackToBack, searched_campaign: Path
+) -> None:
+    own = {pair.old.id: pair.old.moobd for pair in found.known.pairs}
+    assert own == {test.id: test.moobd for test in failures_in(searched_campaign)}
+    assert found.known.failing[0] == len(found.known.pairs)
+    drawn = driven_in(found.fresh.folder)
+    assert len(drawn) == len(found.fresh.pairs) == FRESH
+    assert (found.seed, {test.candidate.origin.operator for test in drawn}) == (0, {"random"})
+    chosen = {test.candidate.curvatures.tobytes() for test in driven_in(searched_campaign)}
+    assert not chosen & {test.candidate.curvatures.tobytes() for test in drawn}
+    alone = EmbeddedSimulator()
+    for pair in found.known.pairs:
+        assert pair.new.drive is not None
+        again = alone.drive(pair.old.road, CALMER)
+        assert len(again.trajectory) == len(pair.new.drive.trajectory)
+
+
+def test_what_is_stored_is_not_driven_again(found: BackToBack, campaign: Path) -> None:
+    simulator = Counting()
+    one = compared(campaign, simulator)
+    known = len(one.known.pairs)
+    assert simulator.driven == 2 * FRESH + known
+    assert compared(campaign, simulator).as_json() == one.as_json()
+    assert simulator.driven == 2 * FRESH + known
+    more = compared(campaign, simulator, fresh=FRESH + 5)
+    assert simulator.driven == 2 * FRESH + known + 5 + FRESH + 5, "old drove the others before"
+    assert compared(campaign, simulator).as_json() == one.as_json(), "of more roads"
+    assert driven_by(more)[0][:FRESH] == driven_by(one)[0] == driven_by(found)[0]
+
+
+def test_fresh_roads_are_not_those_of_the_campaign(tmp_path: Path) -> None:
+    tester, budget = RoadTester(EmbeddedSimulator(), Planner()), Budget(simulations=1)
+    parts: Any = {"simulator": tester.simulator, "driver": tester.driver}
+    Campaign(strategy=Frenetic(seed=0), budget=budget, folder=tmp_path, **parts).run()
+    assert fresh_roads(tmp_path, tester, fresh=1).seed == 1
+
+
+def test_ctrl_c_loses_nothing(found: BackToBack, campaign: Path) -> None:
+    def interrupted(at: int | None) -> Callable[[Event], None]:
+        before = done = 0
+
+        def watch(event: Event) -> None:
+            nonlocal before, done
+            if event.kind == "started":
+                before, done = before + done, event.summary.simulations
+            elif event.kind == "result":
+                is_another, done = event.summary.simulations > done, event.summary.simulations
+                if is_another and before + done == at:
+                    signal.raise_signal(signal.SIGINT)
+
+        return watch
+
+    known = len(found.known.pairs)
+    for at in (7, None):
+        on_event = interrupted(at)
+        tester = RoadTester(EmbeddedSimulator(), Planner())
+        roads = fresh_roads(campaign, tester, fresh=FRESH, on_event=on_event)
+        assert len(roads.tests) == (at or FRESH)
+    for at in (FRESH - 1, FRESH + 1, None):
+        tester = RoadTester(EmbeddedSimulator(), CALMER)
+        new = compare_versions(roads, tester, on_event=interrupted(at))
+        assert (new.missing > 0) is (at is not None)
+    assert new.missing == 0 < known
+    assert driven_by(new) == driven_by(found)
+    assert new.answer == found.answer
+
+
+def test_a_version_is_not_compared_with_itself(campaign: Path) -> None:
+    with pytest.raises(CampaignError, match="both versions are the same, planner"):
+        compared(campaign, new=Planner())
+
+
+HELPER = """
+import os
+
+VERSION = {version}
+with open({log!r}, "a") as file:
+    file.write(f"{{os.getpid()}} {{VERSION}}\\n")
+"""
+DRIVER = """
+import helper
+from frenetic import Planner
+
+class Mine(Planner):
+    def __init__(self):
+        super().__init__(aggression=1.0 / helper.VERSION)
+
+    def reset(self, setup):
+        super().reset(setup)
+        assert helper.VERSION == {version}
+"""
+
+
+def test_two_versions_of_a_helper_never_meet_in_one_process(tmp_path: Path) -> None:
+    log = tmp_path / "imported"
+    for version in (1, 2):
+        folder = tmp_path / f"v{version}"
+        folder.mkdir()
+        (folder / "helper.py").write_text(HELPER.format(version=version, log=str(log)))
+        (folder / "driver.py").write_text(DRIVER.format(version=version))
+
+    def frenetic(*words: str) -> str:
+        log.write_text("")
+        command = [sys.executable, "-m", "frenetic", *words]
+        done = subprocess.run(
+            command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=LIMIT
+        )
+        assert done.returncode in (0, 1, 3), done.stderr
+        return done.stdout
+
+    search = ("--strategy", "random", "--simulations", "4", "--seed", "3", "--workers", "1")
+    frenetic("run", "--driver", "v1/driver.py:Mine", *search, "--out", "c")
+    compare = ("compare", "c", "--driver", "v2/driver.py:Mine", "--fresh", "4", "--json")
+    found = json.loads(frenetic(*compare))
+    imported = [line.split() for line in log.read_text().splitlines()]
+    assert {version for _, version in imported} == {"1", "2"}
+    assert len({process for process, _ in imported}) == len(imported)
+    assert found["fresh"]["judged"] == 4
+    for place in tmp_path.glob("c/again/*"):
+        for test in driven_in(place):
+            assert test.result.fault is None, test.reason
+
+
+# What is said
+
+
+PASS, FAIL, ERROR = Outcome.PASS, Outcome.FAIL, Outcome.ERROR
+NONE = PairedRoads(Path("known"), ())
+
+
+def paired(*counts: tuple[int, Outcome, Outcome], slower: float = 1.0) -> PairedRoads:
+    """Made-up pairs: how many with which outcomes of old and new."""
+    pairs: list[Pair] = []
+    for number, *outcomes in counts:
+        old, new = (
+            recorded(outcome, None, id=len(pairs) + 1, duration=duration, reason="boom")
+            for outcome, duration in zip(outcomes, (10.0, 10.0 * slower), strict=True)
+        )
+        pairs += [Pair(old, new)] * number
+    return PairedRoads(Path("fresh"), tuple(pairs))
+
+
+def result(fresh: PairedRoads, known: PairedRoads = NONE) -> BackToBack:
+    return BackToBack({"class": "a:Old"}, {"class": "a:New"}, {"class": "s:S"}, 0, fresh, known)
+
+
+def test_the_answer_says_who_is_better_by_how_much() -> None:
+    better = result(paired((21, FAIL, PASS), (2, PASS, FAIL), (10, FAIL, FAIL), (167, PASS, PASS)))
+    assert better.answer == (
+        "new is better: of 200 fresh roads, it fails on 12, old on 31 (difference -9.5 points,"
+        " 95 % interval -14.6 to -5.0)"
+    )
+    worse = result(paired((2, FAIL, PASS), (21, PASS, FAIL), (10, FAIL, FAIL), (167, PASS, PASS)))
+    assert worse.answer.startswith("new is worse: of 200 fresh roads, it fails on 31, old on 12")
+    level = result(paired((5, FAIL, PASS), (4, PASS, FAIL), (191, PASS, PASS)))
+    assert level.answer.startswith(
+        "no difference shown: of 200 fresh roads, new fails on 4, old on"
+    )
+    assert "fresh roads, 800," in level.notes[-1]
+    assert [level.fresh.changes[one] for one in Change] == [0, 5, 4, 191, 0]
+
+
+def test_the_verdict_rests_on_the_fresh_roads() -> None:
+    found = result(paired((200, PASS, PASS)), paired((50, FAIL, PASS)))
+    assert found.answer.startswith("no difference shown: of 200 fresh roads, new fails on 0, old")
+    assert "rests on the fresh roads" in found.notes[0]
+
+
+def test_better_by_crawling_is_said() -> None:
+    pairs = (30, FAIL, PASS), (170, PASS, PASS)
+    assert result(paired(*pairs, slower=1.5)).answer.startswith("new is better but 50 % slower: ")
+    for slower in (1.0, 1.001, 0.9):
+        assert result(paired(*pairs, slower=slower)).answer.startswith("new is better: ")
+    assert result(paired((9, FAIL, FAIL), (9, FAIL, PASS), slower=2.0)).time_difference is None
+    few = result(paired((5, PASS, PASS), slower=2.0))
+    assert few.as_json()["time_difference"] == {"value": 1.0, "low": None, "high": None}
+
+
+def test_drives_that_broke_cannot_win() -> None:
+    # Without them new is better; but what it does where it breaks nobody knows.
+    found = result(paired((30, FAIL, PASS), (40, PASS, ERROR), (130, PASS, PASS)))
+    assert found.difference is not None
+    assert found.difference.sign == -1
+    assert found.verdict == "cannot tell"
+    assert "the simulator broke decide" in found.answer
+    assert any(
+        "the simulator broke in 40 drives with new" in note and "boom" in note
+        for note in found.notes
+    )
+    harmless = result(paired((60, FAIL, PASS), (2, PASS, ERROR), (138, PASS, PASS)))
+    assert harmless.verdict == "new is better"
+    for one, other in ((ERROR, PASS), (PASS, ERROR)):
+        assert paired((1, one, other)).changes[Change.NOT_JUDGED] == 1
+    nothing = result(paired((3, PASS, ERROR)))
+    assert nothing.answer == "cannot tell which is better: no fresh road was judged with both"
+
+
+def test_it_is_said_what_each_version_does_wrong_and_on_how_many_roads(found: BackToBack) -> None:
+    old, new = (sum(roads) for roads in zip(*found.causes.values(), strict=True))
+    failing = zip(found.fresh.failing, found.known.failing, strict=True)
+    assert [old, new] == [sum(numbers) for numbers in failing]

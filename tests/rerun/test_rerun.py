@@ -1,0 +1,449 @@
+"""Driving a campaign's roads again: the same drives, whoever drives, whatever breaks on the way."""
+
+from __future__ import annotations
+
+import json
+import signal
+import sqlite3
+from collections.abc import Callable, Sequence
+from contextlib import closing, suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from events import on_result
+from repeats import Counting, driven_in, failures_in, recorded
+
+from frenetic.analysis.failures import Failure
+from frenetic.analysis.segments import segment_of
+from frenetic.campaign import Budget, Campaign, CampaignStore, Event, RoadTester, Summary, Test
+from frenetic.campaign.check import check_campaign
+from frenetic.campaign.store import DATABASE
+from frenetic.drivers import Driver, Planner
+from frenetic.errors import CampaignError, FreneticError, Trouble
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import judge
+from frenetic.rerun.campaigns import FOLDER
+from frenetic.rerun.rerun import (
+    Rerun,
+    drive_tests,
+    elsewhere,
+    name_of,
+    own_repeats,
+    read_reruns,
+    rerun,
+    rerun_with,
+)
+from frenetic.rerun.stability import Change
+from frenetic.rerun.variations import Variation
+from frenetic.road import Road
+from frenetic.search import RandomSearch
+from frenetic.simulators import Drive, EmbeddedSimulator, Rules, Vehicle
+from frenetic.simulators.conditions import Conditions
+from frenetic.simulators.simulator import Simulator
+from frenetic.spec.terms import Terms
+from frenetic.testing import DummyDriver, DummySimulator
+
+pytest_plugins = ["searched_campaign"]
+
+
+def again(
+    folder: Path,
+    tests: Sequence[Test] | None = None,
+    conditions: Sequence[Conditions] = ({},),
+    *,
+    simulator: Simulator | None = None,
+    driver: Driver | None = None,
+    **how: Any,
+) -> Rerun:
+    with CampaignStore.open(folder) as store:
+        parts = simulator or EmbeddedSimulator(), driver or Planner()
+        tester = RoadTester(*parts, store.setting.terms)
+    tests = driven_in(folder)[:6] if tests is None else tests
+    ids = [test.id for test in tests]
+    return drive_tests(folder, tester, ids, conditions, how=how)  # type: ignore[arg-type]
+
+
+def results_of(run: Rerun) -> list[Any]:
+    return [(drive.recorded.id, drive.conditions, drive.test.result) for drive in run.drives]
+
+
+def folders(campaign: Path) -> set[Path]:
+    return {place.parent for place in (campaign / FOLDER).glob(f"*/{DATABASE}")}
+
+
+class Icy(DummySimulator):
+    """Its car leaves its lane where friction is below 0.9, the further the less there is."""
+
+    def __init__(self) -> None:
+        super().__init__(lambda road: 0.0 if self.friction >= 0.9 else 4.0 + 1.0 - self.friction)
+        self.friction = 1.0
+
+
+class Unreliable(DummySimulator):
+    """Breaks unless it works."""
+
+    works = False
+
+    def drive(self, road: Road, driver: Driver) -> Drive:
+        drive = super().drive(road, driver)
+        return (
+            drive if Unreliable.works else replace(drive, trouble=Trouble("no connection \ud800"))
+        )
+
+
+def in_other_car(folder: Path) -> Rerun:
+    car = Vehicle(mass=1500.0, yaw_inertia=2500.0, front_axle=1.4, rear_axle=1.3, width=1.85)
+    return rerun(folder, EmbeddedSimulator(vehicle=car, friction=0.9), Planner())
+
+
+# What is driven
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_campaign_driven_again_ends_bit_for_bit_alike(campaign: Path, workers: int) -> None:
+    tests = driven_in(campaign)
+    run = again(campaign, tests, workers=workers)
+    assert [drive.recorded.id for drive in run.drives] == [test.id for test in tests]
+    assert len(tests) == run.planned == 60
+    for drive, test in zip(run.drives, tests, strict=True):
+        assert drive.test.result == test.result, "outcome, MOOBD and departure among them"
+        assert drive.test.pose == test.pose
+        assert drive.is_same
+    failed = [drive for drive in run.drives if drive.outcome is Outcome.FAIL]
+    assert {drive.difference for drive in failed} == {0.0}
+
+
+def test_the_conditions_reach_workers(campaign: Path) -> None:
+    slippery = [{"friction": 0.5, "noise": 0.3, "noise_seed": seed} for seed in (4, 5)]
+    here = again(campaign, None, slippery)
+    assert results_of(here) == results_of(
+        again(campaign, None, slippery, workers=2, out=campaign / "two")
+    )
+    assert [drive.conditions for drive in here.drives] == slippery * 6
+    assert [drive.test.candidate.repeat for drive in here.drives] == [0, 1] * 6
+    moobds = {drive.moobd for drive in (*here.drives, *again(campaign).drives)}
+    assert len(moobds) == 18, "each drive has its own errors"
+
+
+def test_only_roads_that_were_driven_are_driven_again(campaign: Path) -> None:
+    refused = replace(recorded(Outcome.INVALID, None, id=1000), told=61)
+    with CampaignStore.open(campaign, readonly=False) as store:
+        store.asked(refused.candidate)
+        store.told(refused)
+    with pytest.raises(CampaignError, match="test 1000 is INVALID: only a road that was driven"):
+        again(campaign, [*driven_in(campaign)[:1], refused])
+    assert again(campaign, []).drives == []
+    assert not (campaign / FOLDER).exists(), "nothing to drive makes nothing"
+
+
+# What became of them
+
+
+@pytest.mark.parametrize(
+    ("simulator", "driver", "said"),
+    [
+        (EmbeddedSimulator(), Planner(), "fails again"),
+        (EmbeddedSimulator(rules=Rules(speed_limit=25.0)), Planner(), "passes now"),
+        (EmbeddedSimulator(), Planner(aggression=0.5), "passes now"),
+    ],
+)
+def test_all_failures_are_driven_again_unless_others_are_named(
+    campaign: Path, simulator: Simulator, driver: Driver, said: str
+) -> None:
+    found = rerun(campaign, simulator, driver)
+    assert [test.id for test in found.tests] == [test.id for test in failures_in(campaign)]
+    assert {str(test.change) for test in found.tests} == {said}
+    assert found.passed is (said == "passes now")
+    assert found.rules == simulator.rules
+    assert found.same == (len(found.tests) if said == "fails again" else 0)
+
+
+def test_what_broke_is_not_judged_however_many_break_in_a_row(campaign: Path) -> None:
+    tests = [test.id for test in driven_in(campaign)]
+    found = rerun(campaign, Unreliable(), DummyDriver(), tests=tests)
+    assert found.count(Change.NOT_JUDGED) == len(found.tests) == 60
+    assert {drive.reason for drive in found.drives} == {"no connection \\ud800"}
+
+
+def test_the_same_failure_is_at_the_same_place_with_the_same_mechanism(campaign: Path) -> None:
+    found = rerun(campaign, EmbeddedSimulator(friction=0.99), Planner())
+    for one in found.drives:
+        vectors, places = [], []
+        for test in (one.recorded, one.test):
+            with CampaignStore.open(campaign) as store:
+                drive = store.test(test.id).drive if test is one.recorded else test.drive
+            assert drive is not None
+            departure = judge(test.road, drive).departure
+            assert departure is not None
+            segment = segment_of(test.road, drive, departure)
+            vectors.append(Failure.of(segment, id=1, moobd=0.0).vector())
+            places.append(departure)
+        is_same = (
+            abs(places[0].distance - places[1].distance) <= 30.0
+            and places[0].side == places[1].side
+            and float(np.linalg.norm(vectors[0] - vectors[1])) <= 2.0
+        )
+        assert one.is_alike is is_same
+    document: Any = found.as_json()
+    assert 0 < document["matches"]["same failure"] < len(found.tests)
+    assert sum(document["matches"].values()) == document["changes"]["fails again"]
+
+
+def test_a_failure_that_hangs_on_friction_repeats_in_its_share_of_the_range(
+    campaign: Path,
+) -> None:
+    # Below 0.9 lies a quarter of 0.8 to 1.2, and the draws are even: exactly 5 of 20.
+    ranges = [Variation("friction", 0.8, 1.2), Variation("speed", 50.0, 90.0)]
+    found = rerun(campaign, Icy(), DummyDriver(), times=20, vary=ranges).tests
+    for one in found:
+        assert (one.failed, one.judged) == (5, 20)
+        for drive in one.drives:
+            assert (drive.outcome is Outcome.FAIL) == (drive.conditions["friction"] < 0.9)
+
+
+# What is kept
+
+
+def test_kept_is_what_was_found(campaign: Path, tmp_path: Path) -> None:
+    ranges = [Variation("friction", 0.6, 1.0), Variation("noise", 0.1, 0.2)]
+    simulator = EmbeddedSimulator(friction=0.95)
+    found = rerun(campaign, simulator, Planner(), times=10, vary=ranges, seed=8)
+    (kept,) = read_reruns(campaign)
+    document: Any = kept.as_json()
+    assert document == found.as_json() == json.loads(json.dumps(document))
+    assert (document["missing"], len(document["variations"])) == (0, 2)
+    assert document["driver"]["class"].endswith(":Planner")
+    assert document["simulator"]["options"]["vehicle"]["friction"] == 0.95
+    for one, other in zip(kept.drives, found.drives, strict=True):
+        here, there = one.test.trajectory, other.test.trajectory
+        assert here is not None
+        assert there is not None
+        assert (here.to_rows() == there.to_rows()).all()
+    assert read_reruns(tmp_path) == []
+
+
+def test_the_most_telling_repeats_of_each_test_with_the_own_parts_count(
+    campaign: Path,
+) -> None:
+    first, second, *_ = (test.id for test in failures_in(campaign))
+
+    def drive(*ids: int, times: int, delay: float | None = None, **options: Any) -> None:
+        vary = [] if delay is None else [Variation("delay", 0.0, delay)]
+        simulator = EmbeddedSimulator(rules=options.pop("rules", Rules()))
+        driver = Planner(**options)
+        rerun(campaign, simulator, driver, tests=ids, times=times, vary=vary)
+
+    drive(first, second, times=2)
+    drive(second, second, times=3, delay=0.1)
+    drive(second, times=4, delay=0.2)
+    drive(second, times=5, delay=0.1)
+    drive(second, times=6)
+    drive(second, times=7, delay=0.1, aggression=0.1)
+    drive(second, times=8, delay=0.1, rules=Rules(speed_limit=50.0))
+    kept = read_reruns(campaign)
+    drives = sorted(len(test.drives) for one in kept for test in one.tests)
+    assert drives == [2, 2, 3, 4, 5, 6, 7, 8]
+    own = own_repeats(kept)
+    assert {one.id: len(one.drives) for one in own} == {first: 2, second: 5}
+
+
+def there(campaign: Path) -> list[Rerun]:
+    with CampaignStore.open(campaign) as store:
+        return elsewhere(read_reruns(campaign), store.config)
+
+
+def test_another_simulator_is_added_and_other_tests_are_put_together(campaign: Path) -> None:
+    ids = [test.id for test in failures_in(campaign)]
+    rerun(campaign, EmbeddedSimulator(), Planner())
+    assert there(campaign) == [], "that is its own"
+    first = in_other_car(campaign)
+    for chosen in (ids[2:], ids[:1]):
+        rerun(campaign, EmbeddedSimulator(friction=0.9), Planner(), tests=chosen)
+    one, other = there(campaign)
+    assert (one.key, one.as_json()) == (first.key, first.as_json())
+    assert [test.id for test in other.tests] == [*ids[2:], ids[0]]
+    assert other.missing == 0
+
+
+# Once
+
+
+def test_a_rerun_is_named_after_its_simulator_and_conditions(tmp_path: Path) -> None:
+    noisy = Terms(conditions={"noise": 0.1})
+    Campaign(
+        strategy=RandomSearch(seed=1),
+        simulator=EmbeddedSimulator(),
+        driver=Planner(),
+        terms=noisy,
+        budget=Budget(simulations=1),
+        folder=tmp_path,
+    ).run()
+    with CampaignStore.open(tmp_path) as store:
+        config, (test,) = store.config, store.tests()
+    icy = Terms(conditions={"friction": 0.5})
+    for terms, words in (
+        (noisy, ""),
+        (icy, " with friction 0.5"),
+        (Terms(), " in the usual conditions"),
+    ):
+        tester = RoadTester(EmbeddedSimulator(friction=0.8), Planner(), terms)
+        run = rerun_with(tmp_path, tester, tests=[test.id])
+        assert name_of(run, config) == f"embedded,friction=0.8{words}"
+
+
+def test_each_thing_to_drive_has_a_folder_and_is_driven_once(campaign: Path) -> None:
+    tests, usual, icy = driven_in(campaign), Counting(), Counting(friction=0.9)
+    slow = Counting(rules=Rules(speed_limit=60.0))
+    asked: list[Callable[[], Rerun]] = [
+        lambda: again(campaign, simulator=usual),
+        lambda: again(campaign, simulator=usual, driver=Planner(aggression=0.9)),
+        lambda: again(campaign, simulator=icy),
+        lambda: again(campaign, simulator=slow),
+        lambda: again(campaign, tests[:3], simulator=usual),
+        lambda: again(campaign, tests[:3], [{"friction": 0.9}], simulator=usual),
+        lambda: again(campaign, tests[:3], [{}, {}], simulator=usual),
+    ]
+    runs = []
+    for number, ask in enumerate(asked, start=1):
+        runs.append(ask())
+        assert len(folders(campaign)) == number
+        assert len(runs[-1].drives) == runs[-1].planned
+    driven = [one.driven for one in (usual, icy, slow)]
+    assert driven == [24, 6, 6]
+    calls: list[Event] = []
+    for ask, run in zip(asked, runs, strict=True):
+        found = ask()
+        assert results_of(found) == results_of(run)
+        assert found.folder == run.folder
+    again(campaign, simulator=usual, workers=2, on_event=calls.append)
+    kinds = [event.kind for event in calls]
+    assert kinds == ["complete"], "a complete one is shown, no simulator starts"
+    assert [one.driven for one in (usual, icy, slow)] == driven
+    assert len(folders(campaign)) == len(asked)
+    assert len(read_reruns(campaign)) == len(asked)
+
+
+def test_a_folder_with_something_else_is_refused(campaign: Path, tmp_path: Path) -> None:
+    out, other = tmp_path / "out", tmp_path / "other"
+    run = again(campaign, out=out)
+    Campaign(
+        strategy=RandomSearch(seed=1),
+        simulator=EmbeddedSimulator(),
+        driver=Planner(),
+        budget=Budget(simulations=8),
+        folder=other,
+    ).run()
+    for how in ({"out": campaign}, {"out": other}, {"out": out, "driver": Planner(aggression=0.9)}):
+        with pytest.raises(CampaignError, match=r"holds another campaign: choose another place"):
+            again(campaign, **how)
+    assert results_of(again(campaign, out=out)) == results_of(run)
+
+
+# Interrupted
+
+
+class CallbackError(Exception):
+    """What a callback raises."""
+
+
+def press_ctrl_c() -> None:
+    signal.raise_signal(signal.SIGINT)
+
+
+def raise_error() -> None:
+    raise CallbackError
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("stop", [press_ctrl_c, raise_error])
+def test_the_same_call_goes_on_and_ends_as_if_unbroken(
+    campaign: Path, stop: Callable[[], None], workers: int
+) -> None:
+    conditions = [{}, {"friction": 0.8}]
+    whole = again(campaign, None, conditions, out=campaign / "whole")
+    told: list[tuple[int, int]] = []
+
+    def interrupt(now: Summary) -> None:
+        told.append((now.simulations, now.failed))
+        if now.simulations in (3, 7):
+            stop()
+
+    seen = []
+    for _ in range(2):
+        with suppress(CallbackError):
+            again(campaign, None, conditions, workers=workers, on_event=on_result(interrupt))
+        (run,) = read_reruns(campaign)
+        assert run.planned == 12
+        seen.append(len(run.drives))
+    found = again(campaign, None, conditions, workers=workers, on_event=on_result(interrupt))
+    if workers == 1:  # several finish what runs
+        assert seen == [3, 7]
+        assert told[-1] == (12, sum(drive.outcome is Outcome.FAIL for drive in whole.drives))
+    assert results_of(found) == results_of(whole)
+    assert [drives for drives, _ in told] == sorted({drives for drives, _ in told}), "each once"
+    assert not check_campaign(found.folder or campaign).findings
+
+
+def test_a_campaign_that_was_moved_goes_on(
+    campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with suppress(CallbackError):
+        again(campaign, on_event=on_result(lambda _: raise_error()))
+    campaign.rename(tmp_path / "moved")
+    monkeypatch.chdir(tmp_path)
+    told: list[int] = []
+    tell = on_result(lambda now: told.append(now.simulations))
+    run = again(Path("moved"), on_event=tell)
+    assert (len(folders(Path("moved"))), told) == (1, [2, 3, 4, 5, 6])
+    assert all(drive.is_same for drive in run.drives)
+
+
+def test_nothing_interrupted_comes_after_anything_complete(campaign: Path) -> None:
+    complete = again(campaign, [*driven_in(campaign)[:2]])
+    with suppress(CallbackError):
+        again(campaign, on_event=on_result(lambda _: raise_error()))
+    later = again(campaign, [*driven_in(campaign)[:1]])
+    interrupted, *rest = read_reruns(campaign)
+    assert (interrupted.planned, len(interrupted.drives)) == (6, 1)
+    assert [run.folder for run in rest] == [complete.folder, later.folder]
+
+
+# Damage
+
+
+def spoil(folder: Path, change: str) -> None:
+    with closing(sqlite3.connect(folder / DATABASE)) as connection, connection:
+        connection.execute(change)
+
+
+@pytest.mark.parametrize(
+    ("change", "is_own", "words"),
+    [
+        ("UPDATE test SET outcome = 'MAYBE' WHERE id = 2", True, "damaged"),
+        ("DELETE FROM test WHERE outcome = 'FAIL'", False, "holds no test of candidate"),
+    ],
+)
+def test_a_damaged_run_is_one_line(campaign: Path, change: str, is_own: bool, words: str) -> None:
+    """Damaged itself, or a test of the campaign is missing."""
+    failing = failures_in(campaign)
+    run = again(campaign, failing)
+    assert run.folder is not None
+    place = run.folder if is_own else campaign
+    spoil(place, change)
+    for read in (lambda: read_reruns(campaign), lambda: again(campaign, failing)):
+        with pytest.raises(CampaignError, match=words) as caught:
+            read()
+        assert str(place) in str(caught.value)
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "one", [{"instead": "friction"}, {"tests": 5}, {"vary": Variation("friction", 0.8, 1.0)}]
+)
+def test_a_single_value_in_place_of_a_list_is_refused(campaign: Path, one: dict[str, Any]) -> None:
+    (name,) = one
+    with pytest.raises(FreneticError, match=f"{name} is .*: a list of .* is needed"):
+        rerun(campaign, EmbeddedSimulator(), Planner(), **one)

@@ -1,0 +1,258 @@
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from frenetic.rerun.shrinker import Answer, Improvement, Shape, Shrinker, decimals, rounded_away
+
+ENOUGH = 20_000
+
+some = settings(max_examples=80)
+
+values = st.floats(-0.07, 0.07, allow_nan=False)
+shapes = st.builds(Shape, st.lists(values, min_size=2, max_size=20).map(tuple), st.just(10.0))
+
+
+@dataclass(frozen=True)
+class Shrunk:
+    shape: Shape
+    improvements: tuple[Improvement, ...]
+    trials: int
+    is_minimal: bool
+    is_guarded: bool
+
+
+def shrink(
+    start: Shape,
+    ask: Callable[[Shape], Answer],
+    *,
+    max_trials: int,
+    neighbours: Callable[[Shape], Iterable[Shape]] = lambda shape: (),
+    place: float | None = None,
+) -> Shrunk:
+    """Answers a shrinker until it ends or so many trials are spent."""
+    shrinker, is_minimal = Shrinker(start, neighbours, place=place), False
+    run = shrinker.run()
+    try:
+        shape = next(run)
+        while shrinker.trials < max_trials:
+            shape = run.send(ask(shape))
+    except StopIteration:
+        is_minimal = True
+    found = tuple(shrinker.improvements)
+    return Shrunk(shrinker.best, found, shrinker.trials, is_minimal, shrinker.is_guarded)
+
+
+def when(holds: Callable[[Shape], bool]) -> Callable[[Shape], Answer]:
+    return lambda shape: Answer.YES if holds(shape) else Answer.NO
+
+
+def at_random(seed: int, *, refusing: bool = False) -> Callable[[Shape], Answer]:
+    """Answers that follow no rule, but always the same to the same shape."""
+
+    def ask(shape: Shape) -> Answer:
+        number = zlib.crc32(repr((seed, shape.values, shape.step)).encode())
+        if refusing and number % 5 == 0:
+            return Answer.REFUSED
+        return Answer.YES if number % 3 == 0 else Answer.NO
+
+    return ask
+
+
+def sharp(least: float) -> Callable[[Shape], bool]:
+    return lambda shape: any(abs(value) >= least for value in shape.values)
+
+
+# The order
+
+
+@pytest.mark.parametrize(
+    ("smaller", "larger"),
+    [
+        (Shape((0.05, -0.05), 10.0), Shape((0.0, 0.0, 0.0), 10.0)),  # shorter
+        (Shape((0.05, 0.05), 10.0), Shape((0.0, 0.0, 0.0), 5.0)),  # fewer samples
+        (Shape((0.05, 0.02, 0.05), 10.0), Shape((0.01, 0.0, 0.01), 10.0)),  # fewer curves
+        (Shape((0.05, 0.05, 0.05), 10.0), Shape((0.0, 0.0, 0.01), 10.0)),  # fewer changes
+        (Shape((0.0, 0.0, 0.05), 10.0), Shape((0.01, 0.01, 0.02), 10.0)),  # more of it straight
+        (Shape((0.0, 0.0, 0.05), 10.0), Shape((0.0, 0.0, 0.015), 10.0)),  # rounder
+        (Shape((0.02, 0.04, 0.04), 10.0), Shape((0.01, 0.04, 0.04), 10.0)),  # smaller changes
+        (Shape((0.02, 0.01, 0.02), 10.0), Shape((0.02, 0.03, 0.02), 10.0)),  # gentler
+        (Shape((0.0, 0.05), 10.0), Shape((0.05, 0.0), 10.0)),  # no two are alike
+    ],
+)
+def test_shorter_comes_first_then_plainer(smaller: Shape, larger: Shape) -> None:
+    assert smaller.rank < larger.rank
+
+
+def test_slopes_stay_with_their_samples_until_they_are_taken_away() -> None:
+    hill = ((0.0, 0.06), (0.0, 0.06), (-0.04, 0.0), (-0.04, -0.06), (0.0, -0.06))
+    start = Shape((0.0, 0.0, 0.03, 0.03, 0.0), 10.0, hill)
+    assert start.replaced(1, 2, ()).slopes == (hill[0], *hill[2:])
+    assert start.replaced(0, 2, (0.01, 0.01)).slopes == hill
+    assert Shape(start.values, 10.0, ((0.0, -0.0),) * 5) == Shape(start.values, 10.0)
+    assert Shape(start.values, 10.0).rank < start.rank
+
+    def leans_in_a_bend(shape: Shape) -> bool:
+        pairs = zip(shape.values, shape.slopes, strict=False)
+        return any(value > 0.0 and slopes[0] < 0.0 for value, slopes in pairs)
+
+    found = shrink(start, when(leans_in_a_bend), max_trials=500)
+    assert found.shape == Shape((0.01, 0.01), 10.0, ((0.0, 0.0), (-0.04, 0.0)))
+    assert not shrink(start, when(sharp(0.01)), max_trials=500).shape.slopes
+
+
+@given(shapes, shapes)
+def test_the_order_is_total(one: Shape, other: Shape) -> None:
+    assert (one.rank < other.rank) + (other.rank < one.rank) == (one != other)
+    signed = Shape(tuple(np.float64(v) if v else -0.0 for v in one.values), one.step)
+    assert (signed, hash(signed), repr(signed)) == (one, hash(one), repr(one))
+
+
+def test_curves_are_counted_by_the_way_they_turn() -> None:
+    for curves, *curvatures in (
+        (0, 0.0, 0.0),
+        (2, 0.1, 0.2, -0.1, -0.2),
+        (2, 0.0, 0.1, 0.0, 0.2, 0.0),
+    ):
+        assert Shape(tuple(curvatures), 10.0).curves == curves
+
+
+@given(values, st.integers(2, 4))
+def test_rounding_away_never_gets_closer_to_0(value: float, digits: int) -> None:
+    assert [decimals(v) for v in (0.0, 1.0, -0.05, 0.055, 1.0 / 30.0)] == [0, 0, 2, 3, 16]
+    away = rounded_away(value, digits)
+    assert decimals(away) <= digits
+    assert abs(value) <= abs(away) <= abs(value) + 10.0**-digits
+    assert away * value >= 0.0
+
+
+@some
+@given(shapes, st.integers(0, 2**32), st.booleans(), st.integers(0, 100))
+def test_whatever_the_property_it_improves_until_nothing_can_be_left_out(
+    start: Shape, seed: int, refusing: bool, few: int
+) -> None:
+    """Nothing is asked twice, no trial is one too many, and the same comes of the same."""
+    ask = at_random(seed, refusing=refusing)
+    asked: list[Shape] = []
+
+    def counting(shape: Shape) -> Answer:
+        asked.append(shape)
+        return ask(shape)
+
+    shrunk = shrink(start, counting, max_trials=ENOUGH)
+    assert len({start, *asked}) == 1 + len(asked)
+    assert shrunk.trials == sum(ask(shape) is not Answer.REFUSED for shape in asked)
+    assert shrunk.is_minimal
+    found = [improvement.shape for improvement in shrunk.improvements]
+    ranks = [shape.rank for shape in (start, *found)]
+    assert all(after < before for before, after in pairwise(ranks))
+    assert all(ask(shape) is Answer.YES for shape in found)
+    trials = [improvement.trials for improvement in shrunk.improvements]
+    assert trials == sorted(trials)
+    best = shrunk.shape
+    assert best == (start, *found)[-1]
+    for i in range(len(best)):
+        shorter = best.replaced(i, i + 1, ())
+        assert len(shorter) < 2 or shorter == start or ask(shorter) is not Answer.YES
+        straighter = best.replaced(i, i + 1, [0.0])
+        assert straighter.rank >= best.rank or ask(straighter) is not Answer.YES
+    part = shrink(start, ask, max_trials=few)  # fewer trials get a part of the way
+    assert part.improvements == shrunk.improvements[: len(part.improvements)]
+    assert part.trials == few or part == shrunk
+
+
+# Properties of which the smallest shape is known
+
+
+LEFT = [0.03] * 3
+EITHER_WAY = [[0.05, 0.05], [-0.05, -0.05]]
+KNOWN: list[tuple[Callable[[Shape], bool], Callable[[Shape], bool]]] = [
+    # Two samples are the least, a constant curvature is the plainest, and as round as can be.
+    (sharp(0.05), lambda best: list(best.values) in EITHER_WAY),
+    (sharp(0.0432), lambda best: list(best.values) in EITHER_WAY),
+    (lambda shape: len(shape) >= 7, lambda best: set(best.values) == {0.0} and len(best) == 7),
+    (
+        lambda shape: sum(value >= 0.03 for value in shape.values) >= 3,
+        lambda best: list(best.values) == LEFT,
+    ),
+    (  # a left and a right one, or two that turn alike with a straight sample in between
+        lambda shape: shape.curves >= 2,
+        lambda best: (len(best), max(map(abs, best.values))) in {(2, 0.01), (3, 0.01)},
+    ),
+]
+"""A property, and whether a shape is the smallest one that has it."""
+
+
+@some
+@given(st.data(), st.sampled_from(KNOWN))
+def test_the_smallest_shape_is_found(
+    data: st.DataObject, known: tuple[Callable[[Shape], bool], Callable[[Shape], bool]]
+) -> None:
+    has_it, is_smallest = known
+    start = data.draw(shapes.filter(has_it))
+    assert is_smallest(shrink(start, when(has_it), max_trials=ENOUGH).shape)
+
+
+def test_few_trials_are_spent_on_what_shortens() -> None:
+    rough = tuple(float(v) for v in np.random.default_rng(1).uniform(-0.07, 0.07, 25))
+    start = Shape((*rough, 0.08, *rough), 10.0)
+    shrunk = shrink(start, when(sharp(0.075)), max_trials=10)
+    assert not shrunk.is_minimal
+    assert shrunk.shape.length <= 50.0
+
+
+# Options
+
+
+def test_samples_that_are_denser_than_10_m_are_thinned_out_first() -> None:
+    places = np.linspace(0.0, 120.0, 241)
+    start = Shape(tuple(np.interp(places, [0.0, 60.0, 120.0], [0.0, 0.06, 0.0])), 0.5)
+    shrunk = shrink(start, when(sharp(0.055)), max_trials=1)
+    assert (shrunk.shape.step, len(shrunk.shape)) == (10.0, 13)
+    assert shrunk.improvements[0].by == "coarsen"
+    dense = when(lambda shape: sharp(0.05)(shape) and shape.length >= 15.0)
+    for place, trials, step in ((7, 3, 1.0), (5, 2, 5.0)):  # which 10, 5 and 2 m skip, or 10 m
+        spike = Shape((0.0,) * place + (0.06,) + (0.0,) * (20 - place), 1.0)
+        assert shrink(spike, dense, max_trials=trials).shape.step == step
+
+
+def test_neighbours_have_to_have_the_property_too() -> None:
+    def ask(shape: Shape) -> Answer:
+        most = max(map(abs, shape.values))
+        return Answer.REFUSED if most > 0.06 else Answer.YES if most >= 0.03 else Answer.NO
+
+    def neighbours(shape: Shape) -> list[Shape]:
+        return [shape.scaled(0.9), shape.scaled(1.1)]
+
+    start = Shape((0.058, 0.06, 0.01), 10.0)
+    alone = shrink(start, ask, max_trials=ENOUGH).shape
+    guarded = shrink(start, ask, max_trials=ENOUGH, neighbours=neighbours).shape
+    assert (alone.values, guarded.values) == ((0.03, 0.03), (0.04, 0.04))
+    # A neighbour that is refused says nothing.
+    sharpest = shrink(Shape((0.0, 0.0, 0.06), 10.0), ask, max_trials=5, neighbours=neighbours)
+    assert sharpest.shape.length == 10.0
+
+
+def test_neighbours_need_not_have_the_property_until_they_do() -> None:
+    start = Shape((0.0, 0.05, 0.0, 0.02), 10.0)
+    ask = when(lambda shape: 0.05 in shape.values or len(shape) == 2)
+    for neighbours, is_guarded in (
+        (lambda one: [one.scaled(0.9)], True),
+        (lambda _: [start.scaled(0.9)], False),  # which never has it
+    ):
+        shrunk = shrink(start, ask, max_trials=ENOUGH, neighbours=neighbours)
+        assert (shrunk.shape.length, shrunk.is_guarded) == (10.0, is_guarded)
+
+
+def test_what_lies_behind_the_place_is_cut_first() -> None:
+    start = Shape((0.01, 0.02, 0.05, *[0.01] * 17), 10.0)
+    has_bend = when(lambda shape: 0.05 in shape.values)
+    (found,) = shrink(start, has_bend, max_trials=1, place=18.0).improvements
+    assert found.shape.values == (0.01, 0.02, 0.05)

@@ -1,0 +1,179 @@
+"""Tests of a domain driven again and compared: in their own conditions, unless others are asked."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from frenetic.analysis.comparison import compare
+from frenetic.analysis.groups import group_campaigns
+from frenetic.campaign import Budget, Campaign, CampaignStore, Test
+from frenetic.conditions.condition import SEED
+from frenetic.conditions.domain import Domain
+from frenetic.drivers import Planner
+from frenetic.errors import FreneticError
+from frenetic.oracle.outcome import Outcome
+from frenetic.rerun.back_to_back import back_to_back
+from frenetic.rerun.rerun import Rerun, own_repeats, rerun
+from frenetic.rerun.stability import Stability
+from frenetic.rerun.variations import Variation
+from frenetic.search import RandomSearch
+from frenetic.simulators import EmbeddedSimulator
+from frenetic.testing import DummySimulator
+
+ENTRIES: dict[str, Any] = {
+    "roads": "urban-50,length=250",
+    "conditions": {
+        "friction": {"low": 0.15, "high": 1.0},
+        "gust": {"low": -18.0, "high": 18.0, "chance": 0.7},
+        "delay": {"low": 0.0, "high": 0.3, "chance": 0.5},
+        "noise": {"low": 0.0, "high": 0.3, "chance": 0.5},
+    },
+}
+
+
+def searched(folder: Path, entries: dict[str, Any], *, seed: int = 1, name: str = "town") -> Path:
+    domain = Domain.made(name, entries)
+    assert domain.road_class is not None
+    Campaign(
+        strategy=RandomSearch(seed=seed, road_class=domain.road_class, domain=domain),
+        simulator=EmbeddedSimulator(rules=None),
+        driver=Planner(),
+        budget=Budget(simulations=25),
+        folder=folder,
+    ).run()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def town(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return searched(tmp_path_factory.mktemp("town") / "c", ENTRIES)
+
+
+@pytest.fixture
+def campaign(town: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(town, tmp_path / "c"))
+
+
+def driven(folder: Path, outcome: Outcome | None = None) -> list[Test]:
+    with CampaignStore.open(folder) as store:
+        return [test for test in store.tests(outcome) if test.outcome.is_driven]
+
+
+def again(folder: Path, simulator: EmbeddedSimulator | None = None, **others: Any) -> Rerun:
+    return rerun(folder, simulator or EmbeddedSimulator(), Planner(), **others)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_test_is_driven_again_in_its_own_conditions(campaign: Path, workers: int) -> None:
+    tests = driven(campaign)
+    found = again(campaign, tests=[test.id for test in tests], workers=workers)
+    assert {test.outcome for test in tests} == {Outcome.PASS, Outcome.FAIL}
+    assert any(SEED in test.candidate.conditions for test in tests)
+    assert found.same == len(tests) == 25
+    assert [one.conditions for one in found.drives] == [one.candidate.conditions for one in tests]
+    assert [one.conditions for one in found.tests] == [one.candidate.conditions for one in tests]
+
+
+def test_a_given_range_is_the_same_for_all_and_a_usual_one_lies_around_a_tests_own(
+    campaign: Path,
+) -> None:
+    tests = driven(campaign, Outcome.FAIL)[:3]
+    ids = [test.id for test in tests]
+    fixed = again(campaign, tests=ids, times=4, vary=[Variation("friction", 0.5, 0.7)])
+    amounts = [[drive.conditions["friction"] for drive in test.drives] for test in fixed.tests]
+    assert amounts[0] == amounts[1] == amounts[2]
+    usual = Variation.usual("friction", EmbeddedSimulator())
+    around = again(campaign, tests=ids, times=4, vary=[usual])
+    for test, one in zip(tests, around.tests, strict=True):
+        own = dict(test.candidate.conditions)
+        friction = own.pop("friction")
+        (variation,) = one.variations
+        assert (variation.low, variation.high) == pytest.approx((0.8 * friction, 1.2 * friction))
+        for drive in one.drives:
+            amount = drive.conditions["friction"]
+            assert 0.8 * friction <= amount <= 1.2 * friction
+            assert drive.conditions == own | {"friction": amount}
+        assert one.conditions == own
+        assert one.is_own
+
+
+def test_what_the_parts_say_instead_wins_and_is_another_drive(campaign: Path) -> None:
+    test = next(one for one in driven(campaign) if "gust" in one.candidate.conditions)
+    own = dict(test.candidate.conditions)
+    found = again(
+        campaign,
+        EmbeddedSimulator(friction=0.5),
+        tests=[test.id],
+        times=2,
+        instead=["friction", "gust"],
+    )
+    expected = {k: v for k, v in own.items() if k not in {"friction", "gust", "gust_at"}}
+    assert [drive.conditions for drive in found.drives] == [expected] * 2
+    assert not found.tests[0].is_own
+    calm = again(campaign, tests=[test.id], times=2, instead=["gust"])
+    assert calm.simulator == again(campaign, tests=[test.id]).simulator
+    assert not calm.tests[0].is_own, "the parts are the campaign's, the conditions are not"
+    assert calm.tests[0].stability is not Stability.REPEATABLE
+    assert own_repeats([calm]) == []
+    usual = Variation.usual("friction", EmbeddedSimulator(friction=0.5))
+    around = again(
+        campaign,
+        EmbeddedSimulator(friction=0.5),
+        tests=[test.id],
+        times=2,
+        vary=[usual],
+        instead=["friction"],
+    )
+    assert around.tests[0].variations == (usual,), "around the simulator's amount"
+
+
+def test_a_simulator_that_lays_none_of_them_is_refused_before_a_drive(campaign: Path) -> None:
+    with pytest.raises(FreneticError, match="DummySimulator cannot vary friction"):
+        rerun(campaign, DummySimulator(), Planner())
+    assert not (campaign / "again").exists()
+
+
+# Two versions of a driver
+
+
+def test_versions_are_compared_in_the_domain(campaign: Path) -> None:
+    result = back_to_back(
+        campaign, EmbeddedSimulator(), Planner(), Planner(aggression=0.8), fresh=6
+    )
+    folder = result.fresh.folder
+    with CampaignStore.open(folder) as store, CampaignStore.open(campaign) as original:
+        assert store.setting.domain == original.setting.domain == result.domain
+        assert store.setting.road_class == original.setting.road_class is not None
+    for old, new in (*result.fresh.pairs, *result.known.pairs):
+        assert "friction" in old.candidate.conditions
+        assert old.candidate.conditions == new.candidate.conditions
+
+
+# Groups of campaigns
+
+
+def test_campaigns_of_different_domains_are_no_repeats(town: Path, tmp_path: Path) -> None:
+    second = searched(tmp_path / "second", ENTRIES, seed=2)
+    icy = ENTRIES["conditions"] | {"friction": {"low": 0.15, "high": 0.4}}
+    ice = searched(tmp_path / "ice", ENTRIES | {"conditions": icy})
+    named = searched(tmp_path / "named", ENTRIES, name="village")
+    longer = searched(tmp_path / "longer", ENTRIES | {"roads": "urban-50,length=260"})
+    assert [len(one) for one in group_campaigns([town, second]).values()] == [2]
+    groups = group_campaigns([town, second, ice])
+    assert groups == {
+        "in town: friction 0.15 to 1": [town, second],
+        "in town: friction 0.15 to 0.4": [ice],
+    }
+    assert list(group_campaigns([town, named])) == ["in town", "in village"]
+    assert list(group_campaigns([town, longer])) == [
+        "on urban-50(length=250)",
+        "on urban-50(length=260)",
+    ]
+    found = compare({"a": [town, ice], "b": [second]})
+    assert "the campaigns of a are no repeats: they differ in domain" in found.notes
+    domain = compare({"a": [town], "b": [second]}).shared["domain"]
+    assert domain.startswith("town: friction 0.15 to 1, gust")

@@ -1,0 +1,115 @@
+"""What doctor says of simulators that work, that do not, and that are not there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Self
+
+import pytest
+
+from frenetic.drivers import Driver
+from frenetic.errors import UnknownNameError
+from frenetic.parts.registry import SIMULATORS, Registry
+from frenetic.road import Road
+from frenetic.simulators import Drive, EmbeddedSimulator, doctor
+from frenetic.simulators.checks import Check, drive_checks
+from frenetic.simulators.doctor import Examination, Health, examine, examine_all
+from frenetic.testing import DummyDriver, DummySimulator
+
+
+class Crooked(DummySimulator):
+    """Its car leaves every road to the left."""
+
+    def __init__(self) -> None:
+        super().__init__(drift=lambda _: 6.0)
+
+
+class Dead(DummySimulator):
+    def __enter__(self) -> Self:
+        raise OSError("no display")
+
+
+class Failing(DummySimulator):
+    def drive(self, road: Road, driver: Driver) -> Drive:
+        raise RuntimeError("out of memory")
+
+
+class Absent(DummySimulator):
+    needs = ("a_module_that_is_nowhere",)
+
+
+class Checking(DummySimulator):
+    """Has checks of its own."""
+
+    def checks(self) -> Iterator[Check]:
+        yield Check("key", False, "there is no key", "buy one")
+
+
+@pytest.fixture
+def registry(monkeypatch: pytest.MonkeyPatch) -> None:
+    parts = (DummySimulator, Crooked, Dead, Failing, Absent, Checking, Tuned)
+    built_in = {part.__name__.lower(): (f"test_doctor:{part.__name__}", "") for part in parts}
+    monkeypatch.setattr(
+        doctor, "SIMULATORS", Registry("simulator", "frenetic.none", built_in, SIMULATORS.methods)
+    )
+
+
+class Tuned(DummySimulator):
+    """Cannot be made without an option."""
+
+    def __init__(self, *, place: str = "") -> None:
+        if not place:
+            raise ValueError("say where it is, with place")
+        super().__init__()
+
+
+def test_embedded_simulator_is_well() -> None:
+    seen: list[Check] = []
+    examination = examine("embedded", on_check=seen.append)
+    assert examination.health is Health.OK, examination.failed
+    assert tuple(seen) == examination.checks
+    names = [check.name for check in seen]
+    assert names == ["start", "cache", "straight road, Stanley", "curve, Stanley"]
+    assert not any(check.remedy for check in seen)
+
+
+def test_what_a_drive_does_wrong_is_found() -> None:
+    with EmbeddedSimulator(friction=0.2) as simulator:
+        straight, curve = drive_checks(simulator)
+    assert straight.is_ok
+    assert not curve.is_ok
+    assert "drove out of the lane" in curve.found
+    assert "draw it" in curve.remedy
+    with EmbeddedSimulator() as simulator:
+        checks = list(drive_checks(simulator, DummyDriver(), who="nobody"))
+    assert [check.name for check in checks] == ["straight road, nobody", "curve, nobody"]
+    assert all("moved less than 1 m" in check.found for check in checks)
+
+
+@pytest.mark.usefixtures("registry")
+def test_all_simulators_in_turn() -> None:
+    found = {examination.simulator: examination for examination in examine_all()}
+    assert {name: one.health for name, one in found.items()} == {
+        "dummysimulator": Health.OK,
+        "crooked": Health.BROKEN,
+        "dead": Health.BROKEN,
+        "failing": Health.BROKEN,
+        "absent": Health.NOT_INSTALLED,
+        "checking": Health.BROKEN,
+        "tuned": Health.NOT_SET_UP,
+    }
+    assert found["absent"].note == 'pip install ".[absent]" in the clone of Frenetic'
+    assert "say where it is" in found["tuned"].note
+    assert found["dead"].failed[0].found.startswith("OSError: no display (test_doctor.py:")
+    assert len(found["failing"].failed) == 2
+    for check in found["failing"].failed:
+        assert check.found.startswith("RuntimeError: out of memory (test_doctor.py:")
+    assert found["checking"].failed == (Check("key", False, "there is no key", "buy one"),)
+    for examination in found.values():
+        assert all(check.remedy for check in examination.failed)
+
+
+def test_unknown_simulator() -> None:
+    assert Examination("x", Health.NOT_INSTALLED, (), "pip install x").failed == ()
+    with pytest.raises(UnknownNameError, match="did you mean 'embedded'"):
+        examine("embeded")

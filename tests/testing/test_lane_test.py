@@ -1,0 +1,287 @@
+"""`keeps_lane` as its users run it: pytest in a process of its own, on the planted drivers."""
+
+from __future__ import annotations
+
+import fnmatch
+import json
+import re
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import planted_drivers as planted
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from frenetic.drivers import Planner
+from frenetic.errors import DriverError, FreneticError
+from frenetic.testing import keeps_lane
+from frenetic.testing.lane_test import FOLDER, NOTICES, DriverFailedError, memory_stem
+
+if TYPE_CHECKING:
+    from interpreters import Ended, Interpreter
+
+pytest_plugins = ["interpreters"]
+
+PLANTED = {
+    "BrakesLate": "brakes too late into",
+    "Raises": "raises ValueError",
+    "Unrepeatable": "",
+    "Sound": None,
+}
+"""One of each kind; what each fault is called is the fact of test_planted.py."""
+HEAD = "import planted_drivers as planted\nimport pytest\nfrom frenetic.testing import keeps_lane\n"
+
+
+def run_pytest(interpreter: Interpreter, folder: Path, text: str, *options: str) -> Ended:
+    (folder / "test_lane.py").write_text(HEAD + text, encoding="utf-8")
+    shared = str(Path(planted.__file__).parent)
+    code = f"""
+import os, sys
+os.environ.update(PYTHONPATH={shared!r}, PYTEST_ADDOPTS="")
+sys.path.insert(0, {shared!r})
+import pytest
+raise SystemExit(pytest.main({["-p", "no:cacheprovider", *options]}))
+"""
+    return interpreter.python(code, folder=folder)
+
+
+def told_of(driver: str, folder: Path, **options: int) -> str:
+    """What the test of a driver says, run here; empty if it passes."""
+
+    @keeps_lane(**({"simulations": 150} | options))  # type: ignore[arg-type]
+    def test() -> object:
+        return getattr(planted, driver)()
+
+    place = folder / "test_here.py"
+    place.write_text("")
+    test.__wrapped__.__code__ = test.__wrapped__.__code__.replace(co_filename=str(place))  # type: ignore[attr-defined]
+    try:
+        test()
+    except DriverFailedError as error:
+        return str(error)
+    return ""
+
+
+@pytest.mark.parametrize("driver", PLANTED)
+def test_each_planted_fault_fails_with_its_cause(driver: str, tmp_path: Path) -> None:
+    told, cause = told_of(driver, tmp_path), PLANTED[driver]
+    if cause is None:
+        assert told == ""
+        assert not (tmp_path / FOLDER).exists()
+        return
+    first = next(line for line in told.splitlines() if line.startswith("The driver "))
+    assert cause in first
+    files = sorted((tmp_path / FOLDER).glob("*.json"))
+    assert files
+    for file in files:
+        assert str(file) in told
+        assert file.with_suffix(".png").is_file()
+        assert file.stat().st_size < 2000
+        assert json.loads(file.read_text(encoding="utf-8"))["curvatures"]
+    if driver == "Unrepeatable":
+        assert "\nNote: " in told
+        return
+    again = told_of(driver, tmp_path, simulations=1)
+    assert "on which it failed before" in again, "what is remembered is driven first"
+    assert cause.partition(" in")[0] in again
+    assert sorted((tmp_path / FOLDER).glob("*.json")) == files
+
+
+def test_the_same_seed_says_the_same_and_a_mended_driver_passes(tmp_path: Path) -> None:
+    for name in "ab":
+        (tmp_path / name).mkdir()
+    one, other = (told_of("TooFast", tmp_path / name) for name in "ab")
+    assert one.replace(str(tmp_path / "a"), "") == other.replace(str(tmp_path / "b"), "")
+    assert told_of("Sound", tmp_path / "a", simulations=5) == ""
+
+
+def test_time_ends_a_search_with_a_notice(tmp_path: Path) -> None:
+    NOTICES.clear()
+
+    @keeps_lane(simulations=10_000, seconds=1e-3)
+    def test() -> object:
+        return planted.Sound()
+
+    test()
+    (notice,) = NOTICES
+    assert "stopped after 0.001 s and" in notice
+    assert "of 10000 simulations" in notice
+    NOTICES.clear()
+
+
+def test_fixtures_parameters_marks_and_workers(interpreter: Interpreter, tmp_path: Path) -> None:
+    text = """
+@pytest.fixture
+def aggression():
+    return 1.0
+
+@pytest.mark.parametrize("name", ["Sound", "WrongSign"])
+@keeps_lane(simulations=20)
+def test_it(name, aggression):
+    assert aggression == 1.0
+    return getattr(planted, name)()
+
+@keeps_lane(simulations=5000, seconds=0.001)
+def test_slow():
+    return planted.Sound()
+
+def test_other():
+    pass
+"""
+    done = run_pytest(
+        interpreter, tmp_path, text, "-n", "2", "-m", "keeps_lane", "--junitxml", "r.xml"
+    )
+    assert done.code == 1, done.stdout
+    assert "1 failed, 2 passed" in done.stdout
+    assert "The driver steers the wrong way" in done.stdout
+    assert "Traceback" not in done.stdout
+    assert "keeping.py" not in done.stdout, "the message alone"
+    assert "test_slow: stopped after 0.001 s" in done.stdout
+    assert "PytestUnknownMarkWarning" not in done.stdout
+    found = {case.get("name"): case for case in ET.parse(tmp_path / "r.xml").iter("testcase")}
+    failure = found["test_it[WrongSign]"].find("failure")
+    assert failure is not None
+    assert "road      failing-roads" in (failure.text or "")
+    assert [one.get("name") for one in found["test_slow"].iter("property")] == ["frenetic"]
+    (file,) = (tmp_path / FOLDER).glob("*.json")
+    line = next(line for line in done.stdout.splitlines() if line.startswith("Drive them again: "))
+    assert line == 'Drive them again: pytest "test_lane.py::test_it[WrongSign]"'
+    again = run_pytest(interpreter, tmp_path, text, "test_lane.py::test_it[WrongSign]")
+    assert "on which it failed before" in again.stdout
+    file.write_text("{", encoding="utf-8")
+    damaged = run_pytest(interpreter, tmp_path, text, "test_lane.py::test_it[WrongSign]")
+    assert damaged.code == 1
+    assert file.name in damaged.stdout
+    assert "keeping.py" not in damaged.stdout
+    assert "plugin.py" not in damaged.stdout
+
+
+def test_criteria_of_a_class_of_roads(interpreter: Interpreter, tmp_path: Path) -> None:
+    text = """
+from frenetic import Planner
+
+@keeps_lane(roads="rural-80,length=600", criteria="after-iso-11270,lateral_acceleration=0.5",
+            simulations=6)
+def test_it():
+    return Planner()
+"""
+    done = run_pytest(interpreter, tmp_path, text)
+    assert "The driver exceeds the limit of lateral acceleration" in done.stdout
+    assert "criteria: after-iso-11270" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"roads": "rural-800"}, "there is no road class 'rural-800'"),
+        ({"criteria": "iso"}, "there are no criteria 'iso'"),
+        ({"simulations": 0}, "simulations is 0"),
+        ({"seconds": 0.0}, "seconds is 0.0"),
+        ({"speed_limit": "a"}, "speed_limit is 'a': a number"),
+        ({"criteria": 3}, "criteria is 3: "),
+        ({"conditions": ["delay"]}, r"conditions is \['delay'\]: names with values"),
+        ({"conditions": {"delay": "a"}}, "conditions is {'delay': 'a'}: "),
+    ],
+)
+def test_mistakes_are_named_where_the_test_is_declared(
+    arguments: dict[str, object], words: str
+) -> None:
+    with pytest.raises((FreneticError, ValueError), match=words):
+        keeps_lane(**arguments)  # type: ignore[arg-type]
+
+
+def test_what_is_no_driver_is_refused() -> None:
+    @keeps_lane()
+    def kind() -> object:
+        return Planner
+
+    @keeps_lane()
+    def nothing() -> None:
+        pass
+
+    with pytest.raises(DriverError, match=r"kind returned <class .*Planner'>: a driver"):
+        kind()
+    with pytest.raises(DriverError, match="nothing returned None: a driver"):
+        nothing()
+    with pytest.raises(TypeError, match=r"with parentheses: @keeps_lane\(\)"):
+        keeps_lane(nothing)  # type: ignore[arg-type]
+
+
+def test_tests_whose_ids_differ_in_signs_or_case_remember_roads_apart(
+    interpreter: Interpreter, tmp_path: Path
+) -> None:
+    text = """
+@pytest.mark.parametrize("gain", [1.0, -1.0])
+@keeps_lane(simulations=60)
+def test_sign(gain):
+    return planted.WrongSign() if gain < 0.0 else planted.Sound()
+
+class TestFast:
+    @keeps_lane(simulations=60)
+    def test_it(self): return planted.WrongSign()
+
+class Testfast:
+    @keeps_lane(simulations=60)
+    def test_it(self): return planted.Sound()
+"""
+    first, second = (run_pytest(interpreter, tmp_path, text, "-rfp") for _ in range(2))
+    for run in (first, second):
+        assert "PASSED test_lane.py::test_sign[1.0]" in run.stdout
+        assert "FAILED test_lane.py::test_sign[-1.0]" in run.stdout
+        assert "PASSED test_lane.py::Testfast::test_it" in run.stdout
+        assert "FAILED test_lane.py::TestFast::test_it" in run.stdout
+    stems = {path.stem[:-9] for path in (tmp_path / FOLDER).glob("*.json")}
+    ids = ("test_sign[-1.0]", "TestFast::test_it")
+    assert stems == {memory_stem("test_lane", f"test_lane.py::{test}") for test in ids}
+
+
+ALIKE: Final = (
+    "test_sign[1.0]",
+    "test_sign[-1.0]",
+    "test_sign[1/0]",
+    "test_sign[-1-0]",
+    "test_sign",
+    "test_Sign",
+    "TestSign::test_it",
+    "Testsign::test_it",
+    "test_sign[a::b]",
+    "test_sign[a b]",
+    "test_sign-",
+    "тест",
+    "test_" + "x" * 300,
+    "test_" + "x" * 301,
+    "test_sign[" + ":" * 300 + "]",
+)
+"""Ids of one file's tests."""
+
+MODULES: Final = ("test_lane", "test_Lane", "test_lane-test_sign", "con")
+
+
+def test_each_id_has_file_names_of_its_own_on_every_system() -> None:
+    stems = {memory_stem(module, f"{module}.py::{test}") for module in MODULES for test in ALIKE}
+    folded = {stem.casefold() for stem in stems}
+    assert len(folded) == len(MODULES) * len(ALIKE)
+    for stem in stems:
+        assert re.fullmatch(r"[A-Za-z0-9_]+-[A-Za-z0-9_.-]+", stem)
+        assert len(f"{stem}-12345678.json") <= 200  # bytes, of 255 that systems allow
+        # The pattern of one test's files does not fit another's.
+        files = [f"{stem}-12345678.json" for stem in stems]
+        assert fnmatch.filter(files, f"{stem}-????????.json") == [f"{stem}-12345678.json"]
+
+
+@given(st.text(), st.text())
+def test_two_ids_never_share_a_file_name(first: str, second: str) -> None:
+    stems = [memory_stem("test_lane", f"test_lane.py::{text}") for text in (first, second)]
+    assert (stems[0].casefold() == stems[1].casefold()) is (first == second)
+
+
+def test_the_name_of_a_plain_id_says_it_all_wherever_pytest_was_started() -> None:
+    for folder in ("", "tests/", "/home/me/tests/"):
+        assert memory_stem("bends_test", f"{folder}bends_test.py::test_hasty") == (
+            "bends_test-test_hasty"
+        )
+    assert memory_stem("bends_test", "test_hasty") == "bends_test-test_hasty"
+    imported = {memory_stem("shared", f"tests/{name}.py::test_hasty") for name in ("a", "b")}
+    assert len(imported) == 2
