@@ -55,6 +55,7 @@ from frenetic.campaign.workers import (
     LocalWorkers,
     Workers,
     available_cores,
+    cluster_workers,
     is_isolable,
 )
 from frenetic.conditions.domain import Domain
@@ -130,7 +131,7 @@ class Campaign(Shown):
         terms: map, lanes, roads and conditions of the drives; by default those of the strategy.
         folder: for results, made if need be; a new one under ``campaigns/`` by default.
         workers: number of roads driven at once, or the address of a Dask scheduler whose workers
-            drive (`frenetic.plugins.dask.cluster`). 1 drives them in this process, which does
+            drive (the plug-in `dask`). 1 drives them in this process, which does
             not survive a driver that kills or hangs it, closes its files or leaves its folder,
             unless `isolate` says otherwise. More are processes on this machine, each with a
             simulator and a driver of its own.
@@ -356,10 +357,7 @@ class Campaign(Shown):
                 require_valid_roads(self.strategy)
         prepare(self.tester.simulator, is_here=isinstance(self.workers, int))
         if isinstance(self.workers, str):
-            # An optional extra.
-            from frenetic.plugins.dask.cluster import require_scheduler
-
-            require_scheduler(self.workers)
+            cluster_workers().require_scheduler(self.workers)
         if self._search_so_far is not None:
             return self._go_on(*self._search_so_far, limit, on_event)
         folders = [earlier.folder for earlier in self.start_from]
@@ -675,10 +673,10 @@ class Campaign(Shown):
 
     def _workers(self, log: CampaignLog) -> Workers:
         if isinstance(self.workers, str):
-            # An optional extra.
-            from frenetic.plugins.dask.cluster import ClusterWorkers
-
-            return ClusterWorkers(self.tester, self.workers, drive_limit=self.drive_limit, log=log)
+            workers: Workers = cluster_workers()(
+                self.tester, self.workers, drive_limit=self.drive_limit, log=log
+            )
+            return workers
         if self.workers == 1 and not (self.isolate and is_isolable(self.tester)):
             return InProcessWorker(self.tester)
         return LocalWorkers(

@@ -21,7 +21,7 @@ from frenetic._support.entry_points import Entry, imported, installed
 from frenetic.errors import FreneticError, UnknownNameError
 from frenetic.parts.registry import hint
 
-GROUP: Final = "frenetic.conditions.condition"
+GROUP: Final = "frenetic.conditions"
 SEED: Final = "noise_seed"
 """Name of the seed of random layers among the conditions of a drive."""
 SPEED: Final = "speed"

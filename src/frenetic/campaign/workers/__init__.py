@@ -1,9 +1,14 @@
-"""Workers, which test roads: this process, several local ones, or a Dask cluster."""
+"""Workers, which test roads: this process, several local ones, or a cluster."""
 
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.workers.alone import DriveProcess, driving
 from frenetic.campaign.workers.local import LocalWorkers, is_isolable
-from frenetic.campaign.workers.workers import InProcessWorker, Workers, available_cores
+from frenetic.campaign.workers.workers import (
+    InProcessWorker,
+    Workers,
+    available_cores,
+    cluster_workers,
+)
 
 __all__ = [
     "Attempt",
@@ -12,6 +17,7 @@ __all__ = [
     "LocalWorkers",
     "Workers",
     "available_cores",
+    "cluster_workers",
     "driving",
     "is_isolable",
 ]

@@ -8,10 +8,14 @@ import time
 from collections.abc import Sequence
 from typing import Any, Final, Protocol, Self
 
+from frenetic._support.entry_points import imported, installed
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import CampaignError, Trouble, reason_of, traceback_of
 from frenetic.search.records import Candidate
+
+CLUSTERS: Final = "frenetic.clusters"
+"""Entry points: the workers of a cluster, made as ``(tester, address, *, drive_limit, log)``."""
 
 
 class Workers(Protocol):
@@ -135,3 +139,14 @@ class InProcessWorker(Workers):
             except Exception as error:
                 raise CampaignError(f"the simulator does not start: {reason_of(error)}") from error
             self._started = True
+
+
+def cluster_workers() -> Any:
+    """Return the class of the workers of a cluster, which a plug-in adds.
+
+    Raises:
+        CampaignError: no installed package has an entry point in the group `frenetic.clusters`.
+    """
+    for entry in installed(CLUSTERS):
+        return imported(entry.target)
+    raise CampaignError(f"no installed package adds {CLUSTERS}, which drive for an address")

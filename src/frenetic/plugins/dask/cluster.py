@@ -192,14 +192,14 @@ class ClusterWorkers(Workers):
         with suppress(OSError, RuntimeError):  # Dask's own, where its scheduler is lost
             self._client.close(timeout=CONNECT_LIMIT)
 
+    @staticmethod
+    def require_scheduler(address: str) -> None:
+        """Connect to a scheduler, before a campaign makes its folder.
 
-def require_scheduler(address: str) -> None:
-    """Asks whether a scheduler is there, before a campaign makes its folder.
-
-    Raises:
-        CampaignError: there is none.
-    """
-    _connect(address).close()
+        Raises:
+            CampaignError: no scheduler answers at the address.
+        """
+        _connect(address).close()
 
 
 def _connect(address: str) -> Client:
