@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 GUESTS = ("beamng", "bench", "commonroad", "metadrive", "shelf", "twin", "vision")
-STRANGER = Path(__file__).parent / "stranger"
+STRANGER = Path(__file__).parents[1] / "stranger"
 
 WITHOUT = """
 import sys

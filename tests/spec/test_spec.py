@@ -34,7 +34,7 @@ from frenetic.spec import DRIVEN, FILE, Budget, Spec
 from frenetic.spec.terms import Terms
 
 SOURCE = "c/campaign.sqlite"
-MAPS = Path(__file__).parent / "cases" / "maps"
+MAPS = Path(__file__).parents[1] / "cases" / "maps"
 TOWN = {"roads": "urban-50", "conditions": {"gust": {"low": 0, "high": 18}}}
 
 

@@ -24,7 +24,7 @@ from frenetic.errors import RoadError
 from frenetic.road import check_validity
 from frenetic.road.validity import overlaps_itself
 
-BENCH = Path(frenetic.__file__).parent / "bench"
+BENCH = Path(frenetic.__file__).parent / "plugins" / "bench"
 MAIN = BENCH / "host.py"
 GENERATORS = Path(__file__).parent / "generators"
 PATIENCE = 120.0  # s after which a process is ended that should have ended long before

@@ -15,8 +15,8 @@ from pids import descendants, ending, until
 
 HERE = Path(__file__).parent
 """Parts of campaigns are in files here, which workers find as if they were installed there."""
-SHARED = HERE.parent / "shared"
-SOURCES = HERE.parents[1] / "src"
+SHARED = HERE.parents[1] / "shared"
+SOURCES = HERE.parents[2] / "src"
 ONE_SEAT = ("--nthreads", "1", "--resources", "simulator=1")
 
 
