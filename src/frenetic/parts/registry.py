@@ -8,32 +8,22 @@ Other packages add theirs with an entry point in the group ``frenetic.strategies
 from __future__ import annotations
 
 import difflib
-import hashlib
 import importlib
-import importlib.machinery
-import importlib.util
 import inspect
-import os
 import re
 import sys
-import sysconfig
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import redirect_stdout, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from frenetic._support.entry_points import Entry, installed
 from frenetic.criteria.criterion import QUANTITIES
 from frenetic.errors import FreneticError, UnknownNameError, describe_raised, place_of
-from frenetic.parts.source_imports import files_of, imported_names
-
-USER_MODULE: Final = "frenetic_user_"
-"""Prefix of the names of modules loaded from a user's file."""
-_INSTALLED: Final = frozenset({"site-packages", "dist-packages"})
-_STANDARD: Final = tuple({sysconfig.get_path("stdlib"), sysconfig.get_path("platstdlib")})
+from frenetic.parts.user_modules import load_own_module, load_user_file
 
 
 def options_of(part: object) -> Mapping[str, Any] | None:
@@ -336,7 +326,7 @@ class Registry:
                 if place.endswith(".py"):
                     module = load_user_file(place)
                 elif own:
-                    module = _load_own_module(place)
+                    module = load_own_module(place)
                 else:
                     module = importlib.import_module(place)
         except FreneticError:
@@ -396,153 +386,6 @@ def absolute_files(options: Mapping[str, Any], folder: Path | str) -> dict[str, 
         else value
         for option, value in options.items()
     }
-
-
-_FOLDERS: Final[set[str]] = set()
-"""Folders of users' parts that this process has added to the module path."""
-
-
-def _add_folder(folder: Path) -> None:
-    """Puts the folder of a user's part behind the module path, before those of earlier parts.
-
-    So a module beside the part comes before one beside another part, but after all that is
-    installed.
-    """
-    place = str(folder)
-    if place in sys.path and place not in _FOLDERS:
-        return
-    _FOLDERS.add(place)
-    earlier = [path for path in sys.path if path in _FOLDERS and path != place]
-    sys.path[:] = [*(path for path in sys.path if path not in _FOLDERS), place, *earlier]
-
-
-def user_folders() -> frozenset[str]:
-    """Folders of users' parts that this process has added to the module path."""
-    return frozenset(_FOLDERS)
-
-
-def _load_own_module(name: str) -> Any:
-    """A module the user named, which may lie in the current folder.
-
-    Raises:
-        FreneticError: Python would take another module for it or for what it imports.
-    """
-    place = Path.cwd()
-    _add_folder(place)
-    top = name.partition(".")[0]
-    if (shadowed := _shadowed(top, place)) is None:
-        _check_helpers(files_of(name, [place]), place)
-    else:
-        raise FreneticError(
-            f"Python takes {shadowed.by} for the module {top!r}, not {shadowed.file}: rename that,"
-            " or name a file in it, such as path/to/file.py:Class"
-        )
-    return importlib.import_module(name)
-
-
-class _Shadowed(NamedTuple):
-    """A module of a user's folder in whose place Python takes another of this name."""
-
-    file: Path
-    by: str
-    """The other one's file; ``built-in`` or ``frozen`` if it is a part of Python without a file."""
-
-
-def _check_helpers(files: Iterable[tuple[str, Path, Path]], folder: Path) -> None:
-    """Checks that Python takes the modules beside a user's file for what that file imports.
-
-    Args:
-        files: name, file and folder of each module, as `files_of` gives them.
-        folder: where modules beside them lie.
-
-    Raises:
-        FreneticError: it would take a standard, installed or other one for one of them.
-    """
-    waiting, sources = list(files), set[Path]()
-    while waiting:
-        module, file, _ = waiting.pop()
-        if file in sources:
-            continue
-        sources.add(file)
-        package = module if file.name == "__init__.py" else module.rpartition(".")[0]
-        for imported in imported_names(file.read_text("utf-8", "replace"), package):
-            top = imported.partition(".")[0]
-            shadowed = _shadowed(top, folder)
-            if shadowed is not None and shadowed.file not in sources:
-                raise FreneticError(
-                    f"{file} imports {top!r}: Python takes {shadowed.by} for it, not"
-                    f" {shadowed.file}: rename that"
-                )
-            waiting += files_of(imported, [folder])
-
-
-def _shadowed(name: str, folder: Path) -> _Shadowed | None:
-    """The module of a folder if Python takes another of its name; None if there is no such pair.
-
-    Args:
-        name: of the module, without dots.
-        folder: on the module path.
-    """
-    stems = (f"{name}/__init__", name) if name else ()
-    suffixes = importlib.machinery.all_suffixes()
-    files = [folder / f"{stem}{suffix}" for stem in stems for suffix in suffixes]
-    file = next((file for file in files if file.is_file()), None)
-    if file is None:
-        return None
-    try:
-        spec = importlib.util.find_spec(name)
-    except (ImportError, ValueError):  # `__main__` has no spec
-        return None
-    if spec is None or (spec.has_location and Path(spec.origin or "").resolve() == file.resolve()):
-        return None
-    return _Shadowed(file, spec.origin or f"another {name}")
-
-
-def is_local(file: Path) -> bool:
-    """Whether a module's file is neither installed nor of the standard library."""
-    is_installed = not _INSTALLED.isdisjoint(file.parts)
-    return not is_installed and not any(file.is_relative_to(place) for place in _STANDARD)
-
-
-def user_files() -> list[str]:
-    """The files of users' own modules that this process has loaded."""
-    return [
-        module.__file__
-        for name, module in sys.modules.copy().items()  # another thread may be importing
-        if name.startswith(USER_MODULE) and module.__file__ is not None
-    ]
-
-
-def load_user_file(name: str) -> Any:
-    """The module in a user's file; loaded once, under the same name in every process.
-
-    Raises:
-        FreneticError: the file does not exist or is no Python, or Python would take another module
-            for one beside it that it imports.
-    """
-    path = Path(name).expanduser()
-    if not path.is_file():
-        raise FreneticError(f"there is no file {name!r}")
-    path = path.resolve()
-    # The same name in every process, so that its objects can be sent between processes.
-    digest = hashlib.sha256(os.fsencode(path)).hexdigest()[:12]
-    module_name = f"{USER_MODULE}{path.stem}_{digest}"
-    if module_name in sys.modules:
-        return sys.modules[module_name]
-    spec = importlib.util.spec_from_file_location(module_name, path)
-    if spec is None or spec.loader is None:
-        raise FreneticError(f"{name!r} cannot be read as Python")
-    # The file may import its neighbours, but none of them in the place of an installed module.
-    _add_folder(path.parent)
-    _check_helpers([("", path, path.parent)], path.parent)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[module_name] = module
-    try:
-        spec.loader.exec_module(module)
-    except BaseException:
-        del sys.modules[module_name]
-        raise
-    return module
 
 
 STRATEGIES: Final = Registry(

@@ -25,8 +25,9 @@ from types import FunctionType
 from typing import Any, Final
 
 from frenetic.errors import describe_error
-from frenetic.parts.registry import USER_MODULE, Made, is_local, part_name
+from frenetic.parts.registry import Made, part_name
 from frenetic.parts.source_imports import files_of, imported_names
+from frenetic.parts.user_modules import USER_MODULE, is_local
 
 SHORT: Final = 8
 """Characters of a digest for people."""

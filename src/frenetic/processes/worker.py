@@ -40,7 +40,7 @@ from frenetic._support.messages import (
     to_bytes,
 )
 from frenetic.errors import CampaignError, Trouble, describe_error, reason_of, traceback_of
-from frenetic.parts.registry import load_user_file, user_files
+from frenetic.parts.user_modules import load_user_file, user_files
 from frenetic.processes.children import (
     END_LIMIT,
     SharedFlag,

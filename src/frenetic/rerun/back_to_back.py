@@ -39,8 +39,9 @@ from frenetic.conditions.domain import Domain
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.oracle.outcome import Outcome
-from frenetic.parts.registry import DRIVERS, absolute_files, user_folders
+from frenetic.parts.registry import DRIVERS, absolute_files
 from frenetic.parts.trust import NOT_DRIVING, REGISTRIES
+from frenetic.parts.user_modules import user_folders
 from frenetic.parts.versions import comparison_key, sources_named
 from frenetic.processes.interrupt import catch_interrupt
 from frenetic.processes.worker import LostWorkerError, Worker, pack, ready, report

@@ -19,7 +19,8 @@ from typing import Any, Final
 from frenetic._support.json_value import JSONValue
 from frenetic._support.words import part_word
 from frenetic.errors import describe_error
-from frenetic.parts.registry import USER_MODULE, Made, arguments_of, options_of, part_name
+from frenetic.parts.registry import Made, arguments_of, options_of, part_name
+from frenetic.parts.user_modules import USER_MODULE
 from frenetic.parts.versions import (
     differences,
     innermost,

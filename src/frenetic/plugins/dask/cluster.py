@@ -31,7 +31,7 @@ from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers.local import Seat, lost_attempt
 from frenetic.campaign.workers.workers import Workers
 from frenetic.errors import CampaignError, FreneticError, Trouble, describe_error, reason_of
-from frenetic.parts.registry import USER_MODULE, user_files
+from frenetic.parts.user_modules import USER_MODULE, user_files
 from frenetic.processes.worker import LostWorkerError, Worker
 from frenetic.search.records import Candidate
 from frenetic.simulators.blame import Blame
