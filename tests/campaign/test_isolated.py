@@ -61,7 +61,7 @@ from frenetic.errors import (
     Trouble,
 )
 from frenetic.oracle.outcome import Outcome
-from frenetic.processes.worker import Loss, LostWorkerError
+from frenetic.processes.object_process import Loss, LostWorkerError
 from frenetic.road import Road
 from frenetic.simulators import EmbeddedSimulator, Simulator
 from frenetic.simulators.blame import Blame

@@ -44,7 +44,8 @@ from frenetic.parts.trust import NOT_DRIVING, REGISTRIES
 from frenetic.parts.user_modules import user_folders
 from frenetic.parts.versions import comparison_key, sources_named
 from frenetic.processes.interrupt import catch_interrupt
-from frenetic.processes.worker import LostWorkerError, Worker, pack, ready, report
+from frenetic.processes.object_host import report
+from frenetic.processes.object_process import LostWorkerError, ObjectProcess, pack, ready
 from frenetic.rerun.campaigns import How, campaign_again, complete, say_complete
 from frenetic.rerun.rerun import drive_tests
 from frenetic.rerun.stability import Change
@@ -391,7 +392,7 @@ def _in_process(old: OldVersion, fresh: int, how: How) -> FreshRoads:
     with CampaignStore.open(old.campaign) as store:
         seed, described = _fresh_seed(store), recorded_driver(store)
     now, folder = Summary(), old.campaign
-    worker = Worker("the old version", pack(old), files=())
+    worker = ObjectProcess("the old version", pack(old), files=())
 
     def on_interrupt() -> None:
         on_event(Event("interrupted", now))
