@@ -21,7 +21,7 @@ from faulty import FaultySimulator
 from pids import LIMIT
 
 from frenetic.campaign import Summary
-from frenetic.campaign.store import DATABASE
+from frenetic.campaign.database import DATABASE
 from frenetic.errors import CampaignError
 from frenetic.processes import object_process
 from frenetic.processes.children import process_context

@@ -19,7 +19,7 @@ from events import on_result
 
 from frenetic.campaign import Campaign, CampaignStore
 from frenetic.campaign.check import check_campaign
-from frenetic.campaign.store import DATABASE
+from frenetic.campaign.database import DATABASE
 from frenetic.cli import main
 from frenetic.drivers import Planner
 from frenetic.errors import CampaignError
@@ -172,7 +172,7 @@ def test_missing_rows_are_found(folder: Path, change: str, text: str) -> None:
 def test_damage_that_no_reader_meets(folder: Path) -> None:
     with CampaignStore.open(folder, readonly=False) as store:
         last = len(list(store.candidates())) + 1
-        store.asked(replace(store.candidate(1), id=last))
+        store.add_candidate(replace(store.candidate(1), id=last))
     assert not check_campaign(folder).findings
     execute(folder, "UPDATE test SET parents = '[1.5]' WHERE id = ?", last)
     expect(folder, f"candidate {last}: ")

@@ -29,7 +29,7 @@ from small_disk import Bounded, Breaking
 
 from frenetic.campaign import Budget, CampaignStore
 from frenetic.campaign.check import check_campaign
-from frenetic.campaign.store import DATABASE
+from frenetic.campaign.database import DATABASE
 from frenetic.campaign.workers.local import AHEAD
 from frenetic.cli import main
 from frenetic.errors import CampaignGoneError

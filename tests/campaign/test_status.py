@@ -11,9 +11,10 @@ from campaigns import refused
 from events import on_test
 from paced import campaign, paced
 
+from frenetic.campaign.database import DATABASE
 from frenetic.campaign.log import LOG, CampaignLog, LogEvent
 from frenetic.campaign.status import KEPT, TAIL, CampaignState, Status, look
-from frenetic.campaign.store import DATABASE, LOCK
+from frenetic.campaign.store import LOCK
 from frenetic.road import Road
 
 

@@ -23,9 +23,10 @@ from small_disk import Bounded, Breaking
 
 from frenetic._support.json_value import JSONValue
 from frenetic.campaign.check import check_campaign
+from frenetic.campaign.database import APPLICATION_ID, DATABASE, FORMAT
 from frenetic.campaign.lock import lock_file
 from frenetic.campaign.record import ASKED, FINISHED, Test
-from frenetic.campaign.store import APPLICATION_ID, DATABASE, FORMAT, CampaignStore
+from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.trajectory_codec import rounded
 from frenetic.errors import CampaignError, Fault
 from frenetic.oracle.drive import CarBody, Rules, Trajectory
@@ -80,8 +81,8 @@ def make_test(id: int, outcome: Outcome | None = None, told: int | None = None) 
 
 def tell(store: CampaignStore, *ids: int) -> None:
     for id in ids:  # noqa: A001
-        store.asked(make_candidate(id))
-        store.told(make_test(id))
+        store.add_candidate(make_candidate(id))
+        store.add_result(make_test(id))
     store.write()
 
 
@@ -211,8 +212,8 @@ CASES = {
 def test_what_was_told_comes_back_equal(folder: Path, name: str) -> None:
     test = CASES[name]
     with CampaignStore.create(folder, CONFIG) as store:
-        store.asked(test.candidate)
-        store.told(test)
+        store.add_candidate(test.candidate)
+        store.add_result(test)
         assert plain(store.test(1)) == as_read(test)
     with CampaignStore.open(folder) as store:
         assert store.config == CONFIG
@@ -230,8 +231,8 @@ def test_what_was_told_comes_back_equal(folder: Path, name: str) -> None:
 
 
 def test_no_column_is_left_out(store: CampaignStore) -> None:
-    store.asked(FULL.candidate)
-    store.told(FULL)
+    store.add_candidate(FULL.candidate)
+    store.add_result(FULL)
     (row,) = store.rows("SELECT * FROM test")
     assert None not in row
 
@@ -242,19 +243,19 @@ def test_numbers_are_finite(store: CampaignStore, value: float) -> None:
     for column in asked:
         bad = value if column.kind == "REAL" else np.full((3, 2)[: len(column.kind) - 3], value)
         with pytest.raises(ValueError, match=column.name):
-            store.asked(changed(FULL, column.path, bad).candidate)
+            store.add_candidate(changed(FULL, column.path, bad).candidate)
     for what in ("conditions", "notes"):
         with pytest.raises(ValueError, match=what):
-            store.asked(changed(FULL.candidate, what, {"fog": value}))
-    store.asked(FULL.candidate)
+            store.add_candidate(changed(FULL.candidate, what, {"fog": value}))
+    store.add_candidate(FULL.candidate)
     told = [column for column in FINISHED if column.kind == "REAL" and column not in asked]
     for column in told:
         with pytest.raises(ValueError, match=column.name):
-            store.told(changed(FULL, column.path, value))
+            store.add_result(changed(FULL, column.path, value))
     (finding, *_) = FULL.result.findings
     with pytest.raises(ValueError, match="limit"):
-        store.told(changed(FULL, "result.findings", (replace(finding, limit=value),)))
-    store.told(FULL)
+        store.add_result(changed(FULL, "result.findings", (replace(finding, limit=value),)))
+    store.add_result(FULL)
     assert plain(store.test(1)) == as_read(FULL)
     assert len(asked) + len(told) > 12
 
@@ -319,11 +320,11 @@ def test_a_store_is_the_list_of_what_was_asked_and_told_whatever_breaks_off(
             last = asked[-1][0].id if asked else 0
             asked.append((make_candidate(last + rng.randint(1, 2)), len(told)))
             waiting.append(asked[-1][0].id)
-            store.asked(asked[-1][0])
+            store.add_candidate(asked[-1][0])
         elif deed == "tell" and waiting:
             id = waiting.pop(rng.randrange(len(waiting)))  # noqa: A001
             told.append(make_test(id, rng.choice([*Outcome, Outcome.FAIL]), len(told) + 1))
-            store.told(told[-1])
+            store.add_result(told[-1])
         elif deed == "break":
             breaking.left, breaking.is_after = rng.choice([1, 2, 3, 4, 5, 5]), rng.random() < 0.5
             errors = [KeyboardInterrupt(), sqlite3.OperationalError("disk I/O error")]
@@ -354,8 +355,8 @@ def test_a_store_is_the_list_of_what_was_asked_and_told_whatever_breaks_off(
 def test_a_reader_sees_the_moment_it_asked_while_the_writer_goes_on(store: CampaignStore) -> None:
     many = 1200  # read in parts
     for id in range(1, many + 1):  # noqa: A001
-        store.asked(make_candidate(id, 2))
-        store.told(make_test(id, Outcome.INVALID))
+        store.add_candidate(make_candidate(id, 2))
+        store.add_result(make_test(id, Outcome.INVALID))
     store.write()
     with CampaignStore.open(store.folder) as reader:
         own, tests, candidates = store.tests(), reader.tests(), reader.candidates()
@@ -391,9 +392,9 @@ def test_unknown_ids_are_named_and_those_of_numpy_known(store: CampaignStore) ->
     with refused("no test of candidate 1: there are none so far"):
         store.test(1)
     tell(store, 1)
-    store.asked(make_candidate(2))
-    store.told(make_test(2))
-    store.asked(make_candidate(4))
+    store.add_candidate(make_candidate(2))
+    store.add_result(make_test(2))
+    store.add_candidate(make_candidate(4))
     for unknown in (0, -1, 4, 99, 10**30):
         with refused(f"no test .* {unknown}: ids run from 1 to 2"):
             store.test(unknown)
@@ -409,7 +410,7 @@ def test_the_id_of_a_candidate_is_new(finished: Path) -> None:
     with CampaignStore.open(finished, readonly=False) as store:
         for id in (1, 10):  # noqa: A001
             with refused("already holds candidate 10"):
-                store.asked(make_candidate(id))
+                store.add_candidate(make_candidate(id))
 
 
 def test_a_second_writer_is_refused_and_nothing_is_overwritten(store: CampaignStore) -> None:
@@ -430,7 +431,7 @@ def test_a_second_writer_is_refused_and_nothing_is_overwritten(store: CampaignSt
 def test_a_reader_writes_nothing_and_a_closed_store_says_so(finished: Path) -> None:
     with CampaignStore.open(finished) as store:
         writes: list[Callable[[], None]] = [
-            lambda: store.asked(make_candidate(11)),
+            lambda: store.add_candidate(make_candidate(11)),
             store.finish,
             store.reopen,
         ]
@@ -622,8 +623,8 @@ def test_a_full_disk_loses_nothing_that_was_stored(
     folder: Path, full: Callable[[int], None]
 ) -> None:
     def fill(store: CampaignStore, number: int) -> None:
-        store.asked(make_candidate(number))
-        store.told(make_test(number, Outcome.FAIL))
+        store.add_candidate(make_candidate(number))
+        store.add_result(make_test(number, Outcome.FAIL))
         store.write()
 
     with CampaignStore.create(folder, CONFIG) as store:
@@ -646,10 +647,10 @@ def test_closing_on_a_full_disk_still_closes_and_hides_no_other_error(
 ) -> None:
     with pytest.raises(KeyError), CampaignStore.create(folder, CONFIG) as store:  # noqa: PT012
         full(1)
-        store.asked(make_candidate(1, samples=10_000))
+        store.add_candidate(make_candidate(1, samples=10_000))
         raise KeyError
     store = CampaignStore.open(folder, readonly=False)
-    store.asked(make_candidate(1, samples=10_000))
+    store.add_candidate(make_candidate(1, samples=10_000))
     with refused("the disk is full"):
         store.close()
     with CampaignStore.open(folder, readonly=False) as again:

@@ -34,9 +34,10 @@ from frenetic._support.bounds import Count, Finite, Measured, NotNegative, Share
 from frenetic._support.files import write_file
 from frenetic._support.outside_text import read_json
 from frenetic.campaign.campaign import Campaign
+from frenetic.campaign.database import DATABASE
 from frenetic.campaign.log import CampaignLog
 from frenetic.campaign.record import Attempt
-from frenetic.campaign.store import DATABASE, CampaignStore
+from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Event, Summary
 from frenetic.campaign.tester import RoadTester, fitted
 from frenetic.campaign.workers import Workers

@@ -38,10 +38,11 @@ from frenetic.campaign.guarded_strategy import (
 from frenetic.campaign.log import CampaignLog, LogEvent
 from frenetic.campaign.loop import Dispatcher
 from frenetic.campaign.objective import MOOBD, Objective, objectives
+from frenetic.campaign.reader import SIGNATURE, SOURCES, STARTED_IN
 from frenetic.campaign.record import Test
 from frenetic.campaign.second_drive import SecondDrive
 from frenetic.campaign.status import has_judged, next_campaign, stored_budget
-from frenetic.campaign.store import SIGNATURE, SOURCES, STARTED_IN, CampaignStore
+from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Event, EventKind, Summary
 from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.warm_start import (

@@ -8,8 +8,9 @@ from pathlib import Path
 
 from frenetic.campaign.configuration import fault_of
 from frenetic.campaign.counts import Counts
+from frenetic.campaign.database import DATABASE
 from frenetic.campaign.log import told_in_log
-from frenetic.campaign.store import DATABASE, CampaignStore
+from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.warm_start import read_earlier
 from frenetic.errors import CampaignError
 

@@ -176,7 +176,7 @@ class Dispatcher:
                     )
                 self._waits_for_result = True
                 return
-            self._store.asked(candidate)
+            self._store.add_candidate(candidate)
             self._outstanding[candidate.id] = candidate
             self._waiting.add(candidate.id)
 
@@ -306,7 +306,7 @@ class Dispatcher:
         evaluation = evaluation_of(test, attempt.stored_trajectory, self._objective)
         if evaluation.objective is not None:
             test = replace(test, objective=self._objective.value_of(evaluation))
-        self._store.told(test, attempt.packed)
+        self._store.add_result(test, attempt.packed)
         if self._second is not None:
             self._second.see(test)
         del self._outstanding[candidate.id]

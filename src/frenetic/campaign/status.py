@@ -17,16 +17,11 @@ from msgspec import Struct, structs, to_builtins
 from frenetic._support.outside_text import read_json
 from frenetic._support.words import printable
 from frenetic.campaign.configuration import SPEC, decode_budget, driving_spec, recorded_spec
+from frenetic.campaign.database import DATABASE
 from frenetic.campaign.lock import holder, last_host
 from frenetic.campaign.log import LOG, LogEvent
-from frenetic.campaign.store import (
-    DATABASE,
-    LOCK,
-    SIGNATURE,
-    SOURCES,
-    STARTED_IN,
-    CampaignStore,
-)
+from frenetic.campaign.reader import SIGNATURE, SOURCES, STARTED_IN
+from frenetic.campaign.store import LOCK, CampaignStore
 from frenetic.campaign.summary import Summary
 from frenetic.errors import CampaignError
 from frenetic.oracle.verdict import is_drivers

@@ -21,8 +21,9 @@ from frenetic._support.json_value import JSONValue
 from frenetic._support.words import counted
 from frenetic.campaign.configuration import EarlierCampaign
 from frenetic.campaign.objective import Objective, evaluation_of
+from frenetic.campaign.reader import EARLIER_SETTINGS
 from frenetic.campaign.record import Test
-from frenetic.campaign.store import EARLIER_SETTINGS, CampaignStore
+from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester, fitted
 from frenetic.errors import CampaignError, RoadError
 from frenetic.oracle.drive import Trajectory

@@ -30,9 +30,11 @@ from frenetic.analysis.failures import Failure
 from frenetic.analysis.statistics import Estimate, median_estimate, paired_share_difference
 from frenetic.campaign.configuration import with_budget
 from frenetic.campaign.counts import Counts
+from frenetic.campaign.database import DATABASE
+from frenetic.campaign.reader import SOURCES
 from frenetic.campaign.record import Test
 from frenetic.campaign.status import signed_spec
-from frenetic.campaign.store import DATABASE, SOURCES, CampaignStore
+from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Event, EventKind, Progress, Summary
 from frenetic.campaign.tester import RoadTester
 from frenetic.conditions.domain import Domain
