@@ -20,10 +20,9 @@ from contents import contents
 from events import on_test
 
 from frenetic._support.arrays import FloatArray
-from frenetic.campaign import Budget, Campaign, CampaignStore, Test, new_folder
-from frenetic.campaign import campaign as campaign_module
+from frenetic.campaign import Budget, Campaign, CampaignStore, Test, new_folder, options, session
 from frenetic.campaign.check import check_campaign
-from frenetic.campaign.configuration import decode_budget, with_budget
+from frenetic.campaign.configuration import decode_budget
 from frenetic.campaign.guarded_strategy import ObservingStrategy
 from frenetic.campaign.objective import objectives
 from frenetic.campaign.record import Attempt
@@ -62,8 +61,8 @@ from frenetic.testing import DummyDriver
 def test_a_few_compiled_drives_take_one_process(
     driver: str, budget: Budget, workers: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(campaign_module, "available_cores", lambda: 3)
-    spec = with_budget(Spec(strategy="random", driver=driver, seed=1), budget)
+    monkeypatch.setattr(options, "available_cores", lambda: 3)
+    spec = Spec(strategy="random", driver=driver, seed=1).with_budget(budget)
     assert Campaign.of(spec, folder=tmp_path / "c").workers == workers
     assert Campaign.of(spec, folder=tmp_path / "c", workers=2).workers == 2
 
@@ -98,7 +97,7 @@ def test_a_strategy_that_ends_the_search(tmp_path: Path) -> None:
 
 def test_budget_of_time_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     clock = iter(range(1000))
-    monkeypatch.setattr("frenetic.campaign.campaign.time.perf_counter", lambda: next(clock))
+    monkeypatch.setattr("frenetic.campaign.session.time.perf_counter", lambda: next(clock))
     assert 1 <= scripted(tmp_path, Budget(time=20.0)).run().simulations <= 20
 
 
@@ -106,7 +105,7 @@ def test_the_time_for_compiling_is_not_the_budgets(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     order: list[str] = []
-    monkeypatch.setattr(campaign_module, "compile_kernels", lambda: order.append("compiled"))
+    monkeypatch.setattr(session, "compile_kernels", lambda: order.append("compiled"))
     search = scripted(tmp_path, Budget(time=60.0, failures=1))
     search.run(1, on_event=lambda event: order.append(event.kind))
     assert order[:2] == ["compiled", "started"]
@@ -185,7 +184,7 @@ def test_what_a_second_ctrl_c_breaks_is_an_interruption(
                 signal.raise_signal(signal.SIGINT)
         raise RuntimeError("no compiled object yet")
 
-    monkeypatch.setattr(campaign_module, "compile_kernels", compile_with_a_deaf_callback)
+    monkeypatch.setattr(session, "compile_kernels", compile_with_a_deaf_callback)
     search = scripted(tmp_path, Budget(simulations=2))
     if presses == 2:
         assert search.run().interrupted
@@ -269,7 +268,7 @@ def test_an_error_in_a_callback_is_raised_and_loses_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What was stored with that test is reported by the next run."""
-    monkeypatch.setattr("frenetic.campaign.campaign.InProcessWorker", TwoAtOnce)
+    monkeypatch.setattr("frenetic.campaign.workers.local.InProcessWorker", TwoAtOnce)
     search = scripted(tmp_path, Budget(simulations=4), lookahead=2)
     seen: list[int | None] = []
 

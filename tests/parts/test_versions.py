@@ -75,7 +75,7 @@ def write(folder: Path, files: Mapping[str, str]) -> None:
 def made(spec: str = "mpc.py:Mpc", **options: Any) -> dict[str, Any]:
     """The description of a driver that is loaded anew."""
     with own_modules():
-        return describe(DRIVERS.make(spec, **options), DRIVERS.made(spec, options, {}))
+        return describe(DRIVERS.make(spec, **options), DRIVERS.construction(spec, options, {}))
 
 
 @pytest.mark.parametrize("spec", UNUSED)

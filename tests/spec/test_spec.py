@@ -60,12 +60,12 @@ def test_a_database_says_what_was_recorded(spec: Spec) -> None:
     config = json.loads(json.dumps({**json.loads(recorded()), "spec": spec.entries()}))
     assert fault_of(config) == ""
     assert recorded_spec(config, source=SOURCE) == spec
-    assert driving_spec(config, source=SOURCE) == spec.driving()
+    assert driving_spec(config, source=SOURCE) == spec.driving_spec()
 
 
 @given(specs)
 def test_a_roads_file_says_how_it_was_driven(spec: Spec) -> None:
-    driven = Spec.of({"driver": "stanley", "simulator": "embedded"}, spec.driving())
+    driven = Spec.of({"driver": "stanley", "simulator": "embedded"}, spec.driving_spec())
     document = json.loads(json.dumps({DRIVEN: driven.entries(), "lane_width": 3.5}))
     with TemporaryDirectory() as folder:
         path = Path(folder, "road.json")
@@ -80,7 +80,7 @@ def test_a_spec_of_its_own_entries_is_equal(spec: Spec) -> None:
 
 def test_what_is_usual_is_what_the_parts_have() -> None:
     spec = Spec()
-    assert spec.said == {}
+    assert spec.user_values == {}
     assert (spec.terms, spec.rules, spec.budget, spec.amounts) == (Terms(), Rules(), None, {})
     assert (spec.terms.map_size, spec.terms.margin) == (MAP_SIZE, MARGIN)
     assert spec.names == ["frenetic", "planner", "embedded", "moobd"]
@@ -247,8 +247,9 @@ def test_rules_that_are_not_said_are_the_usual_ones_of_the_caller() -> None:
 
 @given(specs, st.booleans())
 def test_a_spec_is_its_driving_and_the_rest(spec: Spec, has_roads: bool) -> None:
-    driving, rest = spec.driving(has_roads=has_roads), spec.without_driving(has_roads=has_roads)
-    assert driving.said.keys() <= {
+    driving = spec.driving_spec(has_roads=has_roads)
+    rest = spec.without_driving(has_roads=has_roads)
+    assert driving.user_values.keys() <= {
         *("driver", "simulator", "conditions", "speed_limit", "oob_tolerance", "criteria"),
         "wall_limit",
         *(() if has_roads else ("roads", "map_size", "margin", "lane_width")),
@@ -260,9 +261,9 @@ def test_a_spec_is_its_driving_and_the_rest(spec: Spec, has_roads: bool) -> None
 
 
 def test_how_it_drives_says_the_class_of_its_roads() -> None:
-    assert Spec(odd=TOWN).driving().entries() == {"roads": "urban-50"}
-    assert Spec(roads="competition").driving().entries() == {"roads": "competition"}
-    assert Spec(odd=TOWN).driving(has_roads=True) == Spec().driving() == Spec()
+    assert Spec(odd=TOWN).driving_spec().entries() == {"roads": "urban-50"}
+    assert Spec(roads="competition").driving_spec().entries() == {"roads": "competition"}
+    assert Spec(odd=TOWN).driving_spec(has_roads=True) == Spec().driving_spec() == Spec()
 
 
 def test_conditions_of_a_drive_lie_over_the_others() -> None:
@@ -335,7 +336,7 @@ def test_the_class_that_real_roads_show_is_recorded(tmp_path: Path) -> None:
     config = Campaign.of(spec, workers=1).configuration()
     shutil.rmtree(folder)
     recorded = recorded_spec(config, source=SOURCE)
-    assert recorded.road_class == recorded.driving().road_class == shown
+    assert recorded.road_class == recorded.driving_spec().road_class == shown
     assert recorded.from_roads == str(folder)
 
 

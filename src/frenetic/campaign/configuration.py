@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
-from msgspec import Struct, ValidationError, convert, defstruct, structs
+from msgspec import Struct, ValidationError, convert, defstruct
 
 from frenetic._support.bounds import Count
 from frenetic._support.words import counted
@@ -116,11 +116,6 @@ def recorded_spec(config: Mapping[str, Any], *, source: object) -> Spec:
     return spec or Spec.of_terms(setting)
 
 
-def with_budget(spec: Spec, budget: Budget) -> Spec:
-    """The same spec with the limits of a budget."""
-    return structs.replace(spec, **asdict(budget))
-
-
 def earlier_of(config: Mapping[str, Any]) -> tuple[EarlierCampaign, ...]:
     """The earlier campaigns in a configuration.
 
@@ -157,4 +152,4 @@ def driving_spec(config: Mapping[str, Any], *, source: object) -> Spec | None:
     """
     if config.get(SPEC) is None:
         return None
-    return recorded_spec(config, source=source).driving()
+    return recorded_spec(config, source=source).driving_spec()

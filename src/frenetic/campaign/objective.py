@@ -165,6 +165,19 @@ def _worst_test(store: CampaignStore) -> tuple[int | None, float | None]:
     return test, values[test]
 
 
+def worst_test(store: CampaignStore, objective: Objective) -> Test | None:
+    """Return the stored test that is worst for the driver, by an objective; None before a drive.
+
+    Raises:
+        CampaignError: the campaign is damaged.
+    """
+    if values := objectives(store):
+        turn = -1.0 if objective.higher_is_worse else 1.0
+        return store.test(min(values, key=lambda test: turn * values[test]))
+    lowest = next(store.tests(order_by="moobd", limit=1, with_trajectory=True), None)
+    return None if lowest is None or lowest.moobd is None else lowest
+
+
 def _is_higher_worse(store: CampaignStore) -> bool:
     return store.config.get("higher_is_worse") is True
 

@@ -331,9 +331,7 @@ class CampaignReader(Shown):
 
     def _keys(self) -> Iterator[tuple[int, Outcome, int, dict[str, Any], list[bytes | None]]]:
         """Yield each test's id and what `FirstTests.add_key` takes, in the order of results."""
-        for number, outcome, conditions, step, curvatures, points, *profiles in self.rows(
-            _ROADS
-        ):
+        for number, outcome, conditions, step, curvatures, points, *profiles in self.rows(_ROADS):
             with self._reading(f"test {number}"):
                 road = road_key(step, curvatures, points)
                 result = Outcome(outcome)

@@ -178,3 +178,7 @@ class Event:
     def test(self) -> Test | None:
         """The test with this result, read on first use; None for other events."""
         return None if self.read_test is None else self.read_test()
+
+
+EventListener: TypeAlias = Callable[[Event], object]
+"""Function that a campaign calls with each `Event`."""

@@ -24,7 +24,7 @@ from frenetic.errors import RoadError, Trouble
 from frenetic.oracle.drive import Drive, Rules, Trajectory
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import judge
-from frenetic.parts.registry import SIMULATORS, Made
+from frenetic.parts.registry import SIMULATORS, Construction
 from frenetic.processes.children import one_process
 from frenetic.road import Pose, Road, Verdict, check_validity
 from frenetic.search.records import Candidate
@@ -110,21 +110,21 @@ class RoadTester:
         """Driver and simulator as `frenetic.spec.part_record.describe` gives them."""
         parts = {"driver": self.driver, "simulator": self.simulator}
         with self.in_folder():
-            return {kind: describe(part, self._made(kind)) for kind, part in parts.items()}
+            return {kind: describe(part, self._construction(kind)) for kind, part in parts.items()}
 
     @property
     def sources(self) -> dict[str, str]:
         """The user's own source of driver and simulator: name of a file -> its text."""
         with self.in_folder():
-            driver = sources_of(self.driver, self._made("driver"))
-            return driver | sources_of(self.simulator, self._made("simulator"))
+            driver = sources_of(self.driver, self._construction("driver"))
+            return driver | sources_of(self.simulator, self._construction("simulator"))
 
     def in_folder(self) -> AbstractContextManager[None]:
         """The folder in which the parts were made, as the current one for a while."""
         return nullcontext() if self.folder is None else chdir(self.folder)
 
-    def _made(self, kind: str) -> Made | None:
-        return None if self.spec is None else self.spec.made(kind)
+    def _construction(self, kind: str) -> Construction | None:
+        return None if self.spec is None else self.spec.construction(kind)
 
     def laid(self, candidate: Candidate) -> tuple[Road | None, Verdict]:
         """Return a candidate's road as it would be driven, and whether it may be, see `fitted`.

@@ -46,6 +46,40 @@ _MOST: Final = {Outcome.FAIL: (500, 5000), Outcome.PASS: (100, 1000)}
 """Most tests that are taken, and that are looked at for it, of each campaign."""
 
 
+def take_starts(
+    folders: Sequence[Path | str],
+    from_roads: str | None,
+    tester: RoadTester,
+    objective: Objective,
+    step: float | None,
+) -> tuple[tuple[EarlierCampaign, ...], list[Test], dict[str, JSONValue], tuple[str, ...]]:
+    """Take tests from earlier campaigns, and real roads, to start from.
+
+    Args:
+        folders: of the earlier campaigns.
+        from_roads: folder of road files; None for no real roads.
+        tester: of the new campaign.
+        objective: of the new campaign.
+        step: distance between two curvatures that the roads need, in m; None for any.
+
+    Returns:
+        The earlier campaigns; the tests, real roads first; the fact with the campaigns' settings;
+        and sentences about all starts, and about files and roads that cannot be read.
+
+    Raises:
+        CampaignError: an earlier campaign cannot be read, or none of its roads fits.
+        FreneticError: no real road fits.
+    """
+    campaigns, tests, settings = take_earlier(folders, tester, objective, step)
+    starts = [str(campaign) for campaign in campaigns]
+    unread: list[str] = []
+    if from_roads is not None:
+        text, unread, roads = take_roads(from_roads, tester, step)
+        starts, tests = [text, *starts], [*roads, *tests]
+    notes = (*(f"starts from {start}" for start in starts), *unread)
+    return campaigns, tests, settings, notes
+
+
 def take_roads(
     folder: Path | str, tester: RoadTester, step: float | None
 ) -> tuple[str, list[str], list[Test]]:

@@ -25,10 +25,10 @@ _FOLDERS: Final[set[str]] = set()
 
 
 def _add_folder(folder: Path) -> None:
-    """Puts the folder of a user's part behind the module path, before those of earlier parts.
+    """Put the folder of a user's part at the end of the module path, before earlier parts' folders.
 
-    So a module beside the part comes before one beside another part, but after all that is
-    installed.
+    So a module beside the part comes before modules beside other parts, but after installed
+    modules.
     """
     place = str(folder)
     if place in sys.path and place not in _FOLDERS:
@@ -39,15 +39,15 @@ def _add_folder(folder: Path) -> None:
 
 
 def user_folders() -> frozenset[str]:
-    """Folders of users' parts that this process has added to the module path."""
+    """Return the folders of users' parts that this process has added to the module path."""
     return frozenset(_FOLDERS)
 
 
 def load_own_module(name: str) -> Any:
-    """A module the user named, which may lie in the current folder.
+    """Return a module that the user named, which may lie in the current folder.
 
     Raises:
-        FreneticError: Python would take another module for it or for what it imports.
+        FreneticError: Python would take another module for it or for one of its imports.
     """
     place = Path.cwd()
     _add_folder(place)
@@ -67,18 +67,18 @@ class _Shadowed(NamedTuple):
 
     file: Path
     by: str
-    """The other one's file; ``built-in`` or ``frozen`` if it is a part of Python without a file."""
+    """File that Python takes; ``built-in`` or ``frozen`` for a part of Python without a file."""
 
 
 def _check_helpers(files: Iterable[tuple[str, Path, Path]], folder: Path) -> None:
-    """Checks that Python takes the modules beside a user's file for what that file imports.
+    """Check that Python imports the modules beside a user's file where the file names them.
 
     Args:
         files: name, file and folder of each module, as `files_of` gives them.
-        folder: where modules beside them lie.
+        folder: folder of the modules beside the file.
 
     Raises:
-        FreneticError: it would take a standard, installed or other one for one of them.
+        FreneticError: Python would import a standard, installed or other module instead.
     """
     waiting, sources = list(files), set[Path]()
     while waiting:
@@ -99,11 +99,11 @@ def _check_helpers(files: Iterable[tuple[str, Path, Path]], folder: Path) -> Non
 
 
 def _shadowed(name: str, folder: Path) -> _Shadowed | None:
-    """The module of a folder if Python takes another of its name; None if there is no such pair.
+    """Return the module of a folder if Python imports another of its name; None otherwise.
 
     Args:
         name: of the module, without dots.
-        folder: on the module path.
+        folder: a folder on the module path.
     """
     stems = (f"{name}/__init__", name) if name else ()
     suffixes = importlib.machinery.all_suffixes()
@@ -121,13 +121,13 @@ def _shadowed(name: str, folder: Path) -> _Shadowed | None:
 
 
 def is_local(file: Path) -> bool:
-    """Whether a module's file is neither installed nor of the standard library."""
+    """Return whether a module's file is neither installed nor of the standard library."""
     is_installed = not _INSTALLED.isdisjoint(file.parts)
     return not is_installed and not any(file.is_relative_to(place) for place in _STANDARD)
 
 
 def user_files() -> list[str]:
-    """The files of users' own modules that this process has loaded."""
+    """Return the files of users' own modules that this process has loaded."""
     return [
         module.__file__
         for name, module in sys.modules.copy().items()  # another thread may be importing
@@ -136,11 +136,11 @@ def user_files() -> list[str]:
 
 
 def load_user_file(name: str) -> Any:
-    """The module in a user's file; loaded once, under the same name in every process.
+    """Return the module in a user's file, loaded once, under the same name in every process.
 
     Raises:
-        FreneticError: the file does not exist or is no Python, or Python would take another module
-            for one beside it that it imports.
+        FreneticError: the file does not exist or is no Python, or Python would import another
+            module in place of a neighbour of the file.
     """
     path = Path(name).expanduser()
     if not path.is_file():

@@ -28,7 +28,6 @@ from frenetic._support.words import counted, part_word
 from frenetic.analysis.causes import in_words
 from frenetic.analysis.failures import Failure
 from frenetic.analysis.statistics import Estimate, median_estimate, paired_share_difference
-from frenetic.campaign.configuration import with_budget
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.reader import SOURCES
@@ -316,7 +315,7 @@ def _drive_fresh(
         seed=seed, map_size=terms.map_size, road_class=terms.road_class, domain=terms.domain
     )
     if tester.spec is not None:
-        tester = replace(tester, spec=with_budget(structs.replace(tester.spec, seed=seed), budget))
+        tester = replace(tester, spec=structs.replace(tester.spec, seed=seed).with_budget(budget))
     driving = campaign_again(
         campaign,
         strategy,
@@ -568,7 +567,7 @@ def as_recorded(
         sources: Any = store.fact(SOURCES)
         made = {kind: part for kind, part in spec.parts.items() if kind not in NOT_DRIVING}
         code_folder = signed_spec(store).require_trusted(
-            folder, made=made, sources=sources, is_trusted=is_trusted, optional=()
+            folder, needed=made, sources=sources, is_trusted=is_trusted, optional=()
         )
     sources = sources if isinstance(sources, Mapping) else {}
     driver = spec.part("driver")

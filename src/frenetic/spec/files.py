@@ -18,7 +18,7 @@ from frenetic.errors import FreneticError
 from frenetic.parts.registry import hint
 
 DRIVEN: Final = "driven"
-"""Entry of a road's file that says how the road was driven, see `frenetic.spec.Spec.driving`."""
+"""Entry of a road's file with the spec that drove it, see `frenetic.spec.Spec.driving_spec`."""
 SIGNED: Final = "signed"
 """Entry with the user's signature, see `frenetic.spec.Signed`."""
 

@@ -89,6 +89,17 @@ def criteria_entries(criteria: str | Mapping[str, Any]) -> dict[str, Any]:
     return {**rules, "criteria": profile.entry()}
 
 
+def require_worker_count(workers: int) -> int:
+    """Return a number of workers that one computer may have.
+
+    Raises:
+        ValueError: the number exceeds `MAX_WORKERS`.
+    """
+    if workers > MAX_WORKERS:
+        raise ValueError(f"workers is {workers}: at most {MAX_WORKERS} are allowed")
+    return workers
+
+
 def read_workers(text: str) -> int | str:
     """A number of workers, or the address of a Dask scheduler.
 

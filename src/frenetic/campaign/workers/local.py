@@ -13,6 +13,7 @@ from frenetic._support.json_value import JSONValue
 from frenetic.campaign.log import CampaignLog, LogEvent
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import RoadTester
+from frenetic.campaign.workers.workers import InProcessWorker, Workers, cluster_workers
 from frenetic.errors import CampaignError, Fault, Trouble, describe_error
 from frenetic.processes.object_process import (
     MOST_WORKERS,
@@ -282,6 +283,38 @@ class LocalWorkers:
         loss = f"{name} was lost: {reason}"
         fields |= {"worker": name, "reason": reason}
         self._log.write(LogEvent.WORKER_LOST, loss, level="warning", **fields)
+
+
+def workers_for(
+    tester: RoadTester,
+    workers: int | str,
+    *,
+    isolate: bool,
+    drive_limit: float,
+    log: CampaignLog,
+    ahead: bool,
+    keep: bool,
+) -> Workers:
+    """Return the workers of a campaign, which are not started yet.
+
+    Args:
+        tester: tests the candidates.
+        workers: number of workers, or the address of a cluster's scheduler.
+        isolate: whether a single worker, too, drives in a process of its own, see `is_isolable`.
+        drive_limit: as for `LocalWorkers`, as are `log`, `ahead` and `keep`.
+        log: of the campaign.
+        ahead: whether a worker with quick tests may have several candidates at once.
+        keep: whether attempts have exact trajectories, too.
+
+    Raises:
+        CampaignError: driver or simulator cannot be copied into another process.
+    """
+    if isinstance(workers, str):
+        cluster: Workers = cluster_workers()(tester, workers, drive_limit=drive_limit, log=log)
+        return cluster
+    if workers == 1 and not (isolate and is_isolable(tester)):
+        return InProcessWorker(tester)
+    return LocalWorkers(tester, workers, drive_limit=drive_limit, log=log, ahead=ahead, keep=keep)
 
 
 class _Seat:

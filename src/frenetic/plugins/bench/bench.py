@@ -246,7 +246,7 @@ class Bench:
         return {
             "generator": [one.word for one in self.entrants if not one.is_strategy],
             "strategy": [one.word for one in self.entrants if one.is_strategy],
-            **({} if spec is None else spec.driving().entries()),
+            **({} if spec is None else spec.driving_spec().entries()),
             "with": dict(terms.tester.terms.conditions),
             "map_size": terms.tester.terms.map_size,
             "objective": terms.objective,
@@ -314,7 +314,7 @@ class Bench:
         entries, tester = self.entries(), self.terms.tester
         assert tester.spec is not None
         others = entrant_parts(entries["generator"], entries["strategy"])
-        driving = {**tester.spec.driving().entries(), "objective": self.terms.objective}
+        driving = {**tester.spec.driving_spec().entries(), "objective": self.terms.objective}
         spec = Spec.of(driving).signed_in(tester.folder, others=others)
         if spec.signed is not None:
             return {SIGNED: msgspec.to_builtins(spec.signed)}
