@@ -13,7 +13,7 @@ from paced import campaign, paced
 
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.log import LOG, CampaignLog, LogEvent
-from frenetic.campaign.status import KEPT, TAIL, CampaignState, Status, look
+from frenetic.campaign.status import MOST_NEWS, TAIL, CampaignState, Status, look
 from frenetic.campaign.store import LOCK
 from frenetic.road import Road
 
@@ -37,9 +37,9 @@ def test_a_finished_campaign(tmp_path: Path) -> None:
     assert (state.status, state.seconds_left) == (Status.FINISHED, None)
     assert state.summary.counts_json() == summary.counts_json()
     assert state.summary.budget_spent == 1.0
-    assert summary.failed > KEPT
+    assert summary.failed > MOST_NEWS
     assert {line.event for line in state.news} == {LogEvent.TEST_FAILED}
-    assert len(state.news) == KEPT
+    assert len(state.news) == MOST_NEWS
     shown = json.loads(json.dumps(state.as_json(), allow_nan=False))
     names = [shown[part] for part in ("status", "strategy", "driver", "simulator", "seed")]
     assert names == ["finished", "random", "DummyDriver", "DummySimulator", 2]

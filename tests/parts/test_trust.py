@@ -736,7 +736,7 @@ def test_without_a_key_all_goes_on_unsigned_and_one_line_says_what_to_do(
     if damage == "a file":
         home.touch()
     elif damage == "no home":
-        monkeypatch.setattr(trust, "folder", lambda: Path("~nobody-of-this-name").expanduser())
+        monkeypatch.setattr(trust, "user_folder", lambda: Path("~nobody-of-this-name").expanduser())
     else:
         home.mkdir()
         text = {"garbage": b"\xff\x00", "too short": b"00" * 31}.get(damage)
@@ -887,7 +887,7 @@ def test_a_file_of_a_person_runs_unasked_once_its_part_was_named_or_trusted() ->
     ):
         assert not is_refused(named=named)
         assert is_refused(), "another part was named"
-    assert is_refused(named=part("driver", "theirs.py:Theirs"), made=CODE)
+    assert is_refused(named=part("driver", "theirs.py:Theirs"), needed=CODE)
     assert not is_refused(named=CODE)
     assert not is_refused()
     home = trust.user_folder()

@@ -83,7 +83,8 @@ def test_what_is_usual_is_what_the_parts_have() -> None:
     assert spec.user_values == {}
     assert (spec.terms, spec.rules, spec.budget, spec.amounts) == (Terms(), Rules(), None, {})
     assert (spec.terms.map_size, spec.terms.margin) == (MAP_SIZE, MARGIN)
-    assert spec.names == ["frenetic", "planner", "embedded", "moobd"]
+    names = [spec.part(kind).name for kind in ("strategy", "driver", "simulator")]
+    assert [*names, spec.named_objective] == ["frenetic", "planner", "embedded", "moobd"]
     assert Spec(criteria="after-iso-11270").named_objective == "criteria"
     assert Spec(criteria="competition").named_objective == "moobd"
 

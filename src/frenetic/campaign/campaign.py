@@ -63,12 +63,10 @@ from frenetic.simulators.capabilities import check_class
 from frenetic.simulators.conditions import check_pair_in
 from frenetic.simulators.simulator import Simulator
 from frenetic.spec import USUAL, Budget, Spec
+from frenetic.spec.part_record import PARTS
 from frenetic.spec.terms import Terms
 
-_LOGGED: Final = (
-    *("seed", "strategy", "driver", "simulator", "budget", "workers", "lookahead"),
-    "versions",
-)
+_LOGGED: Final = ("seed", *PARTS, "budget", "workers", "lookahead", "versions")
 """Entries of the configuration that stand in the log's first line."""
 
 
@@ -97,8 +95,8 @@ class Campaign(Shown):
             default 1.5 times the simulator's ``wall_limit`` and 10 s.
         objective: name of the value that the strategy minimises, see `frenetic.campaign.objective`.
         start_from: folders of earlier campaigns, such as a campaign with the driver's last version.
-            The strategy, which has `start_from`, drives failing roads of those again. The new
-            campaign stores the roads that it takes, so resuming needs only this campaign.
+            The strategy, which has `start_from`, drives their failing roads again. The campaign
+            stores the roads that it takes.
         from_roads: folder of real roads, which are driven first and then changed. The campaign
             stores them, too. Their class is `frenetic.road.real_roads.shown_class`.
         description: other facts for the campaign's configuration.
@@ -237,8 +235,8 @@ class Campaign(Shown):
     @property
     def _code(self) -> CodeRecord:
         """Code of its parts."""
-        is_strategy_named = "strategy" not in self.description
-        return CodeRecord(self.tester, self.strategy, self.objective, self.spec, is_strategy_named)
+        is_named = "strategy" not in self.description
+        return CodeRecord(self.tester, self.strategy, self.objective, self.spec, is_named)
 
     def configuration(self) -> dict[str, JSONValue]:
         """Return the campaign's record for its database."""
@@ -327,9 +325,7 @@ class Campaign(Shown):
             return self._search(LogEvent.STARTED, store, state, limit, on_event)
 
     def _allow(self, simulations: int | None) -> int | None:
-        """Return the number of simulations at which to stop, and have the budget allow it.
-
-        It is None if the budget alone ends the run.
+        """Return the number of simulations at which to stop, if any; have the budget allow it.
 
         Raises:
             ValueError: as for `run`.

@@ -15,7 +15,7 @@ from frenetic.campaign.guarded_strategy import (
     ask,
     facts_of,
     notice_of,
-    raised,
+    strategy_error,
     tell,
 )
 from frenetic.campaign.log import CampaignLog, LogEvent
@@ -351,7 +351,7 @@ class Dispatcher:
             with one_process():
                 return self._strategy.is_wanted(candidate)
         except (Exception, SystemExit) as error:
-            raise raised(error) from error
+            raise strategy_error(error) from error
 
     def _give_up_if_hopeless(self, test: Test) -> None:
         """Raise a `CampaignError` if too many roads in a row were not judged.

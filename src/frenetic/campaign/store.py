@@ -358,7 +358,7 @@ class CampaignStore(CampaignReader):
         return f"its {counted(number, 'result')} {'stands' if number == 1 else 'stand'}"
 
     def require_sound(self) -> None:
-        """Check, before a result is added, that SQLite finds the file whole and no result missing.
+        """Check before a result is added that SQLite finds the file whole and no result missing.
 
         Reads the whole file once, which takes about a second per gigabyte.
 

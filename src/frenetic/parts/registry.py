@@ -348,14 +348,15 @@ class Registry:
             raise FreneticError(
                 f"{self.kind} {name!r}: importing it raised {describe_raised(error)}"
             ) from error
-        factory: Callable[..., Any] = getattr(module, attribute, None)
-        if not callable(factory):
+        value: Any = getattr(module, attribute, None)
+        if not callable(value):
             names = _defined_names(module, with_classes=self.target == "class")
             which = f"no {self.target} {attribute!r}{hint(attribute, names)}"
             raise FreneticError(
                 f"{self.kind} {name!r}: {place} has {which} It defines:"
                 f" {', '.join(names) or 'none'}"
             )
+        factory: Callable[..., Any] = value
         return factory
 
 
@@ -386,7 +387,7 @@ def _path_in(folder: Path | str, name: str) -> Path:
 
 
 def absolute_files(options: Mapping[str, Any], folder: Path | str) -> dict[str, Any]:
-    """Return options with absolute paths in place of those of files that exist."""
+    """Return options with absolute paths of the files that exist."""
     return {
         option: str(file.absolute())
         if isinstance(value, str) and value and (file := _path_in(folder, value)).exists()

@@ -1,6 +1,6 @@
 """Versions of a campaign's parts, which tell two states of a driver apart.
 
-The version of a built-in part is its declared ``BEHAVIOUR``, that of an installed one its
+The version of a built-in part is its declared ``BEHAVIOUR``, the version of an installed part its
 distribution's. A part of your own has a digest of its source: its file and the local modules that
 it imports, directly or not. A module is local unless it lies in the standard library or a
 ``site-packages``; a package in an editable install is local. Files that are arguments, such as
@@ -78,7 +78,7 @@ def _version(
         name = str(kind.__module__)
         top, file = name.partition(".")[0], _file(name)
         if top == _OURS:
-            if kind in kinds:  # the behaviour of a class covers that of its own bases
+            if kind in kinds:  # the behaviour of a class covers its bases
                 texts.append(f"{kind.__qualname__} {_behaviour(kind)}" if sources else "")
                 texts[-1] = texts[-1] or _behaviour(kind)
                 break

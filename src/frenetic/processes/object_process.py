@@ -143,7 +143,7 @@ class ObjectProcess:
         self._loss: LostWorkerError | None = None  # to be raised after the answers before it
 
     def __len__(self) -> int:
-        """Number of calls that were sent and are not answered."""
+        """Return the number of calls without an answer."""
         return len(self._calls)
 
     @property

@@ -325,7 +325,7 @@ class Spec(RunEntries, frozen=True, kw_only=True):
         return self.rules_over(Rules())
 
     def rules_over(self, simulator_rules: Rules) -> Rules:
-        """Return the rules that the user sets, over those of a simulator.
+        """Return a simulator's rules with the rules that the user sets.
 
         Raises:
             FreneticError: a rule is out of range.

@@ -67,7 +67,7 @@ class DriveProcess:
         self._is_up = False
 
     def __enter__(self) -> Self:
-        """Starts the process and the simulator in it.
+        """Start the process and the simulator in it.
 
         Raises:
             CampaignError: the process does not start.
@@ -88,7 +88,7 @@ class DriveProcess:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Ends the simulator, or kills its process if it still drives.
+        """End the simulator, or kill its process if it still drives.
 
         Raises:
             CampaignError: the simulator raised when it ended.
@@ -100,7 +100,7 @@ class DriveProcess:
             raise CampaignError(lost_process(error).reason) from None
 
     def drive(self, road: Road, conditions: Mapping[str, float] = MappingProxyType({})) -> Drive:
-        """Drives a road in some conditions; what goes wrong is the drive's trouble.
+        """Drive a road in conditions; errors are the drive's trouble.
 
         Raises:
             CampaignError: the process was lost, and does not start again.

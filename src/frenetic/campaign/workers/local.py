@@ -53,12 +53,12 @@ class TesterHost:
         self._is_up = False
 
     def start(self) -> None:
-        """Starts the simulator."""
+        """Start the simulator."""
         self._tester.simulator.__enter__()
         self._is_up = True
 
     def test(self, candidate: Candidate) -> Attempt:
-        """Tests a candidate."""
+        """Test a candidate."""
         if not self._is_up:
             self.start()
         attempt = self._tester.attempt(candidate, keep=self._keep)
@@ -67,7 +67,7 @@ class TesterHost:
         return attempt
 
     def close(self) -> None:
-        """Ends the simulator."""
+        """End the simulator."""
         if self._is_up:
             self._is_up = False
             self._tester.simulator.__exit__(None, None, None)
@@ -166,7 +166,7 @@ class LocalWorkers:
         return max(0, capacity - len(seat.candidates))
 
     def submit(self, candidate: Candidate) -> None:
-        """Hands a candidate to a free worker."""
+        """Hand a candidate to a free worker."""
         free = [seat for seat in self._seats if self._room(seat)]
         seat = min(free, key=lambda seat: len(seat.candidates))
         seat.candidates.append(candidate)
@@ -216,7 +216,7 @@ class LocalWorkers:
         return replace(attempt, worker=seat.worker.name)
 
     def __enter__(self) -> Self:
-        """Starts the workers without waiting."""
+        """Start the workers without waiting."""
         try:
             for seat in self._seats:
                 self._start(seat)
@@ -226,7 +226,7 @@ class LocalWorkers:
         return self
 
     def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
-        """Ends all workers: at once during an error, else when they are done."""
+        """End all workers: at once during an error, else when they are done."""
         try:
             for seat in self._seats:
                 if error is None and seat.is_ready:
@@ -278,7 +278,7 @@ class LocalWorkers:
         self._start(seat)
 
     def _note_loss(self, seat: _Seat, reason: str, **fields: JSONValue) -> None:
-        """Remembers and logs the reason of a worker's loss."""
+        """Note and log the reason of a worker's loss."""
         seat.loss, name = reason, seat.worker.name
         loss = f"{name} was lost: {reason}"
         fields |= {"worker": name, "reason": reason}
