@@ -20,7 +20,7 @@ from contents import contents
 from events import on_test
 
 from frenetic._support.arrays import FloatArray
-from frenetic.campaign import Budget, Campaign, CampaignStore, Test, new_folder, options, session
+from frenetic.campaign import Budget, Campaign, CampaignStore, Test, new_folder, session
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.configuration import decode_budget
 from frenetic.campaign.guarded_strategy import ObservingStrategy
@@ -61,7 +61,7 @@ from frenetic.testing import DummyDriver
 def test_a_few_compiled_drives_take_one_process(
     driver: str, budget: Budget, workers: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(options, "available_cores", lambda: 3)
+    monkeypatch.setattr(defaults, "available_cores", lambda: 3)
     spec = Spec(strategy="random", driver=driver, seed=1).with_budget(budget)
     assert Campaign.of(spec, folder=tmp_path / "c").workers == workers
     assert Campaign.of(spec, folder=tmp_path / "c", workers=2).workers == 2

@@ -1,8 +1,8 @@
 """One search with its budget, on disk."""
 
 from frenetic.campaign.campaign import Campaign
+from frenetic.campaign.defaults import LOOKAHEAD, new_folder
 from frenetic.campaign.objective import evaluate
-from frenetic.campaign.options import LOOKAHEAD, new_folder
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Event, Summary

@@ -21,6 +21,17 @@ from frenetic._support.notebook import Shown
 from frenetic._support.words import counted
 from frenetic.campaign.code_record import SETTING, CodeRecord
 from frenetic.campaign.configuration import SPEC, EarlierCampaign, earlier_of
+from frenetic.campaign.defaults import (
+    checked_drive_limit,
+    checked_terms,
+    checked_workers,
+    new_folder,
+    prepare,
+    require_strategy,
+    require_warm_start,
+    usual_lookahead,
+    usual_workers,
+)
 from frenetic.campaign.guarded_strategy import (
     ObservingStrategy,
     replay,
@@ -31,16 +42,6 @@ from frenetic.campaign.guarded_strategy import (
 from frenetic.campaign.log import CampaignLog, LogEvent
 from frenetic.campaign.loop import SearchPlan, SearchState
 from frenetic.campaign.objective import MOOBD, Objective, worst_test
-from frenetic.campaign.options import (
-    checked_drive_limit,
-    checked_terms,
-    checked_workers,
-    new_folder,
-    prepare,
-    require_warm_start,
-    usual_lookahead,
-    usual_workers,
-)
 from frenetic.campaign.reader import SOURCES, STARTED_IN
 from frenetic.campaign.record import Test
 from frenetic.campaign.second_drive import SecondDrive
@@ -97,8 +98,8 @@ class Campaign(Shown):
         start_from: folders of earlier campaigns, such as a campaign with the driver's last version.
             The strategy, which has `start_from`, drives their failing roads again. The campaign
             stores the roads that it takes.
-        from_roads: folder of real roads, which are driven first and then changed. The campaign
-            stores them, too. Their class is `frenetic.road.real_roads.shown_class`.
+        from_roads: folder of real roads, which are stored, driven first and then changed. Their
+            class is `frenetic.road.real_roads.shown_class`.
         description: other facts for the campaign's configuration.
         spec: names driver and simulator, so that each process that drives makes them from the
             current folder; if it names the strategy, too, commands can go on with the campaign.
@@ -130,12 +131,7 @@ class Campaign(Shown):
     ) -> None:
         workers = checked_workers(workers)
         drive_limit = checked_drive_limit(drive_limit, simulator)
-        if not isinstance(strategy, Strategy):
-            raise ValueError(
-                f"{type(strategy).__name__} is no strategy: make it a frenetic.Strategy"
-            )
-        if isinstance(strategy, ObservingStrategy) and workers != 1:
-            raise ValueError("the strategy observes drives: it needs one worker, in this process")
+        require_strategy(strategy, workers)
         start_from = require_list("start_from", start_from)
         if start_from or from_roads is not None:
             require_warm_start(strategy)
@@ -194,7 +190,7 @@ class Campaign(Shown):
             folder: for results, as for the class.
             workers: as for the class; by default the number in the spec, or else the simulator's
                 usual number, one per core, or 1 for few compiled drives
-                (`frenetic.campaign.options.QUICK_DRIVES`).
+                (`frenetic.campaign.defaults.QUICK_DRIVES`).
             isolate: as for the class. A script that isolates needs ``if __name__ ==
                 "__main__":``.
 
@@ -365,9 +361,8 @@ class Campaign(Shown):
         Called from `on_event`, or from another thread. `run` goes on again. Nothing
         happens unless it runs.
         """
-        interrupt = None if self._session is None else self._session.interrupt
-        if interrupt is not None:
-            interrupt.requested = True
+        if self._session is not None and self._session.interrupt is not None:
+            self._session.interrupt.requested = True
 
     @property
     def _required_budget(self) -> Budget:
@@ -410,8 +405,7 @@ class Campaign(Shown):
 
     def _keep_margin(self) -> None:
         """Have the strategy check roads with this campaign's margin."""
-        margin = self.tester.terms.margin
-        if margin != MARGIN:
+        if (margin := self.tester.terms.margin) != MARGIN:
             self.strategy.keep_margin(margin)
 
     def next_campaign(self) -> str:
@@ -421,8 +415,8 @@ class Campaign(Shown):
             return f"start a new campaign from this one: {command}"
         with CampaignStore.open(self.folder) as store:
             has_drives = has_judged(store)
-        names_parts = is_here(self._code.folder)
-        return next_campaign(spec, self.folder, has_drives=has_drives, names_parts=names_parts)
+        is_named = is_here(self._code.folder)
+        return next_campaign(spec, self.folder, has_drives=has_drives, names_parts=is_named)
 
     def _search(
         self,

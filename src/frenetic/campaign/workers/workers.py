@@ -22,8 +22,8 @@ class Workers(Protocol):
     """Workers, each of which tests one candidate at a time.
 
     Workers are a context manager: entering it starts them without waiting, leaving it ends them in
-    every case. They are used from one thread. Each submitted candidate comes back in an `Attempt`, whatever
-    happens to its worker; a lost worker is replaced.
+    every case. They are used from one thread. Each submitted candidate comes back in an `Attempt`,
+    whatever happens to its worker; a lost worker is replaced.
     """
 
     @property

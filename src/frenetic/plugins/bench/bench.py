@@ -27,7 +27,7 @@ from frenetic.analysis.comparison import (
     repeats_needed,
 )
 from frenetic.analysis.metrics import measure_campaign
-from frenetic.campaign import campaign
+from frenetic.campaign import defaults
 from frenetic.campaign.lock import lock_file
 from frenetic.campaign.summary import Summary
 from frenetic.errors import FreneticError
@@ -74,7 +74,7 @@ class Bench:
     terms: RunTerms
     repeats: Count = 10
     seed: Index = 1
-    folder: Path = field(default_factory=lambda: campaign.new_folder(BENCHES))
+    folder: Path = field(default_factory=lambda: defaults.new_folder(BENCHES))
     """Its folder; a text is taken, too."""
     preset: Preset | None = None
     """Edition of the competition whose figures stand beside its results."""
@@ -153,7 +153,7 @@ class Bench:
                 meanwhile.
         """
         check({"workers": workers}, Bench.run)
-        campaign.prepare(self.terms.tester.simulator)
+        defaults.prepare(self.terms.tester.simulator)
         compile_kernels()
         compile_measures()
         if resume:

@@ -1,4 +1,4 @@
-"""Options of a campaign: their checks, and the values of those that its user leaves out."""
+"""Defaults and checks of a campaign's options."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from frenetic._support.bounds import require_count
 from frenetic._support.words import number_word
+from frenetic.campaign.guarded_strategy import ObservingStrategy
 from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers import available_cores
 from frenetic.errors import CampaignError, reason_of
@@ -98,6 +99,18 @@ def checked_drive_limit(drive_limit: float | None, simulator: Simulator) -> floa
     if not drive_limit > 0.0:
         raise ValueError(f"drive_limit is {drive_limit}: a positive number of seconds is needed")
     return drive_limit
+
+
+def require_strategy(strategy: object, workers: int | str) -> None:
+    """Check that an object is a strategy that a campaign with these workers can search with.
+
+    Raises:
+        ValueError: the object is no strategy, or observes drives of other processes.
+    """
+    if not isinstance(strategy, Strategy):
+        raise ValueError(f"{type(strategy).__name__} is no strategy: make it a frenetic.Strategy")
+    if isinstance(strategy, ObservingStrategy) and workers != 1:
+        raise ValueError("the strategy observes drives: it needs one worker, in this process")
 
 
 def require_warm_start(strategy: Strategy) -> None:
