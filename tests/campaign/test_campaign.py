@@ -20,7 +20,7 @@ from contents import contents
 from events import on_test
 
 from frenetic._support.arrays import FloatArray
-from frenetic.campaign import Budget, Campaign, CampaignStore, Test, new_folder, session
+from frenetic.campaign import Budget, Campaign, CampaignStore, Test, defaults, new_folder, session
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.configuration import decode_budget
 from frenetic.campaign.guarded_strategy import ObservingStrategy
