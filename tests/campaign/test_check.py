@@ -104,7 +104,7 @@ def damaged(data: bytes, kind: int, rng: random.Random) -> bytes:
 
 
 @pytest.mark.endurance
-def test_damage_is_one_line_for_whoever_reads_and_nothing_is_written(
+def test_each_reader_of_damage_gets_one_line_and_writes_nothing(
     tmp_path: Path, endurance: bool
 ) -> None:
     make_campaign(tmp_path, 12).run()

@@ -209,7 +209,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_what_was_told_comes_back_equal(folder: Path, name: str) -> None:
+def test_stored_tests_are_read_back_equal(folder: Path, name: str) -> None:
     test = CASES[name]
     with CampaignStore.create(folder, CONFIG) as store:
         store.add_candidate(test.candidate)
@@ -244,12 +244,14 @@ def test_numbers_are_finite(store: CampaignStore, value: float) -> None:
         bad = value if column.kind == "REAL" else np.full((3, 2)[: len(column.kind) - 3], value)
         with pytest.raises(ValueError, match=column.name):
             store.add_candidate(changed(FULL, column.path, bad).candidate)
-    for what in ("conditions", "notes"):
-        with pytest.raises(ValueError, match=what):
-            store.add_candidate(changed(FULL.candidate, what, {"fog": value}))
+    for name in ("conditions", "notes"):
+        with pytest.raises(ValueError, match=name):
+            store.add_candidate(changed(FULL.candidate, name, {"fog": value}))
     store.add_candidate(FULL.candidate)
-    told = [column for column in FINISHED if column.kind == "REAL" and column not in asked]
-    for column in told:
+    result_columns = [
+        column for column in FINISHED if column.kind == "REAL" and column not in asked
+    ]
+    for column in result_columns:
         with pytest.raises(ValueError, match=column.name):
             store.add_result(changed(FULL, column.path, value))
     (finding, *_) = FULL.result.findings
@@ -257,7 +259,7 @@ def test_numbers_are_finite(store: CampaignStore, value: float) -> None:
         store.add_result(changed(FULL, "result.findings", (replace(finding, limit=value),)))
     store.add_result(FULL)
     assert plain(store.test(1)) == as_read(FULL)
-    assert len(asked) + len(told) > 12
+    assert len(asked) + len(result_columns) > 12
 
 
 def test_a_campaign_that_does_not_record_its_setting_can_be_read(folder: Path) -> None:
@@ -277,26 +279,28 @@ def test_a_campaign_that_does_not_record_its_setting_can_be_read(folder: Path) -
 Asked: TypeAlias = list[tuple[Candidate, int]]
 
 
-def require_same(store: CampaignStore, asked: Asked, told: list[Test]) -> None:
+def require_same(store: CampaignStore, asked: Asked, results: list[Test]) -> None:
     """A store holds just what was asked, after how many results, and told, in this order."""
-    expected = [as_read(test) for test in told]
+    expected = [as_read(test) for test in results]
     assert plain(list(store.tests(with_trajectory=True))) == expected
     assert plain(list(store.candidates())) == plain(asked)
     failed = [test["told"] for test in expected if test["result"]["outcome"] == "FAIL"]
     assert [test.told for test in store.tests(Outcome.FAIL, limit=2)] == failed[:2]
-    moobds = sorted((test.moobd is None, test.moobd or 0.0) for test in told)
+    moobds = sorted((test.moobd is None, test.moobd or 0.0) for test in results)
     by_moobd = [test.moobd for test in store.tests(order_by="moobd")]
     assert by_moobd == [None if is_missing else moobd for is_missing, moobd in moobds]
     counts = store.counts()
     assert counts.by_outcome == store.by_outcome()
-    assert counts.by_outcome == {one: [t.outcome for t in told].count(one) for one in Outcome}
+    assert counts.by_outcome == {
+        outcome: [t.outcome for t in results].count(outcome) for outcome in Outcome
+    }
     assert counts.min_moobd == min(
         [moobd for is_missing, moobd in moobds if not is_missing], default=None
     )
-    assert counts.roads == sum(test.outcome.is_test for test in told)
-    assert store.elapsed() == max((test.elapsed for test in told), default=0.0)
-    assert store.stored() == len(told)
-    for test in told[-1:]:
+    assert counts.roads == sum(test.outcome.is_test for test in results)
+    assert store.elapsed() == max((test.elapsed for test in results), default=0.0)
+    assert store.stored() == len(results)
+    for test in results[-1:]:
         assert plain(store.test(test.id)) == expected[-1]
         assert plain(store.trajectory(test.id)) == expected[-1]["trajectory"]
     for candidate, _ in asked[-1:]:
@@ -304,13 +308,13 @@ def require_same(store: CampaignStore, asked: Asked, told: list[Test]) -> None:
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_a_store_is_the_list_of_what_was_asked_and_told_whatever_breaks_off(
+def test_a_store_holds_all_candidates_and_results_whatever_breaks_off(
     folder: Path, breaking: type[Breaking], seed: int
 ) -> None:
     """Readers see all that was written, all at once, and nothing else; the rest waits."""
     rng = Random(seed)
     asked: Asked = []
-    told: list[Test] = []
+    results: list[Test] = []
     waiting: list[int] = []
     written = 0, 0  # asked and told
     store, reader = CampaignStore.create(folder, CONFIG), CampaignStore.open(folder)
@@ -318,33 +322,33 @@ def test_a_store_is_the_list_of_what_was_asked_and_told_whatever_breaks_off(
     for deed in rng.choices(deeds, k=30):
         if deed == "ask":
             last = asked[-1][0].id if asked else 0
-            asked.append((make_candidate(last + rng.randint(1, 2)), len(told)))
+            asked.append((make_candidate(last + rng.randint(1, 2)), len(results)))
             waiting.append(asked[-1][0].id)
             store.add_candidate(asked[-1][0])
         elif deed == "tell" and waiting:
             id = waiting.pop(rng.randrange(len(waiting)))  # noqa: A001
-            told.append(make_test(id, rng.choice([*Outcome, Outcome.FAIL]), len(told) + 1))
-            store.add_result(told[-1])
+            results.append(make_test(id, rng.choice([*Outcome, Outcome.FAIL]), len(results) + 1))
+            store.add_result(results[-1])
         elif deed == "break":
             breaking.left, breaking.is_after = rng.choice([1, 2, 3, 4, 5, 5]), rng.random() < 0.5
             errors = [KeyboardInterrupt(), sqlite3.OperationalError("disk I/O error")]
             breaking.error = errors[not breaking.is_after and rng.random() < 0.5]
-            is_held, is_last = written != (len(asked), len(told)), breaking.left == 5
+            is_held, is_last = written != (len(asked), len(results)), breaking.left == 5
             with pytest.raises((CampaignError, KeyboardInterrupt)) if is_held else nullcontext():
                 store.write()
             breaking.left = 0
             if breaking.is_after and is_last:  # it commits
-                written = len(asked), len(told)
+                written = len(asked), len(results)
         elif deed in ("write", "look", "reopen"):
             if deed == "write":
                 store.write()
             elif deed == "look":
-                require_same(store, asked, told)
+                require_same(store, asked, results)
             else:
                 store.close()
                 store = CampaignStore.open(folder, readonly=False)
-            written = len(asked), len(told)
-        require_same(reader, asked[: written[0]], told[: written[1]])
+            written = len(asked), len(results)
+        require_same(reader, asked[: written[0]], results[: written[1]])
     store.close()
     reader.close()
 
@@ -359,10 +363,10 @@ def test_a_reader_sees_the_moment_it_asked_while_the_writer_goes_on(store: Campa
         store.add_result(make_test(id, Outcome.INVALID))
     store.write()
     with CampaignStore.open(store.folder) as reader:
-        own, tests, candidates = store.tests(), reader.tests(), reader.candidates()
-        assert [next(one).told for one in (own, tests)] == [1, 1]
+        writer_tests, tests, candidates = store.tests(), reader.tests(), reader.candidates()
+        assert [next(iterator).told for iterator in (writer_tests, tests)] == [1, 1]
         tell(store, many + 1)
-        assert [test.told for test in own] == list(range(2, many + 1))
+        assert [test.told for test in writer_tests] == list(range(2, many + 1))
         assert [test.told for test in tests] == list(range(2, many + 1))
         assert [candidate.id for candidate, _ in candidates] == list(range(1, many + 1))
         assert plain(reader.test(many + 1)) == as_read(make_test(many + 1))
@@ -388,7 +392,7 @@ def test_facts_are_replaced(folder: Path) -> None:
 # Misuse
 
 
-def test_unknown_ids_are_named_and_those_of_numpy_known(store: CampaignStore) -> None:
+def test_unknown_ids_are_named_and_numpy_ids_are_known(store: CampaignStore) -> None:
     with refused("no test of candidate 1: there are none so far"):
         store.test(1)
     tell(store, 1)
@@ -400,10 +404,10 @@ def test_unknown_ids_are_named_and_those_of_numpy_known(store: CampaignStore) ->
             store.test(unknown)
     with refused("no candidate 5: ids run from 1 to 4"):
         store.candidate(5)
-    one: Any = np.int64(1)
-    assert store.test(one).id == store.candidate(one).id == 1
-    assert store.trajectory(one) is not None
-    assert [test.id for test in store.tests(limit=one)] == [1]
+    number: Any = np.int64(1)
+    assert store.test(number).id == store.candidate(number).id == 1
+    assert store.trajectory(number) is not None
+    assert [test.id for test in store.tests(limit=number)] == [1]
 
 
 def test_the_id_of_a_candidate_is_new(finished: Path) -> None:
@@ -638,7 +642,7 @@ def test_a_full_disk_loses_nothing_that_was_stored(
         assert store.stored() == number - 1 > 3
         full(0)  # space was made: all that waited goes in
         store.write()
-        expected = [as_read(make_test(one, Outcome.FAIL)) for one in range(1, number + 4)]
+        expected = [as_read(make_test(test_id, Outcome.FAIL)) for test_id in range(1, number + 4)]
         assert plain(list(store.tests(with_trajectory=True))) == expected
 
 
@@ -662,7 +666,9 @@ def test_a_database_locked_by_another_program(
 ) -> None:
     connect = sqlite3.connect
     monkeypatch.setattr(
-        sqlite3, "connect", lambda *given, **more: connect(*given, **(more | {"timeout": 0.0}))
+        sqlite3,
+        "connect",
+        lambda *arguments, **more: connect(*arguments, **(more | {"timeout": 0.0})),
     )
     with (
         closing(sqlite3.connect(finished / DATABASE, isolation_level=None)) as other,

@@ -220,7 +220,7 @@ class Rubbish:
 
 
 @posix_only
-def test_what_was_answered_before_nonsense_came_stands(marks: Marks) -> None:
+def test_answers_before_nonsense_stand(marks: Marks) -> None:
     spoiling = ObjectProcess("it", pack(Rubbish(marks)))
     spoiling.start()
     spoiling.answer()
@@ -485,7 +485,7 @@ except CampaignError as error:
 """
 
 
-def test_a_script_without_a_guard_is_told_what_it_lacks(tmp_path: Path) -> None:
+def test_a_script_without_a_main_guard_gets_a_hint(tmp_path: Path) -> None:
     script = tmp_path / "script.py"
     script.write_text(UNGUARDED)
     done = subprocess.run(

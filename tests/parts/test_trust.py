@@ -153,7 +153,7 @@ def change_fact(campaign: Path | str, name: str, change: Callable[[Any], Any]) -
 
 @pytest.mark.parametrize("command", [*COMMANDS, "compare"])
 @pytest.mark.parametrize("is_there", [True, False])
-def test_what_the_user_made_goes_on_unasked_with_code_of_its_own_folder_only(
+def test_a_users_campaign_goes_on_unasked_with_code_of_its_own_folder_only(
     frenetic: Frenetic, user: Path, mark: Path, tmp_path: Path, command: str, is_there: bool
 ) -> None:
     """From that folder, and from another one, beside a copy with other code."""
@@ -343,7 +343,7 @@ def with_entry(name: str, value: object) -> Callable[[Any], Any]:
 
 
 @pytest.mark.parametrize("workers", ["1", "2"])
-def test_a_neighbour_of_a_users_part_is_not_taken_for_what_we_import(
+def test_a_neighbour_of_a_users_part_does_not_replace_our_imports(
     workers: str, tmp_path: Path, mark: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """In processes of their own, which have imported neither module before."""
@@ -409,7 +409,7 @@ def test_a_foreign_bench_is_refused_until_it_is_named_or_trusted(
     assert mark.exists() is (option != "pipeline"), "which is no folder of a pipeline"
 
 
-def test_the_users_bench_goes_on_until_somebody_edits_what_names_code(
+def test_the_users_bench_goes_on_until_somebody_edits_a_part(
     frenetic: Frenetic, user: Path, mark: Path, tmp_path: Path
 ) -> None:
     least = ("--simulations", "2", "--repeats", "1", "--workers", "1")
@@ -622,7 +622,7 @@ def another(**changes: object) -> dict[str, Any]:
 
 
 @pytest.mark.usefixtures("home")
-def test_a_signature_is_for_all_that_names_code_and_its_folder_and_sources() -> None:
+def test_a_signature_covers_code_folder_and_sources() -> None:
     signature = trust.sign(**another())
     assert signature
     assert trust.is_signed(signature, **another())
@@ -751,7 +751,7 @@ def test_without_a_key_all_goes_on_unsigned_and_one_line_says_what_to_do(
 
 
 @pytest.mark.usefixtures("home")
-def test_an_allowed_file_is_asked_again_when_what_names_code_changes() -> None:
+def test_an_allowed_file_is_asked_about_again_after_a_part_changes() -> None:
     Path("there").mkdir()
     assert not trust.is_allowed("run.toml", CODE)
     assert trust.allow("run.toml", CODE)

@@ -42,7 +42,7 @@ TOWN = {"roads": "urban-50", "conditions": {"gust": {"low": 0, "high": 18}}}
 
 
 @given(specs)
-def test_a_campaigns_file_says_what_was_written(spec: Spec) -> None:
+def test_a_campaigns_file_gives_the_written_spec(spec: Spec) -> None:
     with TemporaryDirectory() as folder:
         spec.write(Path(folder))
         assert Spec.read(Path(folder, FILE)) == spec
@@ -56,7 +56,7 @@ def recorded() -> str:
 
 
 @given(specs)
-def test_a_database_says_what_was_recorded(spec: Spec) -> None:
+def test_a_database_gives_the_recorded_spec(spec: Spec) -> None:
     config = json.loads(json.dumps({**json.loads(recorded()), "spec": spec.entries()}))
     assert fault_of(config) == ""
     assert recorded_spec(config, source=SOURCE) == spec
@@ -109,9 +109,9 @@ def test_values_are_taken_in_any_form_and_given_in_one() -> None:
     assert spec.road_class == RoadClass.of("rural-80", {"length": 800})
     assert Spec(roads=spec.road_class.as_json()) == Spec(roads="rural-80,length=800")
     assert Spec(roads=RoadClass.of("rural-80").as_json()).roads == "rural-80"
-    own = Spec(roads={"design_speed": 60}).road_class
-    assert own is not None
-    assert (own.name, own.speed_limit) == ("own", 60.0)
+    users = Spec(roads={"design_speed": 60}).road_class
+    assert users is not None
+    assert (users.name, users.speed_limit) == ("own", 60.0)
     assert spec.domain == Domain.made("own", TOWN)
     assert Spec(criteria="speed_limit=60") == Spec(speed_limit=60.0)
 
@@ -216,7 +216,7 @@ def test_conditions_without_roads_leave_the_roads() -> None:
     assert spec.entries().items() >= BEFORE_ROADS.items()
 
 
-def test_roads_win_over_those_of_a_domain() -> None:
+def test_roads_win_over_a_domains_roads() -> None:
     for spec in (Spec.of({"odd": TOWN}, {"roads": "rural-80"}), Spec(odd=TOWN, roads="rural-80")):
         assert spec.road_class == RoadClass.of("rural-80")
         assert spec.domain is not None
@@ -233,7 +233,7 @@ def test_an_explicit_default_beside_a_class_is_not_lost() -> None:
     assert Spec(speed_limit=70.0).rules.road_limits == "ignored"
 
 
-def test_rules_that_are_not_said_are_the_usual_ones_of_the_caller() -> None:
+def test_rules_that_are_not_set_are_the_callers() -> None:
     usual = Rules(speed_limit=50.0, stuck_time=5.0)
     assert Spec().rules_over(usual) == usual
     assert Spec(oob_tolerance=0.5).rules_over(usual) == Rules(
@@ -247,7 +247,7 @@ def test_rules_that_are_not_said_are_the_usual_ones_of_the_caller() -> None:
 
 
 @given(specs, st.booleans())
-def test_a_spec_is_its_driving_and_the_rest(spec: Spec, has_roads: bool) -> None:
+def test_a_spec_is_its_driving_spec_and_the_rest(spec: Spec, has_roads: bool) -> None:
     driving = spec.driving_spec(has_roads=has_roads)
     rest = spec.without_driving(has_roads=has_roads)
     assert driving.user_values.keys() <= {
@@ -261,7 +261,7 @@ def test_a_spec_is_its_driving_and_the_rest(spec: Spec, has_roads: bool) -> None
     assert spec.roads is None or both["roads"] == spec.roads
 
 
-def test_how_it_drives_says_the_class_of_its_roads() -> None:
+def test_a_driving_spec_has_the_class_of_the_roads() -> None:
     assert Spec(odd=TOWN).driving_spec().entries() == {"roads": "urban-50"}
     assert Spec(roads="competition").driving_spec().entries() == {"roads": "competition"}
     assert Spec(odd=TOWN).driving_spec(has_roads=True) == Spec().driving_spec() == Spec()
@@ -278,7 +278,7 @@ def test_conditions_of_a_drive_lie_over_the_others() -> None:
 # Objects
 
 
-def test_it_makes_what_it_says(tmp_path: Path) -> None:
+def test_a_spec_makes_the_parts_that_it_names(tmp_path: Path) -> None:
     spec = Spec(
         strategy="random",
         driver="planner,aggression=1.2",
@@ -341,7 +341,7 @@ def test_the_class_that_real_roads_show_is_recorded(tmp_path: Path) -> None:
     assert recorded.from_roads == str(folder)
 
 
-def test_what_cannot_be_made_is_refused() -> None:
+def test_parts_that_cannot_be_made_are_refused() -> None:
     with pytest.raises(FreneticError, match="the option seed of the strategy is not allowed"):
         Spec(strategy="random,seed=5").make_strategy()
     with pytest.raises(FreneticError, match="searches roads alone, not the conditions of own"):
@@ -564,6 +564,6 @@ def test_a_rule_has_one_value() -> None:
     assert Spec.of({"criteria": "speed_limit=70", "speed_limit": 70}).speed_limit == 70.0
 
 
-def test_an_attributes_name_in_a_file_is_answered_with_that_of_the_entry() -> None:
+def test_an_attributes_name_in_a_file_is_answered_with_the_entrys_name() -> None:
     with pytest.raises(ValueError, match="there is no entry 'conditions': it is 'with'"):
         Spec.of({"conditions": {"delay": 0.1}})
