@@ -109,7 +109,7 @@ def make_campaign(folder: Path, tests: int) -> None:
         for number, outcome in enumerate(outcomes, start=1):
             candidate, attempt = drives[(number - 1) % len(drives)]
             candidate = replace(candidate, id=number)
-            store.asked(candidate)
+            store.add_candidate(candidate)
             simulations += outcome is not Outcome.INVALID
             failures += outcome is Outcome.FAIL
             elapsed = number * SECONDS_PER_TEST
@@ -121,7 +121,7 @@ def make_campaign(folder: Path, tests: int) -> None:
                 elapsed=elapsed,
                 finished_at=present_moment(),
             )
-            store.told(test, attempt.packed)
+            store.add_result(test, attempt.packed)
         seconds = tests * SECONDS_PER_TEST
         store.finish(seconds=seconds, interrupted=False, budget=asdict(budget))
     seconds = time.perf_counter() - start

@@ -192,8 +192,8 @@ def test_store(benchmark: BenchmarkFixture, tmp_path: Path) -> None:
         def keep(driven: Driven) -> None:
             number = next(ids)
             candidate = Candidate(number, driven.curvatures, driven.road.step, Origin("random"))
-            store.asked(candidate)
-            store.told(record(driven, candidate, number))
+            store.add_candidate(candidate)
+            store.add_result(record(driven, candidate, number))
 
         per_road(benchmark, keep, road_set())
 

@@ -25,7 +25,7 @@ from frenetic._support.words import part_word
 from frenetic.analysis import Comparison
 from frenetic.analysis.comparison import MeasureComparison, PairComparison, compare, p_text
 from frenetic.analysis.failures import Failure, cluster_failures, failures_of
-from frenetic.campaign.store import DATABASE
+from frenetic.campaign.database import DATABASE
 from frenetic.campaign.workers import available_cores
 from frenetic.plugins.bench import Entrant
 from frenetic.report.plots import draw_comparison

@@ -46,8 +46,8 @@ def store_of(
     with CampaignStore.create(folder, config) as store:
         for told, outcome in enumerate(outcomes, start=1):
             candidate = Candidate(told, np.full(5, 1e-4 * told), 10.0, Origin("random"))
-            store.asked(candidate)
-            store.told(
+            store.add_candidate(candidate)
+            store.add_result(
                 Test(
                     candidate=candidate,
                     result=Result(outcome, ""),

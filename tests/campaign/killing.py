@@ -21,9 +21,9 @@ from faulty import FaultySimulator
 from pids import LIMIT
 
 from frenetic.campaign import Summary
-from frenetic.campaign.store import DATABASE
+from frenetic.campaign.database import DATABASE
 from frenetic.errors import CampaignError
-from frenetic.processes import worker
+from frenetic.processes import object_process
 from frenetic.processes.children import process_context
 
 
@@ -59,7 +59,7 @@ def go_on(
     """Runs or resumes a campaign until it ends or the blow comes; each result leaves a byte."""
     if sys.platform == "linux":
         # Forked from this process, which has loaded everything: a server would take a second.
-        worker.process_context = lambda _: multiprocessing.get_context("fork")  # type: ignore
+        object_process.process_context = lambda _: multiprocessing.get_context("fork")  # type: ignore
     killer = _Killer(blow)
     sqlite3.connect = killer.connect  # type: ignore[assignment]
     simulator = FaultySimulator(marks)

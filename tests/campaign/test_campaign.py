@@ -20,10 +20,9 @@ from contents import contents
 from events import on_test
 
 from frenetic._support.arrays import FloatArray
-from frenetic.campaign import Budget, Campaign, CampaignStore, Test, new_folder
-from frenetic.campaign import campaign as campaign_module
+from frenetic.campaign import Budget, Campaign, CampaignStore, Test, defaults, new_folder, session
 from frenetic.campaign.check import check_campaign
-from frenetic.campaign.configuration import decode_budget, with_budget
+from frenetic.campaign.configuration import decode_budget
 from frenetic.campaign.guarded_strategy import ObservingStrategy
 from frenetic.campaign.objective import objectives
 from frenetic.campaign.record import Attempt
@@ -62,8 +61,8 @@ from frenetic.testing import DummyDriver
 def test_a_few_compiled_drives_take_one_process(
     driver: str, budget: Budget, workers: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(campaign_module, "available_cores", lambda: 3)
-    spec = with_budget(Spec(strategy="random", driver=driver, seed=1), budget)
+    monkeypatch.setattr(defaults, "available_cores", lambda: 3)
+    spec = Spec(strategy="random", driver=driver, seed=1).with_budget(budget)
     assert Campaign.of(spec, folder=tmp_path / "c").workers == workers
     assert Campaign.of(spec, folder=tmp_path / "c", workers=2).workers == 2
 
@@ -98,7 +97,7 @@ def test_a_strategy_that_ends_the_search(tmp_path: Path) -> None:
 
 def test_budget_of_time_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     clock = iter(range(1000))
-    monkeypatch.setattr("frenetic.campaign.campaign.time.perf_counter", lambda: next(clock))
+    monkeypatch.setattr("frenetic.campaign.session.time.perf_counter", lambda: next(clock))
     assert 1 <= scripted(tmp_path, Budget(time=20.0)).run().simulations <= 20
 
 
@@ -106,7 +105,7 @@ def test_the_time_for_compiling_is_not_the_budgets(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     order: list[str] = []
-    monkeypatch.setattr(campaign_module, "compile_kernels", lambda: order.append("compiled"))
+    monkeypatch.setattr(session, "compile_kernels", lambda: order.append("compiled"))
     search = scripted(tmp_path, Budget(time=60.0, failures=1))
     search.run(1, on_event=lambda event: order.append(event.kind))
     assert order[:2] == ["compiled", "started"]
@@ -142,7 +141,7 @@ def test_the_most_frequent_reason_of_refused_roads_is_said_first(
         scripted(tmp_path, Budget(simulations=1), strategy=strategy).run()
 
 
-def test_campaign_whose_strategy_wants_none_of_its_roads_gives_up(
+def test_a_campaign_gives_up_if_its_strategy_wants_no_road(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Fickle(Scripted):
@@ -175,7 +174,7 @@ def test_new_folder_is_new(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("presses", [1, 2])
-def test_what_a_second_ctrl_c_breaks_is_an_interruption(
+def test_an_error_after_a_second_ctrl_c_is_an_interruption(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, presses: int
 ) -> None:
     def compile_with_a_deaf_callback() -> None:
@@ -185,7 +184,7 @@ def test_what_a_second_ctrl_c_breaks_is_an_interruption(
                 signal.raise_signal(signal.SIGINT)
         raise RuntimeError("no compiled object yet")
 
-    monkeypatch.setattr(campaign_module, "compile_kernels", compile_with_a_deaf_callback)
+    monkeypatch.setattr(session, "compile_kernels", compile_with_a_deaf_callback)
     search = scripted(tmp_path, Budget(simulations=2))
     if presses == 2:
         assert search.run().interrupted
@@ -214,7 +213,7 @@ def test_parts_give_the_same_campaign_as_one_run(tmp_path: Path, lookahead: int)
     assert search("parts").resume().simulations == 20
 
 
-def test_a_campaign_without_a_budget_makes_as_many_simulations_as_it_is_told(
+def test_a_campaign_without_a_budget_runs_the_number_of_its_call(
     tmp_path: Path,
 ) -> None:
     search = scripted(tmp_path, None, lookahead=16)
@@ -269,21 +268,21 @@ def test_an_error_in_a_callback_is_raised_and_loses_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What was stored with that test is reported by the next run."""
-    monkeypatch.setattr("frenetic.campaign.campaign.InProcessWorker", TwoAtOnce)
+    monkeypatch.setattr("frenetic.campaign.workers.local.InProcessWorker", TwoAtOnce)
     search = scripted(tmp_path, Budget(simulations=4), lookahead=2)
-    seen: list[int | None] = []
+    orders: list[int | None] = []
 
     def fail(test: Test) -> None:
-        seen.append(test.told)
+        orders.append(test.told)
         raise KeyError("mine")
 
     with pytest.raises(KeyError, match="mine"):
         search.run(on_event=on_test(fail))
     with CampaignStore.open(tmp_path) as store:
         assert store.stored() == 2
-    end = search.run(on_event=on_test(lambda test: seen.append(test.told)))
+    end = search.run(on_event=on_test(lambda test: orders.append(test.told)))
     assert end.simulations == 4
-    assert seen == list(range(1, end.tests + 1))
+    assert orders == list(range(1, end.tests + 1))
 
 
 def test_the_best_test_is_the_worst_for_the_driver(tmp_path: Path) -> None:
@@ -364,7 +363,7 @@ RAISED = r"the strategy raised KeyError: 'out of\nideas'"
 
 
 @pytest.mark.parametrize(
-    ("strategy", "complaint", "kept"),
+    ("strategy", "complaint", "results"),
     [
         (Broken("ask"), RAISED, 3),
         (Broken("tell"), RAISED, 4),
@@ -398,13 +397,13 @@ RAISED = r"the strategy raised KeyError: 'out of\nideas'"
     ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_a_strategy_that_breaks_ends_the_campaign_with_one_line(
-    tmp_path: Path, strategy: Broken, complaint: str, kept: int
+    tmp_path: Path, strategy: Broken, complaint: str, results: int
 ) -> None:
     with pytest.raises(StrategyError) as caught:
         scripted(tmp_path, Budget(simulations=9), strategy=strategy).run()
     assert str(caught.value).startswith(complaint)
     with CampaignStore.open(tmp_path) as store:
-        assert store.counts().told == kept
+        assert store.counts().told == results
 
 
 class Observing(Scripted, ObservingStrategy):
@@ -412,18 +411,18 @@ class Observing(Scripted, ObservingStrategy):
 
     def __init__(self) -> None:
         super().__init__()
-        self.seen: list[tuple[int, Outcome, bool]] = []
+        self.observed: list[tuple[int, Outcome, bool]] = []
 
     def observe(self, attempt: Attempt) -> None:
         path = attempt.trajectory
         is_driven = path is not None and len(path) > 0
-        self.seen.append((len(self.told), attempt.result.outcome, is_driven))
+        self.observed.append((len(self.told), attempt.result.outcome, is_driven))
 
 
-def test_a_strategy_that_observes_sees_each_drive_before_it_is_told(tmp_path: Path) -> None:
+def test_an_observing_strategy_sees_each_drive_before_tell(tmp_path: Path) -> None:
     strategy, budget = Observing(), Budget(simulations=2)
     scripted(tmp_path / "c", budget, strategy=strategy).run()
-    assert strategy.seen == [
+    assert strategy.observed == [
         (0, Outcome.PASS, True),
         (1, Outcome.INVALID, False),
         (2, Outcome.FAIL, True),
@@ -493,7 +492,7 @@ def test_a_budget_is_refused_alike_from_python_and_from_a_record(
 
 def test_the_nearest_limit_of_a_budget_counts() -> None:
     budget = Budget(simulations=100, time=50.0, failures=4)
-    assert [budget.spent(*one) for one in ((10, 1.0, 0), (10, 25.0, 0), (10, 25.0, 3))] == [
+    assert [budget.spent(*spent) for spent in ((10, 1.0, 0), (10, 25.0, 0), (10, 25.0, 3))] == [
         *(0.1, 0.5, 0.75)
     ]
     assert budget.spent(0, 70.0, 0) == 1.0
@@ -519,7 +518,7 @@ def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", [RandomSearch, Frenetic])
-def test_the_margin_reaches_the_check_of_the_strategy_but_for_one_of_its_own(
+def test_a_campaigns_margin_reaches_a_strategy_without_a_margin(
     tmp_path: Path, kind: type[RandomSearch | Frenetic]
 ) -> None:
     def search(simulations: int) -> Campaign:
@@ -542,7 +541,7 @@ def test_the_margin_reaches_the_check_of_the_strategy_but_for_one_of_its_own(
     assert len(asked) == 1
 
 
-def test_configuration_says_what_was_run(tmp_path: Path) -> None:
+def test_the_configuration_records_parts_and_options(tmp_path: Path) -> None:
     class Part(DummyDriver):
         def __init__(self) -> None:
             super().__init__()

@@ -19,7 +19,7 @@ from events import on_result
 
 from frenetic.campaign import Campaign, CampaignStore
 from frenetic.campaign.check import check_campaign
-from frenetic.campaign.store import DATABASE
+from frenetic.campaign.database import DATABASE
 from frenetic.cli import main
 from frenetic.drivers import Planner
 from frenetic.errors import CampaignError
@@ -104,7 +104,7 @@ def damaged(data: bytes, kind: int, rng: random.Random) -> bytes:
 
 
 @pytest.mark.endurance
-def test_damage_is_one_line_for_whoever_reads_and_nothing_is_written(
+def test_each_reader_of_damage_gets_one_line_and_writes_nothing(
     tmp_path: Path, endurance: bool
 ) -> None:
     make_campaign(tmp_path, 12).run()
@@ -172,7 +172,7 @@ def test_missing_rows_are_found(folder: Path, change: str, text: str) -> None:
 def test_damage_that_no_reader_meets(folder: Path) -> None:
     with CampaignStore.open(folder, readonly=False) as store:
         last = len(list(store.candidates())) + 1
-        store.asked(replace(store.candidate(1), id=last))
+        store.add_candidate(replace(store.candidate(1), id=last))
     assert not check_campaign(folder).findings
     execute(folder, "UPDATE test SET parents = '[1.5]' WHERE id = ?", last)
     expect(folder, f"candidate {last}: ")

@@ -22,7 +22,7 @@ DRIVER = frenetic.Planner(aggression=1.1)
 def by_hand(strategy: frenetic.Strategy) -> list[Evaluation]:
     """What a loop of one's own tells."""
     simulator = frenetic.EmbeddedSimulator()
-    told: list[Evaluation] = []
+    evaluations: list[Evaluation] = []
     driven = 0
     while driven < SIMULATIONS:
         candidate = strategy.ask()
@@ -30,12 +30,12 @@ def by_hand(strategy: frenetic.Strategy) -> list[Evaluation]:
         road, verdict = frenetic.Road(candidate.curvatures, candidate.step).placed()
         drive = simulator.drive(road, DRIVER) if road is not None and verdict.valid else None
         driven += drive is not None
-        told.append(evaluate(candidate, road, drive, budget_spent=driven / SIMULATIONS))
-        strategy.tell(told[-1])
-    return told
+        evaluations.append(evaluate(candidate, road, drive, budget_spent=driven / SIMULATIONS))
+        strategy.tell(evaluations[-1])
+    return evaluations
 
 
-def test_a_loop_of_ones_own_finds_what_a_campaign_finds(tmp_path: Path) -> None:
+def test_asking_and_telling_by_hand_gives_the_evaluations_of_a_campaign(tmp_path: Path) -> None:
     campaign = Campaign(
         strategy=frenetic.Frenetic2021(seed=4),
         simulator=frenetic.EmbeddedSimulator(),
@@ -44,23 +44,23 @@ def test_a_loop_of_ones_own_finds_what_a_campaign_finds(tmp_path: Path) -> None:
         folder=tmp_path / "c",
     )
     campaign.run()
-    told = by_hand(frenetic.Frenetic2021(seed=4))
+    evaluations = by_hand(frenetic.Frenetic2021(seed=4))
     with CampaignStore.open(tmp_path / "c") as store:
         records = list(store.tests(with_trajectory=True))
-    assert len(records) == len(told)
-    assert {Outcome.PASS, Outcome.FAIL} <= {one.outcome for one in told}
-    for record, mine in zip(records, told, strict=True):
-        theirs = evaluation_of(record, lambda: record.trajectory, Objective.load("moobd"))  # noqa: B023
-        assert replace(theirs, candidate=mine.candidate) == mine
-        np.testing.assert_array_equal(record.candidate.curvatures, mine.candidate.curvatures)
-        assert (theirs.trace is None) == (mine.trace is None)
-        if theirs.trace is not None and mine.trace is not None:
+    assert len(records) == len(evaluations)
+    assert {Outcome.PASS, Outcome.FAIL} <= {evaluation.outcome for evaluation in evaluations}
+    for record, evaluation in zip(records, evaluations, strict=True):
+        recorded = evaluation_of(record, lambda: record.trajectory, Objective.load("moobd"))  # noqa: B023
+        assert replace(recorded, candidate=evaluation.candidate) == evaluation
+        np.testing.assert_array_equal(record.candidate.curvatures, evaluation.candidate.curvatures)
+        assert (recorded.trace is None) == (evaluation.trace is None)
+        if recorded.trace is not None and evaluation.trace is not None:
             for name in ("distance", "lateral_offset", "speed"):
-                a, b = getattr(theirs.trace, name), getattr(mine.trace, name)
+                a, b = getattr(recorded.trace, name), getattr(evaluation.trace, name)
                 np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-3)  # rounded in the database
 
 
-def test_what_was_not_driven_or_broke_has_no_moobd_and_an_objective_its_value() -> None:
+def test_an_evaluation_has_a_moobd_only_after_a_whole_drive() -> None:
     candidate = Candidate(1, np.array([0.0, 0.03, 0.04, 0.03, 0.0]), 10.0, Origin("mine"))
     road = frenetic.Road(candidate.curvatures, 10.0)
     invalid = evaluate(candidate, None, None, budget_spent=0.5)
@@ -84,7 +84,7 @@ def test_what_was_not_driven_or_broke_has_no_moobd_and_an_objective_its_value() 
         evaluate(candidate, road, drive, objective="nothing")
 
 
-def test_the_place_is_that_of_the_finding_or_else_the_worst() -> None:
+def test_the_worst_place_is_the_findings_or_the_lowest_moobds() -> None:
     candidate = Candidate(1, np.zeros(20), 10.0, Origin("mine"))
     passed = Evaluation(candidate, Outcome.PASS, 0.5, 0.1, worst_place=40.0)
     departure = frenetic.Finding.departure("left", 87.0)

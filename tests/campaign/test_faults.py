@@ -30,7 +30,7 @@ from small_disk import Bounded, Breaking
 
 from frenetic.campaign import Budget, CampaignStore
 from frenetic.campaign.check import check_campaign
-from frenetic.campaign.store import DATABASE
+from frenetic.campaign.database import DATABASE
 from frenetic.campaign.workers.local import AHEAD
 from frenetic.cli import main
 from frenetic.errors import CampaignGoneError
@@ -94,13 +94,13 @@ def test_a_full_disk_loses_nothing_and_the_campaign_goes_on(tmp_path: Path) -> N
         env={**os.environ, "PYTHONPATH": os.pathsep.join([str(HERE), *sys.path])},
     )
     assert done.returncode == 0, done.stderr
-    seen = json.loads(done.stdout)
-    for message in seen["messages"]:
+    answer = json.loads(done.stdout)
+    for message in answer["messages"]:
         assert "the disk is full: free some space and resume the campaign" in message
         assert "\n" not in message
-    assert seen["reported"] == seen["stored"] > 0
-    assert seen["ended"] == "200"
-    assert seen["same"]
+    assert answer["reported"] == answer["stored"] > 0
+    assert answer["ended"] == "200"
+    assert answer["same"]
 
 
 @posix_only
@@ -111,10 +111,10 @@ def test_results_of_a_folder_that_was_moved_stand_at_its_new_place(
     monkeypatch.setattr("frenetic.campaign.loop.PROGRESS_INTERVAL", 0.0)
     folder = tmp_path / "before" / "campaign"
     new = tmp_path / "after" / "campaign"
-    seen = itertools.count(1)
+    calls = itertools.count(1)
 
     def move(_: object) -> None:
-        if next(seen) == 5:
+        if next(calls) == 5:
             if deed == "its parent moved":
                 folder.parent.rename(new.parent)
             else:
@@ -132,7 +132,7 @@ def test_results_of_a_folder_that_was_moved_stand_at_its_new_place(
         f"{folder} was moved{place} while it was in use: its {results} results stand there;"
         " go on with it there"
     )
-    assert next(seen) < 20
+    assert next(calls) < 20
     assert list(folder.parent.rglob("*")) == ([folder] if deed == "moved and replaced" else [])
     assert scripted(new, Budget(simulations=50)).resume().simulations == 50
     assert not check_campaign(new).findings
@@ -145,10 +145,10 @@ def test_a_folder_or_database_that_is_deleted_ends_the_campaign_and_stays_so(
 ) -> None:
     monkeypatch.setattr("frenetic.campaign.loop.PROGRESS_INTERVAL", 0.0)
     folder = tmp_path / "campaign"
-    seen = itertools.count(1)
+    calls = itertools.count(1)
 
     def remove(_: object) -> None:
-        if next(seen) == 5:
+        if next(calls) == 5:
             if "folder" in deed:
                 shutil.rmtree(folder)
             else:
@@ -165,7 +165,7 @@ def test_a_folder_or_database_that_is_deleted_ends_the_campaign_and_stays_so(
     )
     with refused(re.escape(words)):
         scripted(folder, Budget(simulations=50)).run(on_event=on_result(remove))
-    assert next(seen) < 20
+    assert next(calls) < 20
     if "folder" in deed:
         assert list(tmp_path.rglob("*")) == ([folder] if deed == "replaced folder" else [])
         return
@@ -191,8 +191,8 @@ class Running:
         self.out, self.err = tmp_path / "out", tmp_path / "err"
         command = [sys.executable, "-m", "frenetic", "run", "--simulations", "60"]
         command += ["--workers", "2", "--out", str(self.folder)]
-        given = () if simulator == "embedded" else (f"folder={marks.folder}", *options)
-        command += ["--simulator", ",".join([simulator, *given])]
+        simulator_options = () if simulator == "embedded" else (f"folder={marks.folder}", *options)
+        command += ["--simulator", ",".join([simulator, *simulator_options])]
         with self.out.open("w") as out, self.err.open("w") as err:
             self.process = subprocess.Popen(
                 command, stdout=out, stderr=err, cwd=tmp_path, start_new_session=True
@@ -207,12 +207,12 @@ class Running:
             self.process.kill()
             self.process.wait()
 
-    def until(self, condition: Callable[[], object], what: str) -> None:
+    def until(self, condition: Callable[[], object], event: str) -> None:
         def holds() -> bool:
             assert self.process.poll() is None, self.err.read_text()
             return bool(condition())
 
-        until(holds, what)
+        until(holds, event)
         self.family |= {self.process.pid, *descendants(self.process.pid)}
 
     def until_marks(self, name: str, count: int = 2) -> None:
@@ -234,16 +234,16 @@ class Running:
 
 
 @posix_only
-def test_ctrl_c_finishes_what_runs(tmp_path: Path, marks: Marks) -> None:
+def test_ctrl_c_lets_running_tests_finish(tmp_path: Path, marks: Marks) -> None:
     with Running(tmp_path, marks, "after=5") as running:
         running.until_marks("driving")
         running.press_ctrl_c()
         marks.make("go")
         running.ends()
     # Five, the two that waited, and what quick workers had got ahead of time.
-    told = stored(running.folder)
-    assert 7 <= told <= 5 + 2 * AHEAD
-    assert f"Interrupted: {told} simulations" in running.out.read_text()
+    results = stored(running.folder)
+    assert 7 <= results <= 5 + 2 * AHEAD
+    assert f"Interrupted: {results} simulations" in running.out.read_text()
     assert events(running.folder)[-1]["event"] == "interrupted"
     assert len(marks.numbers("end")) == 2  # the simulators were ended in peace
 
@@ -258,9 +258,9 @@ def test_ctrl_c_twice_leaves_at_once_and_loses_nothing(tmp_path: Path, marks: Ma
         running.press_ctrl_c()
         running.press_ctrl_c(until_noticed=False)
         running.ends()
-    told = stored(running.folder)
-    assert before <= told <= 5
-    assert f"Interrupted: {told} simulation" in running.out.read_text()
+    results = stored(running.folder)
+    assert before <= results <= 5
+    assert f"Interrupted: {results} simulation" in running.out.read_text()
 
 
 @posix_only
@@ -292,8 +292,8 @@ def test_ctrl_c_while_the_server_of_the_workers_starts(
                 continue
         return False
 
-    given: Any = {"simulator": simulator} if simulator else {}
-    with Running(tmp_path, marks, **given) as running:
+    options: Any = {"simulator": simulator} if simulator else {}
+    with Running(tmp_path, marks, **options) as running:
         running.until(server_is_there, "the server starts")
         for number in range(presses):
             running.press_ctrl_c(until_noticed=number < presses - 1)
@@ -359,11 +359,11 @@ def test_a_full_disk_says_what_is_stored_and_the_command_that_goes_on(
     monkeypatch.setattr(sqlite3, "connect", lambda *a, **k: connect(*a, **k, factory=Bounded))
     monkeypatch.setattr(Bounded, "pages", 40)
     assert command(*RUN, "--out", "a b") == 2
-    told = stored(Path("a b"))
-    assert 0 < told < 40
+    results = stored(Path("a b"))
+    assert 0 < results < 40
     message = capsys.readouterr().err.splitlines()[-1]
     assert "the disk is full" in message
-    assert f"; {told} results stored, " in message
+    assert f"; {results} results stored, " in message
     assert message.endswith("% of the budget spent; go on: frenetic resume 'a b' --workers 1")
     monkeypatch.setattr(Bounded, "pages", None)
     assert command(*shlex.split(message.partition("go on: frenetic ")[2])) == 0
@@ -372,7 +372,7 @@ def test_a_full_disk_says_what_is_stored_and_the_command_that_goes_on(
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a process kills itself by a POSIX signal")
-def test_what_a_kill_after_the_last_result_leaves_is_finished(
+def test_a_campaign_killed_after_its_last_result_is_finished(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     place = "frenetic.campaign.store.CampaignStore.finish"

@@ -34,10 +34,10 @@ def drawn(road_class: RoadClass, count: int, seed: int = 1) -> list[Road]:
     """Random roads of a class."""
     rng = np.random.default_rng(seed)
     roads = RandomRoads(map_size=road_class.map_size, road_class=road_class)
-    found = []
+    stretches = []
     for _ in range(count):
         values = roads.draw(rng)
-        found.append(
+        stretches.append(
             Road(
                 values,
                 road_class.step,
@@ -46,7 +46,7 @@ def drawn(road_class: RoadClass, count: int, seed: int = 1) -> list[Road]:
                 grade=() if (grade := roads.grade(rng, values)) is None else grade,
             )
         )
-    return found
+    return stretches
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +72,7 @@ def from_roads(place: Path, folder: Path, *, simulations: int = SIMULATIONS) -> 
 
 
 @pytest.mark.parametrize("name", ["urban-50", "rural-80", "rural-100", "motorway-130"])
-def test_the_shown_class_is_no_wider_than_that_of_the_roads(name: str) -> None:
+def test_the_shown_class_is_no_wider_than_the_roads_class(name: str) -> None:
     road_class = RoadClass.of(name)
     roads = {str(i): road for i, road in enumerate(drawn(road_class, 30))}
     shown = class_of(roads, "shown")
@@ -125,8 +125,8 @@ def test_the_search_drives_them_first_and_stays_in_their_class(
         tests = list(store.tests())
         first = tests[:COUNT]
         assert [test.candidate.origin.operator for test in first] == [GIVEN] * COUNT
-        given = drawn(RoadClass.of("rural-80", {"length": 800}), COUNT)
-        for i, (test, road) in enumerate(zip(first, given, strict=True)):
+        real_roads = drawn(RoadClass.of("rural-80", {"length": 800}), COUNT)
+        for i, (test, road) in enumerate(zip(first, real_roads, strict=True)):
             assert np.array_equal(test.road.curvatures, road.curvatures)
             assert np.array_equal(test.road.grade, road.grade)
             assert np.array_equal(test.road.superelevation, road.superelevation)
@@ -149,10 +149,10 @@ def test_a_resumed_search_is_the_same_without_the_files(tmp_path: Path, folder: 
     for file in copy.iterdir():
         file.unlink()
     again.resume()
-    with CampaignStore.open(tmp_path / "whole") as one, CampaignStore.open(again.folder) as other:
-        ours, theirs = list(one.tests()), list(other.tests())
-    assert [test.outcome for test in ours] == [test.outcome for test in theirs]
-    for test, same in zip(ours, theirs, strict=True):
+    with CampaignStore.open(tmp_path / "whole") as whole, CampaignStore.open(again.folder) as other:
+        whole_tests, resumed_tests = list(whole.tests()), list(other.tests())
+    assert [test.outcome for test in whole_tests] == [test.outcome for test in resumed_tests]
+    for test, same in zip(whole_tests, resumed_tests, strict=True):
         assert np.array_equal(test.candidate.curvatures, same.candidate.curvatures)
 
 
@@ -165,14 +165,14 @@ def test_the_command_keeps_to_the_class_and_its_file_says_so(
     assert f"starts from {folder}: {COUNT} stretches of {COUNT} real roads" in ended.err
     again = frenetic("run", str(tmp_path / "out" / "campaign.toml"), "--out", str(tmp_path / "b"))
     assert again.code == 0, again.out
-    with CampaignStore.open(tmp_path / "out") as one, CampaignStore.open(tmp_path / "b") as other:
-        assert one.setting.road_class == other.setting.road_class == shown_class(folder)
-        assert [test.outcome for test in one.tests()] == [test.outcome for test in other.tests()]
+    with CampaignStore.open(tmp_path / "out") as out, CampaignStore.open(tmp_path / "b") as other:
+        assert out.setting.road_class == other.setting.road_class == shown_class(folder)
+        assert [test.outcome for test in out.tests()] == [test.outcome for test in other.tests()]
     shown = frenetic("show", str(tmp_path / "out"), "1")
     assert f"given, {folder / 'road0.json'}" in shown.out
 
 
-def test_what_cannot_be_read_is_named_with_its_reason(
+def test_unreadable_files_are_named_with_their_reason(
     frenetic: Command, tmp_path: Path, folder: Path
 ) -> None:
     place = tmp_path / "roads"
@@ -215,7 +215,7 @@ def test_with_a_class_the_roads_are_fitted_to_it(
         (["--from-roads", "short"], "50 m"),
     ],
 )
-def test_what_cannot_be_started_from_is_refused(
+def test_folders_without_usable_roads_are_refused(
     frenetic: Command, words: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -61,7 +61,7 @@ from frenetic.errors import (
     Trouble,
 )
 from frenetic.oracle.outcome import Outcome
-from frenetic.processes.worker import Loss, LostWorkerError
+from frenetic.processes.object_process import Loss, LostWorkerError
 from frenetic.road import Road
 from frenetic.simulators import EmbeddedSimulator, Simulator
 from frenetic.simulators.blame import Blame
@@ -106,9 +106,11 @@ class Watching(PythonPlanner):
 
 def ready_kernels() -> set[tuple[str, str]]:
     """Name and arguments of each kernel that has its machine code."""
-    kernels = [one for one in gc.get_objects() if isinstance(one, CPUDispatcher)]
+    kernels = [value for value in gc.get_objects() if isinstance(value, CPUDispatcher)]
     return {
-        (one.py_func.__name__, str(arguments)) for one in kernels for arguments in one.signatures
+        (kernel.py_func.__name__, str(arguments))
+        for kernel in kernels
+        for arguments in kernel.signatures
     }
 
 
@@ -120,11 +122,11 @@ def test_a_campaign_is_the_same_bit_for_bit(tmp_path: Path) -> None:
         campaign(tmp_path / name, 25, **parts).run()
     assert contents(tmp_path / "apart") == contents(tmp_path / "here")
     with (
-        CampaignStore.open(tmp_path / "apart") as one,
-        CampaignStore.open(tmp_path / "here") as two,
+        CampaignStore.open(tmp_path / "apart") as apart,
+        CampaignStore.open(tmp_path / "here") as here,
     ):
-        assert one.config == two.config
-        assert {test.outcome for test in one.tests()} >= {Outcome.PASS, Outcome.FAIL}
+        assert apart.config == here.config
+        assert {test.outcome for test in apart.tests()} >= {Outcome.PASS, Outcome.FAIL}
 
 
 def test_no_kernel_is_loaded_on_a_drivers_time() -> None:
@@ -192,7 +194,7 @@ DEEDS = {
 
 @pytest.mark.skipif(sys.platform == "win32", reason="by POSIX means")
 @pytest.mark.parametrize("workers", [1, 2])
-def test_what_a_driver_does_to_its_process_is_its_failure(
+def test_a_driver_that_harms_its_process_fails_the_test(
     marks: Marks, tmp_path: Path, workers: int
 ) -> None:
     strategy = Straight(8, 9, 10)
@@ -443,7 +445,7 @@ def test_a_process_that_is_killed_once_changes_no_result(
         (FaultySimulator(), PythonPlanner(), Loss.BROKE_PROTOCOL, True, False),
     ],
 )
-def test_whose_a_lost_process_is_follows_from_what_is_foreign_in_it(
+def test_a_lost_process_is_blamed_on_its_foreign_part(
     simulator: Simulator, driver: Driver, loss: Loss, is_asked: bool, is_drivers: bool
 ) -> None:
     error = LostWorkerError(Trouble("it was lost"), loss, is_drivers_turn=is_asked)
@@ -487,7 +489,9 @@ class Parent(PythonPlanner):
 @pytest.mark.skipif(sys.platform != "linux", reason="by Linux's ways to find descendants")
 @pytest.mark.parametrize("leaves", [False, True])
 @pytest.mark.parametrize("kind", CHILDREN)
-def test_what_a_driver_starts_ends_with_its_process(marks: Marks, kind: str, leaves: bool) -> None:
+def test_processes_that_a_driver_starts_end_with_its_process(
+    marks: Marks, kind: str, leaves: bool
+) -> None:
     driver = Parent(marks.folder, kind, leaves)
     with DriveProcess(RoadTester(EmbeddedSimulator(), driver)) as process:
         if leaves:

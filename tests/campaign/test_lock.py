@@ -55,7 +55,7 @@ def holding(path: Path, *words: str) -> Iterator[tuple[subprocess.Popen[str], in
             process.kill()
 
 
-def test_one_holds_it_until_it_is_released(path: Path) -> None:
+def test_a_lock_has_one_holder_until_its_release(path: Path) -> None:
     first = lock_file(path)
     assert holder(path) == "this process"
     with refused("is being written by this process: wait"):
@@ -69,7 +69,7 @@ def test_one_holds_it_until_it_is_released(path: Path) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="tells when processes have started")
-def test_another_process_is_named_until_it_is_killed(path: Path) -> None:
+def test_a_lock_names_the_process_that_holds_it(path: Path) -> None:
     with holding(path) as (process, _):
         assert holder(path) == f"process {process.pid}"
         with refused(f"written by process {process.pid}: wait"):

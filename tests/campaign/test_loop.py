@@ -97,7 +97,7 @@ class Families(Strategy):
         return self.family(candidate.id) not in self.failed
 
     def ids(self, outcome: Outcome) -> list[int]:
-        return [number for number, told in self.told if told is outcome]
+        return [number for number, result in self.told if result is outcome]
 
 
 class FakeWorkers:
@@ -166,7 +166,7 @@ def faked(
     folder: Path, strategy: Strategy, budget: Budget, fake: FakeWorkers, lookahead: int = 16
 ) -> Campaign:
     """A campaign of an interrupted, or a new, one."""
-    made = Faked(
+    fake_campaign = Faked(
         strategy=strategy,
         simulator=DummySimulator(),
         driver=DummyDriver(),
@@ -174,10 +174,10 @@ def faked(
         folder=folder,
         lookahead=lookahead,
     )
-    made.fake = fake
+    fake_campaign.fake = fake
     if isinstance(strategy, Families):
         fake.outcome_of = strategy.outcome_of
-    return made
+    return fake_campaign
 
 
 def told_in_order(strategy: Families, lost: Mapping[int, int], budget: Budget, ahead: int) -> None:
@@ -251,22 +251,22 @@ class Chance:
                 FakeWorkers(count, lambda ids: rng.sample(ids, rng.randint(1, len(ids))))
             )
             self.fakes[-1].losses.update(self.losses)
-            one = faked(folder, strategy, self.budget, self.fakes[-1], lookahead)
+            fake_campaign = faked(folder, strategy, self.budget, self.fakes[-1], lookahead)
             left = rng.choice([0, 1, 2, 5, 20]) if self.is_broken_off else 1_000_000
-            stopping = after(left, rng.choice([one.stop, leave]))
-            end = (one.resume if attempt else one.run)(on_event=stopping)
+            stopping = after(left, rng.choice([fake_campaign.stop, leave]))
+            end = (fake_campaign.resume if attempt else fake_campaign.run)(on_event=stopping)
             if not end.interrupted:
                 return strategy, end
         raise AssertionError("it does not end")
 
     def require_kept(self, folder: Path, strategy: Families) -> None:
         """What is stored is what was asked and told, and what was tried."""
-        places, told = {}, 0
+        places, results = {}, 0
         for note in strategy.notes:
             if isinstance(note, int):
-                places[note] = told
+                places[note] = results
             else:
-                told += 1
+                results += 1
         with CampaignStore.open(folder) as store:
             assert {asked.id: place for asked, place in store.candidates()} == places
             tests = list(store.tests())
@@ -319,7 +319,7 @@ def test_in_order_siblings_are_driven_last(tmp_path: Path) -> None:
     assert len(submitted[True]) < 25 < 35 < len(submitted[False])
 
 
-def test_in_order_the_end_does_not_wait_for_what_comes_too_late(tmp_path: Path) -> None:
+def test_in_order_the_end_does_not_wait_for_late_tests(tmp_path: Path) -> None:
     fake = FakeWorkers(4, lambda ids: [1])
     faked(tmp_path, Families([Outcome.FAIL]), Budget(failures=1), fake, lookahead=4).run()
     assert (fake.submitted, fake.answered, fake.again) == ([1, 2, 3, 4], [1], [1])
@@ -328,7 +328,7 @@ def test_in_order_the_end_does_not_wait_for_what_comes_too_late(tmp_path: Path) 
 # What is reported, and how it ends
 
 
-def test_only_what_is_stored_is_reported(tmp_path: Path) -> None:
+def test_only_stored_results_are_reported(tmp_path: Path) -> None:
     """Results that come together are stored together, and before any of them is reported."""
     stored: list[int] = []
 
@@ -343,7 +343,7 @@ def test_only_what_is_stored_is_reported(tmp_path: Path) -> None:
     assert stored == [5] * 5 + [10] * 5 + [15] * 5
 
 
-def test_what_came_before_a_strategy_broke_is_stored_and_reported(tmp_path: Path) -> None:
+def test_results_before_a_broken_strategy_are_stored_and_reported(tmp_path: Path) -> None:
     class Breaking(Straight):
         def tell(self, evaluation: Evaluation) -> None:
             if evaluation.candidate.id == 4:
@@ -369,7 +369,7 @@ def test_nothing_but_lost_attempts_ends_the_campaign_which_is_resumed(tmp_path: 
     assert (end.errors, end.passed) == (MAX_ERRORS_IN_A_ROW, 50 - MAX_ERRORS_IN_A_ROW)
 
 
-def test_ctrl_c_finishes_what_runs(tmp_path: Path) -> None:
+def test_ctrl_c_lets_running_tests_finish(tmp_path: Path) -> None:
     def press(progress: Summary) -> None:
         if progress.tests == 4:
             os.kill(os.getpid(), signal.SIGINT)

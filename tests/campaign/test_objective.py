@@ -64,8 +64,8 @@ def test_built_in_objectives_agree_with_the_oracle() -> None:
     assert Objective.load("moobd").severity(road, drive) is None
     share = Objective.load("oob-share")
     assert share.severity(road, drive) == -(result.max_oob_share or 0.0) < 0.0
-    seen = len(assess(road, drive).distance)
-    fastest = np.abs(drive.trajectory.lateral_acceleration[:seen]).max()
+    count = len(assess(road, drive).distance)
+    fastest = np.abs(drive.trajectory.lateral_acceleration[:count]).max()
     severity = Objective.load("lateral-acceleration").severity(road, drive)
     assert severity == pytest.approx(-fastest)
     assert 3.0 < fastest < 20.0
@@ -79,18 +79,18 @@ def test_an_interrupted_campaign_with_an_objective_goes_on_as_it_would_have(tmp_
     search(tmp_path / "parts", "oob-share", simulations=30).run()
     rest = search(tmp_path / "parts", "oob-share", simulations=40)
     rest.resume()
-    told = severities(rest)
-    assert told == severities(whole)
+    values = severities(rest)
+    assert values == severities(whole)
     with CampaignStore.open(tmp_path / "whole") as store:
-        assert {-value for value in objectives(store).values()} == {*told} - {None}
+        assert {-value for value in objectives(store).values()} == {*values} - {None}
     without = ("budget_spent",)
-    whole_tests, tests = (contents(tmp_path / one, without=without) for one in ("whole", "parts"))
+    whole_tests, tests = (contents(tmp_path / name, without=without) for name in ("whole", "parts"))
     assert tests == whole_tests
     with refused('another objective: "oob-share", not "moobd"'):
         search(tmp_path / "parts", "moobd", simulations=50).resume()
 
 
-def test_its_values_are_kept_and_named(tmp_path: Path) -> None:
+def test_an_objectives_values_are_stored_and_named(tmp_path: Path) -> None:
     folder = tmp_path / "c"
     parts = {"strategy": Frenetic2021(seed=3, threshold=-0.4), "simulator": EmbeddedSimulator()}
     campaign(folder, 30, driver=Planner(), objective="oob-share", **parts).run()
@@ -102,7 +102,7 @@ def test_its_values_are_kept_and_named(tmp_path: Path) -> None:
     # Drives are measured as they are stored, which is rounded.
     assert values == pytest.approx(shares, abs=2e-3)
     worst = max(values.values())
-    first = min(one for one, value in values.items() if value == worst)
+    first = min(number for number, value in values.items() if value == worst)
     assert text.startswith("oob-share: largest share of the car outside its lane, higher is worse")
     share = f"at most {100.0 * worst:.0f} % of the car outside its lane"
     assert text.endswith(f"; {share}, in test {first}")

@@ -48,8 +48,8 @@ def test_killed_at_random_moments_it_ends_as_if_it_had_not_been(
 
     def go_on(blow: killing.Blow | None) -> int | None:
         """Its exit code, in a process of its own."""
-        given = folder, marks, simulations, workers, lookahead, blow
-        return killing.exit_code_of(killing.go_on, *given)
+        arguments = folder, marks, simulations, workers, lookahead, blow
+        return killing.exit_code_of(killing.go_on, *arguments)
 
     rng = random.Random(11 + workers)
     together = lookahead  # results in one transaction at most
@@ -58,12 +58,12 @@ def test_killed_at_random_moments_it_ends_as_if_it_had_not_been(
         assert go_on(blow) == -signal.SIGKILL, f"{blow} has not come"
         said = marks / "reported"
         reported = said.stat().st_size if said.exists() else 0
-        stored = told(folder)
+        stored = result_count(folder)
         # Whatever was reported is there, and per kill at most one transaction more.
         assert reported <= stored <= reported + kills * together
         if (folder / "campaign.sqlite").exists():
             assert check_campaign(folder).findings == (), blow
-    assert 0 < told(folder) < simulations
+    assert 0 < result_count(folder) < simulations
     assert go_on(None) == 0
     assert contents(folder) == contents(whole)
     assert check_campaign(folder).findings == ()
@@ -82,7 +82,7 @@ def random_blow(rng: random.Random, *, first: bool) -> killing.Blow:
     return killing.Blow(kind, rng.randint(1, 7), rng.uniform(0.0, 5e-4))  # type: ignore[arg-type]
 
 
-def told(folder: Path) -> int:
+def result_count(folder: Path) -> int:
     if not (folder / "campaign.sqlite").exists():
         return 0
     with CampaignStore.open(folder) as store:
@@ -221,14 +221,14 @@ class Watching(Frenetic):
 
     def tell(self, evaluation: Evaluation) -> None:
         trace = evaluation.trace
-        seen = [] if trace is None else [trace.distance, trace.lateral_offset, trace.speed]
-        told = (evaluation.finding, evaluation.worst_place, evaluation.duration)
-        columns = (column.tobytes() for column in seen)
-        self.told.append((*told, evaluation.severity, *columns))
+        traces = [] if trace is None else [trace.distance, trace.lateral_offset, trace.speed]
+        values = (evaluation.finding, evaluation.worst_place, evaluation.duration)
+        columns = (column.tobytes() for column in traces)
+        self.told.append((*values, evaluation.severity, *columns))
         super().tell(evaluation)
 
 
-def test_a_resumed_strategy_is_told_of_drives_what_it_was_told(tmp_path: Path) -> None:
+def test_a_resumed_strategy_gets_the_same_evaluations(tmp_path: Path) -> None:
     strategy, resumed = Watching(seed=4), Watching(seed=4)
     parts = {"simulator": EmbeddedSimulator(), "driver": Planner(aggression=1.3)}
     campaign(tmp_path, 40, strategy=strategy, **parts).run()

@@ -104,7 +104,7 @@ def searched(folder: Path, **parts: Any) -> Summary:
     ],
     ids=["restless", "restless elsewhere", "raising", "drying", "breaking"],
 )
-def test_what_is_not_repeatable_is_said_once_and_for_all(
+def test_a_drive_that_does_not_repeat_is_reported_once(
     tmp_path: Path, parts: dict[str, Any], gave: str, who: str
 ) -> None:
     summary = searched(tmp_path / "c", **parts)
@@ -121,7 +121,7 @@ def test_what_is_not_repeatable_is_said_once_and_for_all(
 
 
 @pytest.mark.parametrize("simulator", [EmbeddedSimulator(), Drifting()])
-def test_a_drive_that_is_the_same_is_told_from_others_as_the_simulator_can(
+def test_second_drives_are_compared_as_exactly_as_the_simulator_repeats(
     tmp_path: Path, simulator: EmbeddedSimulator
 ) -> None:
     """Ours is exact; of another one the same failure is asked, so a little drift is none."""
@@ -168,7 +168,7 @@ def test_the_second_drive_changes_nothing(tmp_path: Path, workers: int) -> None:
     assert contents(tmp_path / "with") == contents(tmp_path / "without")
 
 
-def test_it_is_one_drive(tmp_path: Path) -> None:
+def test_the_second_drive_is_driven_once(tmp_path: Path) -> None:
     simulator = Counting()
     summary = searched(tmp_path / "c", simulator=simulator, budget=Budget(failures=3))
     assert simulator.driven == summary.simulations + 1

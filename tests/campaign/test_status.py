@@ -11,9 +11,10 @@ from campaigns import refused
 from events import on_test
 from paced import campaign, paced
 
+from frenetic.campaign.database import DATABASE
 from frenetic.campaign.log import LOG, CampaignLog, LogEvent
-from frenetic.campaign.status import KEPT, TAIL, CampaignState, Status, look
-from frenetic.campaign.store import DATABASE, LOCK
+from frenetic.campaign.status import MOST_NEWS, TAIL, CampaignState, Status, look
+from frenetic.campaign.store import LOCK
 from frenetic.road import Road
 
 
@@ -36,9 +37,9 @@ def test_a_finished_campaign(tmp_path: Path) -> None:
     assert (state.status, state.seconds_left) == (Status.FINISHED, None)
     assert state.summary.counts_json() == summary.counts_json()
     assert state.summary.budget_spent == 1.0
-    assert summary.failed > KEPT
+    assert summary.failed > MOST_NEWS
     assert {line.event for line in state.news} == {LogEvent.TEST_FAILED}
-    assert len(state.news) == KEPT
+    assert len(state.news) == MOST_NEWS
     shown = json.loads(json.dumps(state.as_json(), allow_nan=False))
     names = [shown[part] for part in ("status", "strategy", "driver", "simulator", "seed")]
     assert names == ["finished", "random", "DummyDriver", "DummySimulator", 2]
@@ -50,9 +51,9 @@ def test_a_finished_campaign(tmp_path: Path) -> None:
 
 def test_a_running_campaign_is_seen_result_by_result(tmp_path: Path) -> None:
     with paced(tmp_path) as process:
-        for told in range(1, 6):
+        for results in range(1, 6):
             state = look(tmp_path)
-            assert (state.status, state.summary.told) == (Status.RUNNING, told)
+            assert (state.status, state.summary.told) == (Status.RUNNING, results)
             assert state.writer == f"process {process.id}"
             process.go_on()
         process.finish()
@@ -65,13 +66,13 @@ def test_a_killed_campaign_is_known_at_once_until_it_is_resumed(tmp_path: Path) 
         process.kill()
         state = look(tmp_path)
     assert (state.status, state.summary.told) == (Status.KILLED, 2)
-    seen = []
-    campaign(tmp_path).resume(on_event=on_test(lambda test: seen.append(look(tmp_path).status)))
-    assert set(seen) == {Status.RUNNING}
+    statuses = []
+    campaign(tmp_path).resume(on_event=on_test(lambda test: statuses.append(look(tmp_path).status)))
+    assert set(statuses) == {Status.RUNNING}
     assert look(tmp_path).status is Status.FINISHED
 
 
-def test_of_another_machine_nobody_can_say_whether_it_still_runs(tmp_path: Path) -> None:
+def test_the_state_of_a_campaign_of_another_machine_is_unknown(tmp_path: Path) -> None:
     with paced(tmp_path) as process:
         process.kill()
     lock = tmp_path / LOCK
@@ -83,8 +84,8 @@ def test_of_another_machine_nobody_can_say_whether_it_still_runs(tmp_path: Path)
 
 
 def test_an_interrupted_campaign(tmp_path: Path) -> None:
-    one = campaign(tmp_path)
-    one.run(on_event=on_test(lambda test: one.stop()))
+    new = campaign(tmp_path)
+    new.run(on_event=on_test(lambda test: new.stop()))
     assert look(tmp_path).status is Status.INTERRUPTED
 
 
@@ -92,10 +93,10 @@ def test_a_campaign_that_gave_up(tmp_path: Path) -> None:
     def break_down(road: Road) -> float:
         raise RuntimeError("no\n\x1b[2Jpower")
 
-    one = campaign(tmp_path)
-    one.tester.simulator.drift = break_down  # type: ignore[attr-defined]
+    new = campaign(tmp_path)
+    new.tester.simulator.drift = break_down  # type: ignore[attr-defined]
     with refused():
-        one.run()
+        new.run()
     state = look(tmp_path)
     assert state.status is Status.GAVE_UP
     last = state.news[-1]

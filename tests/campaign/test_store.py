@@ -23,9 +23,10 @@ from small_disk import Bounded, Breaking
 
 from frenetic._support.json_value import JSONValue
 from frenetic.campaign.check import check_campaign
+from frenetic.campaign.database import APPLICATION_ID, DATABASE, FORMAT
 from frenetic.campaign.lock import lock_file
 from frenetic.campaign.record import ASKED, FINISHED, Test
-from frenetic.campaign.store import APPLICATION_ID, DATABASE, FORMAT, CampaignStore
+from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.trajectory_codec import rounded
 from frenetic.errors import CampaignError, Fault
 from frenetic.oracle.drive import CarBody, Rules, Trajectory
@@ -80,8 +81,8 @@ def make_test(id: int, outcome: Outcome | None = None, told: int | None = None) 
 
 def tell(store: CampaignStore, *ids: int) -> None:
     for id in ids:  # noqa: A001
-        store.asked(make_candidate(id))
-        store.told(make_test(id))
+        store.add_candidate(make_candidate(id))
+        store.add_result(make_test(id))
     store.write()
 
 
@@ -208,11 +209,11 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_what_was_told_comes_back_equal(folder: Path, name: str) -> None:
+def test_stored_tests_are_read_back_equal(folder: Path, name: str) -> None:
     test = CASES[name]
     with CampaignStore.create(folder, CONFIG) as store:
-        store.asked(test.candidate)
-        store.told(test)
+        store.add_candidate(test.candidate)
+        store.add_result(test)
         assert plain(store.test(1)) == as_read(test)
     with CampaignStore.open(folder) as store:
         assert store.config == CONFIG
@@ -230,8 +231,8 @@ def test_what_was_told_comes_back_equal(folder: Path, name: str) -> None:
 
 
 def test_no_column_is_left_out(store: CampaignStore) -> None:
-    store.asked(FULL.candidate)
-    store.told(FULL)
+    store.add_candidate(FULL.candidate)
+    store.add_result(FULL)
     (row,) = store.rows("SELECT * FROM test")
     assert None not in row
 
@@ -242,21 +243,23 @@ def test_numbers_are_finite(store: CampaignStore, value: float) -> None:
     for column in asked:
         bad = value if column.kind == "REAL" else np.full((3, 2)[: len(column.kind) - 3], value)
         with pytest.raises(ValueError, match=column.name):
-            store.asked(changed(FULL, column.path, bad).candidate)
-    for what in ("conditions", "notes"):
-        with pytest.raises(ValueError, match=what):
-            store.asked(changed(FULL.candidate, what, {"fog": value}))
-    store.asked(FULL.candidate)
-    told = [column for column in FINISHED if column.kind == "REAL" and column not in asked]
-    for column in told:
+            store.add_candidate(changed(FULL, column.path, bad).candidate)
+    for name in ("conditions", "notes"):
+        with pytest.raises(ValueError, match=name):
+            store.add_candidate(changed(FULL.candidate, name, {"fog": value}))
+    store.add_candidate(FULL.candidate)
+    result_columns = [
+        column for column in FINISHED if column.kind == "REAL" and column not in asked
+    ]
+    for column in result_columns:
         with pytest.raises(ValueError, match=column.name):
-            store.told(changed(FULL, column.path, value))
+            store.add_result(changed(FULL, column.path, value))
     (finding, *_) = FULL.result.findings
     with pytest.raises(ValueError, match="limit"):
-        store.told(changed(FULL, "result.findings", (replace(finding, limit=value),)))
-    store.told(FULL)
+        store.add_result(changed(FULL, "result.findings", (replace(finding, limit=value),)))
+    store.add_result(FULL)
     assert plain(store.test(1)) == as_read(FULL)
-    assert len(asked) + len(told) > 12
+    assert len(asked) + len(result_columns) > 12
 
 
 def test_a_campaign_that_does_not_record_its_setting_can_be_read(folder: Path) -> None:
@@ -276,26 +279,28 @@ def test_a_campaign_that_does_not_record_its_setting_can_be_read(folder: Path) -
 Asked: TypeAlias = list[tuple[Candidate, int]]
 
 
-def require_same(store: CampaignStore, asked: Asked, told: list[Test]) -> None:
+def require_same(store: CampaignStore, asked: Asked, results: list[Test]) -> None:
     """A store holds just what was asked, after how many results, and told, in this order."""
-    expected = [as_read(test) for test in told]
+    expected = [as_read(test) for test in results]
     assert plain(list(store.tests(with_trajectory=True))) == expected
     assert plain(list(store.candidates())) == plain(asked)
     failed = [test["told"] for test in expected if test["result"]["outcome"] == "FAIL"]
     assert [test.told for test in store.tests(Outcome.FAIL, limit=2)] == failed[:2]
-    moobds = sorted((test.moobd is None, test.moobd or 0.0) for test in told)
+    moobds = sorted((test.moobd is None, test.moobd or 0.0) for test in results)
     by_moobd = [test.moobd for test in store.tests(order_by="moobd")]
     assert by_moobd == [None if is_missing else moobd for is_missing, moobd in moobds]
     counts = store.counts()
     assert counts.by_outcome == store.by_outcome()
-    assert counts.by_outcome == {one: [t.outcome for t in told].count(one) for one in Outcome}
+    assert counts.by_outcome == {
+        outcome: [t.outcome for t in results].count(outcome) for outcome in Outcome
+    }
     assert counts.min_moobd == min(
         [moobd for is_missing, moobd in moobds if not is_missing], default=None
     )
-    assert counts.roads == sum(test.outcome.is_test for test in told)
-    assert store.elapsed() == max((test.elapsed for test in told), default=0.0)
-    assert store.stored() == len(told)
-    for test in told[-1:]:
+    assert counts.roads == sum(test.outcome.is_test for test in results)
+    assert store.elapsed() == max((test.elapsed for test in results), default=0.0)
+    assert store.stored() == len(results)
+    for test in results[-1:]:
         assert plain(store.test(test.id)) == expected[-1]
         assert plain(store.trajectory(test.id)) == expected[-1]["trajectory"]
     for candidate, _ in asked[-1:]:
@@ -303,13 +308,13 @@ def require_same(store: CampaignStore, asked: Asked, told: list[Test]) -> None:
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_a_store_is_the_list_of_what_was_asked_and_told_whatever_breaks_off(
+def test_a_store_holds_all_candidates_and_results_whatever_breaks_off(
     folder: Path, breaking: type[Breaking], seed: int
 ) -> None:
     """Readers see all that was written, all at once, and nothing else; the rest waits."""
     rng = Random(seed)
     asked: Asked = []
-    told: list[Test] = []
+    results: list[Test] = []
     waiting: list[int] = []
     written = 0, 0  # asked and told
     store, reader = CampaignStore.create(folder, CONFIG), CampaignStore.open(folder)
@@ -317,33 +322,33 @@ def test_a_store_is_the_list_of_what_was_asked_and_told_whatever_breaks_off(
     for deed in rng.choices(deeds, k=30):
         if deed == "ask":
             last = asked[-1][0].id if asked else 0
-            asked.append((make_candidate(last + rng.randint(1, 2)), len(told)))
+            asked.append((make_candidate(last + rng.randint(1, 2)), len(results)))
             waiting.append(asked[-1][0].id)
-            store.asked(asked[-1][0])
+            store.add_candidate(asked[-1][0])
         elif deed == "tell" and waiting:
             id = waiting.pop(rng.randrange(len(waiting)))  # noqa: A001
-            told.append(make_test(id, rng.choice([*Outcome, Outcome.FAIL]), len(told) + 1))
-            store.told(told[-1])
+            results.append(make_test(id, rng.choice([*Outcome, Outcome.FAIL]), len(results) + 1))
+            store.add_result(results[-1])
         elif deed == "break":
             breaking.left, breaking.is_after = rng.choice([1, 2, 3, 4, 5, 5]), rng.random() < 0.5
             errors = [KeyboardInterrupt(), sqlite3.OperationalError("disk I/O error")]
             breaking.error = errors[not breaking.is_after and rng.random() < 0.5]
-            is_held, is_last = written != (len(asked), len(told)), breaking.left == 5
+            is_held, is_last = written != (len(asked), len(results)), breaking.left == 5
             with pytest.raises((CampaignError, KeyboardInterrupt)) if is_held else nullcontext():
                 store.write()
             breaking.left = 0
             if breaking.is_after and is_last:  # it commits
-                written = len(asked), len(told)
+                written = len(asked), len(results)
         elif deed in ("write", "look", "reopen"):
             if deed == "write":
                 store.write()
             elif deed == "look":
-                require_same(store, asked, told)
+                require_same(store, asked, results)
             else:
                 store.close()
                 store = CampaignStore.open(folder, readonly=False)
-            written = len(asked), len(told)
-        require_same(reader, asked[: written[0]], told[: written[1]])
+            written = len(asked), len(results)
+        require_same(reader, asked[: written[0]], results[: written[1]])
     store.close()
     reader.close()
 
@@ -354,14 +359,14 @@ def test_a_store_is_the_list_of_what_was_asked_and_told_whatever_breaks_off(
 def test_a_reader_sees_the_moment_it_asked_while_the_writer_goes_on(store: CampaignStore) -> None:
     many = 1200  # read in parts
     for id in range(1, many + 1):  # noqa: A001
-        store.asked(make_candidate(id, 2))
-        store.told(make_test(id, Outcome.INVALID))
+        store.add_candidate(make_candidate(id, 2))
+        store.add_result(make_test(id, Outcome.INVALID))
     store.write()
     with CampaignStore.open(store.folder) as reader:
-        own, tests, candidates = store.tests(), reader.tests(), reader.candidates()
-        assert [next(one).told for one in (own, tests)] == [1, 1]
+        writer_tests, tests, candidates = store.tests(), reader.tests(), reader.candidates()
+        assert [next(iterator).told for iterator in (writer_tests, tests)] == [1, 1]
         tell(store, many + 1)
-        assert [test.told for test in own] == list(range(2, many + 1))
+        assert [test.told for test in writer_tests] == list(range(2, many + 1))
         assert [test.told for test in tests] == list(range(2, many + 1))
         assert [candidate.id for candidate, _ in candidates] == list(range(1, many + 1))
         assert plain(reader.test(many + 1)) == as_read(make_test(many + 1))
@@ -387,29 +392,29 @@ def test_facts_are_replaced(folder: Path) -> None:
 # Misuse
 
 
-def test_unknown_ids_are_named_and_those_of_numpy_known(store: CampaignStore) -> None:
+def test_unknown_ids_are_named_and_numpy_ids_are_known(store: CampaignStore) -> None:
     with refused("no test of candidate 1: there are none so far"):
         store.test(1)
     tell(store, 1)
-    store.asked(make_candidate(2))
-    store.told(make_test(2))
-    store.asked(make_candidate(4))
+    store.add_candidate(make_candidate(2))
+    store.add_result(make_test(2))
+    store.add_candidate(make_candidate(4))
     for unknown in (0, -1, 4, 99, 10**30):
         with refused(f"no test .* {unknown}: ids run from 1 to 2"):
             store.test(unknown)
     with refused("no candidate 5: ids run from 1 to 4"):
         store.candidate(5)
-    one: Any = np.int64(1)
-    assert store.test(one).id == store.candidate(one).id == 1
-    assert store.trajectory(one) is not None
-    assert [test.id for test in store.tests(limit=one)] == [1]
+    number: Any = np.int64(1)
+    assert store.test(number).id == store.candidate(number).id == 1
+    assert store.trajectory(number) is not None
+    assert [test.id for test in store.tests(limit=number)] == [1]
 
 
 def test_the_id_of_a_candidate_is_new(finished: Path) -> None:
     with CampaignStore.open(finished, readonly=False) as store:
         for id in (1, 10):  # noqa: A001
             with refused("already holds candidate 10"):
-                store.asked(make_candidate(id))
+                store.add_candidate(make_candidate(id))
 
 
 def test_a_second_writer_is_refused_and_nothing_is_overwritten(store: CampaignStore) -> None:
@@ -430,7 +435,7 @@ def test_a_second_writer_is_refused_and_nothing_is_overwritten(store: CampaignSt
 def test_a_reader_writes_nothing_and_a_closed_store_says_so(finished: Path) -> None:
     with CampaignStore.open(finished) as store:
         writes: list[Callable[[], None]] = [
-            lambda: store.asked(make_candidate(11)),
+            lambda: store.add_candidate(make_candidate(11)),
             store.finish,
             store.reopen,
         ]
@@ -622,8 +627,8 @@ def test_a_full_disk_loses_nothing_that_was_stored(
     folder: Path, full: Callable[[int], None]
 ) -> None:
     def fill(store: CampaignStore, number: int) -> None:
-        store.asked(make_candidate(number))
-        store.told(make_test(number, Outcome.FAIL))
+        store.add_candidate(make_candidate(number))
+        store.add_result(make_test(number, Outcome.FAIL))
         store.write()
 
     with CampaignStore.create(folder, CONFIG) as store:
@@ -637,7 +642,7 @@ def test_a_full_disk_loses_nothing_that_was_stored(
         assert store.stored() == number - 1 > 3
         full(0)  # space was made: all that waited goes in
         store.write()
-        expected = [as_read(make_test(one, Outcome.FAIL)) for one in range(1, number + 4)]
+        expected = [as_read(make_test(test_id, Outcome.FAIL)) for test_id in range(1, number + 4)]
         assert plain(list(store.tests(with_trajectory=True))) == expected
 
 
@@ -646,10 +651,10 @@ def test_closing_on_a_full_disk_still_closes_and_hides_no_other_error(
 ) -> None:
     with pytest.raises(KeyError), CampaignStore.create(folder, CONFIG) as store:  # noqa: PT012
         full(1)
-        store.asked(make_candidate(1, samples=10_000))
+        store.add_candidate(make_candidate(1, samples=10_000))
         raise KeyError
     store = CampaignStore.open(folder, readonly=False)
-    store.asked(make_candidate(1, samples=10_000))
+    store.add_candidate(make_candidate(1, samples=10_000))
     with refused("the disk is full"):
         store.close()
     with CampaignStore.open(folder, readonly=False) as again:
@@ -661,7 +666,9 @@ def test_a_database_locked_by_another_program(
 ) -> None:
     connect = sqlite3.connect
     monkeypatch.setattr(
-        sqlite3, "connect", lambda *given, **more: connect(*given, **(more | {"timeout": 0.0}))
+        sqlite3,
+        "connect",
+        lambda *arguments, **more: connect(*arguments, **(more | {"timeout": 0.0})),
     )
     with (
         closing(sqlite3.connect(finished / DATABASE, isolation_level=None)) as other,

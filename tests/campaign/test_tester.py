@@ -228,7 +228,7 @@ class Telling(EmbeddedSimulator):
         return super().drive(road, driver)
 
 
-def test_a_tester_of_names_is_made_anew_elsewhere_and_one_of_objects_is_copied(
+def test_another_process_makes_named_parts_anew_and_copies_objects(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -82,7 +82,7 @@ def test_a_usual_drive_takes_a_few_kilobytes() -> None:
 
 
 @pytest.mark.parametrize("value", [np.nan, -np.inf, 1e300, -1e20])
-def test_what_cannot_be_stored_is_refused(value: float) -> None:
+def test_unstorable_trajectories_are_refused(value: float) -> None:
     for name in ("time", "y", "brake"):
         rows = winding_drive(10).to_rows()
         rows[7, Trajectory.names().index(name)] = value

@@ -37,9 +37,11 @@ class Noting(Frenetic):
         super().start_from(earlier)
 
 
-def search(folder: Path, *earlier: Path, simulations: int = SIMULATIONS, **given: Any) -> Campaign:
+def search(
+    folder: Path, *earlier: Path, simulations: int = SIMULATIONS, **options: Any
+) -> Campaign:
     usual = {"strategy": Noting(seed=5), "driver": Planner(), "simulator": EmbeddedSimulator()}
-    return campaign(folder, simulations, start_from=earlier, **(usual | given))
+    return campaign(folder, simulations, start_from=earlier, **(usual | options))
 
 
 @pytest.fixture(scope="module")
@@ -76,15 +78,17 @@ def test_roads_of_the_earlier_campaign_are_driven_again_first(first: Path, secon
         assert (
             still_failing(new) == f"{failed} of {failed} earlier failures driven again still failed"
         )
-        (told,) = earlier_of(new.config)
+        (earlier,) = earlier_of(new.config)
         counts, taken = old.counts(), len(read_earlier(new))
-        assert (told.folder, told.taken, told.left_out) == (str(first), taken, 0)
-        assert (told.simulations, told.failures) == (counts.simulations, counts.failed)
+        assert (earlier.folder, earlier.taken, earlier.left_out) == (str(first), taken, 0)
+        assert (earlier.simulations, earlier.failures) == (counts.simulations, counts.failed)
         # What was known is told apart from what is new.
         still = {n for n, test in again.items() if test.outcome is Outcome.FAIL}
         clusters = distinct_failures(new)
         assert 0 < clusters.known < len(clusters)
-        assert still <= {number for one in clusters if one.was_known for number in one.ids}
+        assert still <= {
+            number for cluster in clusters if cluster.was_known for number in cluster.ids
+        }
     assert check_campaign(second).findings == ()
 
 
@@ -111,33 +115,33 @@ def test_stopped_it_goes_on_without_the_earlier_campaign(
 def test_roads_that_do_not_fit_are_left_out_and_counted(tmp_path: Path, first: Path) -> None:
     smaller = search(tmp_path / "v2", first, strategy=Noting(seed=5, map_size=150.0))
     smaller.run()
-    (told,) = smaller.start_from
-    assert told.left_out > 0 < told.taken
-    assert smaller.notes == (f"starts from {told}",)
-    assert f"{told.left_out} left out that do not fit" in str(told)
+    (earlier,) = smaller.start_from
+    assert earlier.left_out > 0 < earlier.taken
+    assert smaller.notes == (f"starts from {earlier}",)
+    assert f"{earlier.left_out} left out that do not fit" in str(earlier)
 
 
 def test_another_objective_is_measured_on_the_stored_drives(tmp_path: Path, first: Path) -> None:
     other = search(tmp_path / "v2", first, objective="lateral-acceleration", simulations=3)
     other.run()
     assert isinstance(other.strategy, Noting)
-    severities = [told.severity for told in other.strategy.earlier]
+    severities = [evaluation.severity for evaluation in other.strategy.earlier]
     assert all(value is not None and -25.0 < value < -1.0 for value in severities)
 
 
 @pytest.mark.parametrize("objective", ["moobd", "lateral-acceleration"])
-def test_a_strategy_is_told_what_the_earlier_drives_measure(
+def test_a_strategy_gets_the_evaluations_of_earlier_drives(
     objective: str, tmp_path: Path, first: Path
 ) -> None:
     strategy = Noting(seed=5)
     search(tmp_path / "v2", first, strategy=strategy, objective=objective, simulations=3).run()
     measured = Objective.load(objective)
     with CampaignStore.open(first) as old, CampaignStore.open(tmp_path / "v2") as new:
-        for test, told in zip(read_earlier(new), strategy.earlier, strict=True):
+        for test, evaluation in zip(read_earlier(new), strategy.earlier, strict=True):
             assert test.candidate.source is not None
             number = test.candidate.source.test
             was = evaluation_of(old.test(number), partial(old.trajectory, number), measured)
-            assert replace(was, candidate=told.candidate, budget_spent=0.0) == told
+            assert replace(was, candidate=evaluation.candidate, budget_spent=0.0) == evaluation
             again = evaluation_of(test, partial(new.earlier_trajectory, test.id), measured)
             assert plain(again.trace) == plain(was.trace)
 
@@ -149,8 +153,8 @@ def test_several_campaigns_do_not_give_a_road_twice(
     both.run()
     with CampaignStore.open(tmp_path / "v3") as store:
         roads = [test.candidate.curvatures.tobytes() for test in read_earlier(store)]
-    assert len(set(roads)) == len(roads) == sum(one.taken for one in both.start_from)
-    assert min(one.taken for one in both.start_from) > 0
+    assert len(set(roads)) == len(roads) == sum(start.taken for start in both.start_from)
+    assert min(start.taken for start in both.start_from) > 0
 
 
 @pytest.mark.parametrize("strategy", [RandomSearch(seed=1), Frenetic2021(seed=1)])

@@ -59,8 +59,8 @@ from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers
 from frenetic.drivers import Driver
 from frenetic.oracle.outcome import Outcome
 from frenetic.parts.registry import DRIVERS
-from frenetic.processes import worker
-from frenetic.processes.worker import Loss, LostWorkerError, Worker, pack, ready
+from frenetic.processes import object_process
+from frenetic.processes.object_process import Loss, LostWorkerError, ObjectProcess, pack, ready
 from frenetic.simulators import Simulator
 from frenetic.testing import DummyDriver, DummySimulator
 
@@ -220,8 +220,8 @@ class Rubbish:
 
 
 @posix_only
-def test_what_was_answered_before_nonsense_came_stands(marks: Marks) -> None:
-    spoiling = Worker("it", pack(Rubbish(marks)))
+def test_answers_before_nonsense_stand(marks: Marks) -> None:
+    spoiling = ObjectProcess("it", pack(Rubbish(marks)))
     spoiling.start()
     spoiling.answer()
     try:
@@ -241,7 +241,7 @@ def test_what_was_answered_before_nonsense_came_stands(marks: Marks) -> None:
 
 @posix_only
 def test_an_answer_of_another_type_breaks_the_protocol(marks: Marks) -> None:
-    other = Worker("it", pack(Rubbish(marks)))
+    other = ObjectProcess("it", pack(Rubbish(marks)))
     other.start()
     other.answer()
     try:
@@ -322,12 +322,12 @@ def test_workers_survive_the_end_of_the_server_that_forks_them(
 def test_a_process_that_cannot_be_made_is_a_worker_less(
     marks: Marks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refuse(self: Worker) -> None:
+    def refuse(self: ObjectProcess) -> None:
         raise BlockingIOError(11, "Resource temporarily unavailable")
 
     with local(FaultySimulator(marks.folder), folder=tmp_path) as workers:
         await_free(workers)
-        monkeypatch.setattr(Worker, "start", refuse)
+        monkeypatch.setattr(ObjectProcess, "start", refuse)
         (victim,) = marks.pids()
         os.kill(victim, 9)
         with refused("Resource temporarily unavailable"):
@@ -341,7 +341,7 @@ def test_ctrl_c_is_not_for_workers(
 ) -> None:
     """Made as on macOS and Windows; the others: see test_faults.py."""
     context = multiprocessing.get_context("spawn")
-    monkeypatch.setattr(worker, "process_context", lambda _: context)
+    monkeypatch.setattr(object_process, "process_context", lambda _: context)
     with local(FaultySimulator(marks.folder), folder=tmp_path) as workers:
         for process in multiprocessing.active_children():
             if process.name.startswith("worker") and process.pid is not None:
@@ -372,7 +372,7 @@ def test_workers_are_imported_where_there_is_no_server_that_forks() -> None:
 def test_after_an_error_nobody_is_waited_for(
     marks: Marks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at: str
 ) -> None:
-    monkeypatch.setattr(worker, "CLOSING_LIMIT", LIMIT)
+    monkeypatch.setattr(object_process, "CLOSING_LIMIT", LIMIT)
     faults: dict[str, Any] = {at: Fault(await_go, marks.folder)}
     with (  # noqa: PT012
         pytest.raises(KeyboardInterrupt),
@@ -393,7 +393,7 @@ def test_a_simulator_that_hangs_when_it_starts_or_ends_is_killed(
     marks: Marks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at: str
 ) -> None:
     limit = "START_LIMIT" if at == "start" else "CLOSING_LIMIT"
-    monkeypatch.setattr(worker, limit, 0.3)
+    monkeypatch.setattr(object_process, limit, 0.3)
     faults: dict[str, Any] = {at: Fault(hang, marks.folder)}
     given_up = refused("no worker could be started: its start took more than 0.3 s")
     with (
@@ -409,17 +409,17 @@ def test_an_interrupted_start_leaves_nobody(
     marks: Marks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, started: int
 ) -> None:
     """Of the second, or the one that replaces the first."""
-    original = Worker.start
+    original = ObjectProcess.start
     calls = 0
 
-    def start(self: Worker) -> None:
+    def start(self: ObjectProcess) -> None:
         nonlocal calls
         calls += 1
         if calls > started:
             raise KeyboardInterrupt
         original(self)
 
-    monkeypatch.setattr(Worker, "start", start)
+    monkeypatch.setattr(ObjectProcess, "start", start)
     with (  # noqa: PT012
         pytest.raises(KeyboardInterrupt),
         local(FaultySimulator(marks.folder), folder=tmp_path, count=2) as workers,
@@ -485,7 +485,7 @@ except CampaignError as error:
 """
 
 
-def test_a_script_without_a_guard_is_told_what_it_lacks(tmp_path: Path) -> None:
+def test_a_script_without_a_main_guard_gets_a_hint(tmp_path: Path) -> None:
     script = tmp_path / "script.py"
     script.write_text(UNGUARDED)
     done = subprocess.run(

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 import pytest
 
 from frenetic.campaign import Campaign, CampaignStore
-from frenetic.campaign.store import DATABASE
+from frenetic.campaign.database import DATABASE
 from frenetic.cli.console import Results
 from frenetic.spec import Spec
 

@@ -13,7 +13,7 @@ import pytest
 
 from frenetic._support.json_value import JSONValue
 from frenetic.campaign import Budget, Campaign, CampaignStore, Test
-from frenetic.campaign.store import DATABASE
+from frenetic.campaign.database import DATABASE
 from frenetic.drivers import Planner
 from frenetic.search import Frenetic2021
 from frenetic.simulators import EmbeddedSimulator
@@ -65,9 +65,9 @@ def told_anew(made_campaign: Path, tmp_path: Path) -> ToldAnew:
             tests = {test.id: change(test) for test in old.tests(with_trajectory=True)}
             for candidate, _ in old.candidates():
                 test = tests.get(candidate.id)
-                new.asked(candidate if test is None else test.candidate)
+                new.add_candidate(candidate if test is None else test.candidate)
             for test in tests.values():
-                new.told(test)
+                new.add_result(test)
         return folder
 
     return tell

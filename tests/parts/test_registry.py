@@ -32,7 +32,7 @@ from frenetic.parts.registry import DRIVERS, OBJECTIVES, SIMULATORS, STRATEGIES,
         ("frenetics.drivers:Mine", True),
     ],
 )
-def test_a_part_of_ones_own_is_neither_ours_nor_a_model(name: str, is_own: bool) -> None:
+def test_a_users_part_is_neither_built_in_nor_a_model(name: str, is_own: bool) -> None:
     assert DRIVERS.is_own(name) is is_own
 
 
@@ -71,7 +71,7 @@ def test_a_name_that_is_taken_is_refused_with_who_claims_it(site: Path) -> None:
             look()
 
 
-def test_what_is_installed_is_read_once(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_installed_entry_points_are_read_once(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     del site  # new, so that nothing was read for it
     DRIVERS.load("stanley")
     monkeypatch.setattr(importlib.metadata, "entry_points", None)
@@ -106,9 +106,7 @@ def test_an_option_of_the_wrong_kind_is_named_with_what_is_needed(
     DRIVERS.make("own.py:Own", gain=2, mode="slow")
 
 
-def test_an_objective_of_ones_own_is_a_function(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_users_objective_is_a_function(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own.py").write_text("class Other: pass\ndef near(road, drive): return 0.0\n")
     with pytest.raises(FreneticError, match=r"no function 'far'\. It defines: near$"):
@@ -154,7 +152,7 @@ def test_an_unknown_name_in_a_file_lists_what_the_file_defines_and_not_what_it_i
     assert str(refused.value).endswith(f"{word!r}{close} It defines: {names}")
 
 
-def test_a_package_defines_what_its_modules_do(
+def test_a_package_defines_the_classes_of_its_modules(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     package = tmp_path / "defining_package"

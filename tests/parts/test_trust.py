@@ -22,6 +22,7 @@ from user_modules import own_modules
 from frenetic.campaign import CampaignStore
 from frenetic.errors import FreneticError
 from frenetic.parts import trust
+from frenetic.parts.trust import CodeClaim
 from frenetic.plugins.twin.profile import Profile
 from frenetic.spec import Spec
 
@@ -152,7 +153,7 @@ def change_fact(campaign: Path | str, name: str, change: Callable[[Any], Any]) -
 
 @pytest.mark.parametrize("command", [*COMMANDS, "compare"])
 @pytest.mark.parametrize("is_there", [True, False])
-def test_what_the_user_made_goes_on_unasked_with_code_of_its_own_folder_only(
+def test_a_users_campaign_goes_on_unasked_with_code_of_its_own_folder_only(
     frenetic: Frenetic, user: Path, mark: Path, tmp_path: Path, command: str, is_there: bool
 ) -> None:
     """From that folder, and from another one, beside a copy with other code."""
@@ -342,7 +343,7 @@ def with_entry(name: str, value: object) -> Callable[[Any], Any]:
 
 
 @pytest.mark.parametrize("workers", ["1", "2"])
-def test_a_neighbour_of_a_users_part_is_not_taken_for_what_we_import(
+def test_a_neighbour_of_a_users_part_does_not_replace_our_imports(
     workers: str, tmp_path: Path, mark: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """In processes of their own, which have imported neither module before."""
@@ -408,7 +409,7 @@ def test_a_foreign_bench_is_refused_until_it_is_named_or_trusted(
     assert mark.exists() is (option != "pipeline"), "which is no folder of a pipeline"
 
 
-def test_the_users_bench_goes_on_until_somebody_edits_what_names_code(
+def test_the_users_bench_goes_on_until_somebody_edits_a_part(
     frenetic: Frenetic, user: Path, mark: Path, tmp_path: Path
 ) -> None:
     least = ("--simulations", "2", "--repeats", "1", "--workers", "1")
@@ -550,6 +551,7 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 # Signatures, the list and the border
 
 CODE: Final[trust.Parts] = {"driver": ("theirs.py:Theirs", {"gain": 2.0})}
+CLAIM: Final = CodeClaim(CODE)
 SOURCES: Final = {"theirs.py": "import near", "near.py": "GAIN = 1"}
 
 
@@ -574,7 +576,7 @@ def part(kind: str, name: str, **options: object) -> trust.Parts:
 )
 def test_built_in_and_installed_parts_with_plain_options_name_no_code(parts: trust.Parts) -> None:
     assert trust.named_code(parts) == {}
-    assert trust.require_trusted("c", parts) == Path.cwd()
+    assert trust.require_trusted("c", CodeClaim(parts)) == Path.cwd()
     assert trust.sign(trust.named_code(parts), ".") == ""
 
 
@@ -620,7 +622,7 @@ def another(**changes: object) -> dict[str, Any]:
 
 
 @pytest.mark.usefixtures("home")
-def test_a_signature_is_for_all_that_names_code_and_its_folder_and_sources() -> None:
+def test_a_signature_covers_code_folder_and_sources() -> None:
     signature = trust.sign(**another())
     assert signature
     assert trust.is_signed(signature, **another())
@@ -713,8 +715,8 @@ def test_a_process_that_is_second_takes_the_key_of_the_first(
 
 def test_processes_that_begin_at_once_have_one_key(home: Path) -> None:
     code = (
-        "import sys; from frenetic.parts import trust; print(trust.folder()); sys.stdin.read();"
-        " print(trust.sign({'driver': ('own.py:Own', {})}, '.'))"
+        "import sys; from frenetic.parts import trust; print(trust.user_folder());"
+        " sys.stdin.read(); print(trust.sign({'driver': ('own.py:Own', {})}, '.'))"
     )
     pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
     processes = [subprocess.Popen([sys.executable, "-c", code], **pipes) for _ in range(3)]
@@ -734,7 +736,7 @@ def test_without_a_key_all_goes_on_unsigned_and_one_line_says_what_to_do(
     if damage == "a file":
         home.touch()
     elif damage == "no home":
-        monkeypatch.setattr(trust, "folder", lambda: Path("~nobody-of-this-name").expanduser())
+        monkeypatch.setattr(trust, "user_folder", lambda: Path("~nobody-of-this-name").expanduser())
     else:
         home.mkdir()
         text = {"garbage": b"\xff\x00", "too short": b"00" * 31}.get(damage)
@@ -744,12 +746,12 @@ def test_without_a_key_all_goes_on_unsigned_and_one_line_says_what_to_do(
     assert trust.VARIABLE in trust.unsigned_text()
     assert "\n" not in trust.unsigned_text()
     with pytest.raises(FreneticError, match="code that you have not trusted"):
-        trust.require_trusted("c", CODE)
-    assert trust.require_trusted("c", CODE, is_trusted=True) == Path.cwd()
+        trust.require_trusted("c", CLAIM)
+    assert trust.require_trusted("c", CLAIM, is_trusted=True) == Path.cwd()
 
 
 @pytest.mark.usefixtures("home")
-def test_an_allowed_file_is_asked_again_when_what_names_code_changes() -> None:
+def test_an_allowed_file_is_asked_about_again_after_a_part_changes() -> None:
     Path("there").mkdir()
     assert not trust.is_allowed("run.toml", CODE)
     assert trust.allow("run.toml", CODE)
@@ -804,16 +806,18 @@ def test_signed_code_is_loaded_from_the_folder_of_the_signature_only(tmp_path: P
     signed = another(signature=trust.sign(**another(code=trust.named_code(parts))))
     del signed["code"]
     with pytest.raises(FreneticError, match=r"code that was in here, which is no folder now"):
-        trust.require_trusted("c", parts, **signed)
-    assert trust.require_trusted("c", parts, **signed, is_trusted=True) == tmp_path
+        trust.require_trusted("c", CodeClaim(parts, **signed))
+    assert trust.require_trusted("c", CodeClaim(parts, **signed), is_trusted=True) == tmp_path
     Path("here").mkdir()
-    assert trust.require_trusted("c", parts, **signed) == Path("here")
-    assert trust.require_trusted("c", parts, **signed, is_trusted=True) == Path("here")
-    assert trust.require_trusted("c", parts, **signed, named=CODE) == tmp_path, "where it is named"
+    assert trust.require_trusted("c", CodeClaim(parts, **signed)) == Path("here")
+    assert trust.require_trusted("c", CodeClaim(parts, **signed), is_trusted=True) == Path("here")
+    assert trust.require_trusted("c", CodeClaim(parts, **signed), named=CODE) == tmp_path, (
+        "where it is named"
+    )
     with pytest.raises(
         FreneticError, match=r"if you do, go to where it was as that says, there, and name it"
     ):
-        trust.require_trusted("c", parts, **{**signed, "folder": "there"})
+        trust.require_trusted("c", CodeClaim(parts, **{**signed, "folder": "there"}))
     Path("theirs.py").touch()
     others: list[dict[str, object]] = [
         {"folder": "there"},
@@ -824,7 +828,7 @@ def test_signed_code_is_loaded_from_the_folder_of_the_signature_only(tmp_path: P
         with pytest.raises(
             FreneticError, match=r"c names the driver 'theirs\.py:Theirs', code that"
         ):
-            trust.require_trusted("c", parts, **{**signed, **changes})
+            trust.require_trusted("c", CodeClaim(parts, **{**signed, **changes}))
 
 
 @pytest.mark.parametrize(
@@ -856,22 +860,22 @@ def test_one_line_says_what_is_named_and_what_to_do(
     """An option that is taken over from the file is asked for, too."""
     kinds = [*trust.REGISTRIES, "generator"]
     with pytest.raises(FreneticError) as refused:
-        trust.require_trusted("c", parts, named=named, made=parts, optional=kinds)
+        trust.require_trusted("c", CodeClaim(parts), named=named, needed=parts, optional=kinds)
     text = str(refused.value)
     assert text.startswith("c names the ")
     assert text.endswith(f"if you do, name it yourself, {words}, or add --trust")
     with pytest.raises(FreneticError, match=r"that you have not trusted: if you do, add --trust$"):
-        trust.require_trusted("c", parts, named=named, made=parts, optional=())
-    assert trust.require_trusted("c", parts, named=named, made=named) == Path.cwd()
-    assert trust.require_trusted("c", parts, made={}) == Path.cwd()
-    assert trust.require_trusted("c", parts, named=parts) == Path.cwd()
+        trust.require_trusted("c", CodeClaim(parts), named=named, needed=parts, optional=())
+    assert trust.require_trusted("c", CodeClaim(parts), named=named, needed=named) == Path.cwd()
+    assert trust.require_trusted("c", CodeClaim(parts), needed={}) == Path.cwd()
+    assert trust.require_trusted("c", CodeClaim(parts), named=parts) == Path.cwd()
 
 
 @pytest.mark.usefixtures("home")
 def test_a_file_of_a_person_runs_unasked_once_its_part_was_named_or_trusted() -> None:
     def is_refused(**more: Any) -> bool:
         try:
-            assert trust.require_trusted("run.toml", CODE, is_toml=True, **more) == Path.cwd()
+            assert trust.require_trusted("run.toml", CLAIM, is_toml=True, **more) == Path.cwd()
         except FreneticError:
             return True
         return False
@@ -883,16 +887,16 @@ def test_a_file_of_a_person_runs_unasked_once_its_part_was_named_or_trusted() ->
     ):
         assert not is_refused(named=named)
         assert is_refused(), "another part was named"
-    assert is_refused(named=part("driver", "theirs.py:Theirs"), made=CODE)
+    assert is_refused(named=part("driver", "theirs.py:Theirs"), needed=CODE)
     assert not is_refused(named=CODE)
     assert not is_refused()
-    home = trust.folder()
+    home = trust.user_folder()
     shutil.rmtree(home)
     assert is_refused()
     assert not is_refused(is_trusted=True)
     assert not is_refused()
     with pytest.raises(FreneticError):
-        trust.require_trusted("run.toml", CODE)  # which is no TOML
+        trust.require_trusted("run.toml", CLAIM)  # which is no TOML
 
 
 @pytest.mark.usefixtures("home")

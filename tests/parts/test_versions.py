@@ -72,53 +72,51 @@ def write(folder: Path, files: Mapping[str, str]) -> None:
         (folder / name).write_bytes(content.encode())
 
 
-def made(spec: str = "mpc.py:Mpc", **options: Any) -> dict[str, Any]:
+def record_of(spec: str = "mpc.py:Mpc", **options: Any) -> dict[str, Any]:
     """The description of a driver that is loaded anew."""
     with own_modules():
-        return describe(DRIVERS.make(spec, **options), DRIVERS.made(spec, options, {}))
+        return describe(DRIVERS.make(spec, **options), DRIVERS.construction(spec, options, {}))
 
 
 @pytest.mark.parametrize("spec", UNUSED)
-def test_the_sources_are_its_file_and_the_local_ones_that_it_imports(
-    place: Path, spec: str
-) -> None:
+def test_the_sources_are_the_file_and_its_local_imports(place: Path, spec: str) -> None:
     used = {name: text for name, text in FILES.items() if name not in UNUSED[spec]}
     assert sources_named(spec) == used
     with own_modules():
         driver = load_driver(spec, delay=0.1)
         assert sources_of(driver) == used
-    assert made(spec) == made(spec)
+    assert record_of(spec) == record_of(spec)
 
 
 @pytest.mark.parametrize("spec", UNUSED)
-def test_an_edit_of_these_makes_another_version(place: Path, spec: str) -> None:
+def test_an_edit_of_a_source_makes_another_version(place: Path, spec: str) -> None:
     for name in FILES:
-        before = made(spec)
+        before = record_of(spec)
         write(place, {name: FILES[name] + "# a comment\n"})
-        after = made(spec)
+        after = record_of(spec)
         old, new = short_version(before), short_version(after)
-        told = () if name in UNUSED[spec] else (f"driver Mpc: it is {new}, it was {old}",)
-        assert differences("driver", before, after) == told
+        sentences = () if name in UNUSED[spec] else (f"driver Mpc: it is {new}, it was {old}",)
+        assert differences("driver", before, after) == sentences
         assert old.startswith("source ")
         assert new.startswith("source ")
 
 
 @pytest.mark.parametrize("spec", ["{}/mpc.py:Mpc", "mpc:Mpc", "parts.mpc:Mpc", "folder.mpc:Mpc"])
-def test_it_is_the_same_elsewhere_and_with_other_ends_of_lines(
+def test_a_version_is_the_same_elsewhere_and_with_other_line_ends(
     place: Path, monkeypatch: pytest.MonkeyPatch, spec: str
 ) -> None:
-    before = made(spec.format(place))
+    before = record_of(spec.format(place))
     other = place.parent / f"{place.name} elsewhere"
     write(other, {name: text.replace("\n", "\r\n") for name, text in FILES.items()})
     monkeypatch.chdir(other)
-    assert made(spec.format(other)) == before
+    assert record_of(spec.format(other)) == before
 
 
 def test_arguments_are_recorded_with_their_defaults(place: Path) -> None:
-    assert made()["options"] == {"comfort": 2.0, "model": None}
-    other = made(comfort=3.0, horizon=9)
+    assert record_of()["options"] == {"comfort": 2.0, "model": None}
+    other = record_of(comfort=3.0, horizon=9)
     assert other["options"] == {"comfort": 3.0, "model": None, "horizon": 9}
-    assert differences("driver", made(), other) == (
+    assert differences("driver", record_of(), other) == (
         "driver Mpc: comfort is 3.0, it was 2.0",
         "driver Mpc: horizon is 9, it was null",
     )
@@ -129,20 +127,20 @@ def test_a_file_that_is_an_argument_counts_with_its_content(place: Path) -> None
     versions = []
     for content in (b"1" * 3_000_000, b"1" * 2_999_999 + b"2"):
         model.write_bytes(content)
-        versions.append(short_version(made(model="net.onnx")))
-        assert short_version(made(model=model)) == versions[-1]
+        versions.append(short_version(record_of(model="net.onnx")))
+        assert short_version(record_of(model=model)) == versions[-1]
     model.unlink()
-    versions.append(short_version(made(model="net.onnx")))
+    versions.append(short_version(record_of(model="net.onnx")))
     assert len(set(versions)) == 3
     assert ", files " in versions[0]
-    assert versions[2] == short_version(made())
+    assert versions[2] == short_version(record_of())
 
 
-def test_what_an_argument_is_made_of_counts_too(place: Path) -> None:
+def test_the_source_of_an_arguments_class_counts(place: Path) -> None:
     def version() -> str:
         with own_modules():
             law = DRIVERS.make("unused.py:Law")
-            return short_version(made(model=law))
+            return short_version(record_of(model=law))
 
     law = "class Law:\n    def reset(self, setup): pass\n    def act(self, o): return {}\n"
     write(place, {"unused.py": law.format(0)})
@@ -163,7 +161,7 @@ def test_a_set_is_described_alike_in_every_process(
     assert tags in ({"tags": ["a", "b", "c"]}, {"tags": {"all": [["a", "b", "c"]]}})
 
 
-def test_arguments_of_an_object_are_those_that_it_keeps() -> None:
+def test_arguments_of_an_object_are_its_attributes() -> None:
     class Keeps:
         def __init__(self, gain: float, *, rate: float = 2.0, lost: int = 0) -> None:
             self.gain, self._rate = gain, rate
@@ -176,20 +174,20 @@ def test_arguments_of_an_object_are_those_that_it_keeps() -> None:
     }
 
 
-def test_objects_that_are_arguments_are_told_apart(place: Path) -> None:
+def test_different_objects_as_arguments_make_different_records(place: Path) -> None:
     class Holder:
         def __init__(self, gain: float) -> None:
             self.gain = gain
 
     def described(*values: object) -> list[Any]:
-        return [made(x=value)["options"]["x"] for value in values]
+        return [record_of(x=value)["options"]["x"] for value in values]
 
-    one, same, other = described(Holder(1.0), Holder(1.0), Holder(2.0))
-    assert one == same != other
+    first, same, other = described(Holder(1.0), Holder(1.0), Holder(2.0))
+    assert first == same != other
     weights = np.arange(5000.0)
-    one, same, other = described(weights, weights.copy(), np.where(weights == 2000, 0, weights))
-    assert one == same != other
-    assert described(made) == [f"{__name__}:made"]
+    first, same, other = described(weights, weights.copy(), np.where(weights == 2000, 0, weights))
+    assert first == same != other
+    assert described(record_of) == [f"{__name__}:record_of"]
 
 
 def test_layers_and_built_in_parts_have_declared_versions(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -205,7 +203,7 @@ def test_layers_and_built_in_parts_have_declared_versions(monkeypatch: pytest.Mo
     )
 
 
-def test_a_class_of_ones_own_over_a_built_in_one_has_both() -> None:
+def test_a_users_class_over_a_built_in_one_has_both_versions() -> None:
     class Mine(Frenetic):
         pass
 
@@ -231,7 +229,7 @@ def test_an_installed_part_has_the_version_of_its_distribution(
         },
     )
     monkeypatch.syspath_prepend(str(site))
-    assert short_version(made("fast.mpc:Mpc")) == "my-drivers 1.2"
+    assert short_version(record_of("fast.mpc:Mpc")) == "my-drivers 1.2"
     assert sources_named("fast.mpc:Mpc") == {}
 
 
@@ -291,7 +289,7 @@ class Angry:
         ("mpc.py", b"("),
     ],
 )
-def test_taking_one_never_raises(place: Path, name: str, content: bytes | None) -> None:
+def test_taking_a_version_never_raises(place: Path, name: str, content: bytes | None) -> None:
     with own_modules():
         driver = DRIVERS.make("mpc.py:Mpc")
         if content is None:
@@ -306,5 +304,5 @@ def test_taking_one_never_raises(place: Path, name: str, content: bytes | None) 
     "value", [Angry(), "\x00", "a" * 100_000, Path(os.devnull), [[[[]]]], {1: {2: 3}}]
 )
 def test_no_argument_is_too_odd(place: Path, value: object) -> None:
-    assert made(x=value)["class"] == "mpc.py:Mpc"
+    assert record_of(x=value)["class"] == "mpc.py:Mpc"
     assert describe(Angry())["class"] == f"{__name__}:Angry"

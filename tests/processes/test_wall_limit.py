@@ -103,7 +103,7 @@ def test_nothing_is_raised_after_the_block(run: Run) -> None:
     run(check)
 
 
-def test_a_block_that_swallows_everything_is_told_again(run: Run) -> None:
+def test_a_block_that_swallows_the_exception_gets_another(run: Run) -> None:
     caught = []
 
     def swallow() -> None:

@@ -84,8 +84,8 @@ def make_hostile(folder: Path, searched: Path) -> Path:
                 failure.candidate.step,
                 Origin(HOSTILE, (1,) if number == 2 else (), number - 1),
             )
-            store.asked(candidate)
-            store.told(
+            store.add_candidate(candidate)
+            store.add_result(
                 replace(
                     failure,
                     candidate=candidate,
@@ -110,8 +110,8 @@ def make_refused(folder: Path, searched: Path) -> Path:
     make_empty(folder, searched)
     with CampaignStore.open(folder, readonly=False) as store:
         candidate = Candidate(1, np.zeros(3), 10.0, Origin("random"))
-        store.asked(candidate)
-        store.told(
+        store.add_candidate(candidate)
+        store.add_result(
             Test(
                 candidate=candidate,
                 result=Result(Outcome.INVALID, "too short"),

@@ -26,7 +26,7 @@ from frenetic.analysis.features import FEATURES, features_of
 from frenetic.analysis.segments import place_in_words, segments_of
 from frenetic.analysis.statistics import proportion_interval
 from frenetic.campaign import Budget, Campaign, CampaignStore
-from frenetic.campaign.store import DATABASE
+from frenetic.campaign.database import DATABASE
 from frenetic.cli import cli
 from frenetic.drivers import Planner
 from frenetic.errors import CampaignError, FreneticError

@@ -20,7 +20,7 @@ from frenetic.analysis.failures import Failure
 from frenetic.analysis.segments import segment_of
 from frenetic.campaign import Budget, Campaign, CampaignStore, Event, RoadTester, Summary, Test
 from frenetic.campaign.check import check_campaign
-from frenetic.campaign.store import DATABASE
+from frenetic.campaign.database import DATABASE
 from frenetic.drivers import Driver, Planner
 from frenetic.errors import CampaignError, FreneticError, Trouble
 from frenetic.oracle.outcome import Outcome
@@ -131,8 +131,8 @@ def test_the_conditions_reach_workers(campaign: Path) -> None:
 def test_only_roads_that_were_driven_are_driven_again(campaign: Path) -> None:
     refused = replace(recorded(Outcome.INVALID, None, id=1000), told=61)
     with CampaignStore.open(campaign, readonly=False) as store:
-        store.asked(refused.candidate)
-        store.told(refused)
+        store.add_candidate(refused.candidate)
+        store.add_result(refused)
     with pytest.raises(CampaignError, match="test 1000 is INVALID: only a road that was driven"):
         again(campaign, [*driven_in(campaign)[:1], refused])
     assert again(campaign, []).drives == []

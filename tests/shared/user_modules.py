@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from frenetic.parts.registry import USER_MODULE, is_local
+from frenetic.parts.user_modules import USER_MODULE, is_local
 
 
 @contextmanager

@@ -42,7 +42,7 @@ TOWN = {"roads": "urban-50", "conditions": {"gust": {"low": 0, "high": 18}}}
 
 
 @given(specs)
-def test_a_campaigns_file_says_what_was_written(spec: Spec) -> None:
+def test_a_campaigns_file_gives_the_written_spec(spec: Spec) -> None:
     with TemporaryDirectory() as folder:
         spec.write(Path(folder))
         assert Spec.read(Path(folder, FILE)) == spec
@@ -56,16 +56,16 @@ def recorded() -> str:
 
 
 @given(specs)
-def test_a_database_says_what_was_recorded(spec: Spec) -> None:
+def test_a_database_gives_the_recorded_spec(spec: Spec) -> None:
     config = json.loads(json.dumps({**json.loads(recorded()), "spec": spec.entries()}))
     assert fault_of(config) == ""
     assert recorded_spec(config, source=SOURCE) == spec
-    assert driving_spec(config, source=SOURCE) == spec.driving()
+    assert driving_spec(config, source=SOURCE) == spec.driving_spec()
 
 
 @given(specs)
 def test_a_roads_file_says_how_it_was_driven(spec: Spec) -> None:
-    driven = Spec.of({"driver": "stanley", "simulator": "embedded"}, spec.driving())
+    driven = Spec.of({"driver": "stanley", "simulator": "embedded"}, spec.driving_spec())
     document = json.loads(json.dumps({DRIVEN: driven.entries(), "lane_width": 3.5}))
     with TemporaryDirectory() as folder:
         path = Path(folder, "road.json")
@@ -80,10 +80,11 @@ def test_a_spec_of_its_own_entries_is_equal(spec: Spec) -> None:
 
 def test_what_is_usual_is_what_the_parts_have() -> None:
     spec = Spec()
-    assert spec.said == {}
+    assert spec.user_values == {}
     assert (spec.terms, spec.rules, spec.budget, spec.amounts) == (Terms(), Rules(), None, {})
     assert (spec.terms.map_size, spec.terms.margin) == (MAP_SIZE, MARGIN)
-    assert spec.names == ["frenetic", "planner", "embedded", "moobd"]
+    names = [spec.part(kind).name for kind in ("strategy", "driver", "simulator")]
+    assert [*names, spec.named_objective] == ["frenetic", "planner", "embedded", "moobd"]
     assert Spec(criteria="after-iso-11270").named_objective == "criteria"
     assert Spec(criteria="competition").named_objective == "moobd"
 
@@ -108,9 +109,9 @@ def test_values_are_taken_in_any_form_and_given_in_one() -> None:
     assert spec.road_class == RoadClass.of("rural-80", {"length": 800})
     assert Spec(roads=spec.road_class.as_json()) == Spec(roads="rural-80,length=800")
     assert Spec(roads=RoadClass.of("rural-80").as_json()).roads == "rural-80"
-    own = Spec(roads={"design_speed": 60}).road_class
-    assert own is not None
-    assert (own.name, own.speed_limit) == ("own", 60.0)
+    users = Spec(roads={"design_speed": 60}).road_class
+    assert users is not None
+    assert (users.name, users.speed_limit) == ("own", 60.0)
     assert spec.domain == Domain.made("own", TOWN)
     assert Spec(criteria="speed_limit=60") == Spec(speed_limit=60.0)
 
@@ -215,7 +216,7 @@ def test_conditions_without_roads_leave_the_roads() -> None:
     assert spec.entries().items() >= BEFORE_ROADS.items()
 
 
-def test_roads_win_over_those_of_a_domain() -> None:
+def test_roads_win_over_a_domains_roads() -> None:
     for spec in (Spec.of({"odd": TOWN}, {"roads": "rural-80"}), Spec(odd=TOWN, roads="rural-80")):
         assert spec.road_class == RoadClass.of("rural-80")
         assert spec.domain is not None
@@ -232,7 +233,7 @@ def test_an_explicit_default_beside_a_class_is_not_lost() -> None:
     assert Spec(speed_limit=70.0).rules.road_limits == "ignored"
 
 
-def test_rules_that_are_not_said_are_the_usual_ones_of_the_caller() -> None:
+def test_rules_that_are_not_set_are_the_callers() -> None:
     usual = Rules(speed_limit=50.0, stuck_time=5.0)
     assert Spec().rules_over(usual) == usual
     assert Spec(oob_tolerance=0.5).rules_over(usual) == Rules(
@@ -246,9 +247,10 @@ def test_rules_that_are_not_said_are_the_usual_ones_of_the_caller() -> None:
 
 
 @given(specs, st.booleans())
-def test_a_spec_is_its_driving_and_the_rest(spec: Spec, has_roads: bool) -> None:
-    driving, rest = spec.driving(has_roads=has_roads), spec.without_driving(has_roads=has_roads)
-    assert driving.said.keys() <= {
+def test_a_spec_is_its_driving_spec_and_the_rest(spec: Spec, has_roads: bool) -> None:
+    driving = spec.driving_spec(has_roads=has_roads)
+    rest = spec.without_driving(has_roads=has_roads)
+    assert driving.user_values.keys() <= {
         *("driver", "simulator", "conditions", "speed_limit", "oob_tolerance", "criteria"),
         "wall_limit",
         *(() if has_roads else ("roads", "map_size", "margin", "lane_width")),
@@ -259,10 +261,10 @@ def test_a_spec_is_its_driving_and_the_rest(spec: Spec, has_roads: bool) -> None
     assert spec.roads is None or both["roads"] == spec.roads
 
 
-def test_how_it_drives_says_the_class_of_its_roads() -> None:
-    assert Spec(odd=TOWN).driving().entries() == {"roads": "urban-50"}
-    assert Spec(roads="competition").driving().entries() == {"roads": "competition"}
-    assert Spec(odd=TOWN).driving(has_roads=True) == Spec().driving() == Spec()
+def test_a_driving_spec_has_the_class_of_the_roads() -> None:
+    assert Spec(odd=TOWN).driving_spec().entries() == {"roads": "urban-50"}
+    assert Spec(roads="competition").driving_spec().entries() == {"roads": "competition"}
+    assert Spec(odd=TOWN).driving_spec(has_roads=True) == Spec().driving_spec() == Spec()
 
 
 def test_conditions_of_a_drive_lie_over_the_others() -> None:
@@ -276,7 +278,7 @@ def test_conditions_of_a_drive_lie_over_the_others() -> None:
 # Objects
 
 
-def test_it_makes_what_it_says(tmp_path: Path) -> None:
+def test_a_spec_makes_the_parts_that_it_names(tmp_path: Path) -> None:
     spec = Spec(
         strategy="random",
         driver="planner,aggression=1.2",
@@ -335,11 +337,11 @@ def test_the_class_that_real_roads_show_is_recorded(tmp_path: Path) -> None:
     config = Campaign.of(spec, workers=1).configuration()
     shutil.rmtree(folder)
     recorded = recorded_spec(config, source=SOURCE)
-    assert recorded.road_class == recorded.driving().road_class == shown
+    assert recorded.road_class == recorded.driving_spec().road_class == shown
     assert recorded.from_roads == str(folder)
 
 
-def test_what_cannot_be_made_is_refused() -> None:
+def test_parts_that_cannot_be_made_are_refused() -> None:
     with pytest.raises(FreneticError, match="the option seed of the strategy is not allowed"):
         Spec(strategy="random,seed=5").make_strategy()
     with pytest.raises(FreneticError, match="searches roads alone, not the conditions of own"):
@@ -562,6 +564,6 @@ def test_a_rule_has_one_value() -> None:
     assert Spec.of({"criteria": "speed_limit=70", "speed_limit": 70}).speed_limit == 70.0
 
 
-def test_an_attributes_name_in_a_file_is_answered_with_that_of_the_entry() -> None:
+def test_an_attributes_name_in_a_file_is_answered_with_the_entrys_name() -> None:
     with pytest.raises(ValueError, match="there is no entry 'conditions': it is 'with'"):
         Spec.of({"conditions": {"delay": 0.1}})

@@ -12,8 +12,9 @@ from typing import Any, Final
 from msgspec import convert
 
 from frenetic._support.files import require_list
+from frenetic.campaign.database import DATABASE
 from frenetic.campaign.objective import MOOBD
-from frenetic.campaign.store import DATABASE, CampaignStore
+from frenetic.campaign.store import CampaignStore
 from frenetic.conditions.condition import in_words as conditions_in_words
 from frenetic.conditions.domain import Domain
 from frenetic.criteria.criterion import Profile

@@ -12,8 +12,9 @@ from typing import Final
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
+from frenetic.campaign.reader import Order
 from frenetic.campaign.record import Test
-from frenetic.campaign.store import CampaignStore, Order
+from frenetic.campaign.store import CampaignStore
 from frenetic.oracle.drive import Drive
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.signals import Seen

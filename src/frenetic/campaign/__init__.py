@@ -1,6 +1,7 @@
 """One search with its budget, on disk."""
 
-from frenetic.campaign.campaign import LOOKAHEAD, Campaign, new_folder
+from frenetic.campaign.campaign import Campaign
+from frenetic.campaign.defaults import LOOKAHEAD, new_folder
 from frenetic.campaign.objective import evaluate
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore

@@ -1,6 +1,6 @@
 """The search for a simulator that somebody else runs: requests and answers, a JSON object each.
 
-A campaign is searched and stored like any other, but its roads are driven by whoever asks for them:
+The campaign searches and stores like any other, but a client asks for its roads and drives them:
 
 | request | answer |
 | --- | --- |
@@ -12,9 +12,9 @@ A campaign is searched and stored like any other, but its roads are driven by wh
 A candidate has an ``id``, ``points`` every 2 m or denser in m on the map, ``curvatures`` in 1/m,
 their ``step`` in m, the ``pose`` of its first point and the ``lane_width`` in m, profiles of a road
 that is not flat, and ``conditions``: names of `frenetic.conditions` with amounts, empty without a
-domain. Invalid roads are not handed out. Any number may be asked for before one is told; ``wait``
-means that one has to be told first. The search learns results in the order of asking. `Told` says
-what can be told. An unusable request is answered with ``{"error": ".."}`` and changes nothing.
+domain. The client gets valid roads only, and may ask for several before it tells a result; ``wait``
+means that a result has to come first. The search learns results in the order of asking. `Told` is
+the form of a result. An unusable request is answered with ``{"error": ".."}`` and changes nothing.
 """
 
 from __future__ import annotations
@@ -34,9 +34,10 @@ from frenetic._support.bounds import Count, Finite, Measured, NotNegative, Share
 from frenetic._support.files import write_file
 from frenetic._support.outside_text import read_json
 from frenetic.campaign.campaign import Campaign
+from frenetic.campaign.database import DATABASE
 from frenetic.campaign.log import CampaignLog
 from frenetic.campaign.record import Attempt
-from frenetic.campaign.store import DATABASE, CampaignStore
+from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Event, Summary
 from frenetic.campaign.tester import RoadTester, fitted
 from frenetic.campaign.workers import Workers
@@ -52,13 +53,13 @@ from frenetic.search.records import Candidate
 from frenetic.simulators.simulator import Ready
 
 WORKER: Final = "client"
-"""Name of the worker in a test that was told."""
+"""Name of the worker in tests that a client drove."""
 TOLD: Final = "told"
-"""Folder in a campaign's folder for results that wait for that of an older candidate."""
+"""Folder in a campaign's folder for results that wait for an older candidate's result."""
 
 
 class Records(Struct, forbid_unknown_fields=True):
-    """A drive, record by record: lists of one length. What is left out is stored as 0."""
+    """A drive as lists of equal length, one value a record; a missing list is stored as 0."""
 
     time: list[NotNegative]
     """Simulated time since the start, in s."""
@@ -67,18 +68,18 @@ class Records(Struct, forbid_unknown_fields=True):
     y: list[Finite]
     """Coordinate of the centre of mass on the map, in m."""
     speed: list[Finite]
-    """m/s."""
+    """Speed in m/s."""
     heading: list[Finite] = []
-    """rad, counter-clockwise from +x; by default the direction of the path."""
+    """Heading in rad, counter-clockwise from +x; by default the direction of the path."""
     steering: list[Finite] = []
     """Angle of the front wheels in rad, positive to the left."""
     throttle: list[Finite] = []
-    """0..1."""
+    """Throttle, 0..1."""
     brake: list[Finite] = []
-    """0..1."""
+    """Brake, 0..1."""
 
     def trajectory(self) -> Trajectory:
-        """The trajectory.
+        """Return the trajectory.
 
         Raises:
             ValueError: the lists differ in length, or are empty, or time goes back.
@@ -92,7 +93,9 @@ class Records(Struct, forbid_unknown_fields=True):
         if min(np.diff(self.time), default=0.0) < 0.0:
             raise ValueError("the time of records has to increase")
         if not self.heading:
-            dx, dy = (np.gradient(one) if n > 1 else np.zeros(1) for one in (self.x, self.y))
+            dx, dy = (
+                np.gradient(positions) if n > 1 else np.zeros(1) for positions in (self.x, self.y)
+            )
             values["heading"] = np.unwrap(np.arctan2(dy, dx)).tolist()
         columns = {name: np.zeros(n) for name in Trajectory.names()}
         columns |= {name: np.array(value) for name, value in values.items() if len(value)}
@@ -100,14 +103,14 @@ class Records(Struct, forbid_unknown_fields=True):
 
 
 class Points(Struct, forbid_unknown_fields=True):
-    """A road that is to be validated."""
+    """The points of a road that is to be validated."""
 
     points: list[tuple[Finite, Finite]]
     """Points of its centre line on the map, in m."""
 
 
 class Nothing(Struct, forbid_unknown_fields=True):
-    """The values of a request that has none."""
+    """The values of a request without values."""
 
 
 class Told(Struct, forbid_unknown_fields=True):
@@ -119,22 +122,26 @@ class Told(Struct, forbid_unknown_fields=True):
     moobd: Measured | None = None
     """Minimum oob distance in m; the search learns nothing from a drive without it."""
     reason: str = ""
-    """Why it ended so, in a sentence."""
+    """Cause of the outcome, in a sentence."""
     place: Measured | None = None
-    """Distance along the road to where the car left its lane, or else was furthest off, in m."""
+    """Distance along the road to where the car left its lane, or else came closest to it, in m."""
     side: Side | None = None
-    """Side of the lane on which it left; a FAIL without a side left on none."""
+    """Side on which the car left its lane; None for a FAIL inside the lane."""
     oob_share: Share | None = None
     """Largest share of the car's box outside its lane."""
     duration: NotNegative | None = None
-    """Simulated time, in s."""
+    """Simulated time of the drive, in s."""
     records: Records | None = None
-    """The drive, from which the search learns more, and which reports show."""
+    """The whole drive, for reports and for a search that learns more from it."""
     budget_spent: Share | None = None
-    """Spent share of the budget, in place of the campaign's count until the next is told."""
+    """Spent share of the budget, which replaces the campaign's count until the next share."""
 
     def attempt(self, road: Road, seconds: float) -> Attempt:
-        """The attempt on a road, which took so many s, ready to be stored.
+        """Return the attempt on a road, ready to be stored.
+
+        Args:
+            road: the candidate's road.
+            seconds: wall time of the drive, in s.
 
         Raises:
             ValueError: the records are unusable, or a side has no place.
@@ -174,18 +181,18 @@ class Told(Struct, forbid_unknown_fields=True):
 
 @dataclass(frozen=True)
 class TellingDriver:
-    """The driver of whoever asks and tells."""
+    """The driver of a client, which drives elsewhere."""
 
     BEHAVIOUR: ClassVar[int] = 1
 
     name: str = "told"
-    """What it is, for the campaign's record."""
+    """Name of the client's driver and simulator, for the campaign's record."""
 
     def reset(self, setup: DriveSetup) -> None:
-        """Nothing drives here."""
+        """Do nothing: the client drives."""
 
     def act(self, observation: Observation) -> Controls:  # noqa: ARG002 - a driver's
-        """Nothing drives here.
+        """Raise: the client drives.
 
         Raises:
             CampaignError: always.
@@ -194,10 +201,10 @@ class TellingDriver:
 
 
 class TellingSimulator(Ready):
-    """The simulator of whoever asks and tells, who lays any road in any conditions.
+    """The simulator of a client, which lays any road in any conditions.
 
     Args:
-        rules: by which the drives are judged there, for the campaign's record, as its car.
+        rules: by which the client judges drives, for the campaign's record.
     """
 
     BEHAVIOUR: ClassVar[int] = 1
@@ -207,7 +214,7 @@ class TellingSimulator(Ready):
         self.rules, self.car = rules or Rules(), CarBody()
 
     def drive(self, road: Road, driver: Driver) -> Drive:  # noqa: ARG002
-        """Nothing drives here.
+        """Raise: the client drives.
 
         Raises:
             CampaignError: always.
@@ -221,8 +228,8 @@ class _Client(Workers):
     Args:
         tester: places the roads.
         requests: as for `ToldCampaign`.
-        answer: likewise.
-        folder: for results that were told before that of an older candidate, which is stored first.
+        answer: as for `ToldCampaign`.
+        folder: for results that came before an older candidate's, which is stored first.
     """
 
     def __init__(
@@ -237,9 +244,9 @@ class _Client(Workers):
         self._answer = answer
         self._folder = folder
         self._asked = 0  # requests without an answer
-        self._known: deque[Attempt] = deque()  # that need no client
+        self._known: deque[Attempt] = deque()  # attempts that need no client
         self._running: dict[int, tuple[Road, float]] = {}  # id -> its road, and when it went out
-        self._told: set[int] = set()  # without an answer
+        self._unanswered: set[int] = set()  # ids of results without an answer
         self._budget_spent = 0.0
         self.has_ended = False
 
@@ -247,25 +254,25 @@ class _Client(Workers):
     def free(self) -> int:
         return self._asked
 
-    def say_told(self, number: int, budget_spent: float) -> None:
-        """Answers that a candidate was told, unless that was said."""
+    def confirm(self, number: int, budget_spent: float) -> None:
+        """Answer that the search knows a result, unless that was answered."""
         self._budget_spent = budget_spent
-        if number in self._told:
-            self._told.remove(number)
+        if number in self._unanswered:
+            self._unanswered.remove(number)
             self._answer({"told": number, "budget_spent": budget_spent})
 
     def stored(self, number: int, budget_spent: float) -> None:
-        """Answers that a candidate was told, and deletes the file of its stored result."""
+        """Confirm a stored result, and delete the file in which it waited."""
         self._early_file(number).unlink(missing_ok=True)
-        self.say_told(number, budget_spent)
+        self.confirm(number, budget_spent)
 
     def _write_early(self, result: Told) -> None:
-        """Writes a result that came before that of an older candidate, until both are stored.
+        """Write a result that came before an older candidate's, until both are stored.
 
         Raises:
             FreneticError: the file cannot be written.
         """
-        with suppress(OSError):  # the campaign's folder is gone, which is not made again
+        with suppress(OSError):  # the campaign's folder is gone, and is not created again
             self._folder.mkdir(exist_ok=True)
         write_file(self._early_file(result.id), json.encode(result), remedy="make room")
 
@@ -273,7 +280,7 @@ class _Client(Workers):
         return self._folder / f"{number}.json"
 
     def taken(self) -> int:
-        """Number of requests for a candidate without an answer, which the caller answers."""
+        """Return the number of unanswered requests for a candidate, which the caller answers."""
         asked, self._asked = self._asked, 0
         return asked
 
@@ -282,7 +289,7 @@ class _Client(Workers):
         if road is None or not verdict.valid:
             self._known.append(Attempt.undriven(candidate.id, Outcome.INVALID, verdict.message))
             return
-        with suppress(OSError, ValueError):  # most were not told before a crash
+        with suppress(OSError, ValueError):  # most have no result from before a crash
             result = read_json(self._early_file(candidate.id).read_bytes(), Told)
             self._known.append(result.attempt(road, 0.0))
             return
@@ -302,8 +309,8 @@ class _Client(Workers):
     def wait(self, timeout: float) -> Sequence[Attempt]:  # noqa: ARG002 - the client decides
         if self._known:
             return [self._known.popleft()]
-        for number in sorted(self._told):  # before an older one
-            self.say_told(number, self._budget_spent)
+        for number in sorted(self._unanswered):  # before an older candidate
+            self.confirm(number, self._budget_spent)
         for _ in range(self.taken()):  # to which the strategy had no answer
             self._answer({"wait": True})
         while not self.has_ended and (line := next(self._requests, None)) is not None:
@@ -313,10 +320,10 @@ class _Client(Workers):
             if self._asked:
                 return ()
         self.has_ended = True
-        raise KeyboardInterrupt  # as Ctrl-C would: what is outstanding stays so
+        raise KeyboardInterrupt  # as Ctrl-C would: outstanding candidates stay so
 
     def handled(self, line: str) -> Attempt | None:
-        """Answers a request, unless the campaign has to; returns the attempt that it tells."""
+        """Answer a request, unless the campaign has to; return the attempt in it."""
         try:
             kind, values = requested(line)
             if kind == "ask":
@@ -331,7 +338,7 @@ class _Client(Workers):
                 if min(self._running) < result.id:
                     self._write_early(result)
                 del self._running[result.id]
-                self._told.add(result.id)
+                self._unanswered.add(result.id)
                 return attempt
             elif kind == "validate":
                 self._answer(validity(values, self._tester.terms.map_size))
@@ -352,10 +359,10 @@ class _Client(Workers):
 
 
 def requested(line: str) -> tuple[str, Any]:
-    """The kind of a request, and its values.
+    """Return the kind of a request, and its values.
 
     Raises:
-        ValueError: the line is none.
+        ValueError: the line is no request.
     """
     try:
         request = read_json(line)
@@ -367,10 +374,10 @@ def requested(line: str) -> tuple[str, Any]:
 
 
 def validity(request: Any, map_size: float) -> dict[str, Any]:
-    """The answer whether a road is valid, as the competition defines it.
+    """Return the answer whether a road is valid, as the competition defines it.
 
     Raises:
-        ValueError: there are no points.
+        ValueError: the request has no points.
     """
     points = np.array(convert(request, Points).points)
     verdict = check_validity(points.reshape(-1, 2), map_size)
@@ -383,9 +390,9 @@ class ToldCampaign(Campaign):
     Args:
         requests: lines, each with one JSON object.
         answer: called with each answer.
-        name: of what drives, for the campaign's record.
-        rules: by which it judges, likewise.
-        others: as for `Campaign`, without driver and simulator.
+        name: name of the client's driver, for the campaign's record.
+        rules: by which the client judges drives, for the campaign's record.
+        others: options of `Campaign`, without driver and simulator.
     """
 
     def __init__(
@@ -404,26 +411,25 @@ class ToldCampaign(Campaign):
         self._client = _Client(self.tester, requests, answer, self.folder / TOLD)
 
     def _check_conditions(self, domain: Domain) -> None:
-        """Whoever drives lays them."""
+        """Check nothing: the client sets the conditions."""
 
     def _workers(self, log: CampaignLog) -> Workers:  # noqa: ARG002 - nothing is lost here
         return self._client
 
     def _second_drive(self, store: CampaignStore) -> None:
-        """None: no candidate is handed out twice."""
+        """Return None: no candidate is handed out twice."""
 
     def serve(self) -> Summary:
-        """Searches until the client ends, and answers its requests.
+        """Search until the client ends, and answer its requests.
 
-        It goes on with the campaign in its folder if there is one; candidates that were outstanding
-        then are handed out again.
+        A campaign in the folder goes on; its outstanding candidates are handed out again.
 
         Raises:
             CampaignError: as for `run` and `resume`.
         """
         exists = (self.folder / DATABASE).is_file()
         search = self.resume if exists else self.run
-        summary = search(on_event=self._say_told)
+        summary = search(on_event=self._confirm)
         is_stopped = summary.interrupted and not self._client.has_ended
         reason = summary.ended or ("it was stopped" if is_stopped else "the budget is spent")
         for _ in range(self._client.free):
@@ -436,7 +442,7 @@ class ToldCampaign(Campaign):
         self._answer({"summary": summary.as_json()})
         return summary
 
-    def _say_told(self, event: Event) -> None:
+    def _confirm(self, event: Event) -> None:
         test = event.test
         if test is not None:
             self._client.stored(test.id, test.budget_spent)

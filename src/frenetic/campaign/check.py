@@ -1,4 +1,4 @@
-"""The check of a campaign's database: the file, every row, and what its log tells of it."""
+"""The check of a campaign's database: the file, every row, and the number of results in its log."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from pathlib import Path
 
 from frenetic.campaign.configuration import fault_of
 from frenetic.campaign.counts import Counts
-from frenetic.campaign.log import told_in_log
-from frenetic.campaign.store import DATABASE, CampaignStore
+from frenetic.campaign.database import DATABASE
+from frenetic.campaign.log import results_in_log
+from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.warm_start import read_earlier
 from frenetic.errors import CampaignError
 
@@ -26,15 +27,15 @@ class CheckReport:
     size: int
     """Bytes on disk."""
     findings: tuple[str, ...]
-    """What is wrong, each in a line."""
+    """Faults, each in a line."""
 
 
 def check_campaign(folder: Path | str) -> CheckReport:
-    """Checks the campaign in a folder, without changing it.
+    """Check the campaign in a folder, without changing it.
 
     Raises:
-        CampaignError: there is no campaign, it is of another format, or it is too damaged to be
-            opened.
+        CampaignError: the folder holds no campaign, or one of another format, or one too damaged to
+            be opened.
     """
     folder = Path(folder)
     with CampaignStore.open(folder) as store:
@@ -66,19 +67,20 @@ def _findings(store: CampaignStore) -> Iterator[str]:
     except CampaignError as error:
         yield str(error)
         return
-    told = [number for _, number in numbers if number is not None]
-    if told != list(range(1, len(told) + 1)):
-        yield f"{len(told)} results are told, but not as numbers 1 to {len(told)}: some are missing"
-    if (logged := told_in_log(store.folder)) > len(told):
+    orders = [order for _, order in numbers if order is not None]
+    count = len(orders)
+    if orders != list(range(1, count + 1)):
+        yield f"{count} results are told, but not as numbers 1 to {count}: some are missing"
+    if (logged := results_in_log(store.folder)) > count:
         yield (
-            f"the log tells of {logged} results, the database holds {len(told)}: the last ones are"
+            f"the log tells of {logged} results, the database holds {count}: the last ones are"
             f" lost; was {DATABASE} copied without {DATABASE}-wal?"
         )
     ids = sorted(number for number, _ in numbers)
     if ids != list(range(1, len(ids) + 1)):
         yield f"{len(ids)} candidates are there, but not those from 1 to {len(ids)}"
-    for number, told_as in numbers:
+    for number, order in numbers:
         try:
-            store.candidate(number) if told_as is None else store.test(number)
+            store.candidate(number) if order is None else store.test(number)
         except CampaignError as error:
             yield str(error)

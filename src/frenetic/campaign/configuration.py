@@ -1,4 +1,4 @@
-"""A campaign's configuration: what its database says of how it was made."""
+"""A campaign's configuration: its parts, terms and budget, as its database keeps them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
-from msgspec import Struct, ValidationError, convert, defstruct, structs
+from msgspec import Struct, ValidationError, convert, defstruct
 
 from frenetic._support.bounds import Count
 from frenetic._support.words import counted
@@ -23,15 +23,15 @@ class EarlierCampaign:
     """An earlier campaign that a search starts from."""
 
     folder: str
-    """Its folder, as it was given."""
+    """Path of its folder, as the user wrote it."""
     simulations: int = 0
-    """Its drives."""
+    """Number of its drives."""
     failures: int = 0
-    """Its failures."""
+    """Number of its failures."""
     taken: int = 0
-    """Tests that were taken from it."""
+    """Number of tests that were taken from it."""
     left_out: int = 0
-    """Roads that do not fit the map or the strategy's step."""
+    """Number of roads that do not fit the map or the strategy's step."""
 
     def __str__(self) -> str:
         left_out = f", {self.left_out} left out that do not fit" if self.left_out else ""
@@ -70,10 +70,10 @@ _Configuration: Any = defstruct("Configuration", _ENTRIES, kw_only=True)
 
 
 def _read(config: Mapping[str, Any]) -> tuple[Spec | None, Setting]:
-    """The spec and the setting of a configuration, whose rules and car have to be whole.
+    """Return the spec and the setting of a configuration, whose rules and car have to be whole.
 
     Raises:
-        ValueError: it is none; the message names the place.
+        ValueError: an entry is missing or wrong; the message names it.
     """
     try:
         spec, setting = convert(dict(config), _Configuration).spec, Setting.of(config)
@@ -88,7 +88,7 @@ def _read(config: Mapping[str, Any]) -> tuple[Spec | None, Setting]:
 
 
 def fault_of(config: Mapping[str, Any]) -> str:
-    """What keeps a campaign's configuration from being read, in a line; empty if nothing does."""
+    """Return why a campaign's configuration cannot be read, in a line; empty if it can."""
     try:
         _read(config)
     except ValueError as error:
@@ -97,11 +97,11 @@ def fault_of(config: Mapping[str, Any]) -> str:
 
 
 def recorded_spec(config: Mapping[str, Any], *, source: object) -> Spec:
-    """The spec of a campaign; of one that was made of objects, its roads and conditions alone.
+    """Return the spec of a campaign; for one of objects from Python, roads and conditions alone.
 
     Args:
         config: its configuration.
-        source: name of its place for messages.
+        source: name of its file for messages.
 
     Raises:
         CampaignError: the configuration is damaged; the message names the place in it.
@@ -116,16 +116,11 @@ def recorded_spec(config: Mapping[str, Any], *, source: object) -> Spec:
     return spec or Spec.of_terms(setting)
 
 
-def with_budget(spec: Spec, budget: Budget) -> Spec:
-    """The same spec with the limits of a budget."""
-    return structs.replace(spec, **asdict(budget))
-
-
 def earlier_of(config: Mapping[str, Any]) -> tuple[EarlierCampaign, ...]:
-    """The earlier campaigns in a configuration.
+    """Return the earlier campaigns in a configuration.
 
     Raises:
-        CampaignError: they cannot be read.
+        CampaignError: the entry is damaged.
     """
     try:
         return convert(config.get("start_from", []), tuple[EarlierCampaign, ...])
@@ -134,10 +129,10 @@ def earlier_of(config: Mapping[str, Any]) -> tuple[EarlierCampaign, ...]:
 
 
 def decode_budget(value: Any) -> Budget:
-    """The budget of a JSON object.
+    """Return the budget of a JSON object.
 
     Raises:
-        ValueError: it is none.
+        ValueError: the object is no budget.
     """
     try:
         return convert(value, Budget)
@@ -146,15 +141,15 @@ def decode_budget(value: Any) -> Budget:
 
 
 def driving_spec(config: Mapping[str, Any], *, source: object) -> Spec | None:
-    """How a campaign's roads are driven; None if it was started from Python without names.
+    """Return the spec of a campaign's drives; None if Python started it without names.
 
     Args:
         config: its configuration.
-        source: name of its place for messages.
+        source: name of its file for messages.
 
     Raises:
         CampaignError: the configuration is damaged.
     """
     if config.get(SPEC) is None:
         return None
-    return recorded_spec(config, source=source).driving()
+    return recorded_spec(config, source=source).driving_spec()

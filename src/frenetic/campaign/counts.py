@@ -54,12 +54,12 @@ class Counts:
 
     @classmethod
     def of(cls, by_outcome: Mapping[Outcome, int], min_moobd: float | None = None) -> Self:
-        """The counts of a number per outcome."""
+        """Return counts with a number per outcome."""
         numbers = {name: by_outcome[outcome] for outcome, name in _NAMES.items()}
         return cls(**numbers, min_moobd=min_moobd)
 
     def add(self, candidate: Candidate, outcome: Outcome, moobd: float | None) -> None:
-        """Counts one more result."""
+        """Count one more result."""
         name = _NAMES[outcome]
         setattr(self, name, getattr(self, name) + 1)
         if outcome.is_test:
@@ -71,7 +71,7 @@ class Counts:
             self.min_moobd = moobd if self.min_moobd is None else min(self.min_moobd, moobd)
 
     def add_repeat(self, outcome: Outcome) -> None:
-        """Notes that a test with this outcome, which is counted already, repeats an earlier one."""
+        """Note that a counted test with this outcome repeats an earlier test."""
         self.repeats += 1
         self.failing_repeats += outcome is Outcome.FAIL
         self.invalid_repeats += outcome is Outcome.INVALID
@@ -93,7 +93,7 @@ class Counts:
 
     @property
     def told(self) -> int:
-        """Number of results that the strategy was told: tests and dropped candidates."""
+        """Number of results that the strategy knows: tests and dropped candidates."""
         return self.tests + self.dropped
 
     @property
@@ -103,14 +103,14 @@ class Counts:
 
     @property
     def broken(self) -> str:
-        """In how many drives the simulator broke, in words; empty if in none."""
+        """Number of drives in which the simulator broke, in words; empty if in no drive."""
         if not self.errors:
             return ""
         return f"the simulator broke in {self.errors} of {counted(self.simulations, 'drive')}"
 
     @classmethod
     def total(cls, campaigns: Iterable[Counts]) -> Counts:
-        """The counts of several campaigns together; a road counts once in each."""
+        """Return the counts of several campaigns together; a road counts once in each."""
         several = list(campaigns)
         moobds = [counts.min_moobd for counts in several if counts.min_moobd is not None]
         return Counts(
@@ -119,7 +119,7 @@ class Counts:
         )
 
     def counts_json(self) -> dict[str, Any]:
-        """The counts as one JSON object."""
+        """Return the counts as one JSON object."""
         return {
             "tests": self.tests,
             "roads": self.roads,
@@ -131,7 +131,7 @@ class Counts:
         }
 
     def in_words(self) -> str:
-        """The counts in a line: ``90 tests of 88 different roads: 70 passed, 20 failed``.
+        """Return the counts in a line: ``90 tests of 88 different roads: 70 passed, 20 failed``.
 
         Of failed tests that repeat earlier ones it says how many: ``20 failed (2 repeats)``.
         """
@@ -152,7 +152,7 @@ class Counts:
 
 
 class FirstTests:
-    """Tells the first test of a road from its repeats, which no measure counts.
+    """The first tests of roads, told from repeats, which no measure counts.
 
     A test repeats an earlier one with the same road, conditions and outcome. A failure of
     a road that passed before is no repeat: there the same drive may end in another way.
@@ -189,7 +189,7 @@ class FirstTests:
 
 
 def road_key(step: object, curvatures: bytes, points: object) -> int:
-    """A number that is the same for the same road, within this process.
+    """Return a number that is the same for the same road, within this process.
 
     Args:
         step: m between curvatures.
@@ -201,7 +201,7 @@ def road_key(step: object, curvatures: bytes, points: object) -> int:
 
 
 def key_of(candidate: Candidate) -> int:
-    """The `road_key` of a candidate."""
+    """Return the `road_key` of a candidate."""
     curvatures = candidate.curvatures.astype("<f8", copy=False).tobytes()
     return road_key(float(candidate.step), curvatures, _bytes_of(candidate.points))
 

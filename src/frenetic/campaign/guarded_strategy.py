@@ -1,4 +1,4 @@
-"""How a strategy is asked and told: checked, timed, live and in the replay of a log."""
+"""Asking and telling a strategy, with checks and a clock, live and in the replay of a log."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ from frenetic.spec import Budget
 from frenetic.spec.part_record import is_built_in
 
 FACTS: Final = "search"
-"""Fact with what the strategy tells of its search, see `frenetic.Strategy.facts`."""
+"""Fact with the strategy's facts about its search, see `frenetic.Strategy.facts`."""
 
 
 class ObservingStrategy(Strategy):
-    """A strategy that is shown each test whole, with its drive, right before it is told.
+    """A strategy that sees each test whole, with its drive, right before `tell`.
 
     Drives are exact only in the process that drove them, so its campaign has one worker and cannot
     be resumed.
@@ -42,11 +42,11 @@ class ObservingStrategy(Strategy):
 
     @abstractmethod
     def observe(self, attempt: Attempt) -> None:
-        """Looks at the last attempt to test the candidate that is told next."""
+        """Look at the last attempt to test the candidate of the next `tell`."""
 
 
 _used: Final[WeakValueDictionary[int, Strategy]] = WeakValueDictionary()
-"""id() -> a strategy that a campaign of this process has asked or told anything."""
+"""id() -> a strategy that a campaign of this process has used."""
 
 
 def _mark_used(strategy: Strategy) -> None:
@@ -54,18 +54,18 @@ def _mark_used(strategy: Strategy) -> None:
 
 
 def require_fresh(strategy: Strategy) -> None:
-    """Checks that a strategy has not searched yet, as far as that can be known.
+    """Check that a strategy has not searched yet, as far as that can be known.
 
-    It is known of built-in ones, and of those that a campaign of this process has asked. What such
-    a strategy proposes follows from more than its arguments, so the campaign could be neither
-    repeated nor resumed.
+    It is known for built-in strategies, and for those that a campaign of this process has asked.
+    The proposals of a used strategy follow from more than its arguments, so its campaign could be
+    neither repeated nor resumed.
 
     Raises:
-        CampaignError: it was asked before.
+        CampaignError: the strategy was asked before.
     """
     is_used = _used.get(id(strategy)) is strategy
     if is_built_in(strategy):
-        ledgers = [one for one in vars(strategy).values() if isinstance(one, Ledger)]
+        ledgers = [value for value in vars(strategy).values() if isinstance(value, Ledger)]
         is_used = is_used or any(ledger.issued for ledger in ledgers)
     if is_used:
         raise CampaignError(
@@ -75,21 +75,21 @@ def require_fresh(strategy: Strategy) -> None:
 
 
 def require_valid_roads(strategy: Strategy) -> None:
-    """Checks that the strategy can propose a valid road, as far as it knows.
+    """Check that the strategy can propose a valid road, as far as it knows.
 
     Raises:
-        CampaignError: the strategy can propose none, or its code raised.
+        CampaignError: the strategy can propose no valid road, or its code raised.
     """
     try:
         strategy.require_valid_roads()
     except ValueError as error:
         raise CampaignError(str(error)) from error
     except (Exception, SystemExit) as error:
-        raise CampaignError(str(raised(error))) from error
+        raise CampaignError(str(strategy_error(error))) from error
 
 
 def start(strategy: Strategy, earlier: Sequence[Evaluation], summary: Summary) -> None:
-    """Tells the strategy what earlier campaigns drove, if anything; its time is counted.
+    """Tell the strategy the evaluations of earlier campaigns, and count its time.
 
     Raises:
         CampaignError: the strategy raised, or starts from no earlier campaign.
@@ -107,11 +107,11 @@ def start(strategy: Strategy, earlier: Sequence[Evaluation], summary: Summary) -
 
 
 def ask(strategy: Strategy, summary: Summary) -> Candidate | None:
-    """The strategy's next candidate, None if it has to be told first; its time is counted.
+    """Return the strategy's next candidate, None if it needs a result first; count its time.
 
     Raises:
-        SearchEnded: it has none left.
-        CampaignError: the strategy raised, or its proposal is no candidate that can be stored.
+        SearchEnded: the strategy has no candidate left.
+        CampaignError: the strategy raised, or its proposal cannot be stored.
     """
     _mark_used(strategy)
     with _own_time(summary, SearchEnded):
@@ -128,7 +128,7 @@ def ask(strategy: Strategy, summary: Summary) -> Candidate | None:
 
 
 def _fault_of(candidate: Any) -> str:
-    """What keeps a proposal from being driven and stored; empty if nothing does."""
+    """Return why a proposal cannot be driven and stored; empty if it can."""
     curvatures, points = candidate.curvatures, candidate.points
     if not _is_whole(candidate.id, 1):
         return "this id: a whole number of at least 1 is needed"
@@ -160,12 +160,12 @@ def _fault_of(candidate: Any) -> str:
 
 
 def _is_whole(value: object, least: int) -> bool:
-    """Whether it is a whole number that the database holds."""
+    """Return whether a value is a whole number that the database can hold."""
     return isinstance(value, Integral) and least <= int(value) < 2**63
 
 
 def tell(strategy: Strategy, evaluation: Evaluation, summary: Summary) -> None:
-    """Tells the strategy; its time is counted.
+    """Tell the strategy an evaluation, and count its time.
 
     Raises:
         CampaignError: the strategy raised.
@@ -175,22 +175,22 @@ def tell(strategy: Strategy, evaluation: Evaluation, summary: Summary) -> None:
 
 
 def notice_of(strategy: Strategy) -> str:
-    """What the strategy has to say of its search; empty if nothing.
+    """Return the strategy's notice about its search; empty without a notice.
 
     Raises:
-        StrategyError: it raised.
+        StrategyError: the strategy raised.
     """
     try:
         return strategy.notice or ""
     except (Exception, SystemExit) as error:
-        raise raised(error) from error
+        raise strategy_error(error) from error
 
 
 def facts_of(strategy: Strategy, summary: Summary) -> dict[str, JSONValue]:
-    """What the strategy tells of its search; its time is counted.
+    """Return the strategy's facts about its search, and count its time.
 
     Raises:
-        StrategyError: it raised, or they are no plain values.
+        StrategyError: the strategy raised, or a fact is no plain value.
     """
     with _own_time(summary, StrategyError):
         text = json.dumps(dict(strategy.facts()), default=plain, allow_nan=False)
@@ -200,7 +200,7 @@ def facts_of(strategy: Strategy, summary: Summary) -> dict[str, JSONValue]:
 
 @contextmanager
 def _own_time(summary: Summary, passing: type[Exception]) -> Iterator[None]:
-    """Counts the strategy's time; what it raises is its fault, but for ``passing``."""
+    """Count the strategy's time, and blame it for exceptions other than ``passing``."""
     began = time.perf_counter()
     try:
         with one_process():
@@ -208,13 +208,13 @@ def _own_time(summary: Summary, passing: type[Exception]) -> Iterator[None]:
     except passing:
         raise
     except (Exception, SystemExit) as error:
-        raise raised(error) from error
+        raise strategy_error(error) from error
     finally:
         summary.strategy_seconds += time.perf_counter() - began
 
 
-def raised(error: BaseException) -> StrategyError:
-    """The error of a strategy that raised."""
+def strategy_error(error: BaseException) -> StrategyError:
+    """Return the error about an exception of a strategy."""
     return StrategyError(f"the strategy raised {describe_raised(error)}")
 
 
@@ -229,21 +229,21 @@ def replay(
     *,
     earlier: Sequence[Evaluation] = (),
 ) -> tuple[Summary, dict[int, Candidate]]:
-    """Replays the log to a fresh strategy, asking and telling in the same order.
+    """Replay the stored tests to a fresh strategy, asking and telling in the same order.
 
     Args:
-        store: with the log.
-        strategy: fresh.
+        store: of the campaign.
+        strategy: a fresh strategy.
         budget: of the campaign.
         objective: of the campaign.
-        earlier: evaluations of earlier campaigns that it started from.
+        earlier: evaluations of the earlier campaigns from which it started.
 
     Returns:
-        The progress, and the candidates that were asked but not told, by id in the order of asking.
+        The progress, and the candidates without a result, by id in the order of asking.
 
     Raises:
-        CampaignError: the strategy is not fresh, it proposes another road than the log holds, or
-            the log is damaged.
+        CampaignError: the strategy is not fresh, or proposes another road than the stored one, or
+            the database is damaged.
     """
     if isinstance(strategy, ObservingStrategy):
         raise CampaignError(
@@ -257,9 +257,9 @@ def replay(
     following = next(asked, None)
     outstanding: dict[int, Candidate] = {}
 
-    def ask_until(told: int) -> None:
+    def ask_until(result_count: int) -> None:
         nonlocal following
-        while following is not None and following[1] <= told:
+        while following is not None and following[1] <= result_count:
             logged = following[0]
             if not _is_same(logged, _proposed(strategy, summary)):
                 raise _differs(store, logged)

@@ -1,4 +1,4 @@
-"""The lock that keeps a folder to one writer, and who holds it."""
+"""The lock that keeps a folder to one writer, and its holder."""
 
 from __future__ import annotations
 
@@ -18,10 +18,12 @@ from frenetic._support.words import present_moment
 from frenetic.errors import CampaignError
 
 PATIENCE: Final = 1.0
-"""Wait for a lock, in s, so that nobody is kept out by a look at who holds it."""
+"""Wait for a lock, in s (ours): a look at its holder locks it for a moment."""
 
 
 class _Holder(Struct):
+    """The process that holds a lock, as its file says."""
+
     process_id: int
     host: str
     process_start: int | None
@@ -34,12 +36,12 @@ class _Holder(Struct):
 
     @classmethod
     def read(cls, file: RawIOBase) -> _Holder:
-        """The last holder of the lock on a file."""
+        """Return the last holder of the lock on a file."""
         file.seek(1)  # on Windows the first byte is locked
         return read_json(file.read() or b"", cls)
 
     def __str__(self) -> str:
-        """Its process, if that is known to be the one which runs here under this number."""
+        """Return the process, if it surely is the one that runs here under this number."""
         here = self.host == platform.node() and self.process_start == _start_of(self.process_id)
         if here and self.process_id == os.getpid():
             return "this process"
@@ -48,16 +50,16 @@ class _Holder(Struct):
 
 
 def lock_file(path: Path) -> FileLock:
-    """Locks the file at a path for this process, until it is released or the process ends.
+    """Lock the file at a path for this process, until it is released or the process ends.
 
     The file stays, and says who locked it last. A fork of the process does not hold the lock.
 
     Raises:
-        CampaignError: another process or this one holds it, or it cannot be written.
+        CampaignError: the file is locked already, or cannot be written.
     """
-    held = FileLock(path, thread_local=False, on_acquired=_write_holder)
+    lock = FileLock(path, thread_local=False, on_acquired=_write_holder)
     try:
-        held.acquire(timeout=PATIENCE)
+        lock.acquire(timeout=PATIENCE)
     except Timeout:
         who = holder(path) or "another process"
         raise CampaignError(
@@ -69,13 +71,13 @@ def lock_file(path: Path) -> FileLock:
             f"cannot lock {path}: {error.strerror or error}; check its folder's permissions, or"
             " choose another disk"
         ) from error
-    return held
+    return lock
 
 
 def holder(path: Path) -> str | None:
-    """The holder of the lock on a file, such as "process 123"; None if nobody holds it.
+    """Return the holder of the lock on a file, such as "process 123"; None if nobody holds it.
 
-    It changes nothing.
+    Nothing changes.
     """
     try:
         with path.open("rb", buffering=0) as file:
@@ -90,7 +92,7 @@ def holder(path: Path) -> str | None:
 
 
 def last_host(path: Path) -> str | None:
-    """The machine that locked a file last; None if that is not known."""
+    """Return the machine that locked a file last; None if that is not known."""
     try:
         with path.open("rb", buffering=0) as file:
             return _Holder.read(file).host
@@ -105,7 +107,7 @@ def _write_holder(file: int) -> None:
 
 
 def _start_of(process_id: int) -> int | None:
-    """When a process started, in ticks of the machine; None where Linux does not tell."""
+    """Return when a process started, in ticks of the machine; None without Linux's table."""
     try:
         text = Path(f"/proc/{process_id}/stat").read_text(encoding="utf-8", errors="replace")
     except OSError:

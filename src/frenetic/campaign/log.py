@@ -10,7 +10,7 @@ follow:
 | time | when, UTC, ISO 8601 with milliseconds |
 | level | debug, info, warning, error or critical |
 | event | one of `Event` |
-| message | what happened, in a sentence |
+| message | the event, in a sentence |
 
 ``frenetic show --follow`` shows it in one screen; other questions are one line of a shell or of
 Python: ``jq 'select(.level == "error")' campaign.log``, ``pandas.read_json(path, lines=True)``.
@@ -58,11 +58,11 @@ class LogEvent(StrEnum):
     RESUMED = "resumed"
     """It is resumed in another process; fields as for STARTED."""
     WORKER_STARTED = "worker_started"
-    """worker."""
+    """A worker has started: worker."""
     WORKER_LOST = "worker_lost"
-    """worker, reason, and test if it was driving one."""
+    """A worker was lost: worker, reason, and test if it was driving one."""
     TEST_RETRIED = "test_retried"
-    """test, reason, and traceback if known."""
+    """A test is tried again: test, reason, and traceback if known."""
     TEST_ERROR = "test_error"
     """An ERROR: test, reason, and traceback if known."""
     TEST_FAILED = "test_failed"
@@ -98,7 +98,7 @@ class CampaignLog:
     def write(
         self, event: LogEvent, message: str, *, level: Level = "info", **fields: JSONValue
     ) -> None:
-        """Writes a line.
+        """Write a line.
 
         Args:
             event: of the line.
@@ -110,11 +110,11 @@ class CampaignLog:
         self._file.handle(logging.makeLogRecord(line))
 
     def result(self, test: Test, trouble: Trouble | None = None) -> None:
-        """Writes a line of a test that failed, or in which the simulator broke."""
+        """Write a line about a test that failed, or in which the simulator broke."""
         if test.outcome is Outcome.FAIL:
             text = f"test {test.id} failed: {test.reason}"
-            told = {"test": test.id, "moobd": test.moobd, **_traced(trouble)}
-            self.write(LogEvent.TEST_FAILED, text, **told)  # type: ignore[arg-type]
+            fields = {"test": test.id, "moobd": test.moobd, **_traced(trouble)}
+            self.write(LogEvent.TEST_FAILED, text, **fields)  # type: ignore[arg-type]
         elif test.outcome is Outcome.ERROR:
             self.write(
                 LogEvent.TEST_ERROR,
@@ -127,7 +127,7 @@ class CampaignLog:
             )
 
     def retried(self, attempt: Attempt, tries: int) -> None:
-        """Writes that a candidate is tried again, after so many tries."""
+        """Write that a candidate is tried again after `tries` attempts."""
         self.write(
             LogEvent.TEST_RETRIED,
             f"test {attempt.candidate_id} is tried again: {attempt.failure}",
@@ -140,7 +140,7 @@ class CampaignLog:
         )
 
     def progress(self, summary: Summary) -> None:
-        """Writes how the campaign stands."""
+        """Write how far the campaign is."""
         self.write(
             LogEvent.PROGRESS,
             f"{summary.in_words()}{summary.worst_in_words},"
@@ -162,12 +162,12 @@ class CampaignLog:
 
 
 def _traced(trouble: Trouble | None) -> dict[str, JSONValue]:
-    """The field of a line for a traceback, if there is one."""
+    """Return the field of a line for a traceback, if there is one."""
     return {"traceback": trouble.traceback} if trouble is not None and trouble.traceback else {}
 
 
-def told_in_log(folder: Path) -> int:
-    """The most results of which a campaign's log tells; 0 if it tells of none."""
+def results_in_log(folder: Path) -> int:
+    """Return the number of results of which a campaign's log tells."""
     most = 0
     with suppress(OSError), (folder / LOG).open("rb") as file:
         for line in file:
@@ -178,7 +178,7 @@ def told_in_log(folder: Path) -> int:
 
 
 class _LogFile(WatchedFileHandler):
-    """Appends records to a file, which it opens again after somebody has removed it."""
+    """A file to which records are appended, opened again after somebody has removed it."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, encoding="utf-8", delay=True)
@@ -192,7 +192,7 @@ class _LogFile(WatchedFileHandler):
             super().emit(record)
 
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802  # logging's
-        """Loses a line that cannot be written."""
+        """Lose a line that cannot be written."""
 
     def close(self) -> None:
         with suppress(OSError):  # the disk has no room for what it holds
@@ -200,7 +200,7 @@ class _LogFile(WatchedFileHandler):
 
 
 class _JSONLine(logging.Formatter):
-    """Writes a record as a JSON object in ASCII, which no terminal takes for a command."""
+    """A record as a JSON object in ASCII, which no terminal takes for a command."""
 
     def format(self, record: logging.LogRecord) -> str:
         line: dict[str, Any] = {

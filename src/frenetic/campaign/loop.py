@@ -1,11 +1,11 @@
-"""The loop of a campaign: ask, submit, store, tell; and its replay to a fresh strategy."""
+"""The loop of a campaign: ask the strategy, test its candidate, store and tell the result."""
 
 from __future__ import annotations
 
 import time
 from collections import Counter, deque
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 from frenetic._support.words import present_moment
@@ -15,7 +15,7 @@ from frenetic.campaign.guarded_strategy import (
     ask,
     facts_of,
     notice_of,
-    raised,
+    strategy_error,
     tell,
 )
 from frenetic.campaign.log import CampaignLog, LogEvent
@@ -36,76 +36,101 @@ from frenetic.search.strategy import SearchEnded, Strategy, has_own
 from frenetic.spec import Budget
 
 MAX_ATTEMPTS: Final = 2
-"""Most attempts at a candidate whose worker or simulator breaks."""
+"""Most attempts at a candidate whose worker or simulator breaks (ours)."""
 MAX_ERRORS_IN_A_ROW: Final = 10
-"""Consecutive drives that could not be judged after which a campaign gives up."""
+"""Consecutive drives without a verdict after which a campaign gives up (ours)."""
 MAX_INVALID_IN_A_ROW: Final = 5_000
-"""Consecutive refused roads after which a campaign gives up."""
+"""Consecutive refused roads after which a campaign gives up (ours)."""
 MAX_INVALID_AT_FIRST: Final = 500
-"""Refused roads after which a campaign gives up that has driven none: a strategy of whose roads one
-in 50 is valid would come so far in 4 of 100,000 campaigns."""
+"""Refused roads after which a campaign without a drive gives up (ours): a strategy with 2 % valid
+roads would come to this limit in 4 of 100,000 campaigns."""
 PROGRESS_INTERVAL: Final = 5.0
-"""Time between two lines of progress in the log, in s."""
+"""Time between two lines of progress in the log, in s (ours)."""
 
-_HEARTBEAT: Final = 1.0  # s between two looks at the clock while nothing comes back
+_HEARTBEAT: Final = 1.0  # [s] between two looks at the clock while nothing comes back, ours
+
+
+@dataclass(frozen=True)
+class SearchPlan:
+    """What a search is to do."""
+
+    strategy: Strategy
+    objective: Objective
+    budget: Budget
+    limit: int | None
+    """Number of simulations at which this run stops within the budget; None for no such limit."""
+    lookahead: int | None
+    """Candidates outstanding at once; None for as many as the workers have room for."""
+
+
+@dataclass(frozen=True)
+class SearchState:
+    """How far a search has come; a search that goes on takes it over."""
+
+    summary: Summary
+    outstanding: dict[int, Candidate]
+    """Candidates without a result, by id in the order of asking."""
+    unreported: deque[tuple[int, Summary]]
+    """Ids of stored tests that the caller has not seen yet, each with the summary after it."""
 
 
 class Dispatcher:
-    """Takes a campaign from the end of its log to the end of its budget.
+    """The loop of a campaign, from its stored results to the end of its budget.
 
     Asking and telling follow from the results alone, not from the number and speed of workers: as
-    many candidates are outstanding as the look-ahead says, and the oldest is told first, as DROPPED
-    if the strategy no longer wants it, even if it was driven already.
+    many candidates are outstanding as the look-ahead says, and the strategy learns the oldest
+    first, as DROPPED if it no longer wants it, even if it was driven already.
+
+    Args:
+        plan: what to search.
+        state: how far the search has come, which changes with each result.
+        workers: test the candidates.
+        store: of the campaign.
+        log: of the campaign.
+        interrupt: request to stop.
+        second: drive of the first failure; None for no second drive.
     """
 
     def __init__(
         self,
+        plan: SearchPlan,
+        state: SearchState,
         *,
-        strategy: Strategy,
         workers: Workers,
         store: CampaignStore,
         log: CampaignLog,
-        budget: Budget,
-        limit: int | None,
-        objective: Objective,
-        lookahead: int | None,
         interrupt: Interrupt,
-        summary: Summary,
-        outstanding: dict[int, Candidate],
-        unreported: deque[tuple[int, Summary]],
         second: SecondDrive | None,
     ) -> None:
+        strategy = plan.strategy
+        self._plan = plan
         self._strategy = strategy
         self._is_selective = has_own(strategy, "is_wanted")
         self._observing = strategy if isinstance(strategy, ObservingStrategy) else None
         self._workers = workers
         self._store = store
         self._log = log
-        self._budget = budget
-        self._limit = limit  # of simulations, at which it stops within the budget
-        self._objective = objective
-        self._lookahead = lookahead
         self._interrupt = interrupt
-        self._summary = summary
-        self._outstanding = outstanding  # asked and not told, in the order of asking
-        self._waiting = set(outstanding)  # ids of those that wait for a worker
+        self._summary = state.summary
+        self._outstanding = state.outstanding
+        self._waiting = set(self._outstanding)  # ids of candidates that wait for a worker
         self._running: set[int] = set()  # ids
         self._tries: Counter[int] = Counter()
-        self._ended: dict[int, Attempt] = {}  # tested or lost for good, not told
-        self._unwritten: list[tuple[Test, Trouble | None, Summary]] = []  # told
-        self._unreported = unreported  # written
-        self._second = second  # drive of the first failure; None if there is to be none
-        summary.not_repeatable = "" if second is None else second.note
+        self._ended: dict[int, Attempt] = {}  # tested or lost for good, unknown to the strategy
+        self._unwritten: list[tuple[Test, Trouble | None, Summary]] = []  # known to the strategy
+        self._unreported = state.unreported
+        self._second = second
+        self._summary.not_repeatable = "" if second is None else second.note
         self._waits_for_result = False  # the strategy, before it proposes another road
-        self._broken = 0  # in a row
+        self._broken = 0  # drives in a row that could not be judged
         self._refusals: Counter[str] = Counter()  # reasons of refused roads in a row
         self._start = 0.0
         self._next_line = 0.0  # of progress
 
     def tests(self) -> Iterator[tuple[int, Summary]]:
-        """Tests until the budget is spent or the interrupt requested.
+        """Test until the budget is spent or a stop requested.
 
-        Yields after every result, which is stored then, the candidate's id and the summary.
+        Yields the candidate's id and the summary after every result, which is stored by then.
 
         Raises:
             CampaignError: the strategy or all workers broke, or no road or drive could be judged.
@@ -115,18 +140,18 @@ class Dispatcher:
         try:
             yield from self._rounds()
         except CampaignError:
-            yield from self._report()  # what was told before
+            yield from self._report()  # earlier results
             raise
 
     def _rounds(self) -> Iterator[tuple[int, Summary]]:
         while True:
             self._ask()
             self._hand_out()
-            yield from self._report()  # what was dropped
+            yield from self._report()  # dropped candidates
             if self._is_over():
                 return
             if self._may_ask():
-                continue  # what waited was dropped
+                continue  # waiting candidates were dropped
             for attempt in self._workers.wait(_HEARTBEAT):
                 self._take(attempt)
             self._tell_in_order()
@@ -134,7 +159,7 @@ class Dispatcher:
             self._log_progress()
 
     def _report(self) -> Iterator[tuple[int, Summary]]:
-        """Writes all told results in one transaction, and only then reports them."""
+        """Write all new results in one transaction, and only then report them."""
         if self._unwritten:
             self._store.write()
             written, self._unwritten = self._unwritten, []
@@ -147,7 +172,7 @@ class Dispatcher:
     @property
     def _is_spent(self) -> bool:
         """Whether the budget is spent, or the limit within it reached."""
-        if self._limit is not None and self._summary.simulations >= self._limit:
+        if self._plan.limit is not None and self._summary.simulations >= self._plan.limit:
             return True
         return self._summary.budget_spent >= 1.0
 
@@ -155,13 +180,13 @@ class Dispatcher:
         if self._again and (self._again.id in self._running or not self._interrupt.requested):
             return False
         if self._is_spent:
-            return True  # what still runs comes too late, however fast the workers are
+            return True  # running tests come too late, however fast the workers are
         if self._summary.ended and not self._outstanding:
             return True
         return self._interrupt.requested and not self._running
 
     def _ask(self) -> None:
-        """Asks for candidates up to the allowed number."""
+        """Ask for candidates up to the allowed number."""
         while self._may_ask():
             try:
                 candidate = ask(self._strategy, self._summary)
@@ -176,25 +201,25 @@ class Dispatcher:
                     )
                 self._waits_for_result = True
                 return
-            self._store.asked(candidate)
+            self._store.add_candidate(candidate)
             self._outstanding[candidate.id] = candidate
             self._waiting.add(candidate.id)
 
     def _may_ask(self) -> bool:
         if self._is_spent or self._summary.ended or self._waits_for_result:
             return False
-        told_or_out = self._summary.simulations + len(self._outstanding)
-        most = self._budget.simulations
-        if self._summary.told_share is None and most is not None and told_or_out >= most:
+        simulations = self._summary.simulations + len(self._outstanding)
+        most = self._plan.budget.simulations
+        if self._summary.told_share is None and most is not None and simulations >= most:
             return False
-        if self._lookahead is None:
+        if self._plan.lookahead is None:
             return len(self._waiting) < self._workers.free
         # Also after an interrupt or within a limit: asking must not depend on its moment.
-        return len(self._outstanding) < self._lookahead
+        return len(self._outstanding) < self._plan.lookahead
 
     @property
     def _again(self) -> Candidate | None:
-        """The failing road that is to be driven a second time, also when the budget is spent."""
+        """Failing road that is to be driven a second time, also when the budget is spent."""
         return None if self._second is None else self._second.candidate
 
     def _submit(self, candidate: Candidate) -> None:
@@ -203,7 +228,7 @@ class Dispatcher:
         self._workers.submit(candidate)
 
     def _hand_out(self) -> None:
-        """Submits waiting candidates to free workers, and drops unwanted ones."""
+        """Submit waiting candidates to free workers, and drop unwanted candidates."""
         if self._interrupt.requested:
             return
         if self._again and self._again.id not in self._running and self._workers.free:
@@ -217,11 +242,12 @@ class Dispatcher:
                 self._submit(candidate)
 
     def _next(self) -> Candidate:
-        """The waiting candidate to submit next.
+        """Return the waiting candidate to submit next.
 
-        It is the oldest that will surely be wanted: a selective strategy is likely to lose interest
-        in a candidate when an older one of the same parents fails. The order does not change what
-        is asked and told, only what is driven in vain, so siblings come last.
+        This is the oldest candidate that the strategy will surely want: a selective strategy is
+        likely to lose interest in a candidate when an older candidate of the same parents fails.
+        The order does not change the search, only the number of drives in vain, so siblings come
+        last.
         """
         oldest = self._outstanding[min(self._waiting)]
         if not self._is_selective:
@@ -237,12 +263,12 @@ class Dispatcher:
         return oldest
 
     def _take(self, attempt: Attempt) -> None:
-        """Records an attempt; a lost one is repeated unless it was the last."""
+        """Record an attempt; repeat a lost attempt unless it was the last."""
         candidate_id = attempt.candidate_id
         self._running.discard(candidate_id)
         is_second = self._again is not None and self._again.id == candidate_id
         if candidate_id not in self._outstanding and not is_second:
-            return  # told as DROPPED meanwhile
+            return  # dropped meanwhile
         tries = self._tries[candidate_id]
         if attempt.failure is not None and tries < MAX_ATTEMPTS:
             if not is_second:
@@ -254,7 +280,7 @@ class Dispatcher:
             self._ended[candidate_id] = attempt
 
     def _take_second(self, attempt: Attempt) -> None:
-        """Notes what the second drive of the first failure says."""
+        """Note whether the second drive of the first failure is like the first drive."""
         assert self._second is not None
         self._tries.pop(attempt.candidate_id)
         self._second.take(attempt)
@@ -263,7 +289,7 @@ class Dispatcher:
             self._log.write(LogEvent.NOTICE, self._second.note, level="warning")
 
     def _tell_in_order(self) -> None:
-        """Tells the oldest candidates as long as their results are known, and asks in between."""
+        """Tell results as long as the oldest candidate's is known, and ask in between."""
         while self._outstanding and not self._is_spent:
             oldest = next(iter(self._outstanding.values()))
             if not self._is_wanted(oldest):
@@ -275,7 +301,7 @@ class Dispatcher:
             self._ask()
 
     def _drop(self, candidate: Candidate) -> None:
-        """Stores and tells that a candidate is dropped."""
+        """Store and tell that a candidate is dropped."""
         self._ended.pop(candidate.id, None)
         self._waiting.discard(candidate.id)
         # Whether it was tried meanwhile depends on the workers.
@@ -290,7 +316,7 @@ class Dispatcher:
         summary.drive_seconds += attempt.seconds
         summary.driver_seconds += attempt.driver_seconds
         elapsed = time.perf_counter() - self._start
-        summary.spend(self._budget, elapsed, attempt.told_share)
+        summary.spend(self._plan.budget, elapsed, attempt.told_share)
         test = Test.of(
             candidate,
             attempt,
@@ -303,14 +329,14 @@ class Dispatcher:
         )
         if self._observing is not None:
             self._observing.observe(attempt)
-        evaluation = evaluation_of(test, attempt.stored_trajectory, self._objective)
+        evaluation = evaluation_of(test, attempt.stored_trajectory, self._plan.objective)
         if evaluation.objective is not None:
-            test = replace(test, objective=self._objective.value_of(evaluation))
-        self._store.told(test, attempt.packed)
+            test = replace(test, objective=self._plan.objective.value_of(evaluation))
+        self._store.add_result(test, attempt.packed)
         if self._second is not None:
             self._second.see(test)
         del self._outstanding[candidate.id]
-        summary.measure(self._objective, evaluation)
+        summary.measure(self._plan.objective, evaluation)
         tell(self._strategy, evaluation, summary)
         self._waits_for_result = False
         self._log_notice()
@@ -325,12 +351,12 @@ class Dispatcher:
             with one_process():
                 return self._strategy.is_wanted(candidate)
         except (Exception, SystemExit) as error:
-            raise raised(error) from error
+            raise strategy_error(error) from error
 
     def _give_up_if_hopeless(self, test: Test) -> None:
-        """Raises a `CampaignError` if no road was judged for too long.
+        """Raise a `CampaignError` if too many roads in a row were not judged.
 
-        A road that is driven again is given, so what becomes of it is an answer.
+        A road of an earlier campaign does not count: that it breaks or is refused is an answer.
         """
         if test.candidate.source is not None:
             return
@@ -345,8 +371,8 @@ class Dispatcher:
         if self._broken >= MAX_ERRORS_IN_A_ROW and self._summary.told_share is None:
             so = f"so the campaign gives up: {test.reason}"
             if is_drivers(test.result.fault):
-                what = f"the driver broke on each of the first {self._broken} roads"
-                raise BrokenDriverError(f"{what}, {so}")
+                first = f"the driver broke on each of the first {self._broken} roads"
+                raise BrokenDriverError(f"{first}, {so}")
             raise CampaignError(f"none of the last {self._broken} drives could be judged, {so}")
         refused = self._refusals.total()
         is_first = not self._summary.simulations
@@ -357,12 +383,12 @@ class Dispatcher:
             )
 
     def _has_only_crashed(self, test: Test) -> bool:
-        """Whether no drive has come to an end without a fault of its driver so far."""
+        """Return whether each drive so far ended by a fault of its driver."""
         has_crashed = is_drivers(test.result.fault) and not self._strategy.expects_failures
         return has_crashed and self._summary.simulations == self._broken + 1
 
     def _log_notice(self) -> None:
-        """Logs what the strategy has to say about its search, once."""
+        """Log the strategy's notice about its search, once."""
         before, self._summary.notice = self._summary.notice, notice_of(self._strategy)
         if self._summary.notice and not before:
             self._log.write(LogEvent.NOTICE, self._summary.notice, level="warning")

@@ -1,4 +1,4 @@
-"""Objectives: what a search minimises, and in which order; and evaluations of tests by them.
+"""Objectives, which a search minimises or maximises, and evaluations of tests by them.
 
 An objective is a function of a drive along its road. Lower values are worse for the driver, unless
 it has an attribute ``higher_is_worse`` that is true. An attribute ``place_of``, a function of the
@@ -57,10 +57,10 @@ class Objective:
 
     @classmethod
     def load(cls, name: str) -> Objective:
-        """The objective of a name.
+        """Return the objective of a name.
 
         Raises:
-            FreneticError: it cannot be loaded.
+            FreneticError: the objective cannot be loaded.
         """
         return cls(name, OBJECTIVES.load(name))
 
@@ -70,21 +70,21 @@ class Objective:
         return bool(getattr(self.measure, "higher_is_worse", False))
 
     def value_of(self, evaluation: Evaluation) -> float | None:
-        """Value of a test as the function gives it; None for the MOOBD, or if it was not driven."""
+        """Return a test's value as the function gives it; None for the MOOBD or without a drive."""
         severity = evaluation.objective
         return None if severity is None else self._turned(severity)
 
-    def worse(self, one: float, other: float) -> float:
-        """The value of two that is worse for the driver."""
-        return max(one, other) if self.higher_is_worse else min(one, other)
+    def worse(self, value: float, other: float) -> float:
+        """Return the value of two which is worse for the driver."""
+        return max(value, other) if self.higher_is_worse else min(value, other)
 
     def place(self, road: Road, drive: Drive) -> float | None:
-        """Where along the road its value comes from, in m; None if the function does not say."""
+        """Return the distance along the road of the value, in m; None if the function lacks it."""
         place_of = getattr(self.measure, "place_of", None)
         return None if place_of is None else place_of(road, drive)
 
     def severity(self, road: Road, drive: Drive) -> float | None:
-        """What a strategy minimises, if that is not the MOOBD.
+        """Return the value that a strategy minimises; None for the MOOBD.
 
         Raises:
             CampaignError: the function raised, or its value is no finite number.
@@ -102,12 +102,12 @@ class Objective:
         return self._turned(value)
 
     def _turned(self, value: float) -> float:
-        """A value as what is minimised, and back."""
+        """Return a value with the sign of a minimised one, and back."""
         return -value if self.higher_is_worse else value
 
 
 def in_words(store: CampaignStore) -> str:
-    """What a campaign minimised, its worst value for the driver, and the test with that value."""
+    """Return a campaign's objective, its worst value for the driver, and the test with it."""
     name = str(store.config.get("objective", MOOBD))
     built_in = OBJECTIVES.built_in.get(name)
     order = f"{'higher' if _is_higher_worse(store) else 'lower'} is worse"
@@ -119,13 +119,13 @@ def in_words(store: CampaignStore) -> str:
 
 
 def worst_value(name: str, value: float) -> str:
-    """The worst value of an objective among drives, in words; see `value_in_words`."""
+    """Return the worst value of an objective among drives, in words; see `value_in_words`."""
     text = value_in_words(name, value)
     return text if name in OBJECTIVES.built_in else f"worst {text}"
 
 
 def value_in_words(name: str, value: float) -> str:
-    """An objective's value for a drive, with its unit: ``largest lateral jerk 9.60 m/s³``.
+    """Return an objective's value for a drive, with its unit: ``largest lateral jerk 9.60 m/s³``.
 
     Args:
         name: of the objective, which is not the MOOBD.
@@ -143,7 +143,7 @@ def value_in_words(name: str, value: float) -> str:
 
 
 def worst_criterion(store: CampaignStore) -> str:
-    """The criterion with a campaign's worst margin: ``: lateral jerk 9.60 m/s³ (at most 5 m/s³)``.
+    """Return the criterion with the worst margin: ``: lateral jerk 9.60 m/s³ (at most 5 m/s³)``.
 
     Empty if the campaign does not minimise the margin to its criteria.
     """
@@ -157,7 +157,7 @@ def worst_criterion(store: CampaignStore) -> str:
 
 
 def _worst_test(store: CampaignStore) -> tuple[int | None, float | None]:
-    """The first test with the worst value of a campaign's objective, and that value."""
+    """Return the first test with the worst value of a campaign's objective, and the value."""
     values = objectives(store)
     if not values:
         return None, None
@@ -165,26 +165,39 @@ def _worst_test(store: CampaignStore) -> tuple[int | None, float | None]:
     return test, values[test]
 
 
+def worst_test(store: CampaignStore, objective: Objective) -> Test | None:
+    """Return the stored test that is worst for the driver, by an objective; None before a drive.
+
+    Raises:
+        CampaignError: the campaign is damaged.
+    """
+    if values := objectives(store):
+        turn = -1.0 if objective.higher_is_worse else 1.0
+        return store.test(min(values, key=lambda test: turn * values[test]))
+    lowest = next(store.tests(order_by="moobd", limit=1, with_trajectory=True), None)
+    return None if lowest is None or lowest.moobd is None else lowest
+
+
 def _is_higher_worse(store: CampaignStore) -> bool:
     return store.config.get("higher_is_worse") is True
 
 
 def objectives(store: CampaignStore) -> dict[int, float]:
-    """The objective's value for the tests that have one, by id in the order of ids.
+    """Return the objective's values, by the ids of tests in their order.
 
-    There are none if the MOOBD is minimised.
+    There are no values if the MOOBD is minimised.
     """
     select = "SELECT id, objective FROM test WHERE objective IS NOT NULL ORDER BY id"
     return dict(store.rows(select))
 
 
 def moobd(road: Road, drive: Drive) -> float:
-    """Minimum oob distance, in m; lower is worse."""
+    """Return the minimum oob distance, in m; lower is worse."""
     return float(assess(road, drive).oob_distance.min())
 
 
 def oob_share(road: Road, drive: Drive) -> float:
-    """Largest share 0..1 of the car's box outside its lane; higher is worse."""
+    """Return the largest share 0..1 of the car's box outside its lane; higher is worse."""
     return float(assess(road, drive).oob_share.max())
 
 
@@ -192,9 +205,9 @@ oob_share.higher_is_worse = True  # type: ignore[attr-defined]
 
 
 def criteria(road: Road, drive: Drive) -> float:
-    """Least distance from a limit of the drive's criteria, in shares of their quantities' scales.
+    """Return the least distance from a limit of the criteria, in shares of their signals' scales.
 
-    The lane counts as one, with the MOOBD in m.
+    The lane counts as a criterion, with the MOOBD in m.
     """
     return _nearest(road, drive).share
 
@@ -211,7 +224,7 @@ class _Margin(NamedTuple):
 
 
 def _nearest(road: Road, drive: Drive) -> _Margin:
-    """The least margin of a drive to a criterion."""
+    """Return the least margin of a drive to a criterion."""
     assessed = assess(road, drive)
     least = int(np.argmin(assessed.oob_distance))
     moobd, place = float(assessed.oob_distance[least]), float(assessed.distance[least])
@@ -239,24 +252,24 @@ class Worst:
         return worst(self.name, seen_by_criteria(road, drive))
 
     def __call__(self, road: Road, drive: Drive) -> float:
-        """Its value in a drive."""
-        found = self._measured(road, drive)
-        return 0.0 if found is None else found.value
+        """Return the value in a drive."""
+        peak = self._measured(road, drive)
+        return 0.0 if peak is None else peak.value
 
     def place_of(self, road: Road, drive: Drive) -> float | None:
-        """Where it is along the road, in m."""
-        found = self._measured(road, drive)
-        return None if found is None else found.distance
+        """Return the distance along the road of the value, in m."""
+        peak = self._measured(road, drive)
+        return None if peak is None else peak.distance
 
 
 def __getattr__(name: str) -> Measure:
-    """The objective of a quantity of ours."""
+    """Return the objective of a built-in quantity."""
     if name in QUANTITIES:
         return Worst(name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
-# Evaluations of tests, as a strategy is told them, live and when its campaign is resumed
+# Evaluations of tests for strategies, live and when a campaign is resumed
 
 _END: Final = 1e-3  # [s] after the end of a drive, for the rounding of its times
 
@@ -269,14 +282,14 @@ def evaluate(
     budget_spent: float = 0.0,
     objective: str | Objective = MOOBD,
 ) -> Evaluation:
-    """The evaluation of a candidate, for whoever asks and tells a strategy without a campaign.
+    """Return the evaluation of a candidate, for asking and telling without a campaign.
 
     Args:
         candidate: from the strategy.
         road: the candidate's road as it was driven.
-        drive: of that road; None if it is INVALID, so that nothing was driven.
+        drive: of that road; None for an INVALID road, which nobody drove.
         budget_spent: share of the budget, 0..1, after this drive.
-        objective: what the strategy minimises, or its name, see `frenetic.campaign.objective`.
+        objective: objective of the strategy, or its name, see `frenetic.campaign.objective`.
 
     Raises:
         CampaignError: the objective has no value for the drive.
@@ -290,7 +303,7 @@ def evaluate(
     minimised = objective if isinstance(objective, Objective) else Objective.load(objective)
     severity, path = minimised.severity(road, drive), drive.trajectory
     place = None if severity is None else minimised.place(road, drive)
-    return _told(
+    return _evaluation(
         candidate,
         result,
         budget_spent,
@@ -303,17 +316,17 @@ def evaluate(
 def evaluation_of(
     test: Test, read_trajectory: Callable[[], Trajectory | None], objective: Objective
 ) -> Evaluation:
-    """The evaluation of a test.
+    """Return the evaluation of a test.
 
-    Everything follows from what is stored, so it is the same when the campaign is resumed.
+    It follows from stored values alone, so it is the same when the campaign is resumed.
 
     Args:
         test: the test, with its setting.
-        read_trajectory: gives its trajectory as it is stored, None if nothing was driven.
-        objective: what the strategy minimises.
+        read_trajectory: returns the stored trajectory; None if nothing was driven.
+        objective: objective of the strategy.
 
     Raises:
-        CampaignError: the objective has no value for it.
+        CampaignError: the objective has no value for the test.
     """
     severity = place = None
     if test.outcome.is_driven and objective.name != MOOBD:
@@ -321,7 +334,7 @@ def evaluation_of(
         if drive is not None:
             severity = objective.severity(test.road, drive)
             place = objective.place(test.road, drive)
-    return _told(
+    return _evaluation(
         test.candidate,
         test.result,
         test.budget_spent,
@@ -331,7 +344,7 @@ def evaluation_of(
     )
 
 
-def _told(
+def _evaluation(
     candidate: Candidate,
     result: Result,
     budget_spent: float,

@@ -1,7 +1,7 @@
 """Records of a candidate's test: the `Attempt` that a worker answers, and the stored `Test`.
 
-`COLUMNS` declares each value of a test that the database holds. The table, its rows, the records
-made of them and the exported tables follow from it.
+`ASKED`, `TOLD` and `FINDING` declare each value that the database holds. Its tables, the records
+read from them and the exported tables follow from these columns.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from frenetic.spec.terms import Setting
 
 @dataclass(frozen=True)
 class Attempt:
-    """What a worker answers: one attempt to test a candidate, small enough to cross processes."""
+    """A worker's answer: an attempt to test a candidate, small enough to cross processes."""
 
     candidate_id: Count
     result: Result
@@ -52,24 +52,24 @@ class Attempt:
     worker: str | None = None
     """Name of the worker."""
     seconds: NotNegative = 0.0
-    """Wall time that it took, in s."""
+    """Wall time of the attempt, in s."""
     driver_seconds: float = field(default=0.0, compare=False)
     """Wall time in the driver's own code, in s."""
     trouble: Trouble | None = None
-    """What broke in the driver, the simulator or the worker; None if nothing did."""
+    """Error of the driver, the simulator or the worker; None without an error."""
     told_share: Share | None = None
-    """Spent share of the budget, as whoever drives tells it; None if the campaign counts."""
+    """Spent share of the budget, as a client reports it; None if the campaign counts."""
 
     @classmethod
     def undriven(
         cls, candidate_id: int, outcome: Outcome, reason: str, pose: Pose | None = None
     ) -> Self:
-        """A road that was refused, dropped, or lost with its worker."""
+        """Return the attempt at a road that was refused, dropped, or lost with its worker."""
         return cls(candidate_id, Result(outcome, reason), pose)
 
     @classmethod
     def lost(cls, candidate_id: int, worker: str, seconds: float, trouble: Trouble) -> Self:
-        """Return the attempt of a worker that was lost after the given s."""
+        """Return the attempt of a worker that was lost after `seconds`."""
         return cls(
             candidate_id,
             broken(trouble),
@@ -81,9 +81,9 @@ class Attempt:
 
     @property
     def failure(self) -> str | None:
-        """Reason for another attempt; None if this one stands, as a driver's own fault does.
+        """Reason for another attempt; None if this attempt stands, as a driver's fault does.
 
-        A process that was killed gets another: the system may have done it.
+        A killed process gets another attempt: the system may have killed it.
         """
         fault = self.result.fault
         is_error = self.result.outcome is Outcome.ERROR
@@ -92,7 +92,7 @@ class Attempt:
         return self.result.reason if broke and is_doubtful else None
 
     def pack(self, *, keep: bool = False) -> Self:
-        """The same with a packed trajectory, in place of the exact one unless that is kept."""
+        """Return the attempt with a packed trajectory; without the exact one unless `keep`."""
         if self.trajectory is None or (keep and self.packed is not None):
             return self
         return replace(
@@ -103,7 +103,7 @@ class Attempt:
         )
 
     def stored_trajectory(self) -> Trajectory | None:
-        """The packed trajectory as it will be read from the campaign: rounded."""
+        """Return the packed trajectory as it will be read from the campaign: rounded."""
         if self.packed is None:
             return None
         return decode(self.packed) if self.trajectory is None else rounded(self.trajectory)
@@ -119,11 +119,11 @@ class Test(Shown):
     result: Result
     """Verdict; of an undriven road only outcome and reason."""
     told: Count
-    """Number from 1 in the order of telling."""
+    """Number from 1 in the order of results."""
     budget_spent: Share
-    """Share of the campaign's budget spent when this was told, 0..1."""
+    """Share of the campaign's budget spent after this test, 0..1."""
     told_share: Share | None = None
-    """That share, if whoever drives told it; None if the campaign counts."""
+    """Spent share as a client reports it, 0..1; None if the campaign counts."""
     pose: Pose | None = None
     """Start of the road on the map; None if it fits nowhere."""
     trajectory: Trajectory | None = None
@@ -137,9 +137,9 @@ class Test(Shown):
     attempts: Index = 1
     """Number of attempts; 0 if it was dropped before."""
     elapsed: NotNegative = 0.0
-    """Campaign time when this was told, in s."""
+    """Campaign time at this result, in s."""
     finished_at: str = ""
-    """When it was told, UTC, ISO 8601."""
+    """Time of the result, UTC, ISO 8601."""
     objective: Finite | None = None
     """Value that the campaign minimises or maximises; None for the MOOBD, or without a drive."""
     setting: Setting | None = None
@@ -192,7 +192,7 @@ class Test(Shown):
 
     @property
     def moobd(self) -> float | None:
-        """Minimum oob distance in m; None unless PASS or FAIL, or if nobody measured it."""
+        """Minimum oob distance in m; None unless PASS or FAIL, or without a measurement."""
         return self.result.moobd
 
     @property
@@ -257,7 +257,7 @@ class Column:
 
     name: str
     path: str
-    """Where it is in a `Test`."""
+    """Attributes that lead to the value from a `Test`, joined by dots."""
     kind: Kind
     about: str
     unit: str = ""
@@ -274,10 +274,10 @@ class Column:
         return {"JSON": "TEXT", "REALS": "BLOB", "PAIRS": "BLOB"}.get(self.kind, self.kind)
 
     def encoded(self, value: Any) -> Any:
-        """A value for the database.
+        """Return a value for the database.
 
         Raises:
-            ValueError: it is not finite.
+            ValueError: the value is not finite.
         """
         if value is None:
             return None
@@ -302,10 +302,10 @@ class Column:
         return np.ascontiguousarray(value, "<f8").tobytes()
 
     def decoded(self, value: Any) -> Any:
-        """A value from the database.
+        """Return a value from the database.
 
         Raises:
-            ValueError: it is none of this kind.
+            ValueError: the value does not have this kind.
         """
         if value is None:
             return None
@@ -324,7 +324,7 @@ _HALF_CHARACTER: Final = re.compile("[\ud800-\udfff]")
 
 
 def _plain(value: Any) -> Any:
-    """A number of numpy as Python's own."""
+    """Return a number of numpy as a number of Python."""
     return value.item()
 
 
@@ -358,8 +358,8 @@ TOLD: Final = (
     Column("budget_spent", "budget_spent", "REAL", "share of the budget when it was told"),
     Column("told_share", "told_share", "REAL", "that share, if whoever drives told it"),
     Column("x", "pose.x", "REAL", "of the pose in which the road starts on the map", "m"),
-    Column("y", "pose.y", "REAL", "likewise", "m"),
-    Column("heading", "pose.heading", "REAL", "likewise, counter-clockwise from +x", "rad"),
+    Column("y", "pose.y", "REAL", "of the pose in which the road starts on the map", "m"),
+    Column("heading", "pose.heading", "REAL", "of that pose, counter-clockwise from +x", "rad"),
     Column("moobd", "result.moobd", "REAL", "minimum oob distance", "m"),
     Column("moobd_distance", "result.moobd_distance", "REAL", "along the road to there", "m"),
     Column("max_oob_share", "result.max_oob_share", "REAL", "largest share of the car outside"),
@@ -385,7 +385,7 @@ FINISHED: Final = (*ASKED, *TOLD)
 
 
 def row_of(record: Any, columns: Sequence[Column]) -> tuple[Any, ...]:
-    """The values of a candidate, test or finding for the database, in the order of its columns.
+    """Return the values of a candidate, test or finding, in the order of the columns.
 
     Raises:
         ValueError: a number is not finite.
@@ -394,17 +394,18 @@ def row_of(record: Any, columns: Sequence[Column]) -> tuple[Any, ...]:
     return tuple([column.encoded(value_at(record, column.places[start:])) for column in columns])
 
 
-def value_at(thing: Any, path: Sequence[str]) -> Any:
-    """The value at the end of a path of attributes; None from where one is missing."""
+def value_at(record: Any, path: Sequence[str]) -> Any:
+    """Return the value at the end of a path of attributes; None if an attribute is None."""
+    value = record
     for name in path:
-        if thing is None:
+        if value is None:
             return None
-        thing = getattr(thing, name)
-    return thing
+        value = getattr(value, name)
+    return value
 
 
 def read_candidate(row: Sequence[Any]) -> Candidate:
-    """The candidate in a row of `FINISHED`.
+    """Return the candidate in a row of `FINISHED`.
 
     Raises:
         ValueError: the row is damaged; the message names the place.
@@ -419,13 +420,13 @@ def read_test(
     trajectory: Trajectory | None = None,
     setting: Setting | None = None,
 ) -> Test:
-    """The test in a row of `FINISHED`.
+    """Return the test in a row of `FINISHED`.
 
     Args:
-        row: its values.
-        findings: its rows of `FINDING`.
-        trajectory: its trajectory, if it is wanted.
-        setting: the campaign's.
+        row: values of the test.
+        findings: rows of `FINDING` of the test.
+        trajectory: trajectory of the test, if it is wanted.
+        setting: setting of the campaign.
 
     Raises:
         ValueError: a row is damaged; the message names the place.
@@ -434,13 +435,13 @@ def read_test(
     if pose := values.pop("pose"):
         values["pose"] = [pose.get(name) for name in Pose._fields]
     names = [column.name for column in FINDING]
-    values["result"]["findings"] = [dict(zip(names, one, strict=True)) for one in findings]
+    values["result"]["findings"] = [dict(zip(names, finding, strict=True)) for finding in findings]
     test: Test = convert(values, Test)
     return replace(test, trajectory=trajectory, setting=setting)
 
 
 def _nested(columns: Sequence[Column], row: Sequence[Any]) -> dict[str, Any]:
-    """Values of a row, nested by the paths of their columns; missing ones are left out."""
+    """Return the values of a row, nested by the paths of the columns, without missing ones."""
     values: dict[str, Any] = {"candidate": {"origin": {}}, "result": {}, "pose": {}}
     for column, value in zip(columns, row, strict=False):
         if value is None:

@@ -1,4 +1,4 @@
-"""Whether a drive of a road is the same as an earlier one: whether driver and simulator repeat."""
+"""The second drive of a failing road, which shows whether driver and simulator repeat."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from frenetic.simulators.simulator import Simulator
 
 SECOND_DRIVE: Final = "second_drive"
 """Fact about the second drive of a campaign's first failure: ``test``, and ``note``, which says why
-it is not repeatable and is empty if it is."""
+the drive is not repeatable and is empty if it is."""
 MOST: Final = 1e-6
-"""Largest difference of the MOOBDs of exact drives, which machines may round otherwise, in m."""
+"""Largest difference of the MOOBDs of exact drives, in m (ours): machines round differently."""
 _MOTION: Final = slice(0, 8)  # columns of a trajectory, before the controls chosen there
 
 
 class Match(StrEnum):
-    """How a drive fails, beside the recorded failure of its road."""
+    """Likeness of a drive's failure to the recorded failure of its road."""
 
     SAME = "same failure"
     """The same place, side and mechanism."""
@@ -46,12 +46,12 @@ class Match(StrEnum):
 
     @classmethod
     def of(cls, recorded: Test, again: Test, difference: float | None) -> Match | None:
-        """How a drive fails beside the recorded one; None unless both fail.
+        """Return how like two failures of a road are; None unless both drives fail.
 
         Args:
             recorded: the recorded test.
-            again: the drive.
-            difference: of the failures in m, as of `frenetic.analysis.failures`; None if unknown.
+            again: the test to compare.
+            difference: of the failures in m, see `frenetic.analysis.failures`; None if unknown.
         """
         if not again.outcome is recorded.outcome is Outcome.FAIL:
             return None
@@ -73,12 +73,12 @@ class Match(StrEnum):
 
     @property
     def is_alike(self) -> bool:
-        """Whether it is the recorded failure, as far as that is known."""
+        """Whether the failures are the same, as far as that is known."""
         return self in (Match.SAME, Match.SAME_PLACE)
 
 
 def other_ending(first: Test, again: Test) -> str:
-    """Another outcome or failure of a second drive of a road, in words; empty if it is the same."""
+    """Return another outcome or failure of a second drive, in words; empty if it is the same."""
     if again.outcome is not first.outcome:
         return f"{again.outcome}, not {first.outcome}"
     match = Match.of(first, again, _difference(first, again))
@@ -86,7 +86,7 @@ def other_ending(first: Test, again: Test) -> str:
 
 
 def other_moobd(first: Test, again: Test, simulator: Simulator) -> str:
-    """Another MOOBD of a second drive, likewise; empty where the simulator is not exact."""
+    """Return another MOOBD of a second drive, in words; empty if the simulator is not exact."""
     before, now = first.moobd, again.moobd
     is_cut = first.result.fault is not None  # where the driver hung, say
     if not is_exact(simulator) or is_cut or before is None or now is None:
@@ -97,12 +97,12 @@ def other_moobd(first: Test, again: Test, simulator: Simulator) -> str:
 
 
 def is_exact(simulator: Simulator) -> bool:
-    """Whether the same controls give the same drive, to the last bit."""
+    """Return whether the same controls give the same drive, to the last bit."""
     return type(simulator).__name__ == EmbeddedSimulator.__name__
 
 
 def _difference(first: Test, again: Test) -> float | None:
-    """Difference of two drives of a road in m, see `frenetic.search.approach`; None if unknown."""
+    """Return the difference of two drives of a road in m, see `frenetic.search.approach`."""
     if not first.trajectory or not again.trajectory:  # also where it has no record
         return None
     return float(np.linalg.norm(_approach(first) - _approach(again)))
@@ -114,7 +114,7 @@ def _approach(test: Test) -> FloatArray:
 
 
 def _suspect(first: Test, again: Test, simulator: Simulator) -> str:
-    """Who probably drives otherwise the second time, and since when."""
+    """Return which part probably differs in the second drive, and from when on, in words."""
     a, b = first.trajectory, again.trajectory
     if a is not None and b is not None:
         n = min(len(a), len(b))
@@ -137,8 +137,8 @@ class SecondDrive:
     It costs no budget, and the search does not learn of it.
 
     Args:
-        store: the campaign, in which it is kept.
-        simulator: the campaign's.
+        store: of the campaign, which keeps the result.
+        simulator: of the campaign.
     """
 
     def __init__(self, store: CampaignStore, simulator: Simulator) -> None:
@@ -146,19 +146,19 @@ class SecondDrive:
         self._simulator = simulator
         self._is_done = SECOND_DRIVE in store.facts
         self.candidate: Candidate | None = None
-        """The failing road, until it was driven a second time."""
+        """Failing road, until it was driven a second time; None before and after."""
         self.note = not_repeatable(store.facts)
-        """Why verdicts hold for single drives only; empty if nothing says so."""
+        """Why verdicts hold for single drives only; empty if drives repeat, as far as known."""
         for test in store.tests(Outcome.FAIL, limit=1):
             self.see(test)
 
     def see(self, test: Test) -> None:
-        """Looks at a result: the first failure is the one to be driven again."""
+        """Look at a result: the first failure will be driven again."""
         if test.outcome is Outcome.FAIL and not self._is_done and self.candidate is None:
             self.candidate = test.candidate
 
     def take(self, attempt: Attempt) -> None:
-        """Compares the second drive with the first, and keeps what it says."""
+        """Compare the second drive with the first, and store the result."""
         first = self._store.test(attempt.candidate_id)
         path = attempt.stored_trajectory()
         again = replace(first, result=attempt.result, pose=attempt.pose, trajectory=path)
@@ -179,6 +179,6 @@ class SecondDrive:
 
 
 def not_repeatable(facts: Mapping[str, JSONValue]) -> str:
-    """Why a campaign's verdicts hold for single drives only; empty if nothing says so."""
+    """Return why a campaign's verdicts hold for single drives only; empty without a reason."""
     second = facts.get(SECOND_DRIVE)
     return str(second.get("note", "")) if isinstance(second, Mapping) else ""

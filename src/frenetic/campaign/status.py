@@ -17,16 +17,11 @@ from msgspec import Struct, structs, to_builtins
 from frenetic._support.outside_text import read_json
 from frenetic._support.words import printable
 from frenetic.campaign.configuration import SPEC, decode_budget, driving_spec, recorded_spec
+from frenetic.campaign.database import DATABASE
 from frenetic.campaign.lock import holder, last_host
 from frenetic.campaign.log import LOG, LogEvent
-from frenetic.campaign.store import (
-    DATABASE,
-    LOCK,
-    SIGNATURE,
-    SOURCES,
-    STARTED_IN,
-    CampaignStore,
-)
+from frenetic.campaign.reader import SIGNATURE, SOURCES, STARTED_IN
+from frenetic.campaign.store import LOCK, CampaignStore
 from frenetic.campaign.summary import Summary
 from frenetic.errors import CampaignError
 from frenetic.oracle.verdict import is_drivers
@@ -35,9 +30,9 @@ from frenetic.spec import FILE, Budget, Signed, Spec
 from frenetic.spec.part_record import PARTS, recorded_part
 
 TAIL: Final = 1 << 16
-"""Bytes at the end of a log that are read for the news."""
-KEPT: Final = 10
-"""Most news."""
+"""Bytes at the end of a log that are read for the news (ours)."""
+MOST_NEWS: Final = 10
+"""Most news (ours)."""
 _PHASES: Final = (
     LogEvent.STARTED,
     LogEvent.RESUMED,
@@ -48,7 +43,7 @@ _PHASES: Final = (
 
 
 class Status(StrEnum):
-    """What a campaign does, or how it ended."""
+    """State of a campaign that runs, or kind of its end."""
 
     RUNNING = "running"
     FINISHED = "finished"
@@ -99,7 +94,7 @@ class CampaignState:
         return None if self.status.has_ended else self.summary.seconds_left
 
     def as_json(self) -> dict[str, Any]:
-        """The state as one JSON object."""
+        """Return the state as one JSON object."""
         strategy, driver, simulator = self.parts
         return {
             "status": self.status,
@@ -118,10 +113,10 @@ class CampaignState:
 
 
 def look(folder: Path) -> CampaignState:
-    """The present state of the campaign in a folder.
+    """Return the present state of the campaign in a folder.
 
     Raises:
-        CampaignError: there is none, or its database is damaged.
+        CampaignError: the folder holds no campaign, or its database is damaged.
     """
     writer = holder(folder / LOCK)  # first: an end is stored under the lock
     lines = tuple(_lines(folder / LOG))
@@ -155,13 +150,13 @@ def look(folder: Path) -> CampaignState:
         parts=tuple(printable(recorded_part(config, kind)) for kind in PARTS),
         seed=config.get("seed"),
         summary=summary,
-        news=tuple(news[-KEPT:]),
+        news=tuple(news[-MOST_NEWS:]),
         going_on=command if status.has_ended and status is not Status.FINISHED else "",
     )
 
 
 def has_judged(store: CampaignStore) -> bool:
-    """Whether a campaign holds a drive that did not end by a fault of its driver."""
+    """Return whether a campaign holds a drive that did not end by a fault of its driver."""
     tests = (test for test in store.tests() if test.outcome.is_driven)
     return any(not is_drivers(test.result.fault) for test in tests)
 
@@ -184,7 +179,7 @@ def going_on(store: CampaignStore) -> str:
 
 
 def signed_spec(store: CampaignStore) -> Spec:
-    """The spec of a campaign, as `recorded_spec` gives it, signed as its facts say.
+    """Return the spec of a campaign, with the signature among its facts.
 
     Raises:
         CampaignError: the configuration is damaged.
@@ -196,9 +191,9 @@ def signed_spec(store: CampaignStore) -> Spec:
 
 
 def signed_driving(store: CampaignStore) -> Spec | None:
-    """How a campaign's roads are driven, signed if this user has signed the campaign.
+    """Return the spec of a campaign's drives, signed if this user has signed the campaign.
 
-    It is None for a campaign that was started from Python without names.
+    The result is None for a campaign from Python without names.
 
     Raises:
         CampaignError: the configuration is damaged.
@@ -213,7 +208,7 @@ def signed_driving(store: CampaignStore) -> Spec | None:
 
 
 def is_told(config: Mapping[str, Any]) -> bool:
-    """Whether a campaign's results are told by whoever drives, see `frenetic.campaign.ask_tell`."""
+    """Return whether a client drives the campaign's roads, see `frenetic.campaign.ask_tell`."""
     simulator = config.get("simulator")
     return isinstance(simulator, Mapping) and str(simulator.get("class")).startswith(
         "frenetic.campaign.ask_tell:"
@@ -221,7 +216,7 @@ def is_told(config: Mapping[str, Any]) -> bool:
 
 
 def _lines(path: Path) -> Iterator[News]:
-    """The whole lines at the end of a log, without what is not ours."""
+    """Yield the complete lines at the end of a log, without foreign lines."""
     with suppress(OSError), path.open("rb") as file:
         file.seek(-min(TAIL, os.fstat(file.fileno()).st_size), os.SEEK_END)
         for text in file.read().splitlines():
@@ -232,10 +227,10 @@ def _lines(path: Path) -> Iterator[News]:
 
 
 def stored_budget(store: CampaignStore) -> Budget:
-    """The budget to which a campaign was run or resumed last.
+    """Return the budget to which a campaign was run or resumed last.
 
     Raises:
-        CampaignError: it holds none that can be used.
+        CampaignError: the campaign holds no usable budget.
     """
     try:
         return decode_budget(store.facts.get("budget", store.config.get("budget")))
@@ -249,10 +244,10 @@ def next_campaign(spec: Spec, folder: Path, *, has_drives: bool, names_parts: bo
     Args:
         spec: of the campaign.
         folder: of the campaign.
-        has_drives: whether it holds a drive that says something of the driver. Then the other one
-            starts from it, with another seed; without, it is the same search with the same seed.
-        names_parts: whether the command names them, so that it works if the file of the campaign
-            is no longer signed; in another folder than theirs it would name others.
+        has_drives: whether the campaign holds a drive without a fault of the driver. Then the new
+            campaign starts from it, with another seed; otherwise it repeats the same search.
+        names_parts: whether the command names the parts, so that it works if the campaign's file
+            is no longer signed; in another folder their names would mean other parts.
     """
     words = ["frenetic", "run", str(folder / FILE)]
     words += ["--from", str(folder)] if has_drives else []

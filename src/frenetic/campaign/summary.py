@@ -1,4 +1,4 @@
-"""How a campaign stands, and the events with which it tells that."""
+"""The summary of a campaign, and the events that carry it to callers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from frenetic.spec import Budget
 
 EventKind: TypeAlias = Literal["started", "result", "interrupted", "complete"]
 SLOW: Final = 0.8
-"""Least share of the tests' time in the driver's own code that is told."""
+"""Least share of the tests' time in the driver's own code that is worth a line (ours)."""
 
 
 @dataclass
@@ -29,21 +29,21 @@ class Summary(Counts):
     seconds: float = 0.0
     """Wall time since the start, in s."""
     budget_spent: float = 0.0
-    """0..1."""
+    """Spent share of the budget, 0..1."""
     told_share: float | None = None
-    """The same as whoever drives told it last; None if nobody did."""
+    """Spent share as a client reported it last; None without such a report."""
     lane_width: float = 4.0
     """Width of each lane, in m."""
     objective: str = ""
-    """Name of what is minimised; empty if it is the MOOBD, or before the first drive."""
+    """Name of the objective; empty for the MOOBD, or before the first drive."""
     worst: float | None = None
     """The objective's worst value for the driver so far."""
     strategy_seconds: float = 0.0
     """Time that the strategy took to propose and to learn, in s."""
     drive_seconds: float = 0.0
-    """Time that the tests took, in s, each counted in full where several are driven at once."""
+    """Time of all tests, in s; parallel tests add up."""
     driver_seconds: float = 0.0
-    """Its part in the driver's own code, in s."""
+    """Time of the tests in the driver's own code, in s."""
     seed: int | None = None
     folder: Path = field(default_factory=Path)
     interrupted: bool = False
@@ -51,31 +51,37 @@ class Summary(Counts):
     ended: str = ""
     """Reason why the strategy ended before the budget was spent; empty if it did not."""
     notice: str = ""
-    """Why the search is not what its user expects, as the strategy says; empty if it is."""
+    """The strategy's notice that the search is not as its user expects; empty without one."""
     not_repeatable: str = ""
-    """Why verdicts hold for single drives only, as the first failure's second drive says."""
+    """Why verdicts hold for single drives only, see `frenetic.campaign.second_drive`."""
     facts: Mapping[str, JSONValue] = field(default_factory=dict)
-    """What else the strategy tells, see `frenetic.Strategy.facts`."""
+    """Facts of the strategy about its search, see `frenetic.Strategy.facts`."""
 
     @classmethod
     def over(cls, counts: Counts, **more: Any) -> Self:
-        """The summary with these counts."""
+        """Return the summary with these counts."""
         return cls(**asdict(counts), **more)
 
     def now(self, seconds: float) -> Self:
-        """A copy for others, so many s after the start."""
+        """Return a copy for callers, `seconds` s after the start."""
         copied = copy(self)
         copied.seconds, copied._keys, copied._first = seconds, set(), FirstTests()
         return copied
 
-    def spend(self, budget: Budget, seconds: float, told: float | None = None) -> None:
-        """Sets the spent share of the budget: what is told now or was last, or else its count."""
-        self.told_share = self.told_share if told is None else told
+    def spend(self, budget: Budget, seconds: float, share: float | None = None) -> None:
+        """Set the spent share of the budget.
+
+        Args:
+            budget: of the campaign.
+            seconds: time of the campaign so far.
+            share: share that a client reports; None for its last report, or else our count.
+        """
+        self.told_share = self.told_share if share is None else share
         counted = budget.spent(self.simulations, seconds, self.failed)
         self.budget_spent = counted if self.told_share is None else self.told_share
 
     def measure(self, objective: Objective, evaluation: Evaluation) -> None:
-        """Notes the objective's value of one more result, if it has one."""
+        """Note the objective's value of a further result, if it has a value."""
         value = objective.value_of(evaluation)
         if value is not None:
             self.objective = objective.name
@@ -83,7 +89,7 @@ class Summary(Counts):
 
     @property
     def worst_in_words(self) -> str:
-        """The car's worst place at its lane's edge, and the worst value of another objective."""
+        """The car's least distance to its lane's edge, and an objective's worst value, in words."""
         texts, least = [], self.min_moobd
         if least is not None:
             most = "at most" if least < 0.0 else "at least"
@@ -94,13 +100,13 @@ class Summary(Counts):
 
     @property
     def slow_driver(self) -> str:
-        """That the driver takes most of the time, in words; empty if it does not."""
+        """Sentence about a driver that takes most of the time; empty for others."""
         share = self.driver_seconds / self.drive_seconds if self.drive_seconds else 0.0
         return f"Your driver takes {100.0 * share:.0f} % of the time" if share >= SLOW else ""
 
     @property
     def objective_json(self) -> dict[str, Any]:
-        """The objective and its worst value for JSON; empty if it is the MOOBD."""
+        """The objective and its worst value for JSON; empty for the MOOBD."""
         return {} if self.worst is None else {"objective": self.objective, "worst": self.worst}
 
     @property
@@ -116,7 +122,7 @@ class Summary(Counts):
         return self.seconds * (1.0 - self.budget_spent) / self.budget_spent
 
     def as_json(self) -> dict[str, JSONValue]:
-        """The summary as one JSON object."""
+        """Return the summary as one JSON object."""
         return {
             **self.counts_json(),
             "seconds": round(self.seconds, 3),
@@ -134,39 +140,39 @@ class Summary(Counts):
 
 @dataclass
 class Progress(Counts):
-    """What the process of a campaign reports of its `Summary`."""
+    """The part of a `Summary` that a campaign's process reports."""
 
     budget_spent: float = 0.0
     folder: str = ""
 
     @classmethod
     def of_summary(cls, summary: Summary) -> Self:
-        """The progress that a summary tells."""
+        """Return the progress in a summary."""
         counts = {item.name: getattr(summary, item.name) for item in fields(Counts)}
         return cls(**counts, budget_spent=summary.budget_spent, folder=str(summary.folder))
 
     def summary(self) -> Summary:
-        """The summary with these counts."""
+        """Return the summary with these counts."""
         return Summary(**asdict(self) | {"folder": Path(self.folder)})
 
 
 def facts_in_words(facts: object) -> str:
-    """What a strategy has told, in a line; empty if it is nothing."""
-    told = facts.items() if isinstance(facts, Mapping) else ()
+    """Return a strategy's facts in a line; empty without facts."""
+    items = facts.items() if isinstance(facts, Mapping) else ()
     texts = (
         f"{name} {value:.2f}" if isinstance(value, float) else f"{name} {value}"
-        for name, value in told
+        for name, value in items
     )
     return "; ".join(texts)
 
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happens to a campaign while it runs."""
+    """An event of a campaign while it runs."""
 
     kind: EventKind
     """``started``: the folder is made and the simulator has started, the budget's time begins;
-    ``result``: a result was stored and told, in the order of telling; ``interrupted``: Ctrl-C was
+    ``result``: a result was stored, in the order of results; ``interrupted``: Ctrl-C was
     pressed for the first time; ``complete``: no drive was missing, which only reruns, minimising,
     comparisons of versions and estimates say."""
     summary: Summary
@@ -178,3 +184,7 @@ class Event:
     def test(self) -> Test | None:
         """The test with this result, read on first use; None for other events."""
         return None if self.read_test is None else self.read_test()
+
+
+EventListener: TypeAlias = Callable[[Event], object]
+"""Function that a campaign calls with each `Event`."""

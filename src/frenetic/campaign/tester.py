@@ -24,7 +24,7 @@ from frenetic.errors import RoadError, Trouble
 from frenetic.oracle.drive import Drive, Rules, Trajectory
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import judge
-from frenetic.parts.registry import SIMULATORS, Made
+from frenetic.parts.registry import SIMULATORS, Construction
 from frenetic.processes.children import one_process
 from frenetic.road import Pose, Road, Verdict, check_validity
 from frenetic.search.records import Candidate
@@ -41,10 +41,10 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class RoadTester:
-    """Tests roads, one after the other, on the same terms.
+    """A tester of roads, one after the other, on the same terms.
 
-    Its copy for another process makes parts that have names anew; other parts are copied, and so is
-    an installed simulator with ``prepare``, which keeps what it has found out.
+    Its copy for another process makes named parts anew; other parts are copied, and so is an
+    installed simulator with ``prepare``, which keeps its findings.
 
     Raises:
         DriverError: the driver cannot drive in the simulator.
@@ -58,20 +58,20 @@ class RoadTester:
     spec: Spec | None = None
     """Spec that names driver and simulator; None for objects from Python."""
     folder: Path | None = None
-    """Folder in which parts with names were made, from which their names and files go; by default
-    the current one."""
+    """Folder in which named parts were made, to which names and files are relative; by default the
+    current folder."""
 
     @classmethod
     def of(cls, spec: Spec, terms: Terms | None = None, rules: Rules | None = None) -> RoadTester:
-        """The tester with the driver and the simulator of a spec.
+        """Return the tester with the driver and the simulator of a spec.
 
         Args:
             spec: names both.
-            terms: by default those of the spec.
-            rules: likewise.
+            terms: terms of the drives; by default the terms of the spec.
+            rules: rules of the drives; by default the rules of the spec.
 
         Raises:
-            FreneticError: a part cannot be made, or as the class does.
+            FreneticError: a part cannot be made, or the simulator not put into the conditions.
             ValueError: the terms are out of range.
         """
         driver, simulator = spec.make_driver(), spec.make_simulator(rules)
@@ -86,14 +86,14 @@ class RoadTester:
         if self.spec is None:
             return RoadTester, (self.simulator, self.driver, self.terms)
         is_own = SIMULATORS.is_own(self.spec.part("simulator").name)
-        # What an installed one has found out is not to be found out once more.
+        # An installed simulator keeps its findings, for finding them out takes long.
         simulator = None if is_own or not hasattr(self.simulator, "prepare") else self.simulator
         rules = self.simulator.rules
-        return _made_anew, (self.spec, self.terms, rules, self.folder, simulator)
+        return _tester_anew, (self.spec, self.terms, rules, self.folder, simulator)
 
     @property
     def setting(self) -> Setting:
-        """The terms, with the simulator's rules and car."""
+        """Terms of the drives, with the simulator's rules and car."""
         terms: dict[str, Any] = {
             item.name: getattr(self.terms, item.name) for item in fields(Terms)
         }
@@ -107,24 +107,24 @@ class RoadTester:
 
     @property
     def described(self) -> Mapping[str, dict[str, JSONValue]]:
-        """Driver and simulator as `frenetic.spec.part_record.describe` gives them."""
+        """Records of driver and simulator, see `frenetic.spec.part_record.describe`."""
         parts = {"driver": self.driver, "simulator": self.simulator}
         with self.in_folder():
-            return {kind: describe(part, self._made(kind)) for kind, part in parts.items()}
+            return {kind: describe(part, self._construction(kind)) for kind, part in parts.items()}
 
     @property
     def sources(self) -> dict[str, str]:
-        """The user's own source of driver and simulator: name of a file -> its text."""
+        """A user's sources of driver and simulator: name of a file -> its text."""
         with self.in_folder():
-            driver = sources_of(self.driver, self._made("driver"))
-            return driver | sources_of(self.simulator, self._made("simulator"))
+            driver = sources_of(self.driver, self._construction("driver"))
+            return driver | sources_of(self.simulator, self._construction("simulator"))
 
     def in_folder(self) -> AbstractContextManager[None]:
-        """The folder in which the parts were made, as the current one for a while."""
+        """Return a context in which the folder of the parts is the current folder."""
         return nullcontext() if self.folder is None else chdir(self.folder)
 
-    def _made(self, kind: str) -> Made | None:
-        return None if self.spec is None else self.spec.made(kind)
+    def _construction(self, kind: str) -> Construction | None:
+        return None if self.spec is None else self.spec.construction(kind)
 
     def laid(self, candidate: Candidate) -> tuple[Road | None, Verdict]:
         """Return a candidate's road as it would be driven, and whether it may be, see `fitted`.
@@ -140,7 +140,7 @@ class RoadTester:
         return road, verdict
 
     def test(self, candidate: Candidate) -> Attempt:
-        """Drives a candidate's road, in its conditions, if it is one, fits the map and is valid.
+        """Drive a candidate's road, in its conditions, if it fits the map and is valid.
 
         A road that the simulator cannot lay is INVALID, too.
         """
@@ -158,13 +158,13 @@ class RoadTester:
     def attempt(
         self, candidate: Candidate, worker: str | None = None, *, keep: bool = False
     ) -> Attempt:
-        """Tests a candidate for a worker: timed, with a packed trajectory (see `Attempt.pack`)."""
+        """Test a candidate for a worker: timed, with a packed trajectory (see `Attempt.pack`)."""
         start = time.perf_counter()
         attempt = self.test(candidate).pack(keep=keep)
         return replace(attempt, worker=worker, seconds=time.perf_counter() - start)
 
     def drive(self, road: Road, conditions: Mapping[str, float] = MappingProxyType({})) -> Drive:
-        """Drives a road in some conditions; a simulator that raises gives a drive with trouble."""
+        """Drive a road in conditions; a simulator that raises gives a drive with trouble."""
         conditions = self.terms.conditions_of(conditions)
         with in_conditions(conditions, self.simulator, self.driver) as driver:
             return self._drive(road, driver)[0]
@@ -185,7 +185,7 @@ class RoadTester:
         )
 
     def _drive(self, road: Road, driver: Driver) -> tuple[Drive, bool]:
-        """The drive, and whether the simulator raised."""
+        """Return the drive, and whether the simulator raised."""
         broke = False
         try:
             with one_process():
@@ -205,10 +205,10 @@ class RoadTester:
         return Drive(Trajectory.empty(), simulator.car, simulator.rules, trouble=trouble)
 
 
-def _made_anew(
+def _tester_anew(
     spec: Spec, terms: Terms, rules: Rules, folder: Path, simulator: Simulator | None
 ) -> RoadTester:
-    """The tester of named parts, in a process whose folder another part may have left."""
+    """Return the tester of named parts, in a process whose folder another part may have left."""
     os.chdir(folder)
     if simulator is None:
         return RoadTester.of(spec, terms, rules)
@@ -220,10 +220,10 @@ def _refused(candidate_id: int, reason: str, pose: Pose | None = None) -> Attemp
 
 
 def fitted(candidate: Candidate, terms: Terms) -> tuple[Road | None, Verdict]:
-    """A candidate's road on the map, fitted into it or through points, and the verdict on it there.
+    """Return a candidate's road on the map, and whether it is valid there.
 
     Returns:
-        (None, invalid) if there is no road, no pose fits, or points are not valid.
+        (None, invalid) if the values give no road, no pose fits, or points are not valid.
     """
     points = candidate.points
     try:
@@ -237,10 +237,10 @@ def fitted(candidate: Candidate, terms: Terms) -> tuple[Road | None, Verdict]:
 
 
 def road_through(points: FloatArray, lane_width: float) -> Road:
-    """The road through (N, 2) points in m, cached for a candidate that is proposed and tested.
+    """Return the road through (N, 2) points in m, cached for a candidate that is tested later.
 
     Raises:
-        RoadError: there is none.
+        RoadError: no road leads through the points.
     """
     return _road_through(points.tobytes(), lane_width)
 

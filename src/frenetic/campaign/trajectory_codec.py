@@ -112,11 +112,12 @@ def rounded(trajectory: Trajectory) -> Trajectory:
 
 def decode_columns(data: bytes) -> FloatArray:
     """Return the decoded (11, n) array, its columns in the order of `RESOLUTIONS`."""
-    own = data[_CRC.size :]
-    if len(own) < _HEADER.size or zlib.crc32(own) != _CRC.unpack_from(data)[0]:
+    content = data[_CRC.size :]
+    if len(content) < _HEADER.size or zlib.crc32(content) != _CRC.unpack_from(data)[0]:
         raise CampaignError("a stored trajectory is damaged: it does not match its checksum")
-    count, there, width = _HEADER.unpack_from(own)
-    places, stream = own[_HEADER.size :][:there], own[_HEADER.size + there :]
+    count, column_count, width = _HEADER.unpack_from(content)
+    stream_start = _HEADER.size + column_count
+    places, stream = content[_HEADER.size : stream_start], content[stream_start:]
     if places != _PLACES:
         raise CampaignError(
             f"a stored trajectory has the columns {list(places)}, this version of frenetic reads"

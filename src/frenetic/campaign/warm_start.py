@@ -1,9 +1,9 @@
-"""Earlier campaigns, and real roads, from which a search starts: what is taken from them.
+"""The warm start of a search: roads of earlier campaigns, and real roads.
 
-Taken are roads that failed or came near failing, with their drives, as far as they fit the new
-campaign. Their results are those of another driver, or of another version of it, so a strategy
-drives them again instead of believing them. The new campaign's database keeps them, so that the
-earlier campaign is needed no more.
+A campaign takes roads that failed or came near failing, with their drives, as far as they fit it.
+Their results belong to another driver, or another version, so a strategy drives them again instead
+of believing them. The new campaign's database keeps them, so the earlier campaign is no longer
+needed.
 """
 
 from __future__ import annotations
@@ -21,8 +21,9 @@ from frenetic._support.json_value import JSONValue
 from frenetic._support.words import counted
 from frenetic.campaign.configuration import EarlierCampaign
 from frenetic.campaign.objective import Objective, evaluation_of
+from frenetic.campaign.reader import EARLIER_SETTINGS
 from frenetic.campaign.record import Test
-from frenetic.campaign.store import EARLIER_SETTINGS, CampaignStore
+from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester, fitted
 from frenetic.errors import CampaignError, RoadError
 from frenetic.oracle.drive import Trajectory
@@ -38,11 +39,45 @@ from frenetic.search.records import Candidate, Evaluation, Origin, Source
 from frenetic.spec.terms import Setting
 
 _APART: Final = 1.0
-"""Least difference of two taken tests, in m."""
+"""Least difference of two taken tests, in m (ours)."""
 _REASONS: Final = 10
-"""Most files and roads that cannot be read and are named with their reason."""
+"""Most unreadable files and roads that are named with their reason (ours)."""
 _MOST: Final = {Outcome.FAIL: (500, 5000), Outcome.PASS: (100, 1000)}
-"""Most tests that are taken, and that are looked at for it, of each campaign."""
+"""Most tests that are taken, and most that are looked at, of each campaign (ours)."""
+
+
+def take_starts(
+    folders: Sequence[Path | str],
+    from_roads: str | None,
+    tester: RoadTester,
+    objective: Objective,
+    step: float | None,
+) -> tuple[tuple[EarlierCampaign, ...], list[Test], dict[str, JSONValue], tuple[str, ...]]:
+    """Take tests from earlier campaigns, and real roads, to start from.
+
+    Args:
+        folders: of the earlier campaigns.
+        from_roads: folder of road files; None for no real roads.
+        tester: of the new campaign.
+        objective: of the new campaign.
+        step: distance between two curvatures that the roads need, in m; None for any.
+
+    Returns:
+        The earlier campaigns; the tests, real roads first; the fact with the campaigns' settings;
+        and sentences about all starts, and about files and roads that cannot be read.
+
+    Raises:
+        CampaignError: an earlier campaign cannot be read, or none of its roads fits.
+        FreneticError: no real road fits.
+    """
+    campaigns, tests, settings = take_earlier(folders, tester, objective, step)
+    starts = [str(campaign) for campaign in campaigns]
+    unread: list[str] = []
+    if from_roads is not None:
+        text, unread, roads = take_roads(from_roads, tester, step)
+        starts, tests = [text, *starts], [*roads, *tests]
+    notes = (*(f"starts from {start}" for start in starts), *unread)
+    return campaigns, tests, settings, notes
 
 
 def take_roads(
@@ -50,19 +85,22 @@ def take_roads(
 ) -> tuple[str, list[str], list[Test]]:
     """Return stretches of the roads in a folder as tests, see `frenetic.road.real_roads`.
 
-    They are fitted to the rules of the new campaign's road class. Those that are not valid in it
-    are left out. Between the two stand sentences about files and roads that cannot be read.
+    The stretches are fitted to the rules of the new campaign's road class; invalid stretches are
+    left out.
 
     Args:
         folder: of road files, see `frenetic.road.files.find_roads`.
         tester: of the new campaign.
-        step: m between two curvatures that the roads need, None for any.
+        step: distance between two curvatures that the roads need, in m; None for any.
+
+    Returns:
+        A text about the start; sentences about files and roads that cannot be read; the tests.
 
     Raises:
-        FreneticError: there is no road that fits.
+        FreneticError: no road fits.
     """
-    found = find_roads([folder])
-    stretches = stretches_of(found.roads, step_of(found.roads) if step is None else step)
+    files = find_roads([folder])
+    stretches = stretches_of(files.roads, step_of(files.roads) if step is None else step)
     tests: list[Test] = []
     for name, road in stretches.items():
         if tester.terms.road_class is not None:
@@ -83,22 +121,22 @@ def take_roads(
             )
     if not tests:
         raise RoadError(
-            f"nothing can be taken from {folder}: none of {counted(len(found.roads), 'road')} there"
+            f"nothing can be taken from {folder}: none of {counted(len(files.roads), 'road')} there"
             f" is 50 m long, with bends as wide as two lanes, and fits the map of"
             f" {tester.terms.map_size:g} m"
         )
     taken = f"{folder}: {counted(len(tests), 'stretch', 'stretches')} of"
-    unread = f", {len(found.skipped)} could not be read" if found.skipped else ""
-    reasons = [f"left out: {reason}" for reason in found.skipped[:_REASONS]]
-    if len(found.skipped) > _REASONS:
-        reasons.append(f"left out: {len(found.skipped) - _REASONS} more")
+    unread = f", {len(files.skipped)} could not be read" if files.skipped else ""
+    reasons = [f"left out: {reason}" for reason in files.skipped[:_REASONS]]
+    if len(files.skipped) > _REASONS:
+        reasons.append(f"left out: {len(files.skipped) - _REASONS} more")
     limits = _limits_in_words([test.candidate for test in tests], tester)
-    text = f"{taken} {counted(len(found.roads), 'real road')}{unread}; {limits}"
+    text = f"{taken} {counted(len(files.roads), 'real road')}{unread}; {limits}"
     return text, reasons, tests
 
 
 def _limits_in_words(stretches: Sequence[Candidate], tester: RoadTester) -> str:
-    """The speed limits on some stretches, and what is assumed where a file says none."""
+    """Return the speed limits on stretches, and the limit where a file says none, in words."""
     rules, class_name = tester.setting.rules_in({}), getattr(tester.terms.road_class, "name", "")
     if rules.road_limits == "ignored":
         return f"speed limit {rules.limit_in_words()}"
@@ -121,22 +159,22 @@ def _limits_in_words(stretches: Sequence[Candidate], tester: RoadTester) -> str:
 def take_earlier(
     folders: Sequence[Path | str], tester: RoadTester, objective: Objective, step: float | None
 ) -> tuple[tuple[EarlierCampaign, ...], list[Test], dict[str, JSONValue]]:
-    """What is taken from the campaigns in some folders, and the fact with their settings.
+    """Take tests from the campaigns in folders; return them with the fact about their settings.
 
-    The failures come first, then the passing tests, both by their MOOBD. One that differs by less
-    than 1 m (`frenetic.search.approach`) from a taken one is left out; so are those beyond 500
-    failures and 100 passing tests of a campaign.
+    The failures come first, then the passing tests, both by their MOOBD. A test that differs by
+    less than 1 m (`frenetic.search.approach`) from a taken test is left out. A campaign gives at
+    most 500 failures and 100 passing tests.
 
     Args:
         folders: of the campaigns.
         tester: of the new campaign, whose map the roads have to fit.
         objective: of the new campaign, measured on the stored drives.
-        step: m between two curvatures that the roads need, None for any.
+        step: distance between two curvatures that the roads need, in m; None for any.
 
     Raises:
-        CampaignError: there is no campaign in a folder, it is damaged, or nothing in it fits.
+        CampaignError: a folder holds no campaign, a campaign is damaged, or no test fits.
     """
-    near: dict[int, list[FloatArray]] = {}  # by side, what was taken
+    near: dict[int, list[FloatArray]] = {}  # side -> vectors of the taken tests
     campaigns: list[EarlierCampaign] = []
     tests: list[Test] = []
     settings: dict[str, JSONValue] = {}
@@ -151,12 +189,14 @@ def take_earlier(
                     if not _fits(record.candidate, tester, step):
                         left_out += 1
                         continue
-                    told = evaluation_of(record, partial(store.trajectory, record.id), objective)
-                    is_known = told.trace is not None and told.moobd is not None
-                    if is_known and _is_new(told, near):
+                    read_trajectory = partial(store.trajectory, record.id)
+                    evaluation = evaluation_of(record, read_trajectory, objective)
+                    is_known = evaluation.trace is not None and evaluation.moobd is not None
+                    if is_known and _is_new(evaluation, near):
                         taken += 1
                         path = store.trajectory(record.id)
-                        tests.append(_taken(folder, record, path, objective.value_of(told)))
+                        value = objective.value_of(evaluation)
+                        tests.append(_taken(folder, record, path, value))
             counts = store.counts()
             names = [item.name for item in fields(Setting) if item.name in store.config]
             settings[str(folder)] = {name: store.config[name] for name in names}
@@ -176,9 +216,9 @@ def _fits(road: Candidate, tester: RoadTester, step: float | None) -> bool:
     return has_step and fitted(road, tester.terms)[1].valid
 
 
-def _is_new(told: Evaluation, near: dict[int, list[FloatArray]]) -> bool:
-    """Whether a test is near no other one, to which it is added then."""
-    worst = places_of(told, told.candidate, 0.0)[0]
+def _is_new(evaluation: Evaluation, near: dict[int, list[FloatArray]]) -> bool:
+    """Return whether a test is near no other test, and add it to `near` then."""
+    worst = places_of(evaluation, evaluation.candidate, 0.0)[0]
     others = near.setdefault(worst.side, [])
     if others and nearest_square(np.array(others), worst.vector, _APART**2) < _APART**2:
         return False
@@ -189,7 +229,7 @@ def _is_new(told: Evaluation, near: dict[int, list[FloatArray]]) -> bool:
 def _taken(
     folder: Path | str, record: Test, path: Trajectory | None, objective: float | None
 ) -> Test:
-    """A test of an earlier campaign as the new one keeps it."""
+    """Return a test of an earlier campaign as the new campaign keeps it."""
     road = record.candidate
     candidate = Candidate(
         road.id,
@@ -211,7 +251,7 @@ def _taken(
 
 
 def numbered(tests: Sequence[Test]) -> list[Test]:
-    """The tests with numbers from 1 in this order, as candidates and as results."""
+    """Return the tests with numbers from 1 in this order, as candidates and as results."""
     return [
         replace(test, candidate=replace(test.candidate, id=number), told=number)
         for number, test in enumerate(tests, start=1)
@@ -219,10 +259,10 @@ def numbered(tests: Sequence[Test]) -> list[Test]:
 
 
 def read_earlier(store: CampaignStore) -> list[Test]:
-    """What a campaign took from earlier ones and from real roads, without trajectories.
+    """Return the tests that a campaign took from its warm start, without trajectories.
 
     Raises:
-        CampaignError: it is damaged.
+        CampaignError: a test is damaged.
     """
     tests = store.earlier()
     for test in tests:
@@ -236,9 +276,9 @@ def read_earlier(store: CampaignStore) -> list[Test]:
 
 
 def earlier_evaluations(store: CampaignStore, objective: Objective) -> list[Evaluation]:
-    """What a strategy is told of the earlier campaigns and real roads that a campaign starts from.
+    """Return the evaluations of a campaign's warm start for its strategy.
 
-    The roads come without the conditions in which they were driven.
+    The candidates come without the conditions in which they were driven.
 
     Args:
         store: the campaign.
@@ -249,14 +289,15 @@ def earlier_evaluations(store: CampaignStore, objective: Objective) -> list[Eval
     """
     evaluations = []
     for test in read_earlier(store):
-        told = evaluation_of(test, partial(store.earlier_trajectory, test.id), objective)
+        read_trajectory = partial(store.earlier_trajectory, test.id)
+        evaluation = evaluation_of(test, read_trajectory, objective)
         road = replace(test.candidate, conditions={})
-        evaluations.append(replace(told, candidate=road))
+        evaluations.append(replace(evaluation, candidate=road))
     return evaluations
 
 
 def driven_again(store: CampaignStore) -> dict[int, Test]:
-    """Id of each test that drove the road of an earlier campaign again -> the test there.
+    """Return the tests that drove earlier roads again: id -> the earlier test.
 
     Raises:
         CampaignError: the campaign is damaged.
@@ -274,7 +315,7 @@ def driven_again(store: CampaignStore) -> dict[int, Test]:
 
 
 def still_failing(store: CampaignStore) -> str:
-    """What became of the failures of earlier campaigns, in words; empty if none was driven again.
+    """Return how many earlier failures still fail, in words; empty if none was driven again.
 
     Raises:
         CampaignError: the campaign is damaged.

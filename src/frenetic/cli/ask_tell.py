@@ -41,7 +41,7 @@ def ask_tell(
     """
     from frenetic.campaign import CampaignStore, new_folder
     from frenetic.campaign.ask_tell import ToldCampaign
-    from frenetic.campaign.store import DATABASE
+    from frenetic.campaign.database import DATABASE
 
     spec = Given.of(context).over(Spec())
     if spec.budget is None:

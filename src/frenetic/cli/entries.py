@@ -233,7 +233,7 @@ class Given:
                 "conditions": {**said.get("conditions", {}), **spec.conditions},
                 "start_from": (*said.get("start_from", ()), *spec.start_from),
             }
-            said |= spec.said | repeated
+            said |= spec.user_values | repeated
         kinds = {parameter.name or "" for parameter in context.command.params}
         is_trusted = context.params.get("is_trusted", False)
         given = cls(Spec(**said), context.params.get(AS), is_trusted, kinds=kinds)
@@ -244,11 +244,11 @@ class Given:
         return given
 
     def __bool__(self) -> bool:
-        return bool(self.spec.said) or self.driven_as is not None
+        return bool(self.spec.user_values) or self.driven_as is not None
 
     def says(self, *entries: str) -> bool:
         """Whether an option says one of these entries."""
-        return not self.spec.said.keys().isdisjoint(entries)
+        return not self.spec.user_values.keys().isdisjoint(entries)
 
     @property
     def parts(self) -> list[str]:
@@ -270,7 +270,7 @@ class Given:
         if (source := self._as_source) is not None:
             spec = Spec.of(
                 spec.without_driving(has_roads=has_roads),
-                source.spec.driving(has_roads=has_roads),
+                source.spec.driving_spec(has_roads=has_roads),
             )
         return Spec.of(spec, self.spec)
 
@@ -343,7 +343,7 @@ class Given:
             source.path,
             others=source.others,
             named=named,
-            made=made,
+            needed=made,
             is_trusted=self.is_trusted,
             sources=source.sources,
             is_toml=source.sign is None,

@@ -26,8 +26,9 @@ if TYPE_CHECKING:
 
 def campaign_source(store: CampaignStore) -> Source:
     """A campaign as a source of parts."""
+    from frenetic.campaign.reader import SIGNATURE, SOURCES, STARTED_IN
     from frenetic.campaign.status import signed_spec
-    from frenetic.campaign.store import SIGNATURE, SOURCES, STARTED_IN, CampaignStore
+    from frenetic.campaign.store import CampaignStore
 
     def sign(signed: Signed) -> None:
         facts = {STARTED_IN: signed.folder, SIGNATURE: signed.signature}

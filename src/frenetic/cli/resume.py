@@ -24,6 +24,7 @@ from frenetic.errors import CampaignError
 from frenetic.parts.registry import SIMULATORS
 from frenetic.parts.trust import is_here
 from frenetic.spec import Budget, Spec
+from frenetic.spec.part_record import PARTS
 
 
 @click.command()
@@ -57,7 +58,7 @@ def resume(
     --simulator, which holds for this time.
     """
     from frenetic.campaign import CampaignStore
-    from frenetic.campaign.configuration import SPEC, decode_budget, with_budget
+    from frenetic.campaign.configuration import SPEC, decode_budget
     from frenetic.campaign.status import has_judged, is_told, next_campaign
     from frenetic.parts.versions import edited_files
     from frenetic.report import results
@@ -97,13 +98,14 @@ def resume(
         spec = source.spec
         if any(more is not None for more in given.values()):
             limits = {k: None if v is None else done[k] + v for k, v in given.items()}
-            spec = with_budget(spec, Budget(**limits))
+            spec = spec.with_budget(Budget(**limits))
         elif "budget" in facts:
-            spec = with_budget(spec, decode_budget(facts["budget"]))
+            spec = spec.with_budget(decode_budget(facts["budget"]))
         spec, folder = _trusted(spec, simulator, source, is_trusted=is_trusted)
         place = Path.cwd()
         with chdir(folder):
-            if edited := " and ".join(edited_files(spec.names, source.sources)):
+            names = [*(spec.part(kind).name for kind in PARTS), spec.named_objective]
+            if edited := " and ".join(edited_files(names, source.sources)):
                 how = {"has_drives": has_drives, "names_parts": is_here(place)}
                 new = next_campaign(spec, campaign, **how)
                 raise CampaignError(

@@ -303,7 +303,7 @@ def _going_on(store: CampaignStore) -> str:
 def _conditions(store: CampaignStore) -> Mapping[str, float]:
     """What all drives of a campaign had in common, beside the usual."""
     from frenetic.campaign.configuration import recorded_spec
-    from frenetic.campaign.store import DATABASE
+    from frenetic.campaign.database import DATABASE
 
     spec = recorded_spec(store.config, source=store.folder / DATABASE)
     return {**spec.amounts, **store.setting.conditions}

@@ -1,4 +1,4 @@
-"""What a Python source imports, read from its text: nothing is run."""
+"""Imports of a Python source, read from its text: nothing is run."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 def imported_names(text: str, package: str) -> Iterator[str]:
-    """Names that a source may import modules by, also inside functions; none if it is no Python."""
+    """Yield names of modules that a source may import, also inside functions."""
     try:
         nodes = list(ast.walk(ast.parse(text)))
     except (SyntaxError, ValueError, RecursionError, MemoryError):
@@ -23,7 +23,7 @@ def imported_names(text: str, package: str) -> Iterator[str]:
 
 
 def files_of(name: str, places: Iterable[Path]) -> Iterator[tuple[str, Path, Path]]:
-    """Files that importing a module loads, of packages above it, too: its name, file and place."""
+    """Yield name, file and folder of each file that importing a module loads, packages included."""
     parts = name.split(".")
     if parts[0] in ("", "frenetic"):
         return

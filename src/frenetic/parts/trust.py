@@ -1,18 +1,18 @@
-"""Which code that a file names may be loaded: what its user has signed, listed or names.
+"""Trust: which code that a file names may be loaded, since its user has signed, listed or named it.
 
-A campaign, a road's file, a TOML or a profile names its driver, simulator and strategy, and whoever
-made it may be a stranger. `named_code` tells what of it names code; that is loaded
+A campaign, a road's file, a TOML or a profile names its driver, simulator and strategy, and a
+stranger may have written it. `named_code` finds the parts that name code; such code is loaded
 
-- if the command names it itself, or with ``--trust``: from the current folder;
+- if the command names the part itself, or with ``--trust``: from the current folder;
 - if this user's own commands wrote the file (`sign`, `is_signed`): from the folder that the
   signature names, and from no other;
-- if this user has named it or trusted it before in that very file of TOML (`allow`, `is_allowed`),
-  in the same current folder.
+- if this user has named or trusted it before in this very file of TOML (`allow`, `is_allowed`), in
+  the same current folder.
 
-The key of the signatures and the list of such files lie in the user's own folder, `folder`. No
-digest of a file is in either: it could not bind what the file imports. Each command asks
-`require_trusted` before it makes a part: workers, clusters and `compare`'s child process load what
-it let through. A script in Python that makes the parts of a file has asked nobody.
+The key of the signatures and the list of such files lie in the user's own folder, `user_folder`.
+Neither holds digests of files: a digest cannot bind what the file imports. Each command asks
+`require_trusted` before it makes a part; workers, clusters and `compare`'s child process load only
+code that passed. A script in Python that makes the parts of a file has no such check.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 from frenetic._support.files import write_file
 from frenetic._support.json_value import plain
@@ -43,20 +43,20 @@ from frenetic.parts.versions import sources_named
 Parts: TypeAlias = Mapping[str, tuple[str, Mapping[str, Any]]]
 """Kind of a part -> its name and options.
 
-The kinds are those of `REGISTRIES`, ``generator``, of a bench, and ``workers``, for a scheduler's
-address. Of several parts of a kind each has a word behind it, such as ``strategy 2``.
+The kinds are the keys of `REGISTRIES`, ``generator``, of a bench, and ``workers``, for the address
+of a scheduler. A word tells several parts of a kind apart, as in ``strategy 2``.
 """
 VARIABLE: Final = "FRENETIC_HOME"
-"""Environment variable with another folder for what belongs to the user."""
+"""Environment variable with another folder for the user's key and list."""
 REGISTRIES: Final[Mapping[str, Registry]] = {
-    one.kind: one for one in (STRATEGIES, DRIVERS, SIMULATORS, OBJECTIVES)
+    registry.kind: registry for registry in (STRATEGIES, DRIVERS, SIMULATORS, OBJECTIVES)
 }
 NOT_DRIVING: Final = ("strategy", "objective", "workers")
-"""Kinds of parts that driving a campaign's roads again does not make."""
+"""Kinds of parts that reruns of a campaign's roads do not make."""
 _PROGRAMS: Final = frozenset({"home", "user", "python", "copy", "pipeline", "path"})
 """Options that name a program to start, or a folder of code, whatever their value looks like."""
 _FILE: Final = re.compile(r"[/\\]|^[.~]|\.[A-Za-z]\w*$")
-"""What a text has that is a path or the name of a file, such as ``net.onnx``."""
+"""Pattern of a path or the name of a file, such as ``net.onnx``."""
 _PLAIN: Final = frozenset({"host"})
 """Options whose texts are no files though they have dots: names of computers."""
 _KEY: Final = "key"
@@ -66,15 +66,15 @@ _LIST_BYTES: Final = 2**20  # of the list that are read; a thousand entries have
 _MOST_SHOWN: Final = 300  # characters of a part in a message
 
 
-def folder() -> Path:
-    """The user's own folder.
+def user_folder() -> Path:
+    """Return the user's own folder.
 
     Raises:
-        FreneticError: `VARIABLE` says one that would be another in every current folder.
+        FreneticError: `VARIABLE` holds a relative path.
     """
-    if given := os.environ.get(VARIABLE):
-        if not (place := Path(given).expanduser()).is_absolute():
-            raise FreneticError(f"{VARIABLE} is {given}: the whole path of a folder is needed")
+    if text := os.environ.get(VARIABLE):
+        if not (place := Path(text).expanduser()).is_absolute():
+            raise FreneticError(f"{VARIABLE} is {text}: the whole path of a folder is needed")
         return place
     if sys.platform == "win32":
         return Path(os.environ.get("LOCALAPPDATA", "~")).expanduser() / "frenetic"
@@ -84,15 +84,15 @@ def folder() -> Path:
 
 
 def is_here(folder: Path) -> bool:
-    """Whether a folder is the current one."""
+    """Return whether a folder is the current folder."""
     return folder.resolve() == Path.cwd()
 
 
-# What names code
+# Named code
 
 
 def named_code(parts: Parts) -> dict[str, tuple[str, dict[str, Any]]]:
-    """What of some parts names code: kind -> name and the options that count; empty if nothing.
+    """Return the parts that name code: kind -> name and the options that count.
 
     A part that is neither built in nor installed by an entry point counts with all its options. Of
     the others only an option counts that names a program or a file.
@@ -112,19 +112,19 @@ def named_code(parts: Parts) -> dict[str, tuple[str, dict[str, Any]]]:
 
 
 def _word(kind: str) -> str:
-    """The kind of a part, without what tells it from others of its kind."""
+    """Return the kind of a part, without the word that tells it from others of its kind."""
     return kind.partition(" ")[0]
 
 
 def _starts_code(option: str, value: object) -> bool:
-    """Whether an option names a program or a file."""
+    """Return whether an option names a program or a file."""
     if option in _PROGRAMS:
         return value is not None
     return option not in _PLAIN and names_file(value)
 
 
 def names_file(value: object) -> bool:
-    """Whether a value of an option is the path of a file, or holds one."""
+    """Return whether an option's value is the path of a file, or holds such a path."""
     if isinstance(value, os.PathLike):
         return True
     if isinstance(value, Mapping):
@@ -138,10 +138,10 @@ def names_file(value: object) -> bool:
 
 
 def sign(code: Parts, folder: Path | str, sources: object = None) -> str | None:
-    """The user's signature of code and of the folder from which it is loaded.
+    """Return the user's signature of code and of the folder from which it is loaded.
 
     Args:
-        code: as `named_code` gives it.
+        code: result of `named_code`.
         folder: from which the code was loaded.
         sources: name -> text of the sources of parts that are stored beside the signature.
 
@@ -151,19 +151,19 @@ def sign(code: Parts, folder: Path | str, sources: object = None) -> str | None:
     """
     if not code:
         return ""
-    key = _key_of_user(is_made=True)
+    key = _key_of_user(may_create=True)
     return None if key is None else _signature(key, code, folder, sources)
 
 
 def is_signed(signature: object, code: Parts, folder: object, sources: object = None) -> bool:
-    """Whether a signature is this user's, for this code, folder and these sources.
+    """Return whether a signature is this user's, for this code, folder and these sources.
 
-    The time that it takes does not depend on the signature. Signature, folder and sources may be
-    anything, as a stranger's file may hold it.
+    The time of the check does not depend on the signature. Signature, folder and sources may be
+    any values, since they may come from a stranger's file.
     """
     if not (isinstance(signature, str) and isinstance(folder, (str, Path))):
         return False
-    key = _key_of_user(is_made=False)
+    key = _key_of_user(may_create=False)
     if key is None:
         return False
     known = _signature(key, code, folder, sources)
@@ -171,9 +171,9 @@ def is_signed(signature: object, code: Parts, folder: object, sources: object = 
 
 
 def unsigned_text() -> str:
-    """One line that says why `sign` gave none, and what to do."""
+    """Return a line on why `sign` returned no signature, and what to do."""
     try:
-        file = folder() / _KEY
+        file = user_folder() / _KEY
     except RuntimeError:  # there is no home folder
         file = Path("~", _KEY)
     return (
@@ -188,7 +188,7 @@ def _signature(key: bytes, code: Parts, folder: Path | str, sources: object) -> 
 
 
 def _canonical(value: object) -> bytes:
-    """JSON that is the same for the same value."""
+    """Return JSON that is the same for the same value."""
     return json.dumps(value, sort_keys=True, default=_as_json).encode()
 
 
@@ -201,16 +201,16 @@ def _as_json(value: object) -> object:
         return repr(value)
 
 
-def _key_of_user(*, is_made: bool) -> bytes | None:
-    """The user's key; None if there is none, or if it cannot be read or is damaged.
+def _key_of_user(*, may_create: bool) -> bytes | None:
+    """Return the user's key; None if it does not exist, cannot be read or is damaged.
 
     Args:
-        is_made: whether to make one where there is none. Of several processes that do so at once
-            all get the same.
+        may_create: whether to create a missing key. Several processes that do so at once get the
+            same key.
     """
     with suppress(OSError, ValueError, RuntimeError):
-        file = folder() / _KEY
-        if is_made and not file.exists():
+        file = user_folder() / _KEY
+        if may_create and not file.exists():
             _write_key(file)
         key = bytes.fromhex(file.read_text("ascii"))
         return key if len(key) == _KEY_BYTES else None
@@ -218,10 +218,10 @@ def _key_of_user(*, is_made: bool) -> bytes | None:
 
 
 def _write_key(file: Path) -> None:
-    """Writes a new key that its user alone can read, unless another process was first.
+    """Write a new key that its user alone can read, unless another process was first.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the file cannot be written.
     """
     file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     descriptor, partial = tempfile.mkstemp(dir=file.parent)  # which is readable by its user alone
@@ -240,15 +240,15 @@ def _write_key(file: Path) -> None:
 
 
 def _write_at_once(file: Path, text: str, flag: int) -> None:
-    """Writes a text to a file of the user's in one piece, for other processes write there, too.
+    """Write a text to a file of the user's in one piece, for other processes write there, too.
 
     Args:
-        file: readable by its user alone if it is new.
-        text: ASCII.
+        file: the file; a new one is readable by its user alone.
+        text: ASCII text.
         flag: `os.O_EXCL` for a file that must not exist, `os.O_APPEND` to append.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the file cannot be written.
     """
     descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | flag, 0o600)
     try:
@@ -261,12 +261,12 @@ def _write_at_once(file: Path, text: str, flag: int) -> None:
 
 
 def allow(path: Path | str, code: Parts, folder: Path | str | None = None) -> bool:
-    """Notes that a file of TOML may name code; False if that cannot be written.
+    """Note that a file of TOML may name code; return False if the list cannot be written.
 
     Args:
         path: the file.
-        code: as `named_code` gives it.
-        folder: from which the code is loaded; by default the current one.
+        code: result of `named_code`.
+        folder: folder from which the code is loaded; by default the current folder.
     """
     if is_allowed(path, code, folder):
         return True
@@ -277,24 +277,24 @@ def allow(path: Path | str, code: Parts, folder: Path | str | None = None) -> bo
         if len(lines := _listed()) >= _MOST_LISTED:
             last = "".join(f"\n{line}" for line in lines[-_MOST_LISTED // 2 :])
             write_file(file, last, remedy="")
-        # Whatever an interrupted process has left, this is a line of its own.
+        # The line break first: an interrupted process may have left half a line.
         _write_at_once(file, f"\n{_entry(path, code, folder)} {about}", os.O_APPEND)
         return True
     return False
 
 
 def is_allowed(path: Path | str, code: Parts, folder: Path | str | None = None) -> bool:
-    """Whether `allow` has noted a file with the same code, loaded from the same folder."""
+    """Return whether `allow` has noted a file with the same code and folder."""
     entry = _entry(path, code, folder)
     return any(line.partition(" ")[0] == entry for line in _listed())
 
 
 def _list_of_user() -> Path:
-    return folder() / "allowed"
+    return user_folder() / "allowed"
 
 
 def _listed() -> list[str]:
-    """The entries of the list, as far as it is one."""
+    """Return the entries of the list, without damaged lines."""
     try:
         with _list_of_user().open("rb") as file:
             file.seek(-min(_LIST_BYTES, file.seek(0, os.SEEK_END)), os.SEEK_END)
@@ -305,56 +305,64 @@ def _listed() -> list[str]:
 
 
 def _entry(path: Path | str, code: Parts, folder: Path | str | None) -> str:
-    """A digest of all that is allowed together."""
+    """Return a digest of file, folder and code, which are allowed together."""
     places = [os.path.realpath(path), os.path.realpath(folder or "")]
     return hashlib.sha256(_canonical([places, code])).hexdigest()
 
 
-# The border
+# The check
+
+
+class CodeClaim(NamedTuple):
+    """The parts that a file names, and what it says of their signature."""
+
+    parts: Parts
+    """All parts that the file names, as it names them."""
+    signature: object = None
+    """Signature in the file; None without a signature."""
+    folder: object = None
+    """Folder of the code, as the file says."""
+    sources: object = None
+    """Sources that the file stores, as for `sign`."""
 
 
 def require_trusted(
     source: Path | str,
-    parts: Parts,
+    claim: CodeClaim,
     *,
     named: Parts = MappingProxyType({}),
-    made: Parts | None = None,
+    needed: Parts | None = None,
     is_trusted: bool = False,
-    signature: object = None,
-    folder: object = None,
-    sources: object = None,
     is_toml: bool = False,
     optional: Collection[str] = tuple(REGISTRIES),
 ) -> Path:
-    """The folder from which the code may be loaded that a file or campaign names.
+    """Return the folder from which the code may be loaded that a file or campaign names.
 
-    The code that the command names itself is loaded from the current folder, whatever the answer.
+    Code that the command names itself is loaded from the current folder, whatever the answer.
 
     Args:
         source: the file or campaign.
-        parts: that it names, all of them, as it names them.
-        named: parts that the command names itself, with the options that it gives.
-        made: parts that the command makes; by default those of the source, and the named ones in
-            their places. An option of a named part that is taken over from the source has to be
-            trusted, too. Parts of another file need a call of their own.
+        claim: parts and signature in the source.
+        named: parts that the command names itself, with the options that it sets.
+        needed: parts that the command makes; by default the parts of the source, with named parts
+            in their places. An option of a named part that comes from the source has to be
+            trusted, too. Parts of another file need another call.
         is_trusted: whether the command trusts the source: ``--trust``. The caller then signs a
-            campaign or a road's file, with the folder that this gives.
-        signature: in the source, if there is one.
-        folder: that the source names as that of its code.
-        sources: that the source stores, as for `sign`.
-        is_toml: whether a person may have written it: what is named or trusted is noted then.
-        optional: kinds that the command has an option for, for the message.
+            campaign or a road's file, with the returned folder.
+        is_toml: whether a person may have written the source: named or trusted code is noted then.
+        optional: kinds of parts for which the command has an option, for the message.
 
     Raises:
-        FreneticError: it names code that the user has neither signed nor allowed; one line says
-            which, and what to do.
+        FreneticError: the source names code that the user has neither signed nor allowed; one line
+            says which, and what to do.
     """
-    code, given, here = named_code(parts), named_code(named), Path.cwd()
-    needed = named_code({**parts, **named} if made is None else made)
-    asked = [kind for kind in needed if given.get(kind) != needed[kind]]
-    if asked and is_signed(signature, code, folder, sources):
+    code, command_code, here = named_code(claim.parts), named_code(named), Path.cwd()
+    needed_code = named_code({**claim.parts, **named} if needed is None else needed)
+    asked = [kind for kind in needed_code if command_code.get(kind) != needed_code[kind]]
+    folder = claim.folder
+    if asked and is_signed(claim.signature, code, folder, claim.sources):
         if not Path(str(folder)).is_dir() and not is_trusted:
-            texts, remedy = _in_words(asked, needed, optional)
+            texts, remedy = _in_words(asked, needed_code, optional)
             raise FreneticError(
                 f"{source} names {texts}, code that was in {shortened(str(folder), _MOST_SHOWN)},"
                 f" which is no folder now: if it is here, {remedy}"
@@ -362,22 +370,23 @@ def require_trusted(
         if Path(str(folder)).is_dir():
             return Path(str(folder))
     if is_trusted or not asked:
-        if is_toml and code and (is_trusted or all(given.get(kind) == code[kind] for kind in code)):
+        is_named = all(command_code.get(kind) == code[kind] for kind in code)
+        if is_toml and code and (is_trusted or is_named):
             allow(source, code)
         return here
     if is_toml and is_allowed(source, code):
         return here
-    texts, remedy = _in_words(asked, needed, optional)
-    if folder and any(_is_missing(_word(kind), needed[kind][0]) for kind in asked):
-        said = shortened(str(folder), _MOST_SHOWN)
-        remedy = f"go to where it was as that says, {said}, and {remedy}"
+    texts, remedy = _in_words(asked, needed_code, optional)
+    if folder and any(_is_missing(_word(kind), needed_code[kind][0]) for kind in asked):
+        place = shortened(str(folder), _MOST_SHOWN)
+        remedy = f"go to where it was as that says, {place}, and {remedy}"
     raise FreneticError(
         f"{source} names {texts}, code that you have not trusted: if you do, {remedy}"
     )
 
 
 def _in_words(kinds: Iterable[str], parts: Parts, optional: Collection[str]) -> tuple[str, str]:
-    """What parts are called in a message, and what makes a command load them."""
+    """Return the parts in words, and the advice that makes a command load them."""
     texts, words, are_nameable = [], [], True
     for kind in kinds:
         word, (name, options) = _word(kind), parts[kind]
@@ -391,7 +400,7 @@ def _in_words(kinds: Iterable[str], parts: Parts, optional: Collection[str]) -> 
 
 
 def _is_missing(kind: str, name: str) -> bool:
-    """Whether the file or module of a part is not where its name says; nothing is imported."""
+    """Return whether the file or module of a part is missing; import nothing."""
     registry, place = REGISTRIES.get(kind), name.rpartition(":")[0] or name
     if registry is None or name in {entry.name for entry in registry.entries()}:
         return False

@@ -1,11 +1,11 @@
-"""Versions of a campaign's parts: what tells two states of a driver apart.
+"""Versions of a campaign's parts, which tell two states of a driver apart.
 
-The version of a built-in part is its declared ``BEHAVIOUR``, that of an installed one its
+The version of a built-in part is its declared ``BEHAVIOUR``, the version of an installed part its
 distribution's. A part of your own has a digest of its source: its file and the local modules that
-this one imports, and theirs. Local is what is neither in the standard library nor in a
+it imports, directly or not. A module is local unless it lies in the standard library or a
 ``site-packages``; a package in an editable install is local. Files that are arguments, such as
-models, count with their content. Modules that are imported by a computed name, and data that a part
-opens by itself, are not in it.
+models, count with their content. The digest leaves out modules that are imported by a computed name
+and data that a part opens by itself.
 """
 
 from __future__ import annotations
@@ -25,8 +25,9 @@ from types import FunctionType
 from typing import Any, Final
 
 from frenetic.errors import describe_error
-from frenetic.parts.registry import USER_MODULE, Made, is_local, part_name
+from frenetic.parts.registry import Construction, part_name
 from frenetic.parts.source_imports import files_of, imported_names
+from frenetic.parts.user_modules import USER_MODULE, is_local
 
 SHORT: Final = 8
 """Characters of a digest for people."""
@@ -39,40 +40,45 @@ _SHOWN: Final = 60  # characters of an argument for people
 
 @dataclass(frozen=True)
 class Version:
-    """The version of a part, and the source of it that is the user's own."""
+    """The version of a part, and its source as far as that is the user's own."""
 
     text: str
-    """Such as ``version 3``, ``my-drivers 1.2`` or ``source 1f3a9c07``."""
+    """Text such as ``version 3``, ``my-drivers 1.2`` or ``source 1f3a9c07``."""
     sources: Mapping[str, str] = field(default_factory=dict)
-    """Name of a local file, from where its packages lie -> its text."""
+    """Path of a local file, from the folder of its packages -> its text."""
 
 
 def version_of(
-    part: object, arguments: Mapping[str, Any] | None = None, made: Made | None = None
+    part: object,
+    arguments: Mapping[str, Any] | None = None,
+    construction: Construction | None = None,
 ) -> Version:
-    """The version of a strategy, driver, layer, simulator or other part; never raises.
+    """Return the version of a strategy, driver, layer, simulator or other part; never raise.
 
     Args:
         part: the object.
         arguments: of its constructor.
-        made: how it was made by its name, if it was: its factory may be no class.
+        construction: call that made the part of its name, if any; its factory may be no class.
     """
     try:
-        return _version(part, arguments or {}, made)
+        return _version(part, arguments or {}, construction)
     except Exception as error:  # foreign classes, loaders and files may raise anything
         return Version(f"unknown ({describe_error(error)})")
 
 
-def _version(part: object, arguments: Mapping[str, Any], made: Made | None) -> Version:
+def _version(
+    part: object, arguments: Mapping[str, Any], construction: Construction | None
+) -> Version:
     kinds = inspect.getmro(type(part)) if not isinstance(part, FunctionType) else [part]
     texts: list[str] = []
     sources: dict[str, str] = {}
-    values = [made.factory] if made is not None and made.factory is not type(part) else []
+    factory = type(part) if construction is None else construction.factory
+    values = [] if factory is type(part) else [factory]
     for kind in [*kinds, *values, *map(_kind, arguments.values())]:
         name = str(kind.__module__)
         top, file = name.partition(".")[0], _file(name)
         if top == _OURS:
-            if kind in kinds:  # the behaviour of a class covers that of its own bases
+            if kind in kinds:  # the behaviour of a class covers its bases
                 texts.append(f"{kind.__qualname__} {_behaviour(kind)}" if sources else "")
                 texts[-1] = texts[-1] or _behaviour(kind)
                 break
@@ -91,10 +97,10 @@ def _version(part: object, arguments: Mapping[str, Any], made: Made | None) -> V
 
 
 def sources_named(name: str) -> dict[str, str]:
-    """The source of ``file.py:Class`` or ``package.module:Class``, by the names of its files.
+    """Return the sources of ``file.py:Class`` or ``package.module:Class`` by the files' names.
 
-    Those of the local modules that it imports are among them; nothing is imported for it. Relative
-    files and the user's modules go from the current folder.
+    Local modules that it imports are among them; nothing is imported. Relative files and the user's
+    modules are looked for in the current folder.
 
     Raises:
         OSError: a file cannot be read.
@@ -102,14 +108,14 @@ def sources_named(name: str) -> dict[str, str]:
     module = name.rpartition(":")[0]
     if not module.endswith(".py"):
         is_ours = module.partition(".")[0] in ("", _OURS)
-        found = None if is_ours else _local_file(module, Path.cwd())
-        return {} if found is None else _sources(found, module)
+        local_file = None if is_ours else _local_file(module, Path.cwd())
+        return {} if local_file is None else _sources(local_file, module)
     file = Path(module).expanduser().resolve()
     return _sources(file, f"{USER_MODULE}{file.stem}") if file.is_file() else {}
 
 
 def edited_files(names: Iterable[str], sources: object) -> list[str]:
-    """Names of users' own files that are not as a campaign keeps them; nothing is imported.
+    """Return the names of a user's files that differ from a campaign's copies; import nothing.
 
     Args:
         names: of parts, as `sources_named` takes them.
@@ -124,7 +130,7 @@ def edited_files(names: Iterable[str], sources: object) -> list[str]:
 
 
 def _local_file(module: str, folder: Path) -> Path | None:
-    """The file of a local module as an import of a user's own finds it; None if there is none."""
+    """Return the file of a local module as an import finds it; None if there is none."""
     parts = Path(*module.split("."))
     for place in map(Path, [*sys.path, str(folder)]):
         for file in (place / parts.with_suffix(".py"), place / parts / "__init__.py"):
@@ -134,7 +140,7 @@ def _local_file(module: str, folder: Path) -> Path | None:
 
 
 def _sources(path: Path, name: str) -> dict[str, str]:
-    """The sources of a module; nothing is imported."""
+    """Return the sources of a module and its local imports; import nothing."""
     is_alone = name == "__main__" or name.startswith(USER_MODULE)
     packages = 0 if is_alone else name.count(".") + (path.name == "__init__.py")
     root = path.parents[packages]
@@ -157,7 +163,7 @@ def _sources(path: Path, name: str) -> dict[str, str]:
 
 
 def _file(module: str) -> str | None:
-    """The file of a loaded module, None without one."""
+    """Return the file of a loaded module; None without a file."""
     file = getattr(sys.modules.get(module), "__file__", None)
     return str(file) if file and str(file).endswith(".py") else None
 
@@ -167,7 +173,7 @@ def _kind(value: object) -> Any:
 
 
 def _paths(values: Mapping[str, Any]) -> Iterator[str]:
-    """Those arguments that are paths of files."""
+    """Yield the arguments that are paths of files."""
     for value in values.values():
         if isinstance(value, str | os.PathLike):
             path = os.fsdecode(value)
@@ -180,7 +186,7 @@ def _paths(values: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _behaviour(kind: type[Any]) -> str:
-    """Version of the behaviour of a built-in class."""
+    """Return the version of the behaviour of a built-in class."""
     version = getattr(kind, "BEHAVIOUR", None)
     if version is None:
         return _distribution(_OURS)
@@ -189,18 +195,18 @@ def _behaviour(kind: type[Any]) -> str:
 
 
 def _distribution(name: str) -> str:
-    """The distribution of a module, or of this name, with its version."""
+    """Return the distribution of a module, or of this name, with its version."""
     from importlib.metadata import packages_distributions  # takes its time
 
     top = _DISTRIBUTION if name == _OURS else name.partition(".")[0]
     if version := _installed(top):
         return f"{top} {version}"
     names = sorted(set(packages_distributions().get(top, ())))
-    return ", ".join(f"{one} {_installed(one)}" for one in names) or f"{top} of unknown version"
+    return ", ".join(f"{name} {_installed(name)}" for name in names) or f"{top} of unknown version"
 
 
 def _installed(name: str) -> str | None:
-    """The version of a distribution; None if it is not installed."""
+    """Return the version of a distribution; None if it is not installed."""
     from importlib.metadata import PackageNotFoundError, version  # takes its time
 
     try:
@@ -210,22 +216,23 @@ def _installed(name: str) -> str | None:
 
 
 def package_versions() -> dict[str, str]:
-    """Versions of Python and of `PACKAGES`."""
+    """Return the versions of Python and of `PACKAGES`."""
     versions = {name: _installed(name) or "unknown" for name in PACKAGES}
     return {"python": platform.python_version(), **versions}
 
 
 def changed_packages(recorded: object) -> list[str]:
-    """How the versions of packages differ from a campaign's, each in words."""
-    theirs, ours = recorded if isinstance(recorded, Mapping) else {}, package_versions()
-    return [f"{k} {v}, now {ours.get(k)}" for k, v in theirs.items() if ours.get(k) != v]
+    """Return a text about each package whose version differs from a campaign's."""
+    before = recorded if isinstance(recorded, Mapping) else {}
+    now = package_versions()
+    return [f"{k} {v}, now {now.get(k)}" for k, v in before.items() if now.get(k) != v]
 
 
 def digest_of_file(path: Path) -> str:
-    """SHA-256 of a file.
+    """Return the SHA-256 of a file.
 
     Raises:
-        OSError: it cannot be read.
+        OSError: the file cannot be read.
     """
     place = path.expanduser()
     state = place.stat()
@@ -238,49 +245,49 @@ def _digest(path: str, size: int, changed: int) -> str:  # noqa: ARG001
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-# Described parts, see `frenetic.spec.part_record.describe`
+# Records of parts, see `frenetic.spec.part_record.describe`
 
 
-def over_each_other(described: object) -> Iterator[Mapping[str, Any]]:
-    """A described part and those under it, from the outside; an empty one if it is none."""
-    part = described if isinstance(described, Mapping) else {}
+def over_each_other(record: object) -> Iterator[Mapping[str, Any]]:
+    """Yield a part's record and the records of the parts under it, outermost first."""
+    part = record if isinstance(record, Mapping) else {}
     yield part
     while isinstance(part.get("driver"), Mapping):
         part = part["driver"]
         yield part
 
 
-def innermost(described: object) -> Mapping[str, Any]:
-    """A described part, without layers over it."""
-    *_, inner = over_each_other(described)
+def innermost(record: object) -> Mapping[str, Any]:
+    """Return the record of a part without the layers over it."""
+    *_, inner = over_each_other(record)
     return inner
 
 
-def differences(kind: str, recorded: object, ours: object) -> tuple[str, ...]:
-    """How a described part differs from a recorded one, with those under it, each in words."""
-    old, new = (one if isinstance(one, Mapping) else {} for one in (recorded, ours))
+def differences(kind: str, before: object, now: object) -> tuple[str, ...]:
+    """Return a text about each difference of two records of a part, with the parts under it."""
+    old, new = (record if isinstance(record, Mapping) else {} for record in (before, now))
     if old.get("class") != new.get("class"):
         return (f"{kind} is {part_name(new)}, it was {part_name(old)}",)
+    old_options, new_options = old.get("options") or {}, new.get("options") or {}
     texts = [
-        f"{name} is {_shown(theirs.get(name))}, it was {_shown(mine.get(name))}"
-        for mine, theirs in [(old.get("options") or {}, new.get("options") or {})]
-        for name in [*mine, *(name for name in theirs if name not in mine)]
-        if mine.get(name) != theirs.get(name)
+        f"{name} is {_shown(new_options.get(name))}, it was {_shown(old_options.get(name))}"
+        for name in [*old_options, *(name for name in new_options if name not in old_options)]
+        if old_options.get(name) != new_options.get(name)
     ]
     if old.get("version") != new.get("version"):
         texts.append(f"it is {new.get('version')}, it was {old.get('version')}")
-    found = tuple(f"{kind} {part_name(new)}: {text}" for text in texts)
+    sentences = tuple(f"{kind} {part_name(new)}: {text}" for text in texts)
     if "driver" in old or "driver" in new:
-        found += differences(kind, old.get("driver"), new.get("driver"))
-    return found
+        sentences += differences(kind, old.get("driver"), new.get("driver"))
+    return sentences
 
 
-def other_version(kind: str, recorded: object, ours: object) -> str:
-    """How a part is another version of a recorded one, in words, whatever its arguments and layers.
+def other_version(kind: str, before: object, now: object) -> str:
+    """Return a text if two records show different versions of a part, whatever options and layers.
 
-    Empty if it is the same version, another part, or if nothing is recorded.
+    The text is empty for equal versions, for two different parts, and without a record.
     """
-    old, new = (innermost(one) for one in (recorded, ours))
+    old, new = (innermost(record) for record in (before, now))
     if old.get("class") != new.get("class") or old.get("version") == new.get("version"):
         return ""
     return (
@@ -289,14 +296,14 @@ def other_version(kind: str, recorded: object, ours: object) -> str:
     )
 
 
-def comparison_key(*described: object) -> str:
-    """Described parts as JSON that is equal for equal ones."""
-    return json.dumps(described, sort_keys=True)
+def comparison_key(*records: object) -> str:
+    """Return records of parts as JSON that is equal for equal records."""
+    return json.dumps(records, sort_keys=True)
 
 
-def short_version(described: object) -> str:
-    """The version of a described part; empty if it is not recorded."""
-    version = described.get("version") if isinstance(described, Mapping) else None
+def short_version(record: object) -> str:
+    """Return the version in a part's record; empty if the record has none."""
+    version = record.get("version") if isinstance(record, Mapping) else None
     return str(version or "")
 
 

@@ -1,4 +1,4 @@
-"""Processes that work for this one: their start, their end, and whose a process is.
+"""Child processes: their start, their end, and the signals that reach them.
 
 A child is killed with all that it has started. It leaves Ctrl-C to its parent and ends with it.
 On Linux it runs under a keeper, a process without foreign code between it and its parent: what the
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     )
 
 END_LIMIT: Final = 5.0
-"""Time that a child's keeper has to kill all that the child has started, in s."""
+"""Time that a child's keeper has to kill all that the child has started, in s (ours)."""
 LOST_PARENT: Final = 1
 """Exit code of a child whose parent is gone."""
 FORKED: Final = 82
@@ -47,7 +47,7 @@ _FORKED: Final = "forkserver"
 _SAFE_PATH: Final = "PYTHONSAFEPATH"
 """Variable by which Python does not look for modules in the current folder."""
 _OURS: Final = "frenetic"
-"""Its value where we have set it: any text will do."""
+"""Value of that variable where we have set it; any text will do."""
 PRELOADED: Final = (
     "frenetic.simulators.embedded.preloading",
     "frenetic.campaign.workers.local",
@@ -59,7 +59,7 @@ PRELOADED: Final = (
 
 
 def process_context(preloaded: Sequence[str] = ()) -> ForkServerContext | SpawnContext:
-    """The way to make processes: on Linux forked in milliseconds from a fully loaded server.
+    """Return the way to make processes: on Linux forked in milliseconds from a fully loaded server.
 
     Elsewhere forking is missing (Windows) or unsafe with the system's libraries (macOS).
 
@@ -147,7 +147,7 @@ def kill_process(process: BaseProcess | subprocess.Popen[bytes]) -> None:
 
 
 def kill_tree(process_id: int) -> None:
-    """Kills a process with all that it has started.
+    """Kill a process with all that it has started.
 
     On POSIX these are the group that it heads: a process that leaves the group is not killed. On
     Windows they are its children, their children and so on, as long as it lives.
@@ -164,7 +164,7 @@ def kill_tree(process_id: int) -> None:
 
 
 def ending_of(exit_code: int | None) -> str:
-    """Words for the end of a child, after "its process"."""
+    """Return words for the end of a child, after "its process"."""
     if exit_code is None:
         return "closed its connection"
     if exit_code < 0:
@@ -373,7 +373,7 @@ if sys.platform == "linux":
                 os.read(signals, 512)
 
     def _children() -> list[int]:
-        """Ids of this process's children; empty where the kernel does not list them."""
+        """Return the ids of this process's children; empty where the kernel does not list them."""
         try:
             listing = Path(f"/proc/self/task/{os.getpid()}/children").read_text(encoding="ascii")
         except OSError:

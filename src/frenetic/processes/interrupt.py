@@ -1,4 +1,4 @@
-"""Ctrl-C during a campaign: once to stop after the test at hand, twice to leave at once."""
+"""Ctrl-C during a campaign: once to stop after the running tests, twice to stop at once."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ENDING: Final = tuple(
     for name in ("SIGTERM", "SIGHUP", "SIGBREAK")  # the second on POSIX, the third on Windows only
     if name in signal.Signals.__members__
 )
-"""Signals that end a process, beside that of Ctrl-C."""
+"""Signals that end a process, beside Ctrl-C's."""
 
 
 @contextmanager
@@ -31,7 +31,7 @@ def plain_interrupts() -> Iterator[None]:
 
 
 class Interrupt:
-    """Whether the user asked to stop."""
+    """A user's request to stop."""
 
     requested = False
     insisted = False
@@ -40,7 +40,7 @@ class Interrupt:
 
 @contextmanager
 def catch_interrupt(on_request: Callable[[], None] | None = None) -> Iterator[Interrupt]:
-    """Turns the first Ctrl-C into a request; the second raises `KeyboardInterrupt` as usual.
+    """Turn the first Ctrl-C into a request; the second raises `KeyboardInterrupt` as usual.
 
     So compiled code and databases are never interrupted halfway. The signals in `ENDING` work alike
     if they raise `KeyboardInterrupt`, as they do on the command line. Outside the main thread,
@@ -64,7 +64,7 @@ def catch_interrupt(on_request: Callable[[], None] | None = None) -> Iterator[In
 
 
 def ending_in_order() -> AbstractContextManager[None]:
-    """Makes the signals of a job scheduler or a closed terminal act like Ctrl-C.
+    """Make the signals of a job scheduler or a closed terminal act like Ctrl-C.
 
     So results are stored and simulators ended. Ignored signals, as under nohup, stay ignored.
     """
@@ -75,7 +75,7 @@ def ending_in_order() -> AbstractContextManager[None]:
 def _handled(
     numbers: Iterable[signal.Signals], before: _Handler, handler: _Handler
 ) -> Iterator[None]:
-    """Sets the handler of signals that still have the expected one; others keep theirs."""
+    """Set the handler of signals that still have the handler `before`; leave others alone."""
     taken = []
     if threading.current_thread() is threading.main_thread():
         taken = [number for number in numbers if signal.getsignal(number) is before]

@@ -15,7 +15,7 @@ from frenetic.errors import place_of
 
 
 class WallLimitExceeded(BaseException):
-    """Raised inside code that runs for too long.
+    """Exception inside code that runs for too long.
 
     It is not an `Exception`, so a driver's own ``except Exception`` does not catch it.
     """
@@ -27,12 +27,12 @@ class WallLimitExceeded(BaseException):
         return place and f", and was at {place}"
 
 
-_AGAIN = 1.0  # s after which a driver that swallowed the exception gets another
+_AGAIN = 1.0  # [s] after which a driver that swallowed the exception gets another, ours
 
 
 @contextmanager
 def wall_limit(seconds: float) -> Iterator[None]:
-    """Raises `WallLimitExceeded` in the calling thread if the block takes longer.
+    """Raise `WallLimitExceeded` in the calling thread if the block takes longer.
 
     In the main thread of a POSIX system a timer signal does it, which also ends a blocking system
     call. Elsewhere the interpreter raises it at the next Python instruction, so a call that blocks

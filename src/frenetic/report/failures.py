@@ -13,9 +13,10 @@ from typing import Any, Final
 from frenetic._support.files import replacing
 from frenetic._support.json_value import JSONValue
 from frenetic._support.words import simulated_time
+from frenetic.campaign.database import DATABASE
 from frenetic.campaign.record import Test
 from frenetic.campaign.status import signed_driving
-from frenetic.campaign.store import DATABASE, CampaignStore
+from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Result

@@ -91,7 +91,7 @@ def minimised_document(
     assert setting is not None
     spec = None
     if tester.spec is not None:
-        spec = Spec.of(USUAL, tester.spec).driving().signed_in(tester.folder)
+        spec = Spec.of(USUAL, tester.spec).driving_spec().signed_in(tester.folder)
     parents: list[int] = [] if test_id is None else [test_id]
     return {
         **({} if test_id is None else {"id": test_id}),

@@ -28,22 +28,25 @@ from frenetic._support.words import counted, part_word
 from frenetic.analysis.causes import in_words
 from frenetic.analysis.failures import Failure
 from frenetic.analysis.statistics import Estimate, median_estimate, paired_share_difference
-from frenetic.campaign.configuration import with_budget
 from frenetic.campaign.counts import Counts
+from frenetic.campaign.database import DATABASE
+from frenetic.campaign.reader import SOURCES
 from frenetic.campaign.record import Test
 from frenetic.campaign.status import signed_spec
-from frenetic.campaign.store import DATABASE, SOURCES, CampaignStore
+from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Event, EventKind, Progress, Summary
 from frenetic.campaign.tester import RoadTester
 from frenetic.conditions.domain import Domain
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.oracle.outcome import Outcome
-from frenetic.parts.registry import DRIVERS, absolute_files, user_folders
+from frenetic.parts.registry import DRIVERS, absolute_files
 from frenetic.parts.trust import NOT_DRIVING, REGISTRIES
+from frenetic.parts.user_modules import user_folders
 from frenetic.parts.versions import comparison_key, sources_named
 from frenetic.processes.interrupt import catch_interrupt
-from frenetic.processes.worker import LostWorkerError, Worker, pack, ready, report
+from frenetic.processes.object_host import report
+from frenetic.processes.object_process import LostWorkerError, ObjectProcess, pack, ready
 from frenetic.rerun.campaigns import How, campaign_again, complete, say_complete
 from frenetic.rerun.rerun import drive_tests
 from frenetic.rerun.stability import Change
@@ -312,7 +315,7 @@ def _drive_fresh(
         seed=seed, map_size=terms.map_size, road_class=terms.road_class, domain=terms.domain
     )
     if tester.spec is not None:
-        tester = replace(tester, spec=with_budget(structs.replace(tester.spec, seed=seed), budget))
+        tester = replace(tester, spec=structs.replace(tester.spec, seed=seed).with_budget(budget))
     driving = campaign_again(
         campaign,
         strategy,
@@ -390,7 +393,7 @@ def _in_process(old: OldVersion, fresh: int, how: How) -> FreshRoads:
     with CampaignStore.open(old.campaign) as store:
         seed, described = _fresh_seed(store), recorded_driver(store)
     now, folder = Summary(), old.campaign
-    worker = Worker("the old version", pack(old), files=())
+    worker = ObjectProcess("the old version", pack(old), files=())
 
     def on_interrupt() -> None:
         on_event(Event("interrupted", now))
@@ -564,7 +567,7 @@ def as_recorded(
         sources: Any = store.fact(SOURCES)
         made = {kind: part for kind, part in spec.parts.items() if kind not in NOT_DRIVING}
         code_folder = signed_spec(store).require_trusted(
-            folder, made=made, sources=sources, is_trusted=is_trusted, optional=()
+            folder, needed=made, sources=sources, is_trusted=is_trusted, optional=()
         )
     sources = sources if isinstance(sources, Mapping) else {}
     driver = spec.part("driver")

@@ -19,9 +19,9 @@ from frenetic._support.bounds import require_count
 from frenetic._support.json_value import JSONValue, plain
 from frenetic.campaign import Budget, Campaign, CampaignStore, Event, RoadTester, Summary
 from frenetic.campaign.counts import Counts
+from frenetic.campaign.database import DATABASE
 from frenetic.campaign.objective import MOOBD
 from frenetic.campaign.status import stored_budget
-from frenetic.campaign.store import DATABASE
 from frenetic.errors import CampaignError, CampaignGoneError
 from frenetic.parts.versions import SHORT
 from frenetic.search import Strategy

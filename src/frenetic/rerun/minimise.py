@@ -22,11 +22,12 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import require_count
 from frenetic.analysis.causes import kind_number
 from frenetic.analysis.failures import THRESHOLD, CauseGroup, Failure
+from frenetic.campaign.database import DATABASE
 from frenetic.campaign.guarded_strategy import replay
 from frenetic.campaign.objective import Objective
 from frenetic.campaign.record import Test
 from frenetic.campaign.second_drive import Match
-from frenetic.campaign.store import DATABASE, CampaignStore
+from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester
 from frenetic.conditions.condition import in_words, named, quantity, without
 from frenetic.criteria.criterion import LANE

@@ -140,7 +140,7 @@ def unsaid_rules(store: CampaignStore, spec: Spec) -> Rules | None:
     """The rules of a campaign from Python, with those that a spec says; None for named parts."""
     if store.config.get(SPEC) is not None:
         return None
-    return spec.driving(has_roads=True).rules_over(store.setting.rules)
+    return spec.driving_spec(has_roads=True).rules_over(store.setting.rules)
 
 
 def campaign_tester(store: CampaignStore, spec: Spec) -> RoadTester:

@@ -15,7 +15,7 @@ from frenetic.errors import (
     Trouble,
     describe_raised,
 )
-from frenetic.processes.worker import Loss, LostWorkerError
+from frenetic.processes.object_process import Loss, LostWorkerError
 from frenetic.simulators.simulator import Simulator
 
 _FAULTS: Final = {

@@ -21,7 +21,7 @@ from frenetic.drivers.driver import (
 )
 from frenetic.errors import HANGS, DriverError, Fault, FreneticError, Trouble, traceback_of
 from frenetic.oracle.drive import CarBody, Drive, Rules, Trajectory
-from frenetic.processes import worker
+from frenetic.processes import object_host
 from frenetic.processes.wall_limit import WallLimitExceeded, wall_limit
 from frenetic.road import Road
 from frenetic.simulators.observer import Observer
@@ -83,7 +83,7 @@ def follow(
     trouble: Trouble | None = None
     driver_seconds = 0.0
 
-    turn = worker.turn
+    turn = object_host.turn
 
     def ask(method: str, argument: DriveSetup | Observation) -> Any:
         nonlocal waits, driver_seconds
@@ -157,6 +157,6 @@ def follow(
     except DriverError as error:
         trouble = Trouble.of(error)
     finally:
-        worker.turn.value = False
+        object_host.turn.value = False
     path = Trajectory.from_rows(np.array(rows).reshape(-1, len(Trajectory.names())))
     return Drive(path, body, rules, road, trouble, driver_seconds)

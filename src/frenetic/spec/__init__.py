@@ -15,7 +15,8 @@ Every command's help reads this module, so slow imports are inside functions.
 from frenetic.spec.budget import Budget
 from frenetic.spec.files import DRIVEN, SIGNED, read_entries, sign_driven, write_entries
 from frenetic.spec.parts import USUAL, Part, usual_of
-from frenetic.spec.spec import FILE, Signed, Spec
+from frenetic.spec.run_entries import RunEntries, Signed
+from frenetic.spec.spec import FILE, Spec
 from frenetic.spec.values import COMPETITION, MAX_WORKERS, read_workers
 
 __all__ = [
@@ -27,6 +28,7 @@ __all__ = [
     "USUAL",
     "Budget",
     "Part",
+    "RunEntries",
     "Signed",
     "Spec",
     "read_entries",

@@ -50,7 +50,7 @@ class Budget:
         return ", ".join(texts)
 
     def spent(self, simulations: int, seconds: float, failures: int) -> float:
-        """Spent share of the budget, 0..1: that of the nearest limit."""
+        """Return the spent share of the budget, 0..1: the largest share of a limit."""
         shares = [0.0]
         if self.simulations is not None:
             shares.append(simulations / self.simulations)

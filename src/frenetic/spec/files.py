@@ -18,16 +18,17 @@ from frenetic.errors import FreneticError
 from frenetic.parts.registry import hint
 
 DRIVEN: Final = "driven"
-"""Entry of a road's file that says how the road was driven, see `frenetic.spec.Spec.driving`."""
+"""Entry of a road's file with the spec that drove it, see `frenetic.spec.Spec.driving_spec`."""
 SIGNED: Final = "signed"
 """Entry with the user's signature, see `frenetic.spec.Signed`."""
 
 
 def converted_entries(entries: Mapping[str, Any], kind: type[Any]) -> Any:
-    """Entries as a struct of this kind.
+    """Return entries as a struct of this kind.
 
     Raises:
-        ValueError: one is unknown, missing, of another kind or out of range; the message names it.
+        ValueError: an entry is unknown, missing, of another kind or out of range; the message
+            names it.
     """
     known = [item.encode_name for item in structs.fields(kind)]
     if unknown := [name for name in entries if name not in known]:
@@ -44,15 +45,15 @@ def converted_entries(entries: Mapping[str, Any], kind: type[Any]) -> Any:
 
 
 def read_entries(path: Path, kind: type[Any], about: str) -> Any:
-    """The entries of a file in TOML as a struct.
+    """Return the entries of a file in TOML as a struct.
 
     Args:
         path: of the file.
-        kind: of struct.
-        about: what it says, for messages.
+        kind: class of the struct.
+        about: words for the content, for messages.
 
     Raises:
-        FreneticError: there is no such file, or it is wrong; the message names the place in it.
+        FreneticError: the file does not exist, or an entry is wrong; the message names it.
     """
     data = read_bounded(path)
     try:
@@ -64,10 +65,10 @@ def read_entries(path: Path, kind: type[Any], about: str) -> Any:
 
 
 def sign_driven(path: Path, signed: object) -> None:
-    """Writes a signature into the entry `DRIVEN` of a file in JSON, which is replaced whole.
+    """Write a signature into the entry `DRIVEN` of a file in JSON, which is replaced whole.
 
     Raises:
-        FreneticError: it cannot be read or written.
+        FreneticError: the file cannot be read or written.
     """
     try:
         content = read_json(read_bounded(path))
@@ -78,11 +79,11 @@ def sign_driven(path: Path, signed: object) -> None:
 
 
 def write_entries(entries: Mapping[str, Any], path: Path, about: str) -> None:
-    """Write a file in TOML, but for entries that say nothing, under a line about it.
+    """Write a file in TOML, without empty entries, under a line about it.
 
     Raises:
-        FreneticError: it cannot be written.
+        FreneticError: the file cannot be written.
     """
-    said = {name: value for name, value in entries.items() if value not in (None, {}, [])}
-    text = f"# {about}\n{tomli_w.dumps(said)}"
+    filled = {name: value for name, value in entries.items() if value not in (None, {}, [])}
+    text = f"# {about}\n{tomli_w.dumps(filled)}"
     write_file(path, text, remedy="make room, or let it be written")

@@ -1,4 +1,4 @@
-"""Parts in records and reports: what a strategy, driver or simulator is, and how two differ."""
+"""Records of parts: class, options and version of a strategy, driver or simulator, and changes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ from typing import Any, Final
 from frenetic._support.json_value import JSONValue
 from frenetic._support.words import part_word
 from frenetic.errors import describe_error
-from frenetic.parts.registry import USER_MODULE, Made, arguments_of, options_of, part_name
+from frenetic.parts.registry import Construction, arguments_of, options_of, part_name
+from frenetic.parts.user_modules import USER_MODULE
 from frenetic.parts.versions import (
     differences,
     innermost,
@@ -34,76 +35,82 @@ logger = logging.getLogger(__name__)
 
 PARTS: Final = ("strategy", "driver", "simulator")
 _ADDRESS: Final = re.compile(r" at 0x[0-9a-fA-F]+")
-_DEEPEST: Final = 3  # nesting of arguments in a record
-_LONGEST: Final = 200  # characters of an argument in a record
-_SHOWN_OPTIONS: Final = 6  # of a part; the others are shown as ",…"
+_DEEPEST: Final = 3  # most levels of nested arguments in a record, ours
+_LONGEST: Final = 200  # most characters of an argument in a record, ours
+_SHOWN_OPTIONS: Final = 6  # most options in a text; more are shown as ",…", ours
 _OF_THE_CAMPAIGN: Final = ("seed", "map_size", "road_class", "domain", "wall_limit")
-"""Options of parts that are shown as those of their campaign."""
+"""Options of parts that reports show as options of the campaign."""
 _UNKNOWN: Final = object()
-"""Stands for the value of an option that is not known."""
+"""Value of an option that is not known."""
 
 
-def describe(part: object, made: Made | None = None) -> dict[str, JSONValue]:
-    """A part of a campaign for its record: class, options, version, and the part under it.
+def describe(part: object, construction: Construction | None = None) -> dict[str, JSONValue]:
+    """Return the record of a part: class, options, version, a driver's camera, the part under it.
 
-    A driver's camera is there, too. The options are the part's ``options`` if it has any, or the
-    fields of a dataclass; of a part of your own also the other arguments of its constructor. See
+    The options are the part's ``options`` if it has any, or the fields of a dataclass; for a part
+    of your own also the other arguments of its constructor. See
     `frenetic.parts.versions` for the version.
 
     Args:
         part: the object.
-        made: how it was made by its name; without it, the arguments are those that a part of your
-            own keeps as attributes (`frenetic.parts.registry.arguments_of`).
+        construction: call that made the part of its name; without it, the arguments are attributes
+            of a part of your own (`frenetic.parts.registry.arguments_of`).
     """
     from frenetic.drivers.camera import Camera  # numpy takes its time
-    from frenetic.drivers.driver import inner_driver  # likewise
+    from frenetic.drivers.driver import inner_driver  # numpy takes its time
 
-    described: dict[str, JSONValue] = {"class": _class_name(type(part))}
+    record: dict[str, JSONValue] = {"class": _class_name(type(part))}
     inner = inner_driver(part)
-    arguments = _options_and_arguments(part, made, without="" if inner is None else "driver")
+    arguments = _options_and_arguments(part, construction, has_inner=inner is not None)
     if arguments:
-        described["options"] = {name: _plain(value) for name, value in arguments.items()}
-    described["version"] = version_of(part, arguments, made).text
+        record["options"] = {name: _plain(value) for name, value in arguments.items()}
+    record["version"] = version_of(part, arguments, construction).text
     camera = getattr(part, "camera", None)
     if isinstance(camera, Camera):
-        described["camera"] = asdict(camera)
+        record["camera"] = asdict(camera)
     if inner is not None:
-        described["driver"] = describe(inner)
-    return described
+        record["driver"] = describe(inner)
+    return record
 
 
 def describe_terms() -> dict[str, str]:
-    """The versions of the rules and of placing roads on the map, for a campaign's record."""
+    """Return the versions of the rules and of placing roads on the map, for a campaign's record."""
     from frenetic import road  # numba takes its time
     from frenetic.oracle import verdict  # numba takes its time
 
     return {"rules": f"version {verdict.BEHAVIOUR}", "map": f"version {road.BEHAVIOUR}"}
 
 
-def sources_of(part: object, made: Made | None = None) -> dict[str, str]:
-    """The user's own source of a part and of those under it: name of a file -> its text."""
+def sources_of(part: object, construction: Construction | None = None) -> dict[str, str]:
+    """Return a user's sources of a part and of the parts under it: name of a file -> its text."""
     from frenetic.drivers.driver import inner_driver  # numpy takes its time
 
     inner = inner_driver(part)
-    arguments = _options_and_arguments(part, made, without="" if inner is None else "driver")
+    arguments = _options_and_arguments(part, construction, has_inner=inner is not None)
     under = {} if inner is None else sources_of(inner)
-    return under | dict(version_of(part, arguments, made).sources)
+    return under | dict(version_of(part, arguments, construction).sources)
 
 
-def _options_and_arguments(part: object, made: Made | None, *, without: str) -> dict[str, Any]:
+def _options_and_arguments(
+    part: object, construction: Construction | None, *, has_inner: bool
+) -> dict[str, Any]:
+    """Return options and arguments of a part, without its rules and the driver under it."""
     try:
         options = options_of(part)
         if options is None and is_dataclass(part):
             options = {item.name: getattr(part, item.name, None) for item in fields(part)}
-        found = {str(name): value for name, value in (options or {}).items()}
+        values = {str(name): value for name, value in (options or {}).items()}
         if not is_built_in(part):
-            arguments = arguments_of(part) if made is None else made.arguments
-            found |= {k: v for k, v in arguments.items() if k not in found}
+            arguments = arguments_of(part) if construction is None else construction.arguments
+            values |= {k: v for k, v in arguments.items() if k not in values}
     except Exception as error:  # a foreign class may raise anything
         logger.warning("what %s was made with is unknown: %s", type(part), describe_error(error))
         return {}
-    # The rules are a part of their own.
-    return {k: v for k, v in found.items() if k != without and type(v).__qualname__ != "Rules"}
+    return {
+        name: value
+        for name, value in values.items()
+        if not (has_inner and name == "driver") and type(value).__qualname__ != "Rules"
+    }
 
 
 def _class_name(kind: type) -> str:
@@ -114,12 +121,12 @@ def _class_name(kind: type) -> str:
 
 
 def is_built_in(part: object) -> bool:
-    """Whether a part's class is one of ours."""
+    """Return whether a part's class is built in."""
     return type(part).__module__.partition(".")[0] == "frenetic"
 
 
 def _plain(value: object, depth: int = 0) -> JSONValue:
-    """A value as JSON, or else its repr without addresses; a set is a list in order."""
+    """Return a value as JSON, or else its repr without addresses; a set as a list in order."""
     if isinstance(value, (set, frozenset)):
         value = sorted(value, key=repr)
     if value is None or isinstance(value, (bool, int, str)):
@@ -153,13 +160,13 @@ def _plain(value: object, depth: int = 0) -> JSONValue:
 def part_text(part: object, recorded: object = None, *, word: object = None) -> str:
     """Return a part with its options as the command line writes it: ``planner,aggression=1.2``.
 
-    Layers over a driver follow in words, as in ``planner, delayed (seconds 0.05)``. Options that a
-    built-in part has unasked are left out, and those of a strategy that its campaign says.
+    Layers over a driver follow in words, as in ``planner, delayed (seconds 0.05)``. Defaults of
+    built-in parts are left out, and so are a strategy's options that its campaign has.
 
     Args:
-        part: as `describe` gives it; the name is that of the driver under its layers.
-        recorded: another part of the same class, whose differing options are added.
-        word: how the command line wrote it, if it is known.
+        part: record of the part, see `describe`; the text names the driver under its layers.
+        recorded: record of another part of the same class, whose differing options are added.
+        word: word of the command line for the part, if it is known.
     """
     *layers, inner = over_each_other(part)
     texts = [word if isinstance(word, str) else _part_word(inner, innermost(recorded))]
@@ -177,30 +184,32 @@ def recorded_part(config: Mapping[str, Any], kind: str) -> str:
         config: the configuration.
         kind: ``strategy``, ``driver`` or ``simulator``.
     """
-    said = config.get("spec")
-    return part_text(config.get(kind), word=said.get(kind) if isinstance(said, Mapping) else None)
+    spec = config.get("spec")
+    return part_text(config.get(kind), word=spec.get(kind) if isinstance(spec, Mapping) else None)
 
 
 def _part_word(part: Mapping[str, Any], recorded: Mapping[str, Any]) -> str:
-    """Name and options of a part without layers, as on a command line."""
+    """Return name and options of a part without layers, as on a command line."""
     name, options = part_name(part), dict(_options_of(part))
-    unasked = _unasked_options(str(part.get("class", "")))
+    defaults = _default_options(str(part.get("class", "")))
     is_alike = part_name(recorded) == name
-    other_options = dict(_options_of(recorded)) if is_alike else unasked
-    named = {
+    other_options = dict(_options_of(recorded)) if is_alike else defaults
+    differing = {
         option: value
         for option, value in options.items()
         if option not in _OF_THE_CAMPAIGN
-        and (unasked.get(option, _UNKNOWN) != value or other_options.get(option, _UNKNOWN) != value)
+        and (
+            defaults.get(option, _UNKNOWN) != value or other_options.get(option, _UNKNOWN) != value
+        )
         and not (isinstance(value, str) and re.split(r"[/\\]", value)[-1] == name)
     }
-    shown = dict(list(named.items())[:_SHOWN_OPTIONS])
-    return part_word(name, shown) + (",…" if len(named) > len(shown) else "")
+    shown = dict(list(differing.items())[:_SHOWN_OPTIONS])
+    return part_word(name, shown) + (",…" if len(differing) > len(shown) else "")
 
 
 @cache
-def _unasked_options(class_name: str) -> Mapping[str, object]:
-    """Options with which a built-in part is made unasked; empty for others."""
+def _default_options(class_name: str) -> Mapping[str, object]:
+    """Return the default options of a built-in part; empty for others."""
     module, _, name = class_name.partition(":")
     if module.partition(".")[0] != "frenetic":
         return {}
@@ -211,7 +220,7 @@ def _unasked_options(class_name: str) -> Mapping[str, object]:
 
 
 def _options_of(part: Mapping[str, Any], name: str = "options") -> Iterator[tuple[str, object]]:
-    """Names and values of its options, including nested ones."""
+    """Yield names and values of a part's options, nested ones included."""
     value = part.get(name)
     if isinstance(value, Mapping):
         for inner in value:
@@ -222,36 +231,35 @@ def _options_of(part: Mapping[str, Any], name: str = "options") -> Iterator[tupl
 
 
 def _in_words(options: Mapping[str, object]) -> list[str]:
-    told = [
+    """Return a text about each option, up to `_SHOWN_OPTIONS`."""
+    texts = [
         f"{name} {value:.3g}" if isinstance(value, float) else f"{name} {value}"
         for name, value in options.items()
     ]
-    return told if len(told) <= _SHOWN_OPTIONS else [*told[:_SHOWN_OPTIONS], "…"]
+    return texts if len(texts) <= _SHOWN_OPTIONS else [*texts[:_SHOWN_OPTIONS], "…"]
 
 
-# How two differ
+# Changes
 
 
-def changed_parts(recorded: Mapping[str, Any], ours: Mapping[str, Any]) -> dict[str, list[str]]:
-    """Name of a part of two configurations -> how ours differs, each in words."""
-    found = {kind: list(differences(kind, recorded.get(kind), ours.get(kind))) for kind in PARTS}
-    theirs, mine = recorded.get("behaviours", {}), ours.get("behaviours", {})
-    found["version"] = [
-        f"{name}: it is {mine.get(name)}, it was {theirs.get(name)}"
-        for name in sorted({*theirs, *mine})
-        if theirs.get(name) != mine.get(name)
+def changed_parts(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, list[str]]:
+    """Return the parts that differ in two configurations: kind -> a text about each change."""
+    changes = {kind: list(differences(kind, before.get(kind), now.get(kind))) for kind in PARTS}
+    old, new = before.get("behaviours", {}), now.get("behaviours", {})
+    changes["version"] = [
+        f"{name}: it is {new.get(name)}, it was {old.get(name)}"
+        for name in sorted({*old, *new})
+        if old.get(name) != new.get(name)
     ]
-    return {kind: texts for kind, texts in found.items() if texts}
+    return {kind: texts for kind, texts in changes.items() if texts}
 
 
-def version_notes(
-    recorded: Mapping[str, JSONValue], described: Mapping[str, JSONValue]
-) -> list[str]:
-    """Which parts are other versions of those in a configuration, each in words.
+def version_notes(config: Mapping[str, JSONValue], parts: Mapping[str, JSONValue]) -> list[str]:
+    """Return a text about each part that is another version than in a configuration.
 
     Args:
-        recorded: the configuration.
-        described: kind -> part as `describe` gives it: ``simulator``, ``driver``.
+        config: the configuration.
+        parts: kind, such as ``driver`` -> record of the present part, see `describe`.
     """
-    notes = [other_version(kind, recorded.get(kind), part) for kind, part in described.items()]
+    notes = [other_version(kind, config.get(kind), part) for kind, part in parts.items()]
     return [note for note in notes if note]

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from frenetic.simulators.capabilities import Usual
 
 USUAL: Final = {"strategy": "frenetic", "driver": "planner", "simulator": "embedded"}
-"""Parts of a spec that names none."""
+"""Parts of a spec without names."""
 
 
 class Part(NamedTuple):
@@ -27,7 +27,7 @@ class Part(NamedTuple):
 
 
 def followed_by(earlier: str, later: str) -> str:
-    """The text of another part with its own options, or of an earlier one with options added."""
+    """Return the text of the later part, with the earlier options if the part is the same."""
     name, options = read_part(earlier)
     later_name, later_options = read_part(later)
     if later_name is not None and name not in (None, later_name):
@@ -36,7 +36,7 @@ def followed_by(earlier: str, later: str) -> str:
 
 
 def usual_of(simulator: str) -> Usual:
-    """What the class of the simulator of that name declares before one is made."""
+    """Return the defaults that a simulator's class declares."""
     from frenetic.simulators.capabilities import usual  # numba takes its time
 
     return usual(SIMULATORS.load(simulator))

@@ -1,4 +1,4 @@
-"""What holds for every drive of a run beside its driver and its simulator."""
+"""The terms of a run's drives: map, lanes, roads and conditions."""
 
 from __future__ import annotations
 
@@ -60,24 +60,24 @@ class Terms:
 
     @classmethod
     def of_class(cls, road_class: RoadClass | None, **others: Any) -> Self:
-        """The terms for roads of a class, on its map and with its lanes unless others are given."""
+        """Return the terms for roads of a class, with its map and lanes unless others are set."""
         usual: dict[str, Any] = {}
         if road_class is not None:
             usual = {"map_size": road_class.map_size, "lane_width": road_class.lane_width}
         return cls(road_class=road_class, **{**usual, **others})
 
-    def conditions_of(self, own: Mapping[str, float]) -> dict[str, float]:
-        """The conditions of a drive that has some of its own."""
-        return {**self.conditions, **own}
+    def conditions_of(self, conditions: Mapping[str, float]) -> dict[str, float]:
+        """Return all conditions of a drive that has further conditions, which win."""
+        return {**self.conditions, **conditions}
 
 
 _RECORDED: Final = ("lane_width", "map_size", "margin")
-"""Entries that every record of a setting has, though terms in Python may leave them out."""
+"""Entries that each record of a setting has, though terms in Python may leave them out."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Setting(Terms):
-    """The terms of a campaign's drives, with what its simulator said."""
+    """The terms of a campaign's drives, with its simulator's rules and car."""
 
     rules: Rules
     """Rules of the drives, but for a speed limit among their conditions."""
@@ -85,10 +85,10 @@ class Setting(Terms):
 
     @classmethod
     def of(cls, config: Mapping[str, Any]) -> Self:
-        """The setting in a campaign's configuration.
+        """Return the setting in a campaign's configuration.
 
         Raises:
-            ValueError: it lacks it; the message names the place.
+            ValueError: an entry is missing or wrong; the message names it.
         """
         if missing := [name for name in _RECORDED if name not in config]:
             raise ValueError(f"Object missing required field `{missing[0]}`")
@@ -97,9 +97,9 @@ class Setting(Terms):
 
     @property
     def terms(self) -> Terms:
-        """The terms alone."""
+        """Terms without rules and car."""
         return Terms(**{item.name: getattr(self, item.name) for item in fields(Terms)})
 
-    def rules_in(self, own: Mapping[str, float]) -> Rules:
-        """The rules of a drive that has some conditions of its own."""
-        return rules_in(self.conditions_of(own), self.rules)
+    def rules_in(self, conditions: Mapping[str, float]) -> Rules:
+        """Return the rules of a drive that has further conditions."""
+        return rules_in(self.conditions_of(conditions), self.rules)

@@ -25,11 +25,11 @@ MAX_WORKERS: Final = 1024
 
 
 def read_class(roads: str | Mapping[str, Any]) -> RoadClass | None:
-    """The road class of an entry; None for the competition's roads, which have none.
+    """Return the road class of an entry; None for the competition's roads.
 
     Raises:
         ValueError: the entry is wrong.
-        FreneticError: there is no such class.
+        FreneticError: no class has this name.
     """
     from frenetic.road.classes import class_of  # numba takes its time
 
@@ -37,7 +37,7 @@ def read_class(roads: str | Mapping[str, Any]) -> RoadClass | None:
 
 
 def roads_entry(road_class: RoadClass | None) -> str | dict[str, Any]:
-    """The entry for a road class: its name if that says all."""
+    """Return the entry for a road class: its name if the class is built in."""
     from frenetic.road.classes import RoadClass, classes  # numba takes its time
 
     if road_class is None:
@@ -48,11 +48,11 @@ def roads_entry(road_class: RoadClass | None) -> str | dict[str, Any]:
 
 
 def read_domain(odd: str | Mapping[str, Any]) -> Domain:
-    """The domain of an entry: a file's, or that of its entries.
+    """Return the domain of an entry: in a file, or of entries.
 
     Raises:
         ValueError: the entry is wrong.
-        FreneticError: there is no such file, or it is wrong.
+        FreneticError: the file does not exist, or is wrong.
     """
     from frenetic.conditions.domain import Domain  # numba takes its time
 
@@ -62,7 +62,7 @@ def read_domain(odd: str | Mapping[str, Any]) -> Domain:
 
 
 def read_profile(criteria: str | Mapping[str, Any]) -> Profile:
-    """The criteria of an entry that `criteria_entries` gave."""
+    """Return the criteria of an entry from `criteria_entries`."""
     if isinstance(criteria, str):
         name, options = read_part(criteria)
         return Profile.of(name or COMPETITION, options)
@@ -71,9 +71,9 @@ def read_profile(criteria: str | Mapping[str, Any]) -> Profile:
 
 
 def criteria_entries(criteria: str | Mapping[str, Any]) -> dict[str, Any]:
-    """The entries that a text such as ``after-iso-11270,lateral_jerk=4,speed_limit=60`` says.
+    """Return the entries in a text such as ``after-iso-11270,lateral_jerk=4,speed_limit=60``.
 
-    A text that says rules alone gives no criteria.
+    A text with rules alone gives no criteria.
     """
     rules: dict[str, Any] = {}
     if isinstance(criteria, str):
@@ -89,11 +89,22 @@ def criteria_entries(criteria: str | Mapping[str, Any]) -> dict[str, Any]:
     return {**rules, "criteria": profile.entry()}
 
 
-def read_workers(text: str) -> int | str:
-    """A number of workers, or the address of a Dask scheduler.
+def require_worker_count(workers: int) -> int:
+    """Return a number of workers that one computer may have.
 
     Raises:
-        ValueError: it is neither.
+        ValueError: the number exceeds `MAX_WORKERS`.
+    """
+    if workers > MAX_WORKERS:
+        raise ValueError(f"workers is {workers}: at most {MAX_WORKERS} are allowed")
+    return workers
+
+
+def read_workers(text: str) -> int | str:
+    """Return a number of workers, or the address of a Dask scheduler.
+
+    Raises:
+        ValueError: the text is neither.
     """
     if re.fullmatch("-?[0-9]+", text):
         if len(text) <= 9 and 1 <= int(text) <= MAX_WORKERS:

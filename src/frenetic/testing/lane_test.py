@@ -31,7 +31,7 @@ from frenetic._support.words import counted
 from frenetic.analysis.causes import cause_of, in_words
 from frenetic.analysis.segments import segment_of
 from frenetic.campaign import Budget, Campaign, CampaignStore, Event, RoadTester, Test
-from frenetic.campaign.campaign import LOOKAHEAD
+from frenetic.campaign.defaults import LOOKAHEAD
 from frenetic.criteria.criterion import COMPETITION
 from frenetic.drivers import Driver
 from frenetic.errors import DriverError, FreneticError

@@ -2,7 +2,7 @@
 
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.workers.alone import DriveProcess, driving
-from frenetic.campaign.workers.local import LocalWorkers, is_isolable
+from frenetic.campaign.workers.local import LocalWorkers, is_isolable, workers_for
 from frenetic.campaign.workers.workers import (
     InProcessWorker,
     Workers,
@@ -20,4 +20,5 @@ __all__ = [
     "cluster_workers",
     "driving",
     "is_isolable",
+    "workers_for",
 ]

@@ -1,4 +1,4 @@
-"""A process that drives single roads, so that no driver can end the one that asks for them."""
+"""A process that drives single roads, so that no driver can end the process that asks for them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers.local import is_isolable
 from frenetic.errors import CampaignError, Trouble
 from frenetic.oracle.drive import CarBody, Drive, Rules, Trajectory
-from frenetic.processes.worker import LostWorkerError, Worker, pack
+from frenetic.processes.object_process import LostWorkerError, ObjectProcess, pack
 from frenetic.road import Road
 from frenetic.simulators.blame import Blame, lost_process, raised
 from frenetic.simulators.capabilities import capabilities
@@ -24,11 +24,11 @@ Driving: TypeAlias = Callable[[Road, Mapping[str, float]], Drive]
 
 @contextmanager
 def driving(tester: RoadTester, *, isolate: bool = False) -> Iterator[Driving]:
-    """Starts a tester's simulator, and gives the function that drives a road in it.
+    """Start a tester's simulator, and yield the function that drives a road in it.
 
     Args:
         tester: drives.
-        isolate: whether it drives in a process of its own, unless only compiled code of ours does.
+        isolate: whether to drive in a process of its own, unless only compiled code of ours drives.
 
     Raises:
         CampaignError: the simulator does not start in its process.
@@ -49,8 +49,8 @@ class DriveProcess:
 
     Args:
         tester: drives there; its parts are made anew by their names, or copied.
-        drive_limit: s of wall time after which a drive counts as hanging; by default half as long
-            again as the simulator's own ``wall_limit``, and 10 s.
+        drive_limit: wall time in s after which a drive counts as hanging; by default 1.5 times the
+            simulator's ``wall_limit`` and 10 s.
 
     Raises:
         CampaignError: driver or simulator cannot be copied.
@@ -61,24 +61,26 @@ class DriveProcess:
         self._tester = tester
         self._limit = able.drive_limit if drive_limit is None else drive_limit
         self._blame = Blame.of(tester.simulator, tester.driver)
-        self._worker = Worker("the driver's process", pack(_Held(tester)), able.preloads)
+        self._process = ObjectProcess(
+            "the driver's process", pack(_DriveHost(tester)), able.preloads
+        )
         self._is_up = False
 
     def __enter__(self) -> Self:
-        """Starts the process and the simulator in it.
+        """Start the process and the simulator in it.
 
         Raises:
-            CampaignError: it does not start.
+            CampaignError: the process does not start.
         """
         try:
-            self._worker.start(CarBody)
+            self._process.start(CarBody)
             compile_kernels()  # meanwhile: roads are checked here
-            car: CarBody = self._worker.answer()
+            car: CarBody = self._process.answer()
         except LostWorkerError as error:
-            self._worker.kill()
+            self._process.kill()
             raise CampaignError(lost_process(error).reason) from None
         except BaseException:
-            self._worker.kill()
+            self._process.kill()
             raise
         if self._tester.simulator.car != car:  # as a simulator with `prepare` has measured it
             self._tester.simulator.car = car
@@ -86,19 +88,19 @@ class DriveProcess:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Ends the simulator, or kills its process if it still drives.
+        """End the simulator, or kill its process if it still drives.
 
         Raises:
             CampaignError: the simulator raised when it ended.
         """
         self._is_up = False
         try:
-            self._worker.close()
+            self._process.close()
         except LostWorkerError as error:
             raise CampaignError(lost_process(error).reason) from None
 
     def drive(self, road: Road, conditions: Mapping[str, float] = MappingProxyType({})) -> Drive:
-        """Drives a road in some conditions; what goes wrong is the drive's trouble.
+        """Drive a road in conditions; errors are the drive's trouble.
 
         Raises:
             CampaignError: the process was lost, and does not start again.
@@ -106,20 +108,22 @@ class DriveProcess:
         if not self._is_up:
             self.__enter__()
         try:
-            answer: _Answer = self._worker.call(
-                "drive", road, dict(conditions), limit=self._limit, answer=_Answer
+            drive: _RoadlessDrive = self._process.call(
+                "drive", road, dict(conditions), limit=self._limit, answer=_RoadlessDrive
             )
         except LostWorkerError as error:
-            self._worker.kill()
+            self._process.kill()
             self._is_up = False
             trouble = lost_process(error, self._blame.fault(error))
-            answer = _Answer(self._tester.simulator.car, self._tester.simulator.rules, trouble)
-        return answer.drive(road)
+            drive = _RoadlessDrive(
+                self._tester.simulator.car, self._tester.simulator.rules, trouble
+            )
+        return drive.along(road)
 
 
 @dataclass(frozen=True)
-class _Answer:
-    """A `Drive` but for its road, which stays here."""
+class _RoadlessDrive:
+    """A `Drive` without its road, which the asking process knows."""
 
     car: CarBody = field(default_factory=CarBody)
     rules: Rules = field(default_factory=Rules)
@@ -128,8 +132,8 @@ class _Answer:
     has_road: bool = False
     driver_seconds: float = 0.0
 
-    def drive(self, road: Road) -> Drive:
-        """The drive along the road."""
+    def along(self, road: Road) -> Drive:
+        """Return the drive along a road."""
         return Drive(
             self.trajectory,
             self.car,
@@ -140,8 +144,8 @@ class _Answer:
         )
 
 
-class _Held:
-    """The tester in the process."""
+class _DriveHost:
+    """The object in the process: a tester that drives."""
 
     def __init__(self, tester: RoadTester) -> None:
         self._tester = tester
@@ -150,13 +154,15 @@ class _Held:
         self._tester.simulator.__enter__()
         return self._tester.simulator.car
 
-    def drive(self, road: Road, conditions: dict[str, float]) -> _Answer:
+    def drive(self, road: Road, conditions: dict[str, float]) -> _RoadlessDrive:
         simulator = self._tester.simulator
         try:
             drive = self._tester.drive(road, conditions)
         except BaseException as error:  # a SystemExit, say
-            return _Answer(simulator.car, simulator.rules, raised(error, self._tester.driver))
-        return _Answer(
+            return _RoadlessDrive(
+                simulator.car, simulator.rules, raised(error, self._tester.driver)
+            )
+        return _RoadlessDrive(
             drive.car,
             drive.rules,
             drive.trouble,

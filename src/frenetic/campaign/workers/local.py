@@ -13,30 +13,38 @@ from frenetic._support.json_value import JSONValue
 from frenetic.campaign.log import CampaignLog, LogEvent
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import RoadTester
+from frenetic.campaign.workers.workers import InProcessWorker, Workers, cluster_workers
 from frenetic.errors import CampaignError, Fault, Trouble, describe_error
-from frenetic.processes.worker import MOST_WORKERS, LostWorkerError, Worker, pack, ready
+from frenetic.processes.object_process import (
+    MOST_WORKERS,
+    LostWorkerError,
+    ObjectProcess,
+    pack,
+    ready,
+)
 from frenetic.search.records import Candidate
 from frenetic.simulators.blame import Blame, lost_process
 from frenetic.simulators.capabilities import capabilities
 
 STARTS: Final = 3
-"""Consecutive failed starts after which a worker is given up."""
+"""Consecutive failed starts after which a worker is given up (ours)."""
 AHEAD: Final = 4
-"""Most candidates of a worker with quick tests, including the one that it drives: waking an idle
-worker costs more than a fresher proposal gains."""
+"""Most candidates of a worker with quick tests, with the candidate that it drives (ours): waking an
+idle worker costs more than a fresher proposal gains."""
 QUICK: Final = 0.01
-"""Longest time of a quick test, in s; a worker with longer ones has one candidate at a time."""
-_PAUSE: Final = 0.2  # s between two tries to get a process
+"""Longest time of a quick test, in s (ours); a worker with slower tests has one candidate at a
+time."""
+_PAUSE: Final = 0.2  # [s] between two tries to get a process, ours
 
 logger = logging.getLogger(__name__)
 
 
-class Seat:
-    """A tester in a worker, whose simulator is started again after it broke.
+class TesterHost:
+    """The object in a worker's process: a tester whose simulator starts again after it broke.
 
     Args:
-        tester: not entered.
-        keep: whether its answers have exact trajectories, too.
+        tester: its simulator is not started yet.
+        keep: whether attempts have exact trajectories, too.
     """
 
     def __init__(self, tester: RoadTester, *, keep: bool = False) -> None:
@@ -45,12 +53,12 @@ class Seat:
         self._is_up = False
 
     def start(self) -> None:
-        """Starts the simulator."""
+        """Start the simulator."""
         self._tester.simulator.__enter__()
         self._is_up = True
 
     def test(self, candidate: Candidate) -> Attempt:
-        """Tests a candidate."""
+        """Test a candidate."""
         if not self._is_up:
             self.start()
         attempt = self._tester.attempt(candidate, keep=self._keep)
@@ -59,16 +67,16 @@ class Seat:
         return attempt
 
     def close(self) -> None:
-        """Ends the simulator."""
+        """End the simulator."""
         if self._is_up:
             self._is_up = False
             self._tester.simulator.__exit__(None, None, None)
 
 
 def is_isolable(tester: RoadTester) -> bool:
-    """Whether a process of its own protects this one from a tester's driver.
+    """Return whether a process of its own protects this process from a tester's driver.
 
-    Compiled code of ours needs none. Where a driver cannot be copied, a warning says so.
+    Compiled code of ours needs no such process. Where a driver cannot be copied, a warning says so.
     """
     if tester.drives_compiled:
         return False
@@ -83,14 +91,14 @@ def is_isolable(tester: RoadTester) -> bool:
 def lost_attempt(
     number: int, worker: str, error: LostWorkerError, fault: Fault | None, seconds: float
 ) -> Attempt:
-    """The attempt at a candidate whose worker was lost.
+    """Return the attempt at a candidate whose worker was lost.
 
     Args:
         number: id of the candidate.
         worker: name of the worker.
         error: how it was lost.
-        fault: the driver's, if it lost the worker.
-        seconds: wall time until then.
+        fault: fault of the driver, if the driver lost the worker.
+        seconds: wall time until the loss, in s.
     """
     trouble = lost_process(error, fault)
     if fault is None:
@@ -105,8 +113,8 @@ class LocalWorkers:
 
     Args:
         tester: copied into each process, so driver and simulator must be picklable.
-        count: of processes.
-        drive_limit: s of wall time after which a worker that tests one candidate counts as hanging
+        count: number of processes.
+        drive_limit: wall time in s after which a worker that tests one candidate counts as hanging
             and is killed.
         log: gets the events of the workers.
         ahead: whether a worker with quick tests may have several candidates at once.
@@ -135,9 +143,10 @@ class LocalWorkers:
         if count > MOST_WORKERS:
             raise CampaignError(f"{count} workers are too many: Windows allows {MOST_WORKERS}")
         self._blame = Blame.of(tester.simulator, tester.driver)
-        held = pack(Seat(tester, keep=keep))
+        packed = pack(TesterHost(tester, keep=keep))
         self._seats = [
-            _Seat(Worker(f"worker {number}", held, able.preloads)) for number in range(1, count + 1)
+            _Seat(ObjectProcess(f"worker {number}", packed, able.preloads))
+            for number in range(1, count + 1)
         ]
         self._drive_limit = drive_limit
         self._log = log
@@ -150,33 +159,34 @@ class LocalWorkers:
         return max(0, sum(map(self._room, self._seats)) - len(self._backlog))
 
     def _room(self, seat: _Seat) -> int:
+        """Return how many more candidates a worker can take."""
         if not seat.is_ready:
             return 0
         capacity = self._ahead if seat.pace <= QUICK else 1
         return max(0, capacity - len(seat.candidates))
 
     def submit(self, candidate: Candidate) -> None:
-        """Hands a candidate to a free worker."""
+        """Hand a candidate to a free worker."""
         free = [seat for seat in self._seats if self._room(seat)]
         seat = min(free, key=lambda seat: len(seat.candidates))
         seat.candidates.append(candidate)
         seat.worker.send("test", candidate, limit=self._drive_limit, answer=Attempt)
 
     def wait(self, timeout: float) -> Sequence[Attempt]:
-        """Waits until something happens, for at most so many s; returns finished attempts.
+        """Wait for a message, for at most `timeout` s; return the finished attempts.
 
         Raises:
-            CampaignError: there are no workers left and none can be started.
+            CampaignError: no worker is left and no other can be started.
         """
         while self._backlog and any(self._room(seat) for seat in self._seats):
             self.submit(self._backlog.popleft())
-        there = [seat for seat in self._seats if not seat.is_lost]
-        if not there:
+        remaining = [seat for seat in self._seats if not seat.is_lost]
+        if not remaining:
             reasons = "; ".join(sorted({seat.loss for seat in self._seats}))
             raise CampaignError(f"no worker could be started: {reasons}")
-        heard = ready([seat.worker for seat in there], timeout)
+        heard = ready([seat.worker for seat in remaining], timeout)
         attempts: list[Attempt] = []
-        for seat in there:
+        for seat in remaining:
             if seat.worker not in heard:
                 continue
             try:
@@ -206,7 +216,7 @@ class LocalWorkers:
         return replace(attempt, worker=seat.worker.name)
 
     def __enter__(self) -> Self:
-        """Starts the workers without waiting."""
+        """Start the workers without waiting."""
         try:
             for seat in self._seats:
                 self._start(seat)
@@ -216,7 +226,7 @@ class LocalWorkers:
         return self
 
     def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
-        """Ends all workers: at once during an error, else when they are done."""
+        """End all workers: at once during an error, else when they are done."""
         try:
             for seat in self._seats:
                 if error is None and seat.is_ready:
@@ -228,7 +238,7 @@ class LocalWorkers:
                 seat.worker.kill()
 
     def _start(self, seat: _Seat) -> None:
-        """Starts a worker without waiting, unless that has failed too often."""
+        """Start a worker without waiting, unless its starts have failed too often."""
         seat.is_ready, seat.is_lost = False, True
         while seat.failed_starts < STARTS:
             try:
@@ -242,11 +252,11 @@ class LocalWorkers:
                 return
 
     def _lost(self, seat: _Seat, error: LostWorkerError) -> list[Attempt]:
-        """Replaces a worker; returns the lost attempt."""
+        """Replace a worker; return the lost attempt."""
         if trace := error.trouble.traceback:
             logger.debug("%s: %s\n%s", seat.worker.name, error, trace)
             if not seat.has_started:
-                seat.failed_starts = STARTS  # that would not change
+                seat.failed_starts = STARTS  # another start would fail alike
         attempts = []
         if seat.is_ready and seat.candidates:
             lost = seat.candidates.popleft().id
@@ -261,33 +271,65 @@ class LocalWorkers:
         return attempts
 
     def _replace(self, seat: _Seat) -> None:
-        """Starts another process for a worker; what waited in it, waits for any."""
+        """Start another process for a worker; candidates that waited there wait for any worker."""
         seat.worker.kill()
         self._backlog.extend(seat.candidates)
         seat.candidates.clear()
         self._start(seat)
 
     def _note_loss(self, seat: _Seat, reason: str, **fields: JSONValue) -> None:
-        """Remembers and logs the reason of a worker's loss."""
+        """Note and log the reason of a worker's loss."""
         seat.loss, name = reason, seat.worker.name
         loss = f"{name} was lost: {reason}"
         fields |= {"worker": name, "reason": reason}
         self._log.write(LogEvent.WORKER_LOST, loss, level="warning", **fields)
 
 
-class _Seat:
-    """One worker, as the campaign knows it."""
+def workers_for(
+    tester: RoadTester,
+    workers: int | str,
+    *,
+    isolate: bool,
+    drive_limit: float,
+    log: CampaignLog,
+    ahead: bool,
+    keep: bool,
+) -> Workers:
+    """Return the workers of a campaign, which are not started yet.
 
-    def __init__(self, worker: Worker) -> None:
+    Args:
+        tester: tests the candidates.
+        workers: number of workers, or the address of a cluster's scheduler.
+        isolate: whether a single worker, too, drives in a process of its own, see `is_isolable`.
+        drive_limit: as for `LocalWorkers`, as are `log`, `ahead` and `keep`.
+        log: of the campaign.
+        ahead: whether a worker with quick tests may have several candidates at once.
+        keep: whether attempts have exact trajectories, too.
+
+    Raises:
+        CampaignError: driver or simulator cannot be copied into another process.
+    """
+    if isinstance(workers, str):
+        cluster: Workers = cluster_workers()(tester, workers, drive_limit=drive_limit, log=log)
+        return cluster
+    if workers == 1 and not (isolate and is_isolable(tester)):
+        return InProcessWorker(tester)
+    return LocalWorkers(tester, workers, drive_limit=drive_limit, log=log, ahead=ahead, keep=keep)
+
+
+class _Seat:
+    """A worker as the campaign knows it: its process, its candidates and its failed starts."""
+
+    def __init__(self, worker: ObjectProcess) -> None:
         self.worker = worker
         self.candidates: deque[Candidate] = deque()
-        """The candidate that it drives, and the waiting ones."""
+        """The candidate that it drives, and those that wait."""
         self.is_ready = False
         """Whether its simulator has started."""
         self.is_lost = True
         """Whether it has no process."""
         self.has_started = False
-        """Whether its simulator ever has."""
+        """Whether its simulator has started at least once."""
         self.failed_starts = 0
         """Number of consecutive failed starts."""
         self.pace = float("inf")

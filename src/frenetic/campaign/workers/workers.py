@@ -19,11 +19,11 @@ CLUSTERS: Final = "frenetic.clusters"
 
 
 class Workers(Protocol):
-    """Workers, which test candidates, each one at a time.
+    """Workers, each of which tests one candidate at a time.
 
-    It is a context manager: entering it starts them without waiting, leaving it ends them in every
-    case. It is used from one thread. Each submitted candidate comes back in an `Attempt`, whatever
-    happens to its worker; a lost worker is replaced.
+    Workers are a context manager: entering it starts them without waiting, leaving it ends them in
+    every case. They are used from one thread. Each submitted candidate comes back in an `Attempt`,
+    whatever happens to its worker; a lost worker is replaced.
     """
 
     @property
@@ -31,24 +31,24 @@ class Workers(Protocol):
         """Number of candidates that can be submitted now; 0 while workers start."""
 
     def submit(self, candidate: Candidate) -> None:
-        """Hands a candidate to a free worker, to be tested as by `RoadTester.test`."""
+        """Hand a candidate to a free worker, to be tested as by `RoadTester.test`."""
 
     def wait(self, timeout: float) -> Sequence[Attempt]:
-        """Waits until something happens, for at most so many s; returns finished attempts.
+        """Wait for a message, for at most `timeout` s; return the finished attempts.
 
         Raises:
-            CampaignError: there are no workers left and none can be started; the message says why.
+            CampaignError: no worker is left and no other can be started; the message says why.
         """
 
     def __enter__(self) -> Self:
-        """Starts the workers without waiting."""
+        """Start the workers without waiting."""
 
     def __exit__(self, *raised: Any) -> None:
-        """Ends all workers: at once during an error, else when they are done."""
+        """End all workers: at once during an error, else when they are done."""
 
 
 def available_cores() -> int:
-    """Processor cores that this process may use."""
+    """Return the number of processor cores that this process may use."""
     if hasattr(os, "process_cpu_count"):  # Python 3.13
         return os.process_cpu_count() or 1
     if hasattr(os, "sched_getaffinity"):
@@ -62,7 +62,7 @@ logger = logging.getLogger(__name__)
 
 
 class InProcessWorker(Workers):
-    """Tests one candidate after the other, within `wait`.
+    """The worker in the campaign's own process: it tests a candidate within `wait`.
 
     A simulator that broke is started again for the next candidate.
 
@@ -85,12 +85,12 @@ class InProcessWorker(Workers):
         return 0 if self._task else 1
 
     def submit(self, candidate: Candidate) -> None:
-        """Takes the candidate that `wait` will test."""
+        """Take the candidate that `wait` will test."""
         assert self._task is None
         self._task = candidate
 
     def wait(self, timeout: float) -> Sequence[Attempt]:  # noqa: ARG002 - it takes what it takes
-        """Tests the submitted candidate.
+        """Test the submitted candidate.
 
         Raises:
             CampaignError: the simulator does not start again.
@@ -115,16 +115,16 @@ class InProcessWorker(Workers):
         return (attempt,)
 
     def __enter__(self) -> Self:
-        """Starts the simulator.
+        """Start the simulator.
 
         Raises:
-            CampaignError: it does not start.
+            CampaignError: the simulator does not start.
         """
         self._start()
         return self
 
     def __exit__(self, *raised: Any) -> None:
-        """Ends the simulator."""
+        """End the simulator."""
         if self._started:
             self._started = False
             try:

@@ -27,7 +27,7 @@ from frenetic.analysis.comparison import (
     repeats_needed,
 )
 from frenetic.analysis.metrics import measure_campaign
-from frenetic.campaign import campaign
+from frenetic.campaign import defaults
 from frenetic.campaign.lock import lock_file
 from frenetic.campaign.summary import Summary
 from frenetic.errors import FreneticError
@@ -74,7 +74,7 @@ class Bench:
     terms: RunTerms
     repeats: Count = 10
     seed: Index = 1
-    folder: Path = field(default_factory=lambda: campaign.new_folder(BENCHES))
+    folder: Path = field(default_factory=lambda: defaults.new_folder(BENCHES))
     """Its folder; a text is taken, too."""
     preset: Preset | None = None
     """Edition of the competition whose figures stand beside its results."""
@@ -153,7 +153,7 @@ class Bench:
                 meanwhile.
         """
         check({"workers": workers}, Bench.run)
-        campaign.prepare(self.terms.tester.simulator)
+        defaults.prepare(self.terms.tester.simulator)
         compile_kernels()
         compile_measures()
         if resume:
@@ -246,7 +246,7 @@ class Bench:
         return {
             "generator": [one.word for one in self.entrants if not one.is_strategy],
             "strategy": [one.word for one in self.entrants if one.is_strategy],
-            **({} if spec is None else spec.driving().entries()),
+            **({} if spec is None else spec.driving_spec().entries()),
             "with": dict(terms.tester.terms.conditions),
             "map_size": terms.tester.terms.map_size,
             "objective": terms.objective,
@@ -314,7 +314,7 @@ class Bench:
         entries, tester = self.entries(), self.terms.tester
         assert tester.spec is not None
         others = entrant_parts(entries["generator"], entries["strategy"])
-        driving = {**tester.spec.driving().entries(), "objective": self.terms.objective}
+        driving = {**tester.spec.driving_spec().entries(), "objective": self.terms.objective}
         spec = Spec.of(driving).signed_in(tester.folder, others=others)
         if spec.signed is not None:
             return {SIGNED: msgspec.to_builtins(spec.signed)}

@@ -16,7 +16,14 @@ from frenetic.campaign.summary import Progress, Summary
 from frenetic.plugins.bench.runs import Run, RunState, RunTerms, run_entrant
 from frenetic.plugins.bench.strategy import Ending
 from frenetic.processes.interrupt import catch_interrupt
-from frenetic.processes.worker import MOST_WORKERS, LostWorkerError, Worker, pack, ready, report
+from frenetic.processes.object_host import report
+from frenetic.processes.object_process import (
+    MOST_WORKERS,
+    LostWorkerError,
+    ObjectProcess,
+    pack,
+    ready,
+)
 
 _POLL: Final = 0.2  # s between two looks whether Ctrl-C was pressed
 RUNS_PRELOADED: Final = ("frenetic.plugins.bench.preloading",)
@@ -43,13 +50,13 @@ def run_all(
     """
     packed, workers = pack(_Runner(terms)), min(workers, MOST_WORKERS)
     waiting = deque(runs)
-    at_work: dict[Worker, Run] = {}
+    at_work: dict[ObjectProcess, Run] = {}
     with catch_interrupt(on_interrupt) as interrupt:
         try:
             while at_work or (waiting and not interrupt.requested):
                 while waiting and len(at_work) < workers and not interrupt.requested:
                     run = waiting.popleft()
-                    worker = Worker(run.name, packed, RUNS_PRELOADED)
+                    worker = ObjectProcess(run.name, packed, RUNS_PRELOADED)
                     at_work[worker] = run
                     worker.start()
                     # Its process is in the folder of the parts.

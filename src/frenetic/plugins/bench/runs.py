@@ -21,8 +21,9 @@ from frenetic._support.json_value import JSONValue
 from frenetic._support.words import part_word
 from frenetic.analysis.sparseness import largest_distances, unlike_lines
 from frenetic.campaign.campaign import Campaign
+from frenetic.campaign.database import DATABASE
 from frenetic.campaign.objective import MOOBD, Objective
-from frenetic.campaign.store import DATABASE, CampaignStore
+from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Event, Summary
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import FreneticError, StrategyError

@@ -2,9 +2,9 @@
 
 The user starts ``dask scheduler``, and on each computer ``dask worker ADDRESS --nthreads 1
 --resources simulator=1``. A test is a task that takes one of the resource. It drives in a process
-of its own (`frenetic.processes.worker`), which its worker keeps as long as the campaign holds its
-`_Seats`. So Dask itself repeats the tests of a worker that dies, and ends the seats of a campaign
-that is gone.
+of its own (`frenetic.processes.object_process`), which its worker keeps as long as the campaign
+holds its `_Seats`. So Dask itself repeats the tests of a worker that dies, and ends the seats of a
+campaign that is gone.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ from frenetic._support.words import pip_install
 from frenetic.campaign.log import CampaignLog, LogEvent
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import RoadTester
-from frenetic.campaign.workers.local import Seat, lost_attempt
+from frenetic.campaign.workers.local import TesterHost, lost_attempt
 from frenetic.campaign.workers.workers import Workers
 from frenetic.errors import CampaignError, FreneticError, Trouble, describe_error, reason_of
-from frenetic.parts.registry import USER_MODULE, user_files
-from frenetic.processes.worker import LostWorkerError, Worker
+from frenetic.parts.user_modules import USER_MODULE, user_files
+from frenetic.processes.object_process import LostWorkerError, ObjectProcess
 from frenetic.search.records import Candidate
 from frenetic.simulators.blame import Blame
 
@@ -226,7 +226,7 @@ class _Seats:
         self.parcel = parcel
         self.drive_limit = drive_limit
         self.blame = blame
-        self.idle: list[Worker] = []
+        self.idle: list[ObjectProcess] = []
         finalize(self, lambda idle: threading.Thread(target=_end, args=(idle,)).start(), self.idle)
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[bytes, float, Blame]]:
@@ -234,7 +234,7 @@ class _Seats:
         return _Seats, (self.parcel, self.drive_limit, self.blame)
 
 
-def _end(seats: list[Worker]) -> None:
+def _end(seats: list[ObjectProcess]) -> None:
     for seat in seats:
         with suppress(LostWorkerError):  # what was driven stands
             seat.close()
@@ -250,7 +250,7 @@ def _test(seats: _Seats, candidate: Candidate) -> Attempt:
     # end with it.
     multiprocessing.current_process()._config["daemon"] = False  # type: ignore[attr-defined]
     name = str(get_worker().name).rpartition("://")[2]
-    seat = seats.idle.pop() if seats.idle else _started(Worker(name, seats.parcel))
+    seat = seats.idle.pop() if seats.idle else _started(ObjectProcess(name, seats.parcel))
     start = time.monotonic()
     try:
         attempt: Attempt = seat.call("test", candidate, limit=seats.drive_limit, answer=Attempt)
@@ -265,7 +265,7 @@ def _test(seats: _Seats, candidate: Candidate) -> Attempt:
     return replace(attempt, worker=name)
 
 
-def _started(seat: Worker) -> Worker:
+def _started(seat: ObjectProcess) -> ObjectProcess:
     try:
         seat.start()
         seat.answer()
@@ -288,7 +288,7 @@ def pack(tester: RoadTester) -> bytes:
         CampaignError: driver or simulator cannot be packed.
     """
     try:
-        return _parcel(Seat(replace(tester, spec=None)))  # as objects, with their code
+        return _parcel(TesterHost(replace(tester, spec=None)))  # as objects, with their code
     except FreneticError:
         raise
     except Exception as error:

@@ -15,7 +15,8 @@ from gymnasium.vector.utils import batch_space
 
 from frenetic._support.bounds import Count, check
 from frenetic._support.files import require_list
-from frenetic.campaign.store import DATABASE, CampaignStore
+from frenetic.campaign.database import DATABASE
+from frenetic.campaign.store import CampaignStore
 from frenetic.drivers import Camera
 from frenetic.errors import FreneticError
 from frenetic.oracle.outcome import Outcome

@@ -111,7 +111,7 @@ class Model:
         if brought := getattr(under_layers(made), "VEHICLE", None):
             model = replace(model, vehicle={"name": brought, **model.vehicle})
         car = Vehicle.of(model.vehicle)
-        arguments = DRIVERS.made(driver, driver_options or {}, {}).arguments
+        arguments = DRIVERS.construction(driver, driver_options or {}, {}).arguments
         options = {**(options_of(made) or {}), **arguments}
         known = {
             f"driver.{name}": float(value)

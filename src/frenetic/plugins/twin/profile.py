@@ -18,7 +18,7 @@ from frenetic._support.bounds import Index, Positive
 from frenetic._support.files import read_bounded, write_file
 from frenetic._support.outside_text import read_json
 from frenetic.errors import FreneticError
-from frenetic.parts.trust import is_here
+from frenetic.parts.trust import is_here, named_code
 from frenetic.spec import SIGNED, USUAL, Spec
 
 
@@ -91,7 +91,7 @@ class Profile(Record, frozen=True, kw_only=True):
     name: str
     """Name for people."""
     driven: dict[str, Any]
-    """Driver, car, conditions and rules, as `frenetic.spec.Spec.driving` gives them."""
+    """Driver, car, conditions and rules, as `frenetic.spec.Spec.driving_spec` gives them."""
     lane_width: Positive = 4.0
     """m."""
     fitted: list[Fitted] = []
@@ -108,7 +108,7 @@ class Profile(Record, frozen=True, kw_only=True):
             spec: names driver and simulator.
             about: other fields.
         """
-        driven = Spec.of(USUAL, spec).driving().signed_in(Path.cwd()).entries()
+        driven = Spec.of(USUAL, spec).driving_spec().signed_in(Path.cwd()).entries()
         return cls(name=name, driven=driven, lane_width=spec.terms.lane_width, **about)
 
     @classmethod
@@ -143,7 +143,8 @@ class Profile(Record, frozen=True, kw_only=True):
         source = f"the profile {self.name!r}"
         twin = Spec.of_driven(self.driven, source=source)
         folder = twin.require_trusted(source, optional=())
-        twin = twin.with_files_in({} if is_here(folder) else dict.fromkeys(twin.code, folder))
+        kinds = () if is_here(folder) else named_code(twin.parts)
+        twin = twin.with_files_in(dict.fromkeys(kinds, folder))
         return Spec.of(twin, {"lane_width": self.lane_width})
 
     def digest(self) -> str:

@@ -20,7 +20,8 @@ from frenetic._support.bounds import Finite, Positive, Share
 from frenetic._support.files import require_list
 from frenetic._support.outside_text import read_json
 from frenetic.analysis.groups import find_campaigns
-from frenetic.campaign.store import DATABASE, CampaignStore
+from frenetic.campaign.database import DATABASE
+from frenetic.campaign.store import CampaignStore
 from frenetic.errors import FreneticError, RoadError
 from frenetic.oracle.drive import Rules
 from frenetic.oracle.outcome import Outcome

@@ -1,33 +1,28 @@
 """A process that holds an object and does one call at a time.
 
-Isolation is one such worker; local workers of a campaign, runs of a bench and the fitting of a twin
-are several. The process leaves Ctrl-C to its parent and ends with it; it is killed with all that it
-has started. What the library logs there is logged here.
+An isolated driver has one such process; the local workers of a campaign, the runs of a bench and
+the fitting of a twin have several. The process leaves Ctrl-C to its parent and ends with it; it is
+killed with all that it has started. What the library logs there is logged here. The code that runs
+in the process is `frenetic.processes.object_host`.
 
-Foreign code runs in the process, so this side believes nothing that comes from there: answers are
+Foreign code runs in the process, so the parent trusts no message from there: answers are
 `frenetic._support.messages` of a type that the caller names, and each call has a time limit. What
-this side sends is pickled.
+the parent sends is pickled.
 """
 
 from __future__ import annotations
 
 import logging
-import os
 import pickle
 import sys
-import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from enum import Enum
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import wait
 from multiprocessing.process import BaseProcess
-from pathlib import Path
-from types import SimpleNamespace
-from typing import Annotated, Any, Final, NamedTuple
-
-from msgspec import Meta
+from typing import Any, Final, NamedTuple
 
 from frenetic._support.messages import (
     MOST_BYTES_OF_OURS,
@@ -36,53 +31,56 @@ from frenetic._support.messages import (
     FrameReader,
     ProtocolError,
     decode,
-    encode,
     to_bytes,
 )
-from frenetic.errors import CampaignError, Trouble, describe_error, reason_of, traceback_of
-from frenetic.parts.registry import load_user_file, user_files
+from frenetic.errors import CampaignError, Trouble, describe_error
+from frenetic.parts.user_modules import user_files
 from frenetic.processes.children import (
     END_LIMIT,
     SharedFlag,
     ending_of,
     kill_process,
-    one_process,
     process_context,
     start_process,
 )
+from frenetic.processes.object_host import (
+    ANSWER,
+    CALL,
+    CUT_OFF,
+    FAILED,
+    LIBRARY,
+    LOGGED,
+    REPORT,
+    LoggedRecord,
+    serve,
+)
 
 START_LIMIT: Final = 600.0
-"""Time that a worker may take to start what it holds, in s."""
+"""Time that a process may take to start its object, in s (ours)."""
 CLOSING_LIMIT: Final = 30.0
-"""Time that it has to close it, in s."""
+"""Time that a process has to close its object, in s (ours)."""
 MOST_WORKERS: Final = 30 if sys.platform == "win32" else sys.maxsize
-"""Most workers at once: Windows waits for 64 objects."""
-_LEAVING_LIMIT: Final = 1.0  # s that the process has to leave after that
-_CUT_OFF: Final = 83
-"""Exit code of a process whose connection was closed or replaced in it."""
-_KILLED: Final = -9  # exit code, SIGKILL's
-_MOST_LOGGED: Final = 2_000  # characters of a log message
-_MOST_RECORDS: Final = 1_000  # that are logged of one call
-_MOST_LEVEL: Final = 100  # of a log message
-_LIBRARY: Final = "frenetic"
-"""Name of the logger whose records are passed on."""
+"""Most processes at once: Windows waits for 64 handles, two of each process."""
+_LEAVING_LIMIT: Final = 1.0  # [s] that a process has to end once its object is closed, ours
+_KILLED: Final = -9  # exit code of a process that SIGKILL ended
+_MOST_RECORDS: Final = 1_000  # log records that are passed on from one call, ours
 _HINT: Final = "see its traceback; scripts that start workers need 'if __name__ == \"__main__\":'"
 
 logger = logging.getLogger(__name__)
 
 
 class Loss(Enum):
-    """How a worker was lost."""
+    """How a process was lost."""
 
-    RAISED = "what it holds raised"
+    RAISED = "its object raised"
     LATE = "a call took too long"
     ENDED = "its process ended"
     KILLED = "its process was killed, by itself or by the system"
-    BROKE_PROTOCOL = "what it sent is no answer, or its connection was closed in it"
+    BROKE_PROTOCOL = "it sent something else than an answer, or closed its connection"
 
 
 class LostWorkerError(Exception):
-    """A worker died, hangs, breaks the protocol, or what it holds raised."""
+    """A process died, hangs or breaks the protocol, or its object raised."""
 
     def __init__(self, trouble: Trouble, loss: Loss, *, is_drivers_turn: bool = False) -> None:
         super().__init__(trouble.reason)
@@ -93,7 +91,7 @@ class LostWorkerError(Exception):
 
 
 class RaisedError(LostWorkerError):
-    """What a worker holds raised."""
+    """The object in a process raised."""
 
     def __init__(self, trouble: Trouble) -> None:
         super().__init__(trouble, Loss.RAISED)
@@ -104,48 +102,48 @@ class Call(NamedTuple):
 
     number: int
     limit: float
-    """s."""
+    """Time that the call may take, in s."""
     answer: Any
-    """Type of its answer."""
+    """Type of the answer."""
     report: Any
-    """Type of its reports; None without any."""
+    """Type of the reports; None for a method that reports nothing."""
 
 
-class Worker:
+class ObjectProcess:
     """A process that holds an object and does one call at a time.
 
     Args:
         name: for messages.
-        held: the object, see `pack`.
-        files: users' files that the process loads before the object; by default those that this
-            one has loaded.
+        packed: the object, see `pack`.
+        files: users' files that the process loads before the object; by default the files that
+            the parent has loaded.
         preloads: modules that the server of processes imports beside the usual ones.
     """
 
     def __init__(
         self,
         name: str,
-        held: bytes,
+        packed: bytes,
         preloads: Sequence[str] = (),
         files: Sequence[str] | None = None,
     ) -> None:
         self.name = name
         self.since = 0.0
-        """When its present call began, on the monotonic clock."""
-        self._held = held
+        """Start of the present call, on the monotonic clock, in s."""
+        self._packed = packed
         self._preloads = preloads
         self._files = files
-        self._calls: deque[Call] = deque()  # the present one first
+        self._calls: deque[Call] = deque()  # the present call first
         self._number = 0
         self._process: BaseProcess | None = None
         self._channel: Channel
         self._frames: FrameReader
         self._turn: SharedFlag
-        self._logged = 0  # records of the present call
+        self._logged = 0  # log records of the present call
         self._loss: LostWorkerError | None = None  # to be raised after the answers before it
 
     def __len__(self) -> int:
-        """Number of calls that were sent and are not answered."""
+        """Return the number of calls without an answer."""
         return len(self._calls)
 
     @property
@@ -157,15 +155,15 @@ class Worker:
 
     @property
     def handles(self) -> tuple[Any, Any]:
-        """What `multiprocessing.connection.wait` tells ready when it sends something, or ends."""
+        """Handles that `multiprocessing.connection.wait` finds ready after a message or the end."""
         assert self._process is not None
         return self._channel.handle, self._process.sentinel
 
     def start(self, start_answer: Any = None) -> None:
-        """Starts the process, which calls the object's ``start``, without waiting.
+        """Start the process, which calls the object's ``start``, without waiting.
 
         Args:
-            start_answer: type of what ``start`` returns.
+            start_answer: type of the value that ``start`` returns.
 
         Raises:
             OSError: there are too many processes.
@@ -176,9 +174,9 @@ class Worker:
         try:
             self._process, connection = start_process(
                 context,
-                _serve,
+                serve,
                 user_files() if self._files is None else self._files,
-                self._held,
+                self._packed,
                 turn,
                 name=self.name,
             )
@@ -193,30 +191,30 @@ class Worker:
     def send(
         self, method: str, *args: object, limit: float, answer: Any = None, report: Any = None
     ) -> None:
-        """Let it call a method of the object after the calls before.
+        """Have the process call a method of the object after the calls before.
 
         Args:
             method: name of the method.
             args: its arguments.
-            limit: s that the call may take.
+            limit: time that the call may take, in s.
             answer: type of the answer.
-            report: type of what the method reports, see `report`; None if it reports nothing.
+            report: type of the values that the method sends by `report`; None if it sends none.
         """
         self._number += 1
         if not self._calls:
             self.since = time.monotonic()
         self._calls.append(Call(self._number, limit, answer, report))
-        call = Frame(_CALL, self._number, pickle.dumps((method, args)))
+        call = Frame(CALL, self._number, pickle.dumps((method, args)))
         data = to_bytes(call, MOST_BYTES_OF_OURS)
-        with suppress(OSError):  # it has died, or does not listen, as will be heard
+        with suppress(OSError):  # it has died, or does not listen: `receive` will notice
             self._channel.send(data, deadline=time.monotonic() + limit)
 
     def receive(self) -> list[Any]:
-        """Answers and reports that are there, in the order of the calls; waits for nothing.
+        """Return the answers and reports that have come, in the order of the calls; do not wait.
 
         Raises:
-            LostWorkerError: it has died, the call raised or took too long, or the answer is of
-                another type.
+            LostWorkerError: the process has died, the call raised or took too long, or the answer
+                has another type.
         """
         self._raise_loss()
         assert self._process is not None
@@ -244,7 +242,7 @@ class Worker:
         return answers
 
     def _raise_loss(self) -> None:
-        """Raise the loss that came behind answers which are returned by now, and forget it."""
+        """Raise the loss that came behind answers which were returned, and forget it."""
         loss, self._loss = self._loss, None
         try:
             if loss is not None:
@@ -253,11 +251,11 @@ class Worker:
             del loss
 
     def _ended(self) -> LostWorkerError:
-        """The error for a process that has ended, or is no longer connected."""
+        """Return the error for a process that has ended, or is no longer connected."""
         assert self._process is not None
         self._process.join(END_LIMIT + _LEAVING_LIMIT)
         exit_code = self._process.exitcode
-        if exit_code in (None, _CUT_OFF):
+        if exit_code in (None, CUT_OFF):
             return self._lost("the descriptors of its process were closed", Loss.BROKE_PROTOCOL)
         loss = Loss.KILLED if exit_code == _KILLED else Loss.ENDED
         hint = f", {_HINT}" if exit_code == 1 else ""
@@ -270,21 +268,21 @@ class Worker:
         """Take one message.
 
         Raises:
-            ProtocolError: it is no message that may come now.
+            ProtocolError: the message may not come now.
             RaisedError: the call raised.
         """
         call = self._calls[0] if self._calls else None
-        if frame.kind == _LOGGED:
-            self._log(decode(frame.body, _Logged))
-        elif frame.kind == _FAILED:
+        if frame.kind == LOGGED:
+            self._log(decode(frame.body, LoggedRecord))
+        elif frame.kind == FAILED:
             raise RaisedError(decode(frame.body, Trouble))
         elif frame.number <= self._number - len(self._calls):
             logger.warning("%s sent what is not counted: does the driver fork?", self.name)
         elif call is None or frame.number != call.number:
             raise ProtocolError("nobody has asked for it")
-        elif frame.kind == _REPORT and call.report is not None:
+        elif frame.kind == REPORT and call.report is not None:
             answers.append(decode(frame.body, call.report))
-        elif frame.kind == _ANSWER:
+        elif frame.kind == ANSWER:
             answers.append(decode(frame.body, call.answer))
             self._calls.popleft()
             self.since = time.monotonic()
@@ -292,11 +290,11 @@ class Worker:
         else:
             raise ProtocolError("it is of another kind")
 
-    def _log(self, record: _Logged) -> None:
+    def _log(self, record: LoggedRecord) -> None:
         """Log what the library logged there, up to `_MOST_RECORDS` records a call."""
         self._logged += 1
         if self._logged <= _MOST_RECORDS:
-            target = logging.getLogger(f"{_LIBRARY}{record.name}")
+            target = logging.getLogger(f"{LIBRARY}{record.name}")
             target.log(record.level, "%s: %s", self.name, record.message)
         elif self._logged == _MOST_RECORDS + 1:
             logger.warning(
@@ -304,7 +302,7 @@ class Worker:
             )
 
     def call(self, method: str, *args: object, limit: float, answer: Any = None) -> Any:
-        """Call a method of the object and wait for its answer, which is of the given type.
+        """Call a method of the object and wait for the answer, a value of type `answer`.
 
         Raises:
             LostWorkerError: as for `receive`.
@@ -313,7 +311,7 @@ class Worker:
         return self.answer()
 
     def answer(self) -> Any:
-        """Waits for the answer to the last call.
+        """Wait for the answer to the last call.
 
         Raises:
             LostWorkerError: as for `receive`.
@@ -325,7 +323,7 @@ class Worker:
         return answers[-1]
 
     def close(self) -> None:
-        """Lets the object close and the process end, if it does nothing else; kills it then.
+        """Close the object unless it is in a call, then end the process.
 
         Raises:
             LostWorkerError: the object's ``close`` raised.
@@ -345,7 +343,7 @@ class Worker:
             self.kill()
 
     def kill(self) -> None:
-        """Kills the process with all that it has started."""
+        """Kill the process with all that it has started."""
         process, self._process = self._process, None
         self._calls.clear()
         self._number = 0
@@ -357,156 +355,20 @@ class Worker:
             self._turn.close()
 
 
-def ready(workers: Iterable[Worker], timeout: float = 3600.0) -> list[Worker]:
-    """Waits for at most so many s; returns the workers to `receive` from."""
-    workers, now = list(workers), time.monotonic()
-    handles = [handle for worker in workers for handle in worker.handles]
-    left = min([timeout, *(worker.deadline - now for worker in workers)])
+def ready(processes: Iterable[ObjectProcess], timeout: float = 3600.0) -> list[ObjectProcess]:
+    """Wait for at most `timeout` s; return the processes to `receive` from."""
+    processes, now = list(processes), time.monotonic()
+    handles = [handle for process in processes for handle in process.handles]
+    left = min([timeout, *(process.deadline - now for process in processes)])
     heard, now = set(wait(handles, max(0.0, left))), time.monotonic()
-    return [w for w in workers if w.deadline < now or not heard.isdisjoint(w.handles)]
-
-
-# In the process
-
-
-def report(value: object) -> None:
-    """Send a value from within a call, which `Worker.receive` gives before the call's answer."""
-    _send(_REPORT, value)
-
-
-turn: Any = SimpleNamespace(value=0)
-"""Its ``value`` is 1 while a driver is asked; in a worker, the parent sees it."""
-
-_CALL, _ANSWER, _REPORT, _FAILED, _LOGGED = range(5)  # kinds of messages
-
-
-class _Logged(NamedTuple):
-    level: Annotated[int, Meta(ge=logging.NOTSET, le=_MOST_LEVEL)]
-    name: Annotated[str, Meta(max_length=200, pattern=r"(?s)^(\..*)?\Z")]
-    """Name of the logger, without `_LIBRARY`."""
-    message: Annotated[str, Meta(max_length=_MOST_LOGGED)]
-
-
-class _Sender:
-    """Sends messages to the parent, one at a time."""
-
-    def __init__(self, channel: Channel) -> None:
-        self.number = 1
-        """Number of the present call."""
-        self._channel = channel
-        self._lock = threading.Lock()
-        self._owner = os.getpid()
-
-    def send(self, kind: int, value: object) -> None:
-        """Send a value, unless this is a fork of a driver."""
-        if os.getpid() == self._owner:
-            data = to_bytes(Frame(kind, self.number, encode(value)))
-            with self._lock:
-                _send_whole(self._channel, data)
-
-
-_send: Callable[[int, object], None]  # a kind and a body to the parent
-
-
-def _serve(connection: Connection, files: Sequence[str], held: bytes, shared: Any) -> None:
-    """Answers the calls from the connection until it ends or the object was closed."""
-    global _send, turn  # of this process
-    turn = shared
-    channel = Channel(connection, blocks=True)
-    sender = _Sender(channel)
-    _send = send = sender.send
-    _let_forks_go(channel)
-    _attach_log(send)
-    try:
-        for file in files:
-            load_user_file(file)
-        # It comes from our own parent, so it may be unpickled.
-        thing = pickle.loads(held)  # noqa: S301
-        for sender.number, method, args in _calls(channel):
-            with one_process():
-                value = getattr(thing, method)(*args)
-            send(_ANSWER, value)
-            if method == "close":
-                break
-        _fall_silent()
-    except BaseException as error:  # also what a driver's sys.exit() raises
-        send(_FAILED, Trouble(reason_of(error), traceback_of(error)))
-    finally:
-        channel.close()
-
-
-def _calls(channel: Channel) -> Iterator[tuple[int, str, Any]]:
-    """Number, method and arguments of each call until the parent closes the connection."""
-    frames = FrameReader(MOST_BYTES_OF_OURS)
-    while True:
-        try:
-            data = channel.receive()
-        except (EOFError, OSError):
-            _require_whole(channel)
-            return
-        for frame in frames.feed(data):
-            # Likewise.
-            method, args = pickle.loads(frame.body)  # noqa: S301
-            yield frame.number, method, args
-
-
-def _send_whole(channel: Channel, data: bytes) -> None:
-    """Send bytes to the parent, unless it has gone; end the process if it is cut off."""
-    _require_whole(channel)
-    try:
-        channel.send(data)
-    except OSError:
-        _require_whole(channel)
-
-
-def _require_whole(channel: Channel) -> None:
-    """End the process if a driver has closed its connection, and may have put a file there."""
-    if not channel.is_whole:
-        os._exit(_CUT_OFF)
-
-
-def _let_forks_go(channel: Channel) -> None:
-    """Take the connection and the flag from each process that a driver forks."""
-    if sys.platform != "win32":
-
-        def let_go() -> None:
-            global turn
-            turn = SimpleNamespace(value=0)
-            channel.close()
-
-        os.register_at_fork(after_in_child=let_go)
-
-
-def _fall_silent() -> None:
-    """Lets nobody hear what a driver says when it is thrown away."""
-    with Path(os.devnull).open("w") as nowhere:
-        os.dup2(nowhere.fileno(), 2)
-
-
-def _attach_log(send: Callable[[int, object], None]) -> None:
-    """Pass the library's log records, from INFO on, to the parent."""
-
-    class Passing(logging.Handler):
-        def emit(self, record: logging.LogRecord) -> None:
-            name = record.name.removeprefix(_LIBRARY)[:200]
-            level = min(max(record.levelno, logging.NOTSET), _MOST_LEVEL)
-            text = record.getMessage()[:_MOST_LOGGED].encode(errors="replace").decode()
-            send(_LOGGED, _Logged(level, name, text))
-
-    library = logging.getLogger(_LIBRARY)
-    library.addHandler(Passing(logging.INFO))
-    if library.level == logging.NOTSET:
-        library.setLevel(logging.INFO)
-
-
-# Copies of objects for other processes
+    return [p for p in processes if p.deadline < now or not heard.isdisjoint(p.handles)]
 
 
 def pack(part: object) -> bytes:
-    """An object as bytes for a process that has loaded the user's files.
+    """Return an object as bytes for a process that has loaded the user's files.
 
     Raises:
-        CampaignError: it cannot be copied.
+        CampaignError: the object cannot be copied.
     """
     try:
         return pickle.dumps(part)

@@ -1,0 +1,150 @@
+"""Defaults and checks of a campaign's options."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Final
+
+from frenetic._support.bounds import require_count
+from frenetic._support.words import number_word
+from frenetic.campaign.guarded_strategy import ObservingStrategy
+from frenetic.campaign.tester import RoadTester
+from frenetic.campaign.workers import available_cores
+from frenetic.errors import CampaignError, reason_of
+from frenetic.parts.registry import options_of
+from frenetic.search.strategy import Strategy, has_own
+from frenetic.simulators.capabilities import capabilities
+from frenetic.simulators.simulator import Simulator
+from frenetic.spec import Budget, read_workers
+from frenetic.spec.terms import Terms
+from frenetic.spec.values import require_worker_count
+
+CAMPAIGNS: Final = Path("campaigns")
+"""Default parent of campaigns' folders."""
+LOOKAHEAD: Final = 16
+"""Candidates outstanding at once where several workers drive (ours)."""
+QUICK_DRIVES: Final = 1000
+"""Most simulations of a campaign of compiled drives that one process finishes before workers have
+started (ours)."""
+
+
+def new_folder(parent: Path | str = CAMPAIGNS) -> Path:
+    """Return a new folder in `parent`, named after the date and time."""
+    parent = Path(parent)
+    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
+    folder = parent / stamp
+    for number in range(2, 1000):
+        if not folder.exists():
+            break
+        folder = parent / f"{stamp}-{number}"
+    return folder
+
+
+def prepare(simulator: Simulator, *, is_here: bool = True) -> None:
+    """Have a simulator find out its `car`, where that takes starting it.
+
+    Args:
+        simulator: not yet entered.
+        is_here: whether it drives on this machine, so that its modules have to be installed.
+
+    Raises:
+        CampaignError: the simulator does not start.
+    """
+    try:
+        able = capabilities(simulator)
+        if is_here and able.missing:
+            with simulator:  # which says what to install
+                pass
+        able.prepare()
+    except Exception as error:
+        raise CampaignError(f"the simulator does not start: {reason_of(error)}") from error
+
+
+def checked_workers(workers: int | str) -> int | str:
+    """Return a number of workers, or the address of a scheduler.
+
+    Raises:
+        ValueError: the value is neither, or more workers than one computer may have.
+    """
+    if isinstance(workers, str):
+        return read_workers(workers)
+    return require_worker_count(require_count("workers", workers))
+
+
+def usual_workers(budget: Budget | None, lookahead: int | None, tester: RoadTester) -> int:
+    """Return the number of workers that are of use, by default one per core."""
+    workers = capabilities(tester.simulator).usual_workers or available_cores()
+    drives = None if budget is None else budget.simulations
+    if drives is not None and drives <= QUICK_DRIVES and tester.drives_compiled:
+        return 1
+    return workers if lookahead is None else min(workers, lookahead)
+
+
+def usual_lookahead(workers: int | str) -> int:
+    """Return the number of candidates that are outstanding at once, unless a user says another."""
+    if workers == 1:
+        return 1
+    return max(LOOKAHEAD, workers) if isinstance(workers, int) else LOOKAHEAD
+
+
+def checked_drive_limit(drive_limit: float | None, simulator: Simulator) -> float:
+    """Return the limit of a drive's wall time, by default the simulator's, in s.
+
+    Raises:
+        ValueError: the limit is not positive.
+    """
+    if drive_limit is None:
+        drive_limit = capabilities(simulator).drive_limit
+    if not drive_limit > 0.0:
+        raise ValueError(f"drive_limit is {drive_limit}: a positive number of seconds is needed")
+    return drive_limit
+
+
+def require_strategy(strategy: object, workers: int | str) -> None:
+    """Check that an object is a strategy that a campaign with these workers can search with.
+
+    Raises:
+        ValueError: the object is no strategy, or observes drives of other processes.
+    """
+    if not isinstance(strategy, Strategy):
+        raise ValueError(f"{type(strategy).__name__} is no strategy: make it a frenetic.Strategy")
+    if isinstance(strategy, ObservingStrategy) and workers != 1:
+        raise ValueError("the strategy observes drives: it needs one worker, in this process")
+
+
+def require_warm_start(strategy: Strategy) -> None:
+    """Check that a strategy can start from earlier campaigns and real roads.
+
+    Raises:
+        ValueError: the strategy has no `start_from`.
+    """
+    if not has_own(strategy, "start_from"):
+        raise ValueError(
+            f"the strategy {type(strategy).__name__} starts from no earlier campaign or real"
+            " road: give none, or choose a strategy with start_from, such as frenetic"
+        )
+
+
+def checked_terms(terms: Terms | None, strategy: Strategy) -> Terms:
+    """Return terms that agree with a strategy; by default the terms of the strategy.
+
+    Raises:
+        ValueError: terms and strategy do not agree.
+    """
+    of_strategy: dict[str, Any] = {"road_class": strategy.road_class, "domain": strategy.domain}
+    of_strategy["map_size"] = (options_of(strategy) or {}).get("map_size")
+    of_strategy = {name: value for name, value in of_strategy.items() if value is not None}
+    if terms is None:
+        return Terms.of_class(of_strategy.pop("road_class", None), **of_strategy)
+    for name, value in of_strategy.items():
+        if getattr(terms, name) != value:
+            text, strategy_text = (
+                number_word(term) if name == "map_size" else getattr(term, "name", term)
+                for term in (getattr(terms, name), value)
+            )
+            raise ValueError(
+                f"{name} is {text}, but the strategy was made for {strategy_text}: they have to"
+                " agree"
+            )
+    return terms

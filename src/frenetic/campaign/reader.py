@@ -1,0 +1,405 @@
+"""Reading a campaign's database: facts, tests, candidates, trajectories and counts."""
+
+from __future__ import annotations
+
+import operator
+import sqlite3
+from collections.abc import Container, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final, Literal, TypeAlias
+
+from msgspec import convert
+
+from frenetic._support.json_value import JSONValue
+from frenetic._support.notebook import Shown
+from frenetic._support.outside_text import read_json
+from frenetic.campaign.counts import Counts, FirstTests, road_key
+from frenetic.campaign.database import DATABASE, EARLIER_TESTS, TESTS, Tables, listed, translated
+from frenetic.campaign.record import Test, read_candidate, read_test
+from frenetic.campaign.trajectory_codec import decode
+from frenetic.errors import CampaignError
+from frenetic.oracle.drive import Trajectory
+from frenetic.oracle.outcome import Outcome
+from frenetic.road import profile
+from frenetic.search.records import Candidate
+from frenetic.spec.terms import Setting
+
+EARLIER_SETTINGS: Final = "earlier_settings"
+"""Fact with the settings of earlier campaigns from which this search starts, by their folders."""
+SOURCES: Final = "sources"
+"""Fact with the sources of a campaign's parts that are the user's: name of a file -> its text."""
+STARTED_IN: Final = "started_in"
+"""Fact with the folder from which a campaign was started, where its parts are found."""
+SIGNATURE: Final = "signature"
+"""Fact with the user's signature of the code, its folder and its sources."""
+Order: TypeAlias = Literal["told", "moobd"]
+
+_BATCH: Final = 500  # tests that one SELECT reads, ours
+_UNLISTED: Final = (
+    "config",
+    EARLIER_SETTINGS,
+    SOURCES,
+    STARTED_IN,
+    SIGNATURE,
+)  # facts that are large, or shown elsewhere
+_ROADS: Final = (
+    f"SELECT id, outcome, conditions, step, curvatures, points, {listed(profile.NAMES)} FROM test"  # noqa: S608
+    " WHERE told IS NOT NULL AND outcome <> 'DROPPED' ORDER BY told"
+)
+_ORDERS: Final = {"told": "told", "moobd": "moobd IS NULL, moobd, told"}
+
+
+class CampaignReader(Shown):
+    """The reading side of a `CampaignStore`.
+
+    Each read first calls `write`, so it sees the rows that waited.
+
+    Args:
+        folder: of the campaign.
+        connection: to the database.
+    """
+
+    def __init__(self, folder: Path, connection: sqlite3.Connection) -> None:
+        self.folder = folder
+        """The campaign's folder."""
+        self._path = folder / DATABASE
+        self._connection = connection
+        self._repeats: tuple[int, frozenset[int]] | None = None  # number of results, repeats
+        config = self.fact("config")
+        if not isinstance(config, dict):
+            raise self._damaged("the config is no JSON object")
+        self.config: Mapping[str, JSONValue] = MappingProxyType(config)
+        """The campaign's configuration."""
+        try:
+            self._setting: Setting | str = Setting.of(config)
+        except ValueError as error:
+            self._setting = str(error)
+
+    def write(self) -> None:
+        """Store the rows that wait; a `CampaignStore` open for reading has none."""
+
+    def at_a_glance(self) -> str:
+        """Return the folder and the results: ``campaigns/night: 70 PASS, 12 FAIL``."""
+        counts = [f"{number} {outcome}" for outcome, number in self.by_outcome().items() if number]
+        return f"{self.folder}: {', '.join(counts) or 'no results'}"
+
+    # Facts
+
+    @property
+    def setting(self) -> Setting:
+        """The setting of the campaign's drives.
+
+        Raises:
+            CampaignError: the configuration lacks the setting.
+        """
+        if isinstance(self._setting, str):
+            raise self._damaged(f"its configuration: {self._setting}")
+        return self._setting
+
+    @property
+    def lane_width(self) -> float:
+        """Width of each lane, in m; 4.0 where the configuration lacks the setting."""
+        return 4.0 if isinstance(self._setting, str) else self._setting.lane_width
+
+    @property
+    def facts(self) -> Mapping[str, JSONValue]:
+        """Facts beside the configuration: ``created_at`` and the facts that `finish` added."""
+        names = [name for (name,) in self._select("SELECT name FROM fact ORDER BY name")]
+        return MappingProxyType({name: self.fact(name) for name in names if name not in _UNLISTED})
+
+    def fact(self, name: str) -> JSONValue:
+        """Return a fact by its name; None if there is no such fact.
+
+        Raises:
+            CampaignError: the fact is damaged.
+        """
+        for (text,) in self._select("SELECT value FROM fact WHERE name = ?", (name,)):
+            try:
+                value: JSONValue = read_json(text)
+            except ValueError as error:
+                raise self._damaged(f"the fact {name} is not JSON: {error}") from None
+            return value
+        return None
+
+    # Tests and candidates
+
+    def tests(
+        self,
+        outcome: Outcome | None = None,
+        order_by: Order = "told",
+        limit: int | None = None,
+        with_trajectory: bool | Container[int] = False,
+        *,
+        with_repeats: bool = True,
+    ) -> Iterator[Test]:
+        """Yield the tests that are stored at this moment; later tests do not show up.
+
+        Args:
+            outcome: outcome of the tests to yield; None for all.
+            order_by: ``told`` for the order of results, or ``moobd``: lowest first, tests without
+                a MOOBD last.
+            limit: most tests.
+            with_trajectory: whether tests come with their trajectories, or the ids of those that
+                do.
+            with_repeats: whether to yield tests that repeat an earlier test, too, see `repeats`;
+                measures leave them out.
+
+        Raises:
+            CampaignError: a test is damaged or missing.
+        """
+        condition = "" if outcome is None else f"AND outcome = '{Outcome(outcome)}'"
+        self.write()
+        # A stored test never changes, so the ids are a snapshot, and no transaction stays open
+        # between two tests.
+        repeats = frozenset[int]() if with_repeats else self.repeats()
+        most = -1 if limit is None else limit + len(repeats)
+        ids = self._ids(
+            f"SELECT id FROM test WHERE told IS NOT NULL {condition} ORDER BY {_ORDERS[order_by]}"  # noqa: S608
+            f" LIMIT {most:d}"
+        )
+        ids = [number for number in ids if number not in repeats][:limit]
+        return (
+            test
+            for start in range(0, len(ids), _BATCH)
+            for test in self._read(ids[start : start + _BATCH], with_trajectory)
+        )
+
+    def _ids(self, select: str) -> list[int]:
+        return [number for (number,) in self._select(select)]
+
+    def test(self, id: int, with_trajectory: bool = True) -> Test:  # noqa: A002
+        """Return the test of the candidate with this id.
+
+        Raises:
+            CampaignError: no test has this id (the message names the existing ids), or the test is
+                damaged.
+        """
+        number = self._known(id, "test of candidate", "told IS NOT NULL")
+        return self._read([number], with_trajectory)[0]
+
+    def trajectory(self, id: int) -> Trajectory | None:  # noqa: A002
+        """Return the trajectory of the candidate with this id; None if none is stored.
+
+        Raises:
+            CampaignError: the trajectory is damaged.
+        """
+        self.write()
+        return self._trajectory(operator.index(id), TESTS)
+
+    def _trajectory(self, number: int, tables: Tables) -> Trajectory | None:
+        select = f"SELECT records, trajectory FROM {tables.test} WHERE id = ?"  # noqa: S608
+        for records, packed in self._select(select, (number,)):
+            if packed is not None:
+                with self._reading(f"the trajectory of {tables.label} {number}"):
+                    return decode(packed)
+            if records is not None:
+                raise self._damaged(f"the trajectory of {tables.label} {number} is gone")
+        return None
+
+    def earlier(self) -> list[Test]:
+        """Return the tests of other campaigns, and the real roads, from which the search starts.
+
+        They come without trajectories, numbered from 1, each with the setting of the campaign that
+        drove it.
+
+        Raises:
+            CampaignError: a test is damaged or missing.
+        """
+        with self._reading("the settings of the campaigns that it started from"):
+            settings = convert(self.fact(EARLIER_SETTINGS) or {}, dict[str, Setting])
+        ids = self._ids(f"SELECT id FROM {EARLIER_TESTS.test} ORDER BY id")  # noqa: S608
+        return [
+            replace(test, setting=settings.get(test.candidate.source.campaign))
+            if test.candidate.source is not None
+            else test
+            for start in range(0, len(ids), _BATCH)
+            for test in self._read(ids[start : start + _BATCH], False, EARLIER_TESTS)
+        ]
+
+    def earlier_trajectory(self, id: int) -> Trajectory | None:  # noqa: A002
+        """Return the trajectory of an `earlier` test; None for a real road.
+
+        Raises:
+            CampaignError: the trajectory is damaged.
+        """
+        return self._trajectory(id, EARLIER_TESTS)
+
+    def candidate(self, id: int) -> Candidate:  # noqa: A002
+        """Return the candidate with this id, whether it has a result or not.
+
+        Raises:
+            CampaignError: no candidate has this id (the message names the existing ids), or the
+                candidate is damaged.
+        """
+        return self._read_candidates([self._known(id, "candidate", "true")])[0]
+
+    def candidates(self) -> Iterator[tuple[Candidate, int]]:
+        """Yield all candidates in the order of asking, each with the number of results before it.
+
+        Raises:
+            CampaignError: a candidate is damaged or missing.
+        """
+        self.write()
+        results_before = dict(self._select("SELECT id, asked_after FROM test ORDER BY id"))
+        ids = list(results_before)
+        return (
+            (candidate, results_before[candidate.id])
+            for start in range(0, len(ids), _BATCH)
+            for candidate in self._read_candidates(ids[start : start + _BATCH])
+        )
+
+    def _read(
+        self,
+        ids: Sequence[int],
+        with_trajectory: bool | Container[int],
+        tables: Tables = TESTS,
+    ) -> list[Test]:
+        """Return the tests of candidates, in the order of the ids."""
+        has_path = ids if with_trajectory is True else with_trajectory or ()
+        setting = self._setting if isinstance(self._setting, Setting) else None
+        findings: dict[int, list[Sequence[Any]]] = {}
+        for number, *values in self._select(tables.select_findings(len(ids)), ids):
+            findings.setdefault(number, []).append(values)
+        tests = []
+        for row in self._rows(ids, tables):
+            path = self._trajectory(row[0], tables) if row[0] in has_path else None
+            with self._reading(f"{tables.label} {row[0]}"):
+                tests.append(read_test(row, findings.get(row[0], ()), path, setting))
+        return tests
+
+    def _read_candidates(self, ids: Sequence[int]) -> list[Candidate]:
+        candidates = []
+        for row in self._rows(ids):
+            with self._reading(f"candidate {row[0]}"):
+                candidates.append(read_candidate(row))
+        return candidates
+
+    def _rows(self, ids: Sequence[int], tables: Tables = TESTS) -> list[tuple[Any, ...]]:
+        """Return the rows of candidates, in the order of the ids.
+
+        Raises:
+            CampaignError: a row is missing.
+        """
+        rows = {row[0]: row for row in self._select(tables.select(len(ids)), ids)}
+        for number in ids:
+            if number not in rows:
+                raise self._damaged(f"candidate {number} is missing")
+        return [rows[number] for number in ids]
+
+    def by_outcome(self) -> dict[Outcome, int]:
+        """Return the number of results per outcome; every outcome is present."""
+        return self._count_by_outcome()[0]
+
+    def counts(self) -> Counts:
+        """Return the numbers of tests per outcome and of different roads, and the lowest MOOBD.
+
+        Reads the roads of all tests: where numbers are enough, `by_outcome` is faster.
+        """
+        by_outcome, min_moobd = self._count_by_outcome()
+        counts = Counts.of(by_outcome, min_moobd)
+        roads, first = set(), FirstTests()
+        for _, outcome, road, conditions, profiles in self._keys():
+            roads.add(road)
+            if not first.add_key(outcome, road, conditions, profiles):
+                counts.add_repeat(outcome)
+        counts.roads = len(roads)
+        return counts
+
+    def repeats(self) -> frozenset[int]:
+        """Return the ids of the tests that repeat an earlier test.
+
+        See `frenetic.campaign.counts.FirstTests`. Reads the roads of all tests, and reads
+        them again only after further results.
+
+        Raises:
+            CampaignError: a test is damaged.
+        """
+        self.write()
+        ((stored,),) = self._select("SELECT count(told) FROM test")
+        if self._repeats is None or self._repeats[0] != stored:
+            first = FirstTests()
+            repeats = frozenset(
+                number
+                for number, outcome, road, conditions, profiles in self._keys()
+                if not first.add_key(outcome, road, conditions, profiles)
+            )
+            self._repeats = stored, repeats
+        return self._repeats[1]
+
+    def _keys(self) -> Iterator[tuple[int, Outcome, int, dict[str, Any], list[bytes | None]]]:
+        """Yield each test's id and what `FirstTests.add_key` takes, in the order of results."""
+        for number, outcome, conditions, step, curvatures, points, *profiles in self.rows(_ROADS):
+            with self._reading(f"test {number}"):
+                road = road_key(step, curvatures, points)
+                result = Outcome(outcome)
+                amounts = {} if conditions == "{}" else dict(read_json(conditions))
+            yield number, result, road, amounts, profiles
+
+    def _count_by_outcome(self) -> tuple[dict[Outcome, int], float | None]:
+        """Return the number of results per outcome, and the lowest MOOBD in m."""
+        self.write()
+        rows = self._select(
+            "SELECT outcome, count(*), min(moobd) FROM test WHERE told IS NOT NULL GROUP BY outcome"
+        )
+        by_outcome = dict.fromkeys(Outcome, 0)
+        with self._reading("the outcome of a test"):
+            by_outcome |= {Outcome(outcome): count for outcome, count, _ in rows}
+        return by_outcome, min((moobd for *_, moobd in rows if moobd is not None), default=None)
+
+    def stored(self) -> int:
+        """Return the number of results on disk, without waiting ones; 0 if it cannot be read."""
+        with suppress(CampaignError):
+            ((number,),) = self._select("SELECT count(told) FROM test")
+            return int(number)
+        return 0
+
+    def elapsed(self) -> float:
+        """Return the campaign's time at the last result, in s."""
+        self.write()
+        ((seconds,),) = self._select("SELECT coalesce(max(elapsed), 0.0) FROM test")
+        return float(seconds)
+
+    def rows(self, select: str, parameters: Sequence[object] = ()) -> Iterator[tuple[Any, ...]]:
+        """Yield the rows of a SELECT, for reading many tests at once.
+
+        Nothing is checked. Later results may show up.
+        """
+        self.write()
+        with translated(self._path):
+            yield from self._connection.execute(select, tuple(parameters))
+
+    def _select(self, select: str, parameters: Sequence[object] = ()) -> list[tuple[Any, ...]]:
+        with translated(self._path):
+            return self._connection.execute(select, tuple(parameters)).fetchall()
+
+    @contextmanager
+    def _reading(self, name: str) -> Iterator[None]:
+        """Turn the faults of a value into a `CampaignError` that names it."""
+        try:
+            yield
+        except (TypeError, ValueError, CampaignError) as error:
+            raise self._damaged(f"{name}: {error}") from None
+
+    def _known(self, id: int, kind: str, where: str) -> int:  # noqa: A002
+        """Return an id that the database holds; SQLite knows no id from 2**63 on.
+
+        Raises:
+            CampaignError: the database holds no such id.
+        """
+        self.write()
+        number = operator.index(id)  # of numpy, too
+        select = f"SELECT count(*) FROM test WHERE {where} AND id = ?"  # noqa: S608
+        if 0 < number < 2**63 and self._select(select, (number,)) == [(1,)]:
+            return number
+        ids = f"SELECT min(id), max(id) FROM test WHERE {where}"  # noqa: S608
+        ((lowest, highest),) = self._select(ids)
+        existing = f"ids run from {lowest} to {highest}" if lowest else "there are none so far"
+        raise CampaignError(f"{self.folder} holds no {kind} {number}: {existing}")
+
+    def _damaged(self, problem: str) -> CampaignError:
+        return CampaignError(
+            f"{self._path} is damaged: {problem}; restore it from a copy, or run the campaign again"
+        )

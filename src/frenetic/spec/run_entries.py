@@ -1,0 +1,185 @@
+"""The entries of a run: name, type, bounds and help of each.
+
+Every command's help reads this module, so slow imports are inside functions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Final
+
+from msgspec import Meta, Struct, field, structs, to_builtins
+
+from frenetic._support.bounds import Count, Index, NotNegative, Positive, Text, converted
+from frenetic._support.words import parse_duration, part_word, read_part
+from frenetic.conditions.condition import require_allowed
+from frenetic.spec.part_record import PARTS
+from frenetic.spec.values import (
+    criteria_entries,
+    read_class,
+    read_domain,
+    read_workers,
+    require_worker_count,
+    roads_entry,
+)
+
+
+def _about(text: str, metavar: str = "") -> Meta:
+    """Return the help of an entry, and the placeholder of its option's value."""
+    return Meta(description=text, extra={"metavar": metavar})
+
+
+class Signed(Struct, frozen=True, forbid_unknown_fields=True):
+    """The user's signature of the code that a file names, see `frenetic.parts.trust`."""
+
+    folder: str
+    """Folder from which the code is loaded."""
+    signature: str
+
+
+class RunEntries(
+    Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True, dict=True
+):
+    """The entries of a run; an entry that is None or empty is not set.
+
+    Raises:
+        ValueError: an entry is out of range.
+        FreneticError: no roads, criteria or conditions have this name.
+    """
+
+    strategy: Annotated[
+        Text | None, _about("How to search ('frenetic list strategies'). [default: frenetic]")
+    ] = None
+    driver: Annotated[
+        Text | None,
+        _about(
+            "Who drives: a name ('frenetic list drivers'), package.module:Class, file.py:Class or"
+            " model.onnx. [default: as recorded, or planner]"
+        ),
+    ] = None
+    simulator: Annotated[
+        Text | None,
+        _about(
+            "What moves the car ('frenetic list simulators'). [default: as recorded, or embedded]"
+        ),
+    ] = None
+    conditions: Annotated[
+        dict[str, float],
+        _about(
+            "A condition: delay=0.1, friction=0.5; may be repeated ('frenetic list quantities').",
+            "NAME=VALUE",
+        ),
+    ] = field(name="with", default_factory=dict)
+    speed_limit: Positive | None = None
+    """Speed limit in km/h, also where a road has a limit of its own."""
+    oob_tolerance: Annotated[float, Meta(gt=0.0, le=1.0)] | None = None
+    """Share of the car's box that may be outside its lane, 0..1."""
+    criteria: Annotated[
+        Text | dict[str, Any] | None,
+        _about(
+            "What fails beside leaving the lane, or FILE.toml ('frenetic list criteria'). With"
+            " rules: competition,speed_limit=70,oob_tolerance=0.95, the default.",
+            "PROFILE",
+        ),
+    ] = None
+    wall_limit: Positive | None = None
+    """Wall time of a drive, in s; a worker is replaced after 1.5 times this and 10 s."""
+    roads: Annotated[
+        Text | dict[str, Any] | None,
+        _about(
+            "Roads that may exist: rural-80, say, or FILE.toml ('frenetic list roads')."
+            " [default: competition]",
+            "CLASS",
+        ),
+    ] = None
+    odd: Annotated[
+        Text | dict[str, Any] | None, _about("Domain (TOML): roads, conditions to search.", "FILE")
+    ] = None
+    map_size: Annotated[Positive | None, _about("m, side of the map. [default: 200]", "FLOAT")] = (
+        None
+    )
+    margin: NotNegative | None = None
+    """Distance of a road's centre line from the map's edge, in m."""
+    lane_width: Positive | None = None
+    """Width of each lane, in m."""
+    objective: Annotated[
+        Text | None,
+        _about(
+            "What gets worse ('frenetic list objectives'), or file.py:function. [default: moobd, or"
+            " criteria]",
+            "NAME",
+        ),
+    ] = None
+    simulations: Annotated[Count | None, _about("Stop after N drives. [default: 1000]", "N")] = None
+    time: Annotated[
+        Positive | str | None, _about("Stop after this time: 90s, 10m, 1h30m.", "TIME")
+    ] = None
+    """Wall time; in s once the entries are read."""
+    failures: Annotated[Count | None, _about("Stop after N failures.", "N")] = None
+    start_from: Annotated[
+        tuple[Text, ...],
+        _about(
+            "Start from an earlier campaign: what failed there is driven first; may be repeated.",
+            "CAMPAIGN",
+        ),
+    ] = field(name="from", default=())
+    from_roads: Annotated[
+        Text | None,
+        _about(
+            "Start from real roads, .xodr or .json, and keep to the class that they show.", "DIR"
+        ),
+    ] = None
+    seed: Annotated[Index | None, _about("Repeats a search. [default: a new one]", "N")] = None
+    lookahead: Count | None = None
+    """Number of roads that are proposed ahead."""
+    workers: Annotated[
+        Count | str | None,
+        _about(
+            "Drive on N roads at once, or on a Dask cluster, tcp://10.0.0.1:8786. [default: the"
+            " cores, or 1]",
+            "N|ADDRESS",
+        ),
+    ] = None
+    signed: Signed | None = None
+    """Signature of a spec that comes from a file, or goes into one."""
+
+    def __post_init__(self) -> None:
+        values = converted(self.user_values, RunEntries)
+        values |= {kind: part_word(*read_part(values[kind])) for kind in PARTS if kind in values}
+        require_allowed(values.get("conditions", {}))
+        if "criteria" in values:
+            entries = converted(criteria_entries(values["criteria"]), RunEntries)
+            for rule in sorted(entries.keys() & values.keys() - {"criteria"}):
+                if values[rule] != entries[rule]:
+                    raise ValueError(
+                        f"{rule} is {values[rule]:g}, and {entries[rule]:g} in the criteria: leave"
+                        " out one of the two"
+                    )
+            values |= entries
+        if "roads" in values:
+            values["roads"] = roads_entry(read_class(values["roads"]))
+        if "odd" in values:
+            values["odd"] = read_domain(values["odd"]).entries()
+        if isinstance(self.time, str):
+            values["time"] = parse_duration(self.time)
+        if isinstance(self.workers, str):
+            values["workers"] = read_workers(self.workers)
+        elif self.workers is not None:
+            require_worker_count(self.workers)
+        for name, value in values.items():
+            structs.force_setattr(self, name, value)
+
+    @property
+    def user_values(self) -> dict[str, Any]:
+        """Name of each attribute that the user sets -> its value."""
+        values = {name: getattr(self, name) for name in self.__struct_fields__}
+        return {name: value for name, value in values.items() if value != _UNSET.get(name)}
+
+    def entries(self) -> dict[str, Any]:
+        """Return the entries that the user sets, by their names in a file."""
+        entries: dict[str, Any] = to_builtins(self)
+        return entries
+
+
+_UNSET: Final[Mapping[str, Any]] = {"conditions": {}, "start_from": ()}
+"""Values of entries that are not set, where that is not None."""
