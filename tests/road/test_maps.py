@@ -20,7 +20,7 @@ from frenetic.errors import RoadError
 from frenetic.road import Road, profile
 from frenetic.road.files import find_roads, read_road
 from frenetic.road.opendrive import RoadMap, to_opendrive
-from frenetic.road.opendrive.reading import quoted_id
+from frenetic.road.opendrive.ids import quoted_id
 
 if TYPE_CHECKING:
     from command_line import Frenetic

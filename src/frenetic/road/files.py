@@ -20,7 +20,8 @@ from frenetic.errors import RoadError
 from frenetic.road import geometry, profile
 from frenetic.road.classes import RoadClass
 from frenetic.road.opendrive import RoadMap, Stretch
-from frenetic.road.opendrive.reading import SLOPE_ERROR, WIDTH_ERROR, quoted_id
+from frenetic.road.opendrive.following import SLOPE_ERROR, WIDTH_ERROR
+from frenetic.road.opendrive.ids import quoted_id
 from frenetic.road.road import MAX_COORDINATE, MIN_DISTANCE, START, Road
 from frenetic.road.validity import MAP_SIZE, Verdict, check_validity
 
