@@ -14,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from frenetic.errors import RoadError
+from frenetic.road.overlap import is_overlapping
 from frenetic.road.validity import (
     Verdict,
-    _overlaps_itself,
     _to_millimetre,
     check_validity,
     interpolate,
@@ -265,7 +265,7 @@ def test_chains_of_quads_on_a_grid_agree_with_shapely(noise: int) -> None:
         expected = reference.overlaps_itself(
             [(x, y) for x, y in left.tolist()], [(x, y) for x, y in right.tolist()]
         )
-        assert _overlaps_itself(left.astype(float), right.astype(float)) == expected, (left, right)
+        assert is_overlapping(left.astype(float), right.astype(float)) == expected, (left, right)
         seen[expected] += 1
     assert min(seen.values()) > 50, seen
 
