@@ -13,7 +13,8 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.errors import FreneticError
 from frenetic.road import profile
-from frenetic.road.classes import SPEEDS, RoadClass, friction_at, knots
+from frenetic.road.breaches import knots
+from frenetic.road.classes import SPEEDS, RoadClass, friction_at
 from frenetic.road.files import find_roads
 from frenetic.road.road import Road
 
@@ -145,7 +146,7 @@ def class_of(stretches: Mapping[str, Road], name: str) -> RoadClass:
     limits = {rule: _below(1.0 / value) for rule, value in rules.items() if value > 0.0}
     lengths = sorted(road.length for road in roads)
     steepest = max(float(np.abs(g[:, 1]).max(initial=0.0)) for g in grades)
-    return RoadClass.made(
+    return RoadClass.from_entries(
         {
             "name": name,
             "about": "As real roads are.",
