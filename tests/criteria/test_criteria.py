@@ -16,7 +16,7 @@ from scipy.integrate import cumulative_trapezoid
 from shapely import LineString, Polygon
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.entry_points import Entry
+from frenetic._support.entry_points import RegisteredPart
 from frenetic.analysis.criteria import criteria_in_words
 from frenetic.analysis.failures import caution
 from frenetic.campaign import Budget, Campaign, CampaignStore
@@ -33,8 +33,8 @@ from frenetic.drivers import Planner, Stanley
 from frenetic.errors import Fault, FreneticError, Trouble
 from frenetic.oracle.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.oracle.outcome import Outcome
-from frenetic.oracle.signals import Seen, mean, rate, spread, worst
-from frenetic.oracle.verdict import judge, measured, measures_json, seen_by_criteria
+from frenetic.oracle.signals import LocatedDrive, mean, rate, spread, worst
+from frenetic.oracle.verdict import judge, locate_drive, measure_criteria, measures_json
 from frenetic.road import Road
 from frenetic.search import RandomSearch
 from frenetic.simulators import EmbeddedSimulator
@@ -77,7 +77,7 @@ def along(road: Road, speed: float, aside: float = 0.0) -> Drive:
 
 def amount(name: str, drive: Drive) -> float:
     assert drive.road is not None
-    found = worst(name, seen_by_criteria(drive.road, drive))
+    found = worst(name, locate_drive(drive.road, drive))
     assert found is not None
     return found.value
 
@@ -101,7 +101,7 @@ def test_on_a_circle_the_lateral_acceleration_is_that_of_the_speed_and_curvature
     assert amount("yaw_rate", drive) == pytest.approx(np.degrees(speed / 100.0), rel=1e-9)
     assert amount("lateral_jerk", drive) == pytest.approx(0.0, abs=1e-9)
     assert amount("speed_excess", drive) == pytest.approx(3.6 * own - 70.0, rel=1e-9)
-    found = worst("lateral_acceleration", seen_by_criteria(road, drive))
+    found = worst("lateral_acceleration", locate_drive(road, drive))
     assert found is not None
     assert found.side == ("left" if side > 0.0 else "right")
 
@@ -124,7 +124,7 @@ def test_the_edge_distance_is_half_of_what_the_lane_is_wider_than_the_car() -> N
     road = Road(np.zeros(21))
     gap = 0.5 * (4.0 - CarBody().width)
     for aside in (0.0, 0.5, -0.7, 1.5):
-        found = worst("edge_distance", seen_by_criteria(road, along(road, 15.0, aside)))
+        found = worst("edge_distance", locate_drive(road, along(road, 15.0, aside)))
         assert found is not None
         assert found.value == pytest.approx(gap - abs(aside), abs=1e-9)
         if aside:
@@ -165,7 +165,7 @@ def test_the_edge_distance_agrees_with_shapely() -> None:
         candidate = roads.ask()
         road = candidate.road(4.0)
         drive = simulator.drive(road, Planner(aggression=1.15))
-        seen = seen_by_criteria(road, drive)
+        seen = locate_drive(road, drive)
         left = LineString(road.sample(0.05))
         right = LineString(road.sample(0.05, -4.0))
         car = seen.car
@@ -349,7 +349,7 @@ def test_leaving_the_lane_is_the_gravest() -> None:
 def test_a_drive_shorter_than_the_window_has_no_mean() -> None:
     road = Road(np.zeros(3))
     drive = along(road, 10.0)
-    assert measured(road, drive, [Criterion("lateral_jerk", 5.0, 60.0)]) == []
+    assert measure_criteria(road, drive, [Criterion("lateral_jerk", 5.0, 60.0)]) == []
     names = [row["quantity"] for row in measures_json(road, drive)]
     assert names == list(QUANTITIES)
 
@@ -373,7 +373,7 @@ def test_every_drive_agrees_with_what_is_measured() -> None:
             drive = simulator.drive(road, driver)
             for profile in profiles().values():
                 result = judged(road, drive, profile)
-                shares = [one.margin for one in measured(road, drive, profile.criteria)]
+                shares = [one.margin for one in measure_criteria(road, drive, profile.criteria)]
                 broke = sum(margin < 0.0 for margin in shares)
                 assert broke == sum(one.criterion != "lane" for one in result.findings)
                 if not broke and not result.departure:
@@ -383,26 +383,26 @@ def test_every_drive_agrees_with_what_is_measured() -> None:
 
 
 def test_quantities_and_their_limits_in_words() -> None:
-    assert quantity("lateral_jerk").told(4.0) == "4.00 m/s³"
-    assert ISO.criteria[2].told() == "at most 5 m/s³ in the mean of 0.5 s"
-    assert ISO.criteria[0].told() == "at least 0 m"
+    assert quantity("lateral_jerk").text(4.0) == "4.00 m/s³"
+    assert ISO.criteria[2].text() == "at most 5 m/s³ in the mean of 0.5 s"
+    assert ISO.criteria[0].text() == "at least 0 m"
 
 
 # Other packages
 
 
-def top_speed(seen: Seen, _: float) -> FloatArray:
-    return seen.path.speed
+def top_speed(located: LocatedDrive, _: float) -> FloatArray:
+    return located.path.speed
 
 
 TOP_SPEED = Quantity("top_speed", "m/s", "of the car", 10.0, series=top_speed)
 SLOW = Profile("of the object", (Criterion("duration", 1e4, 0.0, "our handbook"),), "slow")
-NO_SERIES = replace(TOP_SPEED, name="no_series", series=lambda seen, _: np.zeros(3))
+NO_SERIES = replace(TOP_SPEED, name="no_series", series=lambda located, _: np.zeros(3))
 
 
 def test_a_package_adds_quantities_and_profiles(monkeypatch: pytest.MonkeyPatch) -> None:
     entries = tuple(
-        Entry(name, f"{__name__}:{target}", "theirs")
+        RegisteredPart(name, f"{__name__}:{target}", "theirs")
         for name, target in zip(
             ("top_speed", "slow", "no_series"), ("TOP_SPEED", "SLOW", "NO_SERIES"), strict=True
         )

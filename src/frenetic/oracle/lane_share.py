@@ -21,7 +21,10 @@ On the sharpest valid curve (radius 14.3 m) an edge then deviates by 2 mm, the s
 def _clip(
     polygon: FloatArray, n: int, ax: float, ay: float, bx: float, by: float, out: FloatArray
 ) -> int:
-    """Keeps the part of a convex polygon (n vertices) to the left of the line a -> b."""
+    """Write the part of a convex polygon (n vertices) left of the line a -> b into ``out``.
+
+    Return the number of its vertices.
+    """
     count = 0
     px, py = polygon[n - 1, 0], polygon[n - 1, 1]
     before = (bx - ax) * (py - ay) - (by - ay) * (px - ax)
@@ -43,6 +46,7 @@ def _clip(
 
 @njit()
 def _area(polygon: FloatArray, n: int) -> float:
+    """Return the area of a polygon of n vertices."""
     total = 0.0
     for i in range(n):
         j = i + 1 if i + 1 < n else 0
@@ -67,7 +71,7 @@ def share_outside(
     centre_ahead: float,
     least: float = 0.0,
 ) -> float:
-    """Share (0..1) of a car's box that lies outside the lane between two lateral offsets.
+    """Return the share (0..1) of a car's box outside the lane between two lateral offsets.
 
     Only the lane near ``s`` counts: a car that has crossed over to another piece of the same road
     is outside.
@@ -79,7 +83,7 @@ def share_outside(
         s, d, road_heading: the centre of mass projected onto the road, the road's heading there.
         x, y, heading: m, m, rad, centre of mass and heading of the car.
         length, width, centre_ahead: m, the car's box, see `CarBody`.
-        least: a share that is surely less may be told as 0.
+        least: the kernel may return 0 for a share that is surely below this one.
     """
     half_length, half_width = 0.5 * length, 0.5 * width
     radius = math.hypot(half_length, half_width) + abs(centre_ahead)
