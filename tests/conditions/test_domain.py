@@ -47,7 +47,7 @@ def test_a_file_says_a_domain(path: Path) -> None:
     assert domain.axes == ("friction", "wet", "gust", "load", "noise", "wet_at", "gust_at", SEED)
     assert "gust -18 to 18 m/s" in domain.in_words()
     assert "wet 0.4 to 0.9 in 30 %" in domain.in_words()
-    assert Domain.made("x", domain.entries()) == domain
+    assert Domain.from_entries("x", domain.entries()) == domain
 
 
 @pytest.mark.parametrize(
@@ -161,7 +161,7 @@ def test_without_a_domain_nothing_changes() -> None:
 
 def test_until_something_fails_a_search_has_rare_conditions_in_half_of_its_roads() -> None:
     rare = {"low": 0.1, "high": 0.3, "chance": 0.1}
-    domain = Domain.made("x", {"conditions": {"delay": rare, "load": {"low": 0, "high": 300}}})
+    domain = Domain.from_entries("x", {"conditions": {"delay": rare, "load": {"low": 0, "high": 300}}})
     shares = {}
     for kind in (Frenetic, RandomSearch):
         strategy: Any = kind(seed=1, domain=domain)
@@ -178,7 +178,7 @@ def test_until_something_fails_a_search_has_rare_conditions_in_half_of_its_roads
 
 def test_after_a_failure_conditions_are_drawn_as_the_domain_says() -> None:
     rare = {"low": 0.1, "high": 0.3, "chance": 0.1}
-    domain = Domain.made("x", {"conditions": {"delay": rare}})
+    domain = Domain.from_entries("x", {"conditions": {"delay": rare}})
     strategy = Frenetic(seed=1, domain=domain, random_roads=300)
     first = strategy.ask()
     strategy.tell(Evaluation(first, Outcome.FAIL, -1.0, 0.001))
