@@ -25,7 +25,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Final, NamedTuple
 
-from frenetic._support.entry_points import Entry, installed
+from frenetic._support.entry_points import RegisteredPart, installed
 from frenetic.criteria.criterion import QUANTITIES
 from frenetic.errors import FreneticError, UnknownNameError, describe_raised, place_of
 from frenetic.parts.source_imports import files_of, imported_names
@@ -92,14 +92,14 @@ class Registry:
     target: str = "class"
     """Word for what a user's own spec names: class or function."""
 
-    def entries(self) -> list[Entry]:
+    def entries(self) -> list[RegisteredPart]:
         """All names: the built-in ones, then the installed ones in alphabetical order.
 
         Raises:
             FreneticError: an installed package claims a name that is already taken.
         """
         found = {
-            name: Entry(name, target, "built in", summary)
+            name: RegisteredPart(name, target, "built in", summary)
             for name, (target, summary) in self.built_in.items()
         }
         for entry in installed(self.group):
@@ -123,7 +123,7 @@ class Registry:
         """
         return {one.name: one.target for one in installed(self.group) if one.name.startswith(".")}
 
-    def about(self, entry: Entry) -> str:
+    def about(self, entry: RegisteredPart) -> str:
         """A line about a part: of an installed one the beginning of its docstring, or its place."""
         if entry.summary:
             return entry.summary
