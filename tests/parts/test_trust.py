@@ -713,7 +713,7 @@ def test_a_process_that_is_second_takes_the_key_of_the_first(
 
 def test_processes_that_begin_at_once_have_one_key(home: Path) -> None:
     code = (
-        "import sys; from frenetic import trust; print(trust.folder()); sys.stdin.read();"
+        "import sys; from frenetic.parts import trust; print(trust.folder()); sys.stdin.read();"
         " print(trust.sign({'driver': ('own.py:Own', {})}, '.'))"
     )
     pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}

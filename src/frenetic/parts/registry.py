@@ -138,7 +138,7 @@ class Registry:
         module, separator, _ = target.rpartition(":")
         if not separator or Path(spec).suffix.lower() in self.files:
             return False
-        return module.endswith(".py") or module.partition(".")[0] != __package__
+        return module.endswith(".py") or module.partition(".")[0] != "frenetic"
 
     def load(self, spec: str) -> Callable[..., Any]:
         """The class (or factory) of a name, ``module:Class``, ``file.py:Class`` or a file of data.

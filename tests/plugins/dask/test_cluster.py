@@ -14,7 +14,7 @@ from pathlib import Path
 import cloudpickle
 import pytest
 from campaigns import campaign, refused
-from clusters import HERE, ONE_SEAT, Cluster, end
+from clusters import HERE, ONE_SEAT, SHARED, Cluster, end
 from contents import contents
 from distributed import Client
 from driving import await_attempts, await_free, drive_one, events, write_mine
@@ -206,7 +206,7 @@ Campaign(
 def test_simulators_end_when_their_campaign_is_killed(
     cluster: Cluster, tmp_path: Path, marks: Marks
 ) -> None:
-    script = KILLED.format(here=str(HERE), marks=str(marks.folder), address=cluster.address)
+    script = KILLED.format(here=str(SHARED), marks=str(marks.folder), address=cluster.address)
     process = subprocess.Popen([sys.executable, "-c", script], cwd=tmp_path)
     try:
         until(
