@@ -4,7 +4,7 @@ The names below are the whole public interface of the top package. They are impo
 ``import frenetic`` takes no time, and the command line answers Ctrl-C before it imports anything.
 """
 
-TYPE_CHECKING = False  # as of `typing`, which takes its time
+TYPE_CHECKING = False  # importing `typing` takes time
 if TYPE_CHECKING:
     from typing import Any
 

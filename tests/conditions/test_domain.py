@@ -161,7 +161,9 @@ def test_without_a_domain_nothing_changes() -> None:
 
 def test_until_something_fails_a_search_has_rare_conditions_in_half_of_its_roads() -> None:
     rare = {"low": 0.1, "high": 0.3, "chance": 0.1}
-    domain = Domain.from_entries("x", {"conditions": {"delay": rare, "load": {"low": 0, "high": 300}}})
+    domain = Domain.from_entries(
+        "x", {"conditions": {"delay": rare, "load": {"low": 0, "high": 300}}}
+    )
     shares = {}
     for kind in (Frenetic, RandomSearch):
         strategy: Any = kind(seed=1, domain=domain)

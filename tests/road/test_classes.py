@@ -38,7 +38,9 @@ def test_the_least_radius_is_the_published_one() -> None:
     # AASHTO Green Book, minimum radius by limiting e and f: 86, 194 and 328 m with 4, 12 and 12 %;
     # ours are rounded up.
     for speed, slope, radius in ((50, 0.04, 86.0), (80, 0.12, 194.0), (100, 0.12, 329.0)):
-        made = RoadClass.from_entries({"name": "x", "design_speed": speed, "max_superelevation": slope})
+        made = RoadClass.from_entries(
+            {"name": "x", "design_speed": speed, "max_superelevation": slope}
+        )
         assert made.min_radius == radius
     assert RoadClass.of("urban-50").min_clothoid == 48.0  # (13.9 m/s)^3 / 1.2 m/s^3 = 47.2 m ^2
 

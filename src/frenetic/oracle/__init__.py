@@ -1,6 +1,6 @@
 """The oracle: the record of a drive, and the verdict whether the car kept its lane."""
 
-TYPE_CHECKING = False  # numba takes its time
+TYPE_CHECKING = False  # importing `typing` takes time
 if TYPE_CHECKING:
     from typing import Any
 

@@ -188,23 +188,35 @@ def assess_record(
         math.hypot(x - table[last, 0], y - table[last, 1]) <= goal and s >= last * ds - 2.0 * goal
     ) or (s >= last * ds - 1e-9 and -lane_width <= d <= 0.0):
         end = REACHED
-    else:
-        # Find the latest record that is at least stuck_time old. The first guess assumes a steady
-        # rate of records; the loops correct it.
-        passed = times[i] - times[i - 1] if i > 0 else 0.0
-        j = max(0, i - int(stuck_time / passed)) if passed > 0.0 else i
-        while j < i and times[i] - times[j + 1] >= stuck_time - 1e-9:
-            j += 1
-        while j > 0 and times[i] - times[j] < stuck_time - 1e-9:
-            j -= 1
-        if (
-            times[i] - times[j] >= stuck_time - 1e-9
-            and math.hypot(x - xs[j], y - ys[j]) < stuck_distance
-        ):
-            end = STUCK
-        elif times[i] > timeout:
-            end = TIMED_OUT
+    elif _is_stuck(times, xs, ys, i, stuck_distance, stuck_time):
+        end = STUCK
+    elif times[i] > timeout:
+        end = TIMED_OUT
     return end, s, d, road_heading, share
+
+
+@njit()
+def _is_stuck(
+    times: FloatArray,
+    xs: FloatArray,
+    ys: FloatArray,
+    i: int,
+    stuck_distance: float,
+    stuck_time: float,
+) -> bool:
+    """Return whether a car at record ``i`` is too near to its place ``stuck_time`` s before."""
+    # Find the latest record that is at least stuck_time old. The first guess assumes a steady rate
+    # of records; the loops correct it.
+    passed = times[i] - times[i - 1] if i > 0 else 0.0
+    j = max(0, i - int(stuck_time / passed)) if passed > 0.0 else i
+    while j < i and times[i] - times[j + 1] >= stuck_time - 1e-9:
+        j += 1
+    while j > 0 and times[i] - times[j] < stuck_time - 1e-9:
+        j -= 1
+    return bool(
+        times[i] - times[j] >= stuck_time - 1e-9
+        and math.hypot(xs[i] - xs[j], ys[i] - ys[j]) < stuck_distance
+    )
 
 
 @njit()
@@ -320,11 +332,11 @@ def judge(road: Road, drive: Drive) -> Result:
         )
     assessment = assess(road, drive)
     duration = float(path.time[len(assessment.distance) - 1])
-    ending = _ending_of(road, drive, assessment)
-    if ending is None:
+    end = _drive_end(road, drive, assessment)
+    if end is None:
         reason = f"The simulator stopped after {duration:.1f} s, before the drive had ended"
         return Result(Outcome.ERROR, reason, duration=duration)
-    outcome, reason, findings = ending.outcome, ending.reason, ending.findings
+    outcome, reason, findings = end.outcome, end.reason, end.findings
     if drive.rules.criteria:
         try:
             breaches = _breaches(road, drive, assessment)
@@ -342,12 +354,12 @@ def judge(road: Road, drive: Drive) -> Result:
         float(assessment.oob_share.max()),
         duration,
         findings,
-        ending.fault,
+        end.fault,
     )
 
 
 @dataclass(frozen=True)
-class _Ending:
+class _DriveEnd:
     """How a drive ended, before the criteria beside the lane are judged."""
 
     outcome: Outcome
@@ -356,14 +368,14 @@ class _Ending:
     fault: Fault | None = None
 
 
-def _ending_of(road: Road, drive: Drive, assessment: Assessment) -> _Ending | None:
+def _drive_end(road: Road, drive: Drive, assessment: Assessment) -> _DriveEnd | None:
     """Return how a drive ended; None if neither a rule nor the driver ended it."""
     rules, path = drive.rules, drive.trajectory
     i = len(assessment.distance) - 1
     distance = float(assessment.distance[i])
     place = float(path.time[i]), distance, float(path.x[i]), float(path.y[i])
     if assessment.end == REACHED:
-        return _Ending(Outcome.PASS, "Car reached the end of the road")
+        return _DriveEnd(Outcome.PASS, "Car reached the end of the road")
     if assessment.end == LEFT_LANE:
         side: Side = "left" if assessment.lateral_offset[i] > 0.0 else "right"
         share = float(assessment.oob_share[i])
@@ -372,22 +384,22 @@ def _ending_of(road: Road, drive: Drive, assessment: Assessment) -> _Ending | No
             f" {_rounded_up(share)} of it outside, {rules.oob_tolerance * 100:g}% tolerated"
         )
         departure = Finding(LANE, share, rules.oob_tolerance, side, *place)
-        return _Ending(Outcome.FAIL, reason, (departure,))
+        return _DriveEnd(Outcome.FAIL, reason, (departure,))
     if assessment.end == STUCK:
         reason = (
             f"Car moved less than {rules.stuck_distance:g} m in {rules.stuck_time:g} s"
             f" at {distance:.0f} m"
         )
-        return _Ending(Outcome.FAIL, reason)
+        return _DriveEnd(Outcome.FAIL, reason)
     if assessment.end == TIMED_OUT:
         reason = (
             f"Car took longer than {rules.timeout(road.length):.0f} s"
             f" and was at {distance:.0f} m of {road.length:.0f} m"
         )
-        return _Ending(Outcome.FAIL, reason)
+        return _DriveEnd(Outcome.FAIL, reason)
     if (trouble := drive.trouble) is not None:
         finding = Finding(DRIVER, 1.0, 0.0, None, *place)
-        return _Ending(Outcome.FAIL, trouble.reason, (finding,), trouble.fault)
+        return _DriveEnd(Outcome.FAIL, trouble.reason, (finding,), trouble.fault)
     return None
 
 

@@ -408,7 +408,7 @@ def _to_millimetre(value: float) -> float:
 def _edges(nodes: FloatArray) -> tuple[FloatArray, FloatArray, bool]:
     """Return left and right edge, (M, 2) each, and whether every step has a direction.
 
-    The normal at a node is that of the step ahead, at the last node that of the step behind. Where
+    The normal at a node is the normal of the step ahead, at the last node of the step behind. Where
     a step has no length, the edges are at the node itself.
     """
     left = np.empty_like(nodes)

@@ -11,7 +11,6 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.errors import RoadError
-from frenetic.road.opendrive.elements import number_of
 from frenetic.road.opendrive.ids import quoted_id, shortened
 from frenetic.road.opendrive.lanes import entered_lanes, lane_line
 from frenetic.road.opendrive.reference_line import KINK
@@ -27,6 +26,7 @@ from frenetic.road.opendrive.traced_line import (
     move_points,
     set_distances,
 )
+from frenetic.road.opendrive.xml_elements import number_of
 from frenetic.road.road import MIN_DISTANCE
 
 TURN: Final = math.radians(2.0)

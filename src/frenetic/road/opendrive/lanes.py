@@ -13,7 +13,6 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.errors import RoadError
 from frenetic.road import profile
-from frenetic.road.opendrive.elements import coefficients_of, evaluate_cubics, is_true, number_of
 from frenetic.road.opendrive.reference_line import reference_line
 from frenetic.road.opendrive.traced_line import (
     DISTANCE,
@@ -25,6 +24,12 @@ from frenetic.road.opendrive.traced_line import (
     X,
     Y,
     set_distances,
+)
+from frenetic.road.opendrive.xml_elements import (
+    coefficients_of,
+    evaluate_cubics,
+    is_true,
+    number_of,
 )
 from frenetic.road.road import MAX_SPEED_LIMIT, MIN_DISTANCE, MIN_SPEED_LIMIT
 

@@ -28,7 +28,6 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.errors import RoadError
 from frenetic.road import profile
-from frenetic.road.opendrive.elements import number_of, parse_xml
 from frenetic.road.opendrive.following import SAMPLE_DISTANCE, road_along
 from frenetic.road.opendrive.ids import QUOTING, name_in_errors, parse_ids, quoted_id, shortened
 from frenetic.road.opendrive.joints import Joint, join_lines, joint_notes, nearest_lane
@@ -43,6 +42,7 @@ from frenetic.road.opendrive.lanes import (
 )
 from frenetic.road.opendrive.traced_line import DISTANCE
 from frenetic.road.opendrive.writing import PROFILE_CODE, ROAD_CODE, add_road
+from frenetic.road.opendrive.xml_elements import number_of, parse_xml
 from frenetic.road.road import MAX_HEADING, Pose, Road
 
 _LANE_TAGS: Final = frozenset(

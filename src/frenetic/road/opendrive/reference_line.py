@@ -13,7 +13,6 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.errors import RoadError
 from frenetic.road import geometry
-from frenetic.road.opendrive.elements import coefficients_of, number_of
 from frenetic.road.opendrive.traced_line import (
     DISTANCE,
     GAP,
@@ -23,6 +22,7 @@ from frenetic.road.opendrive.traced_line import (
     X,
     close_gaps,
 )
+from frenetic.road.opendrive.xml_elements import coefficients_of, number_of
 from frenetic.road.road import MAX_CURVATURE, MAX_HEADING, MAX_LENGTH, MIN_DISTANCE
 
 STEP_ASIDE: Final = 2.0 * TOLERANCE
