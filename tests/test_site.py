@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import quote_plus
 
@@ -105,8 +106,10 @@ def test_every_public_name_is_in_the_reference(built: tuple[Path, str]) -> None:
             f"docs/api/index.md does not name frenetic.{name}"
         )
     for package, page in pages.items():
-        for name in getattr(import_module(f"frenetic.{package}"), "__all__", ()):
-            assert re.search(rf'id="frenetic\.{package}\.(\w+\.)*{name}"', page), name
+        room = f"frenetic.{package}"
+        room = room if find_spec(room) else f"frenetic.plugins.{package}"
+        for name in getattr(import_module(room), "__all__", ()):
+            assert re.search(rf'id="{re.escape(room)}\.(\w+\.)*{name}"', page), name
 
 
 def test_anchors_of_pages_outside_exist(built: tuple[Path, str]) -> None:

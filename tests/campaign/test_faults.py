@@ -19,6 +19,7 @@ from typing import Any
 import faulty
 import killing
 import pytest
+import small_disk
 from campaigns import campaign, refused, scripted
 from contents import contents
 from driving import events
@@ -85,7 +86,7 @@ def test_a_full_disk_loses_nothing_and_the_campaign_goes_on(tmp_path: Path) -> N
     if not shutil.which("unshare") or subprocess.run([*apart, mount], check=False).returncode:
         pytest.skip("no file system can be mounted here")
     done = subprocess.run(
-        [*apart, f'{mount} && exec "$@"', "sh", sys.executable, HERE / "small_disk.py", folder],
+        [*apart, f'{mount} && exec "$@"', "sh", sys.executable, small_disk.__file__, folder],
         capture_output=True,
         text=True,
         check=False,

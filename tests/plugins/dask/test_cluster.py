@@ -14,7 +14,7 @@ from pathlib import Path
 import cloudpickle
 import pytest
 from campaigns import campaign, refused
-from clusters import HERE, ONE_SEAT, SHARED, Cluster, end
+from clusters import ONE_SEAT, SHARED, Cluster, end
 from contents import contents
 from distributed import Client
 from driving import await_attempts, await_free, drive_one, events, write_mine
