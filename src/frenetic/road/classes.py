@@ -29,10 +29,11 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cache
 from importlib.resources import files
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Self, TypeAlias
 
@@ -47,8 +48,8 @@ from frenetic._support.words import read_part
 from frenetic.criteria.criterion import COMPETITION
 from frenetic.errors import FreneticError
 from frenetic.road import profile
-from frenetic.road.breaches import find_breaches
-from frenetic.road.conforming import conform
+from frenetic.road.conforming import NO_CHANGE, conform
+from frenetic.road.steady_parts import indices_of, knots, steady_parts
 from frenetic.road.validity import Verdict
 
 if TYPE_CHECKING:
@@ -65,7 +66,10 @@ _JERK: Final = 1.2  # [m/s³] lateral jerk in a clothoid (AASHTO, spirals)
 _LONG_VEHICLE: Final = 50.0
 """Half the square of the 10 m from a long vehicle's rear axle to its front, in m²."""
 _LEAST_WIDENING: Final = 0.25  # [m] a smaller widening is left out (RAS-L 1995)
-_ROUNDING: Final = 1e-9  # [steps] by which a rounded length may exceed whole steps; ours
+_ROUNDING: Final = 1e-9
+"""Share, 1/m, or number of steps by which a rounded value may miss a limit; ours."""
+_LENGTH_ROUNDING: Final = 1e-6
+"""Length in m, or share of a bend of the grade, by which a value may miss a limit; ours."""
 
 _Speed: TypeAlias = Annotated[float, Meta(ge=20.0, le=250.0)]
 _Slope: TypeAlias = Annotated[float, Meta(ge=0.0, le=0.2)]
@@ -291,12 +295,106 @@ class RoadClass:
 
     def breach(self, road: Road) -> str:
         """Return the first rule that a road breaches, in words; empty if it meets all."""
-        return next(find_breaches(self, road), "")
+        return next(_find_breaches(self, road), "")
 
     def verdict(self, road: Road) -> Verdict:
         """Return whether a road meets the rules, with the first breach as message."""
         text = self.breach(road)
         return Verdict(not text, text)
+
+
+# Breaches
+
+
+def _find_breaches(rules: RoadClass, road: Road) -> Iterator[str]:
+    """Yield each breach of the rules by a road, in words."""
+    yield from _breaches_of_curvature(rules, road)
+    yield from _breaches_of_length(rules, road)
+    yield from _breaches_across(rules, road)
+    yield from _breaches_of_grade(rules, road)
+    yield from _breaches_of_width(rules, road)
+
+
+def _text(rules: RoadClass, rule: str, fact: str, needed: str) -> str:
+    """Return a breach in words: the fact about the road, and what the rule needs."""
+    source = rules.sources.get(rule, "")
+    return f"{fact}: {rules.name} needs {needed}" + (f" ({source})" if source else "")
+
+
+def _breaches_of_curvature(rules: RoadClass, road: Road) -> Iterator[str]:
+    values, step = road.curvatures, road.step
+    for i in indices_of(np.abs(values) > rules.max_curvature * (1.0 + _ROUNDING)):
+        fact = f"A radius of {1.0 / abs(values[i]):.0f} m at {i * step:.0f} m"
+        yield _text(rules, "min_radius", fact, f"at least {rules.min_radius:g} m")
+    changes = np.abs(np.diff(values)) / step
+    for i in indices_of(changes > (1.0 + _ROUNDING) / rules.min_clothoid**2):
+        fact = f"A clothoid with A of {1.0 / math.sqrt(changes[i]):.0f} m at {i * step:.0f} m"
+        yield _text(rules, "min_clothoid", fact, f"at least {rules.min_clothoid:g} m")
+
+
+def _breaches_of_length(rules: RoadClass, road: Road) -> Iterator[str]:
+    step = road.step
+    for part in steady_parts(road.curvatures):
+        length, start = (part.last - part.first) * step, part.first * step
+        if abs(part.curvature) > NO_CHANGE:
+            least, rule, fact = rules.min_arc, "min_arc", f"An arc of {length:.0f} m"
+        elif part.before * part.after > 0.0:
+            least, rule = rules.min_straight, "min_straight"
+            fact = f"A straight of {length:.0f} m between bends to the same side"
+        else:
+            continue
+        if length < least - _LENGTH_ROUNDING:
+            yield _text(rules, rule, f"{fact} at {start:.0f} m", f"at least {least:g} m")
+
+
+def _breaches_across(rules: RoadClass, road: Road) -> Iterator[str]:
+    stations, curvatures = knots(road, road.superelevation)
+    slopes = profile.value_at(road.superelevation, stations)
+    steepest = rules.max_superelevation
+    for i in indices_of(np.abs(slopes) > steepest * (1.0 + _ROUNDING) + _ROUNDING):
+        fact = f"A superelevation of {100.0 * abs(slopes[i]):.1f} % at {stations[i]:.0f} m"
+        needed = f"at most {100.0 * steepest:g} %"
+        yield _text(rules, "max_superelevation", fact, needed)
+    # Side friction that a car needs at the design speed, by V²/(127 R).
+    demand = rules.design_speed**2 / 127.0 * curvatures + slopes
+    most = rules.design_speed**2 / 127.0 * rules.max_curvature - rules.max_superelevation
+    for i in indices_of(np.abs(demand) > max(most, 0.0) + 1e-6):
+        radius = 1.0 / max(abs(float(curvatures[i])), 1e-9)
+        fact = (
+            f"A side friction of {abs(demand[i]):.2f} at {stations[i]:.0f} m, in a radius of"
+            f" {radius:.0f} m with {100.0 * abs(slopes[i]):.1f} % of superelevation"
+        )
+        yield _text(rules, "min_radius", fact, f"at most {max(most, 0.0):.2f}")
+
+
+def _breaches_of_grade(rules: RoadClass, road: Road) -> Iterator[str]:
+    pairs = profile.cut(road.grade, 0.0, road.length)
+    for i in indices_of(np.abs(pairs[:, 1]) > rules.max_grade * (1.0 + _ROUNDING) + _ROUNDING):
+        fact = f"A grade of {100.0 * pairs[i, 1]:.1f} % at {pairs[i, 0]:.0f} m"
+        yield _text(rules, "max_grade", fact, f"at most {100.0 * rules.max_grade:g} %")
+    for (start, before), (end, after) in pairwise(pairs):
+        bend = (after - before) / (end - start)
+        word, rule = ("crest", "min_crest") if bend < 0.0 else ("sag", "min_sag")
+        least = getattr(rules, rule)
+        if abs(bend) * least > 1.0 + _LENGTH_ROUNDING:
+            fact = f"A {word} of {1.0 / abs(bend):.0f} m radius at {start:.0f} m"
+            yield _text(rules, rule, fact, f"at least {least:g} m")
+
+
+def _breaches_of_width(rules: RoadClass, road: Road) -> Iterator[str]:
+    if road.lane_width < rules.lane_width * (1.0 - _ROUNDING):
+        fact = f"The lanes are {road.lane_width:g} m wide"
+        yield _text(rules, "lane_width", fact, f"at least {rules.lane_width:g} m")
+    stations, curvatures = knots(road, road.widening)
+    widths = road.lane_width + profile.value_at(road.widening, stations)
+    needed = rules.lane_width + rules.widening * np.abs(curvatures)
+    for i in indices_of(widths < needed * (1.0 - _ROUNDING)):
+        fact = f"A lane of {widths[i]:.2f} m in a radius of {1.0 / abs(curvatures[i]):.0f} m"
+        fact += f" at {stations[i]:.0f} m"
+        yield _text(rules, "widening", fact, f"at least {needed[i]:.2f} m")
+
+
+# Names and formulas
 
 
 def friction_at(speed: float) -> float:

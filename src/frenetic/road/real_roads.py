@@ -13,10 +13,10 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.errors import FreneticError
 from frenetic.road import profile
-from frenetic.road.breaches import knots
 from frenetic.road.classes import SPEEDS, RoadClass, friction_at
 from frenetic.road.files import find_roads
 from frenetic.road.road import Road
+from frenetic.road.steady_parts import knots
 
 _STEPS: Final = (2.0, 25.0)
 """Shortest and longest step of roads whose stretches have the same step, in m; ours."""
