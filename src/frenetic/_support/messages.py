@@ -191,7 +191,7 @@ class Channel:
 
     @property
     def handle(self) -> Any:
-        """Return the argument of `multiprocessing.connection.wait` that waits for bytes."""
+        """Argument of `multiprocessing.connection.wait` that waits for bytes."""
         if sys.platform == "win32":
             return self._connection
         return self._descriptor

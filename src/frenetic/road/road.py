@@ -123,31 +123,14 @@ class Road:
         widening: npt.ArrayLike = (),
         speed_limits: npt.ArrayLike = (),
     ) -> None:
-        try:
-            values = np.array(curvatures, dtype=np.float64)
-        except (TypeError, ValueError, OverflowError):
-            raise RoadError("curvatures are not a list of numbers") from None
-        if values.ndim != 1:
-            raise RoadError(f"curvatures have shape {values.shape}: a flat list (N,) is needed")
-        if not 2 <= len(values) <= MAX_SAMPLES:
-            raise RoadError(
-                f"a road of {len(values)} curvature samples: 2 to {MAX_SAMPLES} are allowed"
-            )
-        bad = np.flatnonzero(~(np.abs(values) <= MAX_CURVATURE))
-        if len(bad):
-            raise RoadError(
-                f"curvature {bad[0]} is {values[bad[0]]:g} 1/m: every curvature must be a finite"
-                f" number, at most {MAX_CURVATURE:g} in either direction"
-            )
-        values.setflags(write=False)
-        object.__setattr__(self, "curvatures", values)
+        object.__setattr__(self, "curvatures", _checked_curvatures(curvatures))
         object.__setattr__(self, "step", _metres(step, "step", MIN_STEP, MAX_LENGTH))
         object.__setattr__(self, "lane_width", checked_lane_width(lane_width))
         if self.length > MAX_LENGTH:
             raise RoadError(
                 f"a road of {self.length:.0f} m: at most {MAX_LENGTH:.0f} m can be represented"
             )
-        object.__setattr__(self, "pose", _bounded(pose))
+        object.__setattr__(self, "pose", _checked_pose(pose))
         for name, pairs, most in (
             ("superelevation", superelevation, MAX_SUPERELEVATION),
             ("grade", grade, MAX_GRADE),
@@ -424,7 +407,38 @@ def checked_lane_width(value: float) -> float:
     return _metres(value, "lane_width", MIN_LANE_WIDTH, MAX_LANE_WIDTH)
 
 
-def _bounded(pose: tuple[float, float, float]) -> Pose:
+def _checked_curvatures(curvatures: npt.ArrayLike) -> FloatArray:
+    """Return curvatures as a read-only (N,) array.
+
+    Raises:
+        RoadError: they are no flat list of numbers, too few or too many, or one is too large.
+    """
+    try:
+        values = np.array(curvatures, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise RoadError("curvatures are not a list of numbers") from None
+    if values.ndim != 1:
+        raise RoadError(f"curvatures have shape {values.shape}: a flat list (N,) is needed")
+    if not 2 <= len(values) <= MAX_SAMPLES:
+        raise RoadError(
+            f"a road of {len(values)} curvature samples: 2 to {MAX_SAMPLES} are allowed"
+        )
+    bad = np.flatnonzero(~(np.abs(values) <= MAX_CURVATURE))
+    if len(bad):
+        raise RoadError(
+            f"curvature {bad[0]} is {values[bad[0]]:g} 1/m: every curvature must be a finite"
+            f" number, at most {MAX_CURVATURE:g} in either direction"
+        )
+    values.setflags(write=False)
+    return values
+
+
+def _checked_pose(pose: tuple[float, float, float]) -> Pose:
+    """Return a pose of three floats.
+
+    Raises:
+        RoadError: the pose is not x, y and heading, or a number is too large.
+    """
     try:
         x, y, heading = map(float, pose)
     except (TypeError, ValueError, OverflowError):
@@ -438,6 +452,11 @@ def _bounded(pose: tuple[float, float, float]) -> Pose:
 
 
 def _metres(value: float, name: str, least: float, most: float) -> float:
+    """Return a length in m as a float.
+
+    Raises:
+        RoadError: the value is no number from ``least`` to ``most``.
+    """
     try:
         number = float(value)
     except (TypeError, ValueError, OverflowError):
