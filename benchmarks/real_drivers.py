@@ -35,8 +35,9 @@ from frenetic import Budget, Campaign, CampaignStore, EmbeddedSimulator, Freneti
 from frenetic.analysis.causes import cause_of, in_words
 from frenetic.analysis.segments import segment_of
 from frenetic.criteria.criterion import Criterion
+from frenetic.oracle.measures import measure_criteria
 from frenetic.oracle.outcome import Outcome
-from frenetic.oracle.verdict import is_drivers, judge, measure_criteria
+from frenetic.oracle.verdict import is_drivers, judge
 from frenetic.parts.registry import DRIVERS
 from frenetic.plugins.commonroad import CommonRoadSimulator
 from frenetic.plugins.third_party.vehicles import FissCar, HighwayEnvCar, OpendbcCar, RoxCar

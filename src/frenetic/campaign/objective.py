@@ -29,9 +29,10 @@ from frenetic.campaign.store import CampaignStore
 from frenetic.criteria.criterion import QUANTITIES, quantity
 from frenetic.errors import CampaignError, describe_raised
 from frenetic.oracle.drive import Drive, Trajectory
+from frenetic.oracle.measures import measure_criteria
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.signals import Measurement, worst
-from frenetic.oracle.verdict import Result, assess, judge, locate_drive, measure_criteria
+from frenetic.oracle.verdict import Result, assess, judge, locate_drive
 from frenetic.parts.registry import OBJECTIVES
 from frenetic.road import Road
 from frenetic.search.records import Candidate, Evaluation, Trace

@@ -8,7 +8,7 @@ trajectory.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
@@ -18,11 +18,11 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Finite, NotNegative, Share
 from frenetic._support.compiled import njit
 from frenetic._support.words import simulated_time
-from frenetic.criteria.criterion import DRIVER, LANE, QUANTITIES, Criterion, Profile, quantity
+from frenetic.criteria.criterion import DRIVER, LANE, Profile, quantity
 from frenetic.errors import Fault, FreneticError, Trouble
 from frenetic.oracle.lane_share import share_outside
 from frenetic.oracle.outcome import Outcome
-from frenetic.oracle.signals import LocatedDrive, Measurement, measure, worst
+from frenetic.oracle.signals import LocatedDrive, measure
 from frenetic.road.geometry import heading_at, project_global, project_near, reach_of
 from frenetic.road.profile import value_at
 
@@ -408,47 +408,6 @@ def locate_drive(road: Road, drive: Drive, assessment: Assessment | None = None)
     if assessment is None:
         assessment = assess(road, drive)
     return LocatedDrive.of(road, drive, assessment.distance, assessment.lateral_offset)
-
-
-def measure_criteria(road: Road, drive: Drive, criteria: Iterable[Criterion]) -> list[Measurement]:
-    """Return the worst values in a drive, without criteria whose window is longer than the drive.
-
-    Raises:
-        FreneticError: a quantity cannot be measured.
-    """
-    located = locate_drive(road, drive)
-    measurements = (measure(criterion, located) for criterion in criteria)
-    return [measurement for measurement in measurements if measurement is not None]
-
-
-def measures_json(road: Road, drive: Drive) -> list[dict[str, Any]]:
-    """Return the worst value of every quantity in a drive, with the drive's limits, for JSON.
-
-    Raises:
-        FreneticError: a quantity cannot be measured.
-    """
-    located = locate_drive(road, drive)
-    limits = {criterion.quantity: criterion for criterion in drive.rules.criteria.criteria}
-    rows = []
-    for name in {**QUANTITIES, **limits}:
-        measurement, limit = worst(name, located), limits.get(name)
-        if measurement is None:
-            continue
-        rows.append(
-            {
-                "quantity": name,
-                "unit": quantity(name).unit,
-                "value": measurement.value,
-                "side": measurement.side,
-                "time": simulated_time(float(located.path.time[measurement.record])),
-                "distance": measurement.distance,
-                "window": measurement.criterion.window,
-                "limit": None if limit is None else limit.limit,
-                "clause": "" if limit is None else limit.clause,
-                "kept": None if limit is None else measurement.margin >= 0.0,
-            }
-        )
-    return rows
 
 
 def _breaches(road: Road, drive: Drive, assessment: Assessment) -> list[Finding]:
