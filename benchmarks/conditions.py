@@ -175,7 +175,7 @@ FAULTS = {
 def campaign(fault: str, kind: type[Strategy], seed: int, drives: int) -> tuple[int, str]:
     """Failures by the fault, and the conditions that `minimise` keeps of the first."""
     is_seen = fault == "wear"
-    domain = Domain.made("town", BY_CAMERA if is_seen else DOMAIN)
+    domain = Domain.from_entries("town", BY_CAMERA if is_seen else DOMAIN)
     planted = WithCamera if is_seen else Planted
     strategy = kind(seed=seed, road_class=domain.road_class, domain=domain)  # type: ignore[call-arg]
     driver, told = planted(FAULTS[fault][0]), ""
@@ -251,7 +251,7 @@ def _tester(domain: Domain) -> RoadTester:
 
 def _brute(seed: int, name: str) -> tuple[int, float]:
     """Failures of plain drives, and km."""
-    domain = Domain.made(name, DOMAINS[name])
+    domain = Domain.from_entries(name, DOMAINS[name])
     tester = _tester(domain)
     draws = Draws(tester, drives=5 * _CHUNK, seed=10_000 + seed)
     failures, lengths = 0, []
@@ -266,7 +266,7 @@ def _brute(seed: int, name: str) -> tuple[int, float]:
 
 
 def _estimated(seed: int, name: str, drives: int) -> Estimate:
-    domain = Domain.made(name, DOMAINS[name])
+    domain = Domain.from_entries(name, DOMAINS[name])
     with TemporaryDirectory() as folder:
         return estimate(_tester(domain), drives=drives, seed=seed, out=f"{folder}/drives")
 

@@ -35,8 +35,9 @@ from frenetic import Budget, Campaign, CampaignStore, EmbeddedSimulator, Freneti
 from frenetic.analysis.causes import cause_of, in_words
 from frenetic.analysis.segments import segment_of
 from frenetic.criteria.criterion import Criterion
+from frenetic.oracle.measures import measure_criteria
 from frenetic.oracle.outcome import Outcome
-from frenetic.oracle.verdict import is_drivers, judge, measured
+from frenetic.oracle.verdict import is_drivers, judge
 from frenetic.parts.registry import DRIVERS
 from frenetic.plugins.commonroad import CommonRoadSimulator
 from frenetic.plugins.third_party.vehicles import FissCar, HighwayEnvCar, OpendbcCar, RoxCar
@@ -194,7 +195,9 @@ def drive(task: Task, road: Road, rules: Rules) -> Seen:
         raise RuntimeError(f"{task}: {result.reason}")
     if is_drivers(result.fault):
         return Seen(True, True, f"breaks: {result.reason}"[:90], 0.0, 0.0)
-    values = {one.criterion: one.value for one in measured(road, made, (EDGE, ACCELERATION, JERK))}
+    values = {
+        one.criterion: one.value for one in measure_criteria(road, made, (EDGE, ACCELERATION, JERK))
+    }
     leaves = result.outcome is Outcome.FAIL
     cause = cause_of(segment_of(road, made, result.finding)) if leaves else None
     return Seen(

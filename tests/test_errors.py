@@ -54,7 +54,7 @@ def test_the_place_is_the_users_deepest_call(call: Callable[[], object]) -> None
     assert place == f"{HERE}:{line_of(call)}: {source}"
 
 
-def test_what_is_long_is_cut() -> None:
+def test_a_long_text_is_cut() -> None:
     place = place_of(raised(unlucky))
     assert place.startswith(f'{HERE}:{line_of(unlucky)}: return 1 / len("".join(')
     assert place.endswith("...")
@@ -116,7 +116,7 @@ def test_an_error_without_a_call_of_the_users_has_no_place() -> None:
     assert describe_raised(error) == describe_error(error) == "ValueError: never raised"
 
 
-def test_the_traceback_of_our_own_error_is_that_of_its_cause() -> None:
+def test_the_traceback_of_a_frenetic_error_shows_its_cause() -> None:
     def steer() -> None:
         try:
             singular()

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
+
+import pytest
 
 import frenetic
 
@@ -33,3 +36,54 @@ def test_an_import_within_a_function_says_why() -> None:
             if "#" not in lines[number] + lines[number - 1]
         ]
     assert unexplained == []
+
+
+def package_of(init: Path) -> str:
+    return ".".join(["frenetic", *init.parent.relative_to(ROOT).parts])
+
+
+LAZY_PACKAGES = [
+    package_of(init)
+    for init in sorted(ROOT.rglob("__init__.py"))
+    if "\n_MODULES = " in init.read_text(encoding="utf-8")
+]
+
+
+def names_for_type_checkers(package: str) -> dict[str, str]:
+    """Return the names that a package imports below ``if TYPE_CHECKING``, each with its module."""
+    path = import_module(package).__file__
+    assert path is not None
+    tree = ast.parse(Path(path).read_text(encoding="utf-8"))
+    return {
+        alias.name: node.module or ""
+        for block in tree.body
+        if isinstance(block, ast.If)
+        for node in block.body
+        if isinstance(node, ast.ImportFrom) and node.module != "typing"
+        for alias in node.names
+    }
+
+
+@pytest.mark.parametrize("package", LAZY_PACKAGES)
+def test_names_imported_on_use_are_those_that_type_checkers_see(package: str) -> None:
+    module = import_module(package)
+    assert names_for_type_checkers(package) == module._MODULES
+    assert sorted(module.__all__) == sorted(module._MODULES)
+
+
+@pytest.mark.parametrize("package", LAZY_PACKAGES)
+def test_each_name_imported_on_use_exists(package: str) -> None:
+    module = import_module(package)
+    for name in module._MODULES:
+        assert getattr(module, name) is not None
+
+
+def test_the_packages_with_slow_imports_import_names_on_use() -> None:
+    assert {"frenetic", "frenetic.drivers", "frenetic.oracle", "frenetic.report"} <= {
+        *LAZY_PACKAGES
+    }
+
+
+def test_an_unknown_name_of_a_package_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="module 'frenetic' has no attribute 'Plan'"):
+        _ = frenetic.Plan

@@ -4,7 +4,7 @@ The names below are the whole public interface of the top package. They are impo
 ``import frenetic`` takes no time, and the command line answers Ctrl-C before it imports anything.
 """
 
-TYPE_CHECKING = False  # as of `typing`, which takes its time
+TYPE_CHECKING = False  # importing `typing` takes time
 if TYPE_CHECKING:
     from typing import Any
 
@@ -49,11 +49,63 @@ if TYPE_CHECKING:
         Vehicle,
     )
 
+_MODULES = {
+    "BeamngAi": "frenetic.drivers",
+    "Budget": "frenetic.campaign",
+    "Camera": "frenetic.drivers",
+    "CameraDriver": "frenetic.drivers",
+    "Campaign": "frenetic.campaign",
+    "CampaignStore": "frenetic.campaign",
+    "Candidate": "frenetic.search",
+    "Controls": "frenetic.drivers",
+    "Delayed": "frenetic.drivers",
+    "Drive": "frenetic.simulators",
+    "DriveSetup": "frenetic.drivers",
+    "Driver": "frenetic.drivers",
+    "EmbeddedSimulator": "frenetic.simulators",
+    "Evaluation": "frenetic.search",
+    "Finding": "frenetic.oracle.verdict",
+    "Frenetic": "frenetic.search",
+    "Frenetic2021": "frenetic.search",
+    "FreneticError": "frenetic.errors",
+    "LimitedView": "frenetic.drivers",
+    "Motion": "frenetic.simulators",
+    "Noisy": "frenetic.drivers",
+    "Observation": "frenetic.drivers",
+    "Origin": "frenetic.search",
+    "Outcome": "frenetic.oracle.outcome",
+    "Planner": "frenetic.drivers",
+    "Pose": "frenetic.road",
+    "RandomSearch": "frenetic.search",
+    "Result": "frenetic.oracle.verdict",
+    "Results": "frenetic.report",
+    "Road": "frenetic.road",
+    "Rules": "frenetic.simulators",
+    "Simulator": "frenetic.simulators",
+    "Stanley": "frenetic.drivers",
+    "SteppedSimulator": "frenetic.simulators",
+    "Strategy": "frenetic.search",
+    "Summary": "frenetic.campaign",
+    "Test": "frenetic.campaign",
+    "Trajectory": "frenetic.simulators",
+    "Vehicle": "frenetic.simulators",
+    "Verdict": "frenetic.road",
+    "check_validity": "frenetic.road",
+    "data_frame": "frenetic.export",
+    "draw_drive": "frenetic.report",
+    "draw_road": "frenetic.report",
+    "evaluate": "frenetic.campaign",
+    "judge": "frenetic.oracle.verdict",
+    "resume": "frenetic.report",
+    "run": "frenetic.report",
+}
+"""Public name -> module from which `__getattr__` imports it on use."""
+
 
 def __getattr__(name: str) -> "Any":
-    from frenetic._support.public_names import lazy_names  # nothing is imported before a name
+    from frenetic._support.lazy_names import import_name  # `import frenetic` imports nothing
 
-    return lazy_names(__name__)(name)
+    return import_name(__name__, _MODULES, name)
 
 
 __all__ = [

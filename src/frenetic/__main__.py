@@ -1,13 +1,13 @@
 """The command line: the program ``frenetic``, and ``python -m frenetic``.
 
-It imports nothing before it can answer Ctrl-C.
+Nothing is imported before Ctrl-C can be answered.
 """
 
 import sys
 
 
 def main() -> None:
-    """Runs the command line; Ctrl-C while it is imported is one line and exit code 130, too."""
+    """Run the command line. Ctrl-C while it is imported is one line and exit code 130, too."""
     try:
         from frenetic.cli import main as run_command_line  # Ctrl-C may come meanwhile
 

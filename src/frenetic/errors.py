@@ -10,22 +10,23 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Literal
 
-_MOST = 450  # characters of a line about an error
-_MOST_OF_OURS = 2_000  # characters of an error of ours, which a driver may raise, too
-_MOST_SOURCE = 80  # characters of a line of source
-_MOST_TRACEBACK = 20_000  # characters of a traceback, whose middle is cut
+# Most characters of texts; ours.
+_MOST = 450  # of a line about an error
+_MOST_OF_OURS = 2_000  # of a Frenetic error, which a driver may raise, too
+_MOST_SOURCE = 80  # of a line of source
+_MOST_TRACEBACK = 20_000  # of a traceback, whose middle is cut
 _OURS = f"{Path(__file__).parent}{os.sep}"
 _STANDARD = f"{Path(os.__file__).parent}{os.sep}"
 _INSTALLED = (f"{os.sep}site-packages{os.sep}", f"{os.sep}dist-packages{os.sep}")
 
 
 def describe_error(error: BaseException) -> str:
-    """Class and text of an error in foreign code, in one line of at most 450 characters."""
+    """Return class and text of an error in foreign code, in one line of at most 450 characters."""
     return _described(error)[:_MOST]
 
 
 def describe_raised(error: BaseException) -> str:
-    """The same with the place in the user's code, see `place_of`; still at most 450 characters."""
+    """Return `describe_error` with the place in the user's code, at most 450 characters."""
     place = place_of(error)
     if not place:
         return describe_error(error)
@@ -33,25 +34,26 @@ def describe_raised(error: BaseException) -> str:
 
 
 def _described(error: BaseException) -> str:
+    """Return class and text of an error in one line."""
     name = _class_name(error)
     text = " ".join(_text_of(error, _MOST_OF_OURS).split())
     return f"{name}: {text}" if text else name
 
 
 def _class_name(error: BaseException) -> str:
-    """Name of an error's class, of at most 100 characters, whatever its class does."""
+    """Return the name of an error's class, at most 100 characters, whatever the class overrides."""
     name: str = vars(type)["__name__"].__get__(type(error))
     return _encodable(name[:100])
 
 
 def _cause_of(error: BaseException) -> BaseException | None:
-    """The error that this one was raised from, whatever its class says."""
+    """Return the error from which this one was raised, whatever its class overrides."""
     cause: BaseException | None = vars(BaseException)["__cause__"].__get__(error)
     return cause
 
 
 def _text_of(error: BaseException, most: int) -> str:
-    """The text of an error, of at most so many characters, whatever its class does."""
+    """Return the text of an error, of at most so many characters, whatever its class does."""
     try:
         return _encodable(str.__str__(str(error)[:most]))
     except BaseException:  # foreign code may raise anything here
@@ -59,16 +61,16 @@ def _text_of(error: BaseException, most: int) -> str:
 
 
 def _encodable(text: str) -> str:
-    """A text that files and databases take, without halves of characters."""
+    """Return a text that files and databases accept, without halves of characters."""
     return text.encode(errors="backslashreplace").decode()
 
 
 def place_of(error: BaseException) -> str:
-    """File, line and source line at which the user's code raised, as ``mpc.py:42: x = 1 / v``.
+    """Return where the user's code raised: file, line and source, as ``mpc.py:42: x = 1 / v``.
 
-    It is the deepest call that is neither ours nor of Python or an installed package; if all are,
-    the deepest in the package that we called. The file is given as seen from the entry of
-    `sys.path` that it is imported from. Empty if there is no such call.
+    The place is the deepest call outside Frenetic, Python and installed packages. If no call is, it
+    is the deepest call in the package that Frenetic called. The file's path starts from the entry
+    of `sys.path` from which it is imported. Empty if there is no such call.
     """
     place = _call_of(error)
     if place is None:
@@ -81,7 +83,7 @@ def place_of(error: BaseException) -> str:
 
 
 def _call_of(error: BaseException) -> tuple[str, int] | None:
-    """File and line at which the user's code raised, see `place_of`."""
+    """Return file and line at which the user's code raised, see `place_of`."""
     calls = [
         (frame.f_code.co_filename, line)
         for frame, line in traceback.walk_tb(vars(BaseException)["__traceback__"].__get__(error))
@@ -89,9 +91,9 @@ def _call_of(error: BaseException) -> tuple[str, int] | None:
     ]
     if not calls:
         return None
-    own = [call for call in calls if not any(part in call[0] for part in _INSTALLED)]
+    user_calls = [call for call in calls if not any(part in call[0] for part in _INSTALLED)]
     first = _package_of(calls[0][0])
-    return (own or [call for call in calls if _package_of(call[0]) == first])[-1]
+    return (user_calls or [call for call in calls if _package_of(call[0]) == first])[-1]
 
 
 HANGS: Final = "hangs"
@@ -102,11 +104,11 @@ IS_KILLED: Final = "is killed"
 """Kind of the fault of a driver whose process is killed in each of two drives on a road: a single
 kill may come from the system."""
 BREAKS_PROTOCOL: Final = "breaks into its process's descriptors"
-"""Kind of the fault of a driver that writes to descriptors that are not its own, or closes them."""
+"""Kind of the fault of a driver that writes to its process's descriptors, or closes them."""
 GIVES_NO_CONTROLS: Final = "gives no usable controls"
-"""Kind of the fault of a driver that returns what is none, or no finite numbers."""
+"""Kind of the fault of a driver that does not return controls with finite numbers."""
 OWN_KINDS: Final = (HANGS, ENDS_ITS_PROCESS, IS_KILLED, BREAKS_PROTOCOL, GIVES_NO_CONTROLS)
-"""Kinds of faults that are no error's class."""
+"""Kinds of faults that are not the class of an error."""
 
 
 @dataclass(frozen=True)
@@ -123,7 +125,7 @@ class Fault:
 
     @classmethod
     def of(cls, part: Literal["driver", "simulator"], error: BaseException) -> Fault:
-        """The fault that an error tells of; one of ours tells of its cause."""
+        """Return the fault behind an error; for a Frenetic error, behind its cause."""
         if issubclass(type(error), FreneticError) and (cause := _cause_of(error)) is not None:
             error = cause
         file, line = _call_of(error) or ("", 0)
@@ -135,13 +137,13 @@ class Fault:
         return f"{text} at {self.file}:{self.line}" if self.file else text
 
     def is_like(self, other: Fault | None) -> bool:
-        """Whether it is the same fault, in an edited file or not."""
+        """Return whether two faults are equal but for their lines, which edits of a file move."""
         return other is not None and replace(self, line=0) == replace(other, line=0)
 
 
 @dataclass(frozen=True)
 class Trouble:
-    """What broke a drive: the reason, and as far as known its traceback and whose fault it is."""
+    """An error that ended a drive: the reason, and if known, the traceback and the fault."""
 
     reason: str
     """The reason, in one line."""
@@ -157,35 +159,41 @@ class Trouble:
         part: Literal["driver", "simulator"] = "driver",
         reason: str | None = None,
     ) -> Trouble:
-        """Return the trouble that an error in a part's code makes, in its own words or others."""
+        """Return the trouble behind an error in a part's code.
+
+        Args:
+            error: the error.
+            part: the part whose code raised it.
+            reason: reason in other words than the error's.
+        """
         text = reason_of(error) if reason is None else reason
         return cls(text, traceback_of(error), Fault.of(part, error))
 
 
 def _is_foreign(file: str) -> bool:
-    """Whether a file is neither ours nor Python's, nor what a dataclass generates."""
+    """Return whether code is neither Frenetic's nor Python's, nor generated by a dataclass."""
     if file.startswith((_OURS, "<frozen ", "<string>")):
         return False
     return not file.startswith(_STANDARD) or any(part in file for part in _INSTALLED)
 
 
 def _package_of(file: str) -> str:
-    """The folder of the installed package that a file belongs to."""
+    """Return the folder of the installed package to which a file belongs."""
     for part in _INSTALLED:
-        head, found, tail = file.partition(part)
-        if found:
-            return head + found + tail.partition(os.sep)[0]
+        head, separator, tail = file.partition(part)
+        if separator:
+            return head + separator + tail.partition(os.sep)[0]
     return str(Path(file).parent)
 
 
 def _short(file: str) -> str:
-    """A file's path from the entry of `sys.path` that it is imported from."""
+    """Return a file's path from the entry of `sys.path` from which it is imported."""
     roots = [f"{root.rstrip(os.sep)}{os.sep}" for root in sys.path if Path(root).is_absolute()]
     return file[max((len(root) for root in roots if file.startswith(root)), default=0) :]
 
 
 def traceback_of(error: BaseException) -> str:
-    """The whole traceback of an error; that of its cause if we raised it to describe that."""
+    """Return the traceback of an error; for a Frenetic error, of the error that caused it."""
     if issubclass(type(error), FreneticError):
         if (cause := _cause_of(error)) is None:
             return ""
@@ -219,7 +227,7 @@ class CampaignGoneError(CampaignError):
     """A campaign's folder or database was moved, deleted or replaced while it was in use."""
 
     place: Path | None = None
-    """Where the folder is now, with all results; None if that is not known, or they are gone."""
+    """Path of the folder now, with all results; None if unknown, or if the results are gone."""
 
 
 class BrokenDriverError(CampaignError):
@@ -243,7 +251,7 @@ class UnknownNameError(FreneticError, LookupError):
 
 
 def reason_of(error: BaseException) -> str:
-    """One line about an error of a simulator or driver; our own errors stay as they are."""
+    """Return one line about an error of a simulator or driver; Frenetic's errors stay unchanged."""
     if issubclass(type(error), FreneticError):
         return _text_of(error, _MOST_OF_OURS)
     return describe_raised(error)

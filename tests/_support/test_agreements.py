@@ -18,7 +18,7 @@ def ask(file: Path, *parts: str | bytes, anew: bool = False) -> bool:
         return is_agreed
 
 
-def test_only_what_stayed_the_same_is_agreed_upon(file: Path) -> None:
+def test_only_unchanged_inputs_count_as_agreed(file: Path) -> None:
     assert not ask(file, "ab", b"c")
     assert not file.exists(), "a usual run keeps nothing"
     assert not ask(file, "ab", b"c", anew=True)
@@ -39,7 +39,7 @@ def test_names_are_kept_apart_and_in_order(file: Path) -> None:
     ]
 
 
-def test_a_disagreement_is_not_kept(file: Path) -> None:
+def test_a_disagreement_is_not_stored(file: Path) -> None:
     with pytest.raises(AssertionError), Agreements(file, anew=True).upon("a reader", "x"):
         raise AssertionError
     assert not ask(file, "x")

@@ -23,7 +23,7 @@ def test_times_are_understood(text: str, seconds: float) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "abc", "5x", "-3", "0", "0m", "1m1h", "1h30", "nan", "inf"])
-def test_what_is_no_time_is_refused(text: str) -> None:
+def test_a_text_that_is_no_time_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match="time"):
         parse_duration(text)
 

@@ -83,7 +83,7 @@ class Answer:
     folder: Path = Path()
 
 
-def test_values_come_back_as_what_they_were() -> None:
+def test_values_come_back_unchanged() -> None:
     rows = np.arange(6.0).reshape(2, 3)
     there = Answer(rows, np.float64(0.5), Path("a/b"))
     back = decode(encode(there), Answer)
@@ -112,12 +112,12 @@ class Bomb:
         encode([1, 2]),
     ],
 )
-def test_what_is_no_answer_is_refused(data: bytes) -> None:
+def test_a_message_that_is_no_answer_is_refused(data: bytes) -> None:
     with pytest.raises(ProtocolError, match="it is not what was asked for"):
         decode(data, Answer)
 
 
-def test_what_is_not_plain_is_not_sent() -> None:
+def test_an_object_that_is_not_plain_is_not_sent() -> None:
     with pytest.raises(TypeError, match="a Bomb cannot be sent"):
         encode(Bomb())
 

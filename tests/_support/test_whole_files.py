@@ -12,7 +12,7 @@ from frenetic.errors import CampaignError, FreneticError
 
 @pytest.mark.parametrize("durable", [False, True])
 @pytest.mark.parametrize("content", ["κ\r\n1\n", "κ\r\n1\n".encode()])
-def test_a_file_takes_the_place_of_what_was_there(
+def test_a_file_replaces_an_existing_one(
     tmp_path: Path, content: str | bytes, durable: bool
 ) -> None:
     path = tmp_path / "a.csv"
@@ -34,9 +34,7 @@ def test_a_file_that_cannot_be_written_says_why_and_what_to_do(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("error", [OSError(28, "full"), KeyboardInterrupt()])
-def test_what_was_there_stays_if_the_writing_is_stopped(
-    tmp_path: Path, error: BaseException
-) -> None:
+def test_the_old_file_stays_if_writing_is_stopped(tmp_path: Path, error: BaseException) -> None:
     path = tmp_path / "a.csv"
     path.write_text("before")
 

@@ -33,7 +33,7 @@ def test_options_come_back_as_they_were(value: Any) -> None:
         (-0.52, "−0.52 m", "0.52 m outside its lane"),
     ],
 )
-def test_metres_inside_the_lane_stand_beside_what_is_possible(
+def test_metres_inside_the_lane_are_shown_with_their_maximum(
     oob: float, short: str, text: str
 ) -> None:
     assert (oob_words(oob, 3.5), lane_words(oob, 3.5)) == (short, text)

@@ -31,7 +31,7 @@ from frenetic.simulators import EmbeddedSimulator
 from frenetic.spec.terms import Setting
 
 SIMULATOR = EmbeddedSimulator()
-GUSTY = Domain.made(
+GUSTY = Domain.from_entries(
     "gusty",
     {
         "conditions": {
@@ -153,7 +153,7 @@ def test_a_repeated_road_counts_once_in_its_conditions() -> None:
 
 
 def test_roads_of_a_class_have_its_bounds() -> None:
-    domain = Domain.made("town", {"roads": "urban-50,length=400"})
+    domain = Domain.from_entries("town", {"roads": "urban-50,length=400"})
     found = covered(domain, [made(Outcome.FAIL, 86.0, grade=-0.08)])
     radius, grade = found.singles
     assert [one.axes[0].name for one in (radius, grade)] == [RADIUS, GRADE]
@@ -162,7 +162,7 @@ def test_roads_of_a_class_have_its_bounds() -> None:
     assert counts(radius) == ["1/1", "0/0", "0/0", "0/0", "0/0"]
     assert counts(grade) == ["0/0", "0/0", "0/0", "1/1"]
     assert found.driven_share == pytest.approx(radius.shares[0] * grade.shares[3], abs=0.02)
-    flat = Domain.made("flat", {"roads": "urban-50,max_grade=0"})
+    flat = Domain.from_entries("flat", {"roads": "urban-50,max_grade=0"})
     assert [axis.name for axis in axes_of(flat)] == [RADIUS]
 
 
@@ -172,7 +172,7 @@ def test_without_a_domain_there_is_no_table() -> None:
 
 def test_shares_of_a_normal_distribution_and_of_a_fixed_amount() -> None:
     gust = {"low": -20, "high": 20, "mean": 0, "deviation": 10}
-    domain = Domain.made(
+    domain = Domain.from_entries(
         "x", {"conditions": {"gust": gust, "delay": {"low": 0.2, "high": 0.2, "chance": 0.1}}}
     )
     found = covered(domain, [made(Outcome.PASS, gust=1.0), made(Outcome.PASS, delay=0.2)])
@@ -209,7 +209,7 @@ def domains(draw: Any) -> Domain:
             if draw(st.booleans()):
                 found |= {"mean": mean, "deviation": 0.3 * most}
             conditions[name] = found | {"chance": draw(st.sampled_from([1.0, 0.3]))}
-    return Domain.made("drawn", {"conditions": conditions})
+    return Domain.from_entries("drawn", {"conditions": conditions})
 
 
 @settings(max_examples=25, deadline=None)

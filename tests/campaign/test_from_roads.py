@@ -92,7 +92,9 @@ def test_a_flat_straight_road_shows_a_class_for_any_speed() -> None:
     assert shown.max_superelevation == shown.max_grade == 0.0
     assert (
         shown.min_radius
-        == RoadClass.made({"name": "", "design_speed": 130.0, "max_superelevation": 0.0}).min_radius
+        == RoadClass.from_entries(
+            {"name": "", "design_speed": 130.0, "max_superelevation": 0.0}
+        ).min_radius
     )
 
 

@@ -50,7 +50,7 @@ ENTRIES: dict[str, Any] = {
     "roads": "urban-50,length=200",
     "conditions": {"friction": {"low": 0.2, "high": 1.0}, "gust": {"low": 0.0, "high": 20.0}},
 }
-DOMAIN = Domain.made("town", ENTRIES)
+DOMAIN = Domain.from_entries("town", ENTRIES)
 TERMS = Terms.of_class(DOMAIN.road_class, domain=DOMAIN)
 
 
@@ -247,7 +247,7 @@ def test_roads_are_those_that_are_driven(tmp_path: Path) -> None:
 
 
 def test_a_domain_without_conditions_has_plain_drives(tmp_path: Path) -> None:
-    flat = Domain.made("flat", {"roads": "urban-50,length=200"})
+    flat = Domain.from_entries("flat", {"roads": "urban-50,length=200"})
     tester = replace(embedded(), terms=replace(TERMS, domain=flat))
     found = estimate(tester, drives=100, out=tmp_path / "c")
     assert (found.method, found.plain, found.failures) == ("none", 100, 0)

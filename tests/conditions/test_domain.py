@@ -34,12 +34,12 @@ load = 150
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
-    found = tmp_path / "town.toml"
-    found.write_text(TEXT, encoding="utf-8")
-    return found
+    path = tmp_path / "town.toml"
+    path.write_text(TEXT, encoding="utf-8")
+    return path
 
 
-def test_a_file_says_a_domain(path: Path) -> None:
+def test_a_file_describes_a_domain(path: Path) -> None:
     domain = Domain.of(path)
     assert domain.name == "town"
     assert domain.road_class is not None
@@ -47,7 +47,7 @@ def test_a_file_says_a_domain(path: Path) -> None:
     assert domain.axes == ("friction", "wet", "gust", "load", "noise", "wet_at", "gust_at", SEED)
     assert "gust -18 to 18 m/s" in domain.in_words()
     assert "wet 0.4 to 0.9 in 30 %" in domain.in_words()
-    assert Domain.made("x", domain.entries()) == domain
+    assert Domain.from_entries("x", domain.entries()) == domain
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,7 @@ def test_a_share_and_its_amount_are_the_reverse_of_each_other(share: float) -> N
 def test_amounts_are_distributed_as_declared(path: Path) -> None:
     domain, rng = Domain.of(path), np.random.default_rng(1)
     drawn = [domain.at(rng.random(domain.dimension), 400.0) for _ in range(4000)]
-    friction = np.array([one["friction"] for one in drawn])
+    friction = np.array([conditions["friction"] for conditions in drawn])
     assert friction.min() >= 0.3
     assert friction.max() <= 1.0
     # A normal distribution cut at both ends, by its formula.
@@ -102,15 +102,15 @@ def test_amounts_are_distributed_as_declared(path: Path) -> None:
         assert np.mean(friction < at) == pytest.approx(
             (normal.cdf(at) - low) / (high - low), abs=0.03
         )
-    wet = [one for one in drawn if "wet" in one]
+    wet = [conditions for conditions in drawn if "wet" in conditions]
     assert len(wet) / 4000 == pytest.approx(0.3, abs=0.03)
-    assert all(("wet_at" in one) == ("wet" in one) for one in drawn)
-    assert np.mean([one["gust_at"] for one in drawn]) == pytest.approx(200.0, abs=8.0)
-    assert {one["load"] for one in drawn} == {150.0}
-    assert len({one[SEED] for one in drawn}) == 4000
+    assert all(("wet_at" in conditions) == ("wet" in conditions) for conditions in drawn)
+    assert np.mean([conditions["gust_at"] for conditions in drawn]) == pytest.approx(200.0, abs=8.0)
+    assert {conditions["load"] for conditions in drawn} == {150.0}
+    assert len({conditions[SEED] for conditions in drawn}) == 4000
 
 
-def test_conditions_are_found_again_as_a_point(path: Path) -> None:
+def test_shares_of_conditions_are_the_point_they_came_from(path: Path) -> None:
     domain, rng = Domain.of(path), np.random.default_rng(2)
     for _ in range(50):
         conditions = domain.at(rng.random(domain.dimension), 400.0)
@@ -120,7 +120,7 @@ def test_conditions_are_found_again_as_a_point(path: Path) -> None:
             assert again[name] == pytest.approx(amount, rel=2e-3, abs=0.2)
 
 
-def test_what_lies_on_the_road_moves_with_it() -> None:
+def test_places_of_conditions_move_with_the_length_of_the_road() -> None:
     there = {"friction": 0.5, "wet": 0.4, "wet_at": 30.0, "gust": 9.0, "gust_at": 100.0}
     assert moved_along(there, -40.0) == {"friction": 0.5, "gust": 9.0, "gust_at": 60.0}
     assert moved_along(there, 10.0)["wet_at"] == 40.0
@@ -141,11 +141,11 @@ def test_a_campaign_in_a_domain_goes_on_and_is_driven_again(
     again.resume()
     with CampaignStore.open(tmp_path / "whole") as a, CampaignStore.open(tmp_path / "parts") as b:
         tests, others = list(a.tests()), list(b.tests())
-        assert [one.candidate.conditions for one in tests] == [
-            one.candidate.conditions for one in others
+        assert [test.candidate.conditions for test in tests] == [
+            test.candidate.conditions for test in others
         ]
-        assert [one.outcome for one in tests] == [one.outcome for one in others]
-        assert all(one.candidate.conditions for one in tests if one.outcome.is_driven)
+        assert [test.outcome for test in tests] == [test.outcome for test in others]
+        assert all(test.candidate.conditions for test in tests if test.outcome.is_driven)
         assert a.setting.domain == domain
     written = Spec.read(tmp_path / "whole" / FILE)
     assert written.domain == domain
@@ -161,28 +161,32 @@ def test_without_a_domain_nothing_changes() -> None:
 
 def test_until_something_fails_a_search_has_rare_conditions_in_half_of_its_roads() -> None:
     rare = {"low": 0.1, "high": 0.3, "chance": 0.1}
-    domain = Domain.made("x", {"conditions": {"delay": rare, "load": {"low": 0, "high": 300}}})
+    domain = Domain.from_entries(
+        "x", {"conditions": {"delay": rare, "load": {"low": 0, "high": 300}}}
+    )
     shares = {}
     for kind in (Frenetic, RandomSearch):
         strategy: Any = kind(seed=1, domain=domain)
         asked = [strategy.ask().conditions for _ in range(400)]
-        delays = [one["delay"] for one in asked if "delay" in one]
+        delays = [conditions["delay"] for conditions in asked if "delay" in conditions]
         shares[kind] = len(delays) / len(asked)
         # Evenly over their range, as the others are.
         assert np.quantile(delays, (0.1, 0.5, 0.9)) == pytest.approx((0.12, 0.2, 0.28), abs=0.03)
-        loads = [one["load"] for one in asked]
+        loads = [conditions["load"] for conditions in asked]
         assert np.quantile(loads, (0.1, 0.5, 0.9)) == pytest.approx((30, 150, 270), abs=25)
     assert shares[Frenetic] == pytest.approx(0.5, abs=0.08)
     assert shares[RandomSearch] == pytest.approx(0.1, abs=0.05)
 
 
-def test_after_a_failure_conditions_are_drawn_as_the_domain_says() -> None:
+def test_after_a_failure_conditions_are_drawn_from_the_domain() -> None:
     rare = {"low": 0.1, "high": 0.3, "chance": 0.1}
-    domain = Domain.made("x", {"conditions": {"delay": rare}})
+    domain = Domain.from_entries("x", {"conditions": {"delay": rare}})
     strategy = Frenetic(seed=1, domain=domain, random_roads=300)
     first = strategy.ask()
     strategy.tell(Evaluation(first, Outcome.FAIL, -1.0, 0.001))
     asked = [strategy.ask() for _ in range(250)]
-    drawn = [one.conditions for one in asked if one.origin.operator == "random"]
+    drawn = [candidate.conditions for candidate in asked if candidate.origin.operator == "random"]
     assert len(drawn) > 200
-    assert sum("delay" in one for one in drawn) / len(drawn) == pytest.approx(0.1, abs=0.06)
+    assert sum("delay" in conditions for conditions in drawn) / len(drawn) == pytest.approx(
+        0.1, abs=0.06
+    )

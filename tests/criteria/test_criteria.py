@@ -16,7 +16,7 @@ from scipy.integrate import cumulative_trapezoid
 from shapely import LineString, Polygon
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.entry_points import Entry
+from frenetic._support.entry_points import RegisteredPart
 from frenetic.analysis.criteria import criteria_in_words
 from frenetic.analysis.failures import caution
 from frenetic.campaign import Budget, Campaign, CampaignStore
@@ -32,9 +32,10 @@ from frenetic.criteria.criterion import (
 from frenetic.drivers import Planner, Stanley
 from frenetic.errors import Fault, FreneticError, Trouble
 from frenetic.oracle.drive import CarBody, Drive, Rules, Trajectory
+from frenetic.oracle.measures import measure_criteria, measures_json
 from frenetic.oracle.outcome import Outcome
-from frenetic.oracle.signals import Seen, mean, rate, spread, worst
-from frenetic.oracle.verdict import judge, measured, measures_json, seen_by_criteria
+from frenetic.oracle.signals import LocatedDrive, mean, rate, spread, worst
+from frenetic.oracle.verdict import judge, locate_drive
 from frenetic.road import Road
 from frenetic.search import RandomSearch
 from frenetic.simulators import EmbeddedSimulator
@@ -62,14 +63,14 @@ def along(road: Road, speed: float, aside: float = 0.0) -> Drive:
     x, y = (np.interp(s, places, line[:, k]) for k in (0, 1))
     curvature = road.curvature_at(s)
     # The way of the car itself, beside the line, is longer or shorter.
-    own = speed * (1.0 - curvature * offset)
+    car_speed = speed * (1.0 - curvature * offset)
     columns = {name: np.zeros(len(time)) for name in Trajectory.names()}
     columns |= {
         "time": time,
         "x": x - offset * np.sin(headings),
         "y": y + offset * np.cos(headings),
         "heading": headings,
-        "speed": own,
+        "speed": car_speed,
         "yaw_rate": speed * curvature,
     }
     return Drive(Trajectory(**columns), CarBody(), Rules(), road=road)
@@ -77,9 +78,9 @@ def along(road: Road, speed: float, aside: float = 0.0) -> Drive:
 
 def amount(name: str, drive: Drive) -> float:
     assert drive.road is not None
-    found = worst(name, seen_by_criteria(drive.road, drive))
-    assert found is not None
-    return found.value
+    measurement = worst(name, locate_drive(drive.road, drive))
+    assert measurement is not None
+    return measurement.value
 
 
 def judged(road: Road, drive: Drive, profile: Profile) -> Any:
@@ -96,14 +97,14 @@ def test_on_a_circle_the_lateral_acceleration_is_that_of_the_speed_and_curvature
     road, speed = Road(np.full(21, side * 0.01)), 15.0
     drive = along(road, speed)
     radius = 100.0 + side * 2.0  # of the ego lane's middle, right of the road's
-    own = speed * radius / 100.0
-    assert amount("lateral_acceleration", drive) == pytest.approx(own**2 / radius, rel=1e-9)
+    car_speed = speed * radius / 100.0
+    assert amount("lateral_acceleration", drive) == pytest.approx(car_speed**2 / radius, rel=1e-9)
     assert amount("yaw_rate", drive) == pytest.approx(np.degrees(speed / 100.0), rel=1e-9)
     assert amount("lateral_jerk", drive) == pytest.approx(0.0, abs=1e-9)
-    assert amount("speed_excess", drive) == pytest.approx(3.6 * own - 70.0, rel=1e-9)
-    found = worst("lateral_acceleration", seen_by_criteria(road, drive))
-    assert found is not None
-    assert found.side == ("left" if side > 0.0 else "right")
+    assert amount("speed_excess", drive) == pytest.approx(3.6 * car_speed - 70.0, rel=1e-9)
+    measurement = worst("lateral_acceleration", locate_drive(road, drive))
+    assert measurement is not None
+    assert measurement.side == ("left" if side > 0.0 else "right")
 
 
 def test_on_a_clothoid_the_jerk_is_that_of_the_speed_and_the_change_of_curvature() -> None:
@@ -120,15 +121,15 @@ def test_where_a_straight_meets_a_circle_the_mean_over_half_a_second_is_what_cou
     assert amount("lateral_jerk", drive) == pytest.approx(speed**2 * curvature, rel=1e-6)
 
 
-def test_the_edge_distance_is_half_of_what_the_lane_is_wider_than_the_car() -> None:
+def test_in_the_middle_the_edge_distance_is_half_the_lane_width_minus_half_the_car_width() -> None:
     road = Road(np.zeros(21))
     gap = 0.5 * (4.0 - CarBody().width)
     for aside in (0.0, 0.5, -0.7, 1.5):
-        found = worst("edge_distance", seen_by_criteria(road, along(road, 15.0, aside)))
-        assert found is not None
-        assert found.value == pytest.approx(gap - abs(aside), abs=1e-9)
+        measurement = worst("edge_distance", locate_drive(road, along(road, 15.0, aside)))
+        assert measurement is not None
+        assert measurement.value == pytest.approx(gap - abs(aside), abs=1e-9)
         if aside:
-            assert found.side == ("left" if aside > 0.0 else "right")
+            assert measurement.side == ("left" if aside > 0.0 else "right")
 
 
 def test_a_wider_lane_leaves_more_room_on_its_right() -> None:
@@ -165,25 +166,25 @@ def test_the_edge_distance_agrees_with_shapely() -> None:
         candidate = roads.ask()
         road = candidate.road(4.0)
         drive = simulator.drive(road, Planner(aggression=1.15))
-        seen = seen_by_criteria(road, drive)
+        located = locate_drive(road, drive)
         left = LineString(road.sample(0.05))
         right = LineString(road.sample(0.05, -4.0))
-        car = seen.car
-        for i in range(20, len(seen.distance) - 30, 15):
-            if not 10.0 < seen.distance[i] < road.length - 10.0:
+        car = located.car
+        for i in range(20, len(located.distance) - 30, 15):
+            if not 10.0 < located.distance[i] < road.length - 10.0:
                 continue
-            cos, sin = np.cos(seen.path.heading[i]), np.sin(seen.path.heading[i])
+            cos, sin = np.cos(located.path.heading[i]), np.sin(located.path.heading[i])
             corners = [
                 (a * car.length / 2 + car.centre_ahead, b * car.width / 2) for a, b in _CORNERS
             ]
             box = Polygon(
                 (
-                    seen.path.x[i] + cos * a - sin * b,
-                    seen.path.y[i] + sin * a + cos * b,
+                    located.path.x[i] + cos * a - sin * b,
+                    located.path.y[i] + sin * a + cos * b,
                 )
                 for a, b in corners
             )
-            near = seen.edge_distances[i]
+            near = located.edge_distances[i]
             for edge, distance in zip((left, right), near, strict=True):
                 if distance > 0.05:
                     assert edge.distance(box) == pytest.approx(distance, abs=0.005)
@@ -205,9 +206,9 @@ def test_the_moving_average_is_that_of_scipy(values: list[float]) -> None:
     time = np.arange(len(column), dtype=np.float64) * RATE
     whole = cumulative_trapezoid(column, time, initial=0)
     expected = (whole[10:] - whole[:-10]) / (10 * RATE)
-    found = mean(time, column, 10 * RATE)
-    assert np.isnan(found[:10]).all()
-    assert found[10:] == pytest.approx(expected, abs=1e-9)
+    means = mean(time, column, 10 * RATE)
+    assert np.isnan(means[:10]).all()
+    assert means[10:] == pytest.approx(expected, abs=1e-9)
     np.testing.assert_array_equal(mean(time, column, 0.0), column)
 
 
@@ -217,9 +218,9 @@ def test_the_mean_of_a_derivative_is_the_difference_of_the_windows_ends(
 ) -> None:
     column: FloatArray = np.array(values)
     time = np.arange(len(column), dtype=np.float64) * RATE
-    found = rate(time, column, 10 * RATE)
-    assert np.isnan(found[:10]).all()
-    assert found[10:] == pytest.approx((column[10:] - column[:-10]) / (10 * RATE), abs=1e-9)
+    rates = rate(time, column, 10 * RATE)
+    assert np.isnan(rates[:10]).all()
+    assert rates[10:] == pytest.approx((column[10:] - column[:-10]) / (10 * RATE), abs=1e-9)
     np.testing.assert_array_equal(rate(time, column, 0.0), np.gradient(column, time))
 
 
@@ -235,43 +236,47 @@ def test_a_window_between_two_records_is_interpolated() -> None:
 # Profiles
 
 
-def test_limits_are_those_that_others_keep() -> None:
-    limits = {one.quantity: one for one in ISO.criteria}
+def test_limits_agree_with_the_published_ones() -> None:
+    limits = {criterion.quantity: criterion for criterion in ISO.criteria}
     # As opendbc has them: ISO_LATERAL_ACCEL, ISO_LATERAL_JERK and JERK_MEAS_T.
     assert (limits["lateral_acceleration"].limit, limits["lateral_jerk"].limit) == (3.0, 5.0)
     assert limits["lateral_jerk"].window == 0.5
     for profile in profiles().values():
-        assert all(one.clause for one in profile.criteria), "each limit cites its source"
+        assert all(criterion.clause for criterion in profile.criteria), (
+            "each limit cites its source"
+        )
         assert profile.left_out or not profile, "what was left out is said"
 
 
-def test_a_file_of_ones_own(tmp_path: Path) -> None:
+def test_criteria_from_a_file(tmp_path: Path) -> None:
     path = tmp_path / "ours.toml"
     path.write_text(
         'about = "ours"\nlateral_acceleration = 2.5\n'
         'lateral_jerk = {limit = 4, window = 0.4, clause = "7.2"}\n'
     )
-    found = read_criteria(str(path))
-    assert found == Profile(
+    criteria = read_criteria(str(path))
+    assert criteria == Profile(
         "ours",
         (Criterion("lateral_acceleration", 2.5, 0.0), Criterion("lateral_jerk", 4.0, 0.4, "7.2")),
         about="ours",
     )
     assert read_criteria(f"{path},yaw_rate=20").criteria[2].limit == 20.0
     assert read_criteria(f"{path},lateral_jerk=3").criteria[1].window == 0.4
-    assert read_criteria(json.loads(json.dumps(found.entry()))) == found, "as a run's file has it"
+    assert read_criteria(json.loads(json.dumps(criteria.entry()))) == criteria, (
+        "as a run's file has it"
+    )
 
 
-def test_limits_of_ones_own_beside_a_profile() -> None:
-    found = read_criteria("after-iso-11270,lateral_jerk=4,duration=60")
-    limits = {one.quantity: one for one in found.criteria}
+def test_limits_in_options_replace_the_limits_of_a_profile() -> None:
+    criteria = read_criteria("after-iso-11270,lateral_jerk=4,duration=60")
+    limits = {criterion.quantity: criterion for criterion in criteria.criteria}
     assert (limits["lateral_jerk"].limit, limits["lateral_jerk"].window) == (4.0, 0.5)
     assert limits["duration"].clause == "as given"
     assert limits["lateral_acceleration"] == ISO.criteria[1]
-    assert found.entry() == "after-iso-11270,lateral_jerk=4,duration=60"
-    exact = found.with_limits({"lateral_jerk": 4.00000001})
+    assert criteria.entry() == "after-iso-11270,lateral_jerk=4,duration=60"
+    exact = criteria.with_limits({"lateral_jerk": 4.00000001})
     assert read_criteria(exact.entry()) == exact
-    assert read_criteria(found.entry()) == found
+    assert read_criteria(criteria.entry()) == criteria
     assert not read_criteria("competition")
 
 
@@ -314,19 +319,22 @@ def test_mistakes_in_a_file_are_named(tmp_path: Path, text: str, words: str) -> 
 # Verdicts
 
 
-def test_a_breach_fails_a_drive_that_reached_the_end_and_says_all() -> None:
+def test_a_breach_fails_a_drive_that_reached_the_end_and_is_reported() -> None:
     road = Road(np.array([0.0] * 5 + [0.03] * 12))
     drive = along(road, 14.0)
     assert judge(road, drive).outcome is Outcome.PASS
     result = judged(road, drive, ISO)
     assert result.outcome is Outcome.FAIL
-    assert [one.criterion for one in result.findings] == ["lateral_jerk", "lateral_acceleration"]
+    assert [finding.criterion for finding in result.findings] == [
+        "lateral_jerk",
+        "lateral_acceleration",
+    ]
     assert result.finding.criterion == "lateral_jerk", "the first"
     assert result.departure is None
     assert "ateral acceleration" in result.reason
     assert "(at most 3 m/s²)" in result.reason
-    kept = judged(road, drive, Profile("gentle", (Criterion("yaw_rate", 90.0, 0.0),)))
-    assert (kept.outcome, kept.findings) == (Outcome.PASS, ())
+    gentle = judged(road, drive, Profile("gentle", (Criterion("yaw_rate", 90.0, 0.0),)))
+    assert (gentle.outcome, gentle.findings) == (Outcome.PASS, ())
 
 
 def test_leaving_the_lane_is_the_gravest() -> None:
@@ -337,7 +345,7 @@ def test_leaving_the_lane_is_the_gravest() -> None:
     assert result.finding is result.departure
     assert len(result.findings) > 1
     assert result.reason == judge(road, drive).reason
-    assert list(result.findings) == sorted(result.findings, key=lambda one: one.time)
+    assert list(result.findings) == sorted(result.findings, key=lambda finding: finding.time)
     rows = drive.trajectory.to_rows()[: round(result.departure.time / RATE)]
     fault = Fault("driver", "ValueError")
     broke = Drive(Trajectory.from_rows(rows), trouble=Trouble("it raised", fault=fault))
@@ -349,7 +357,7 @@ def test_leaving_the_lane_is_the_gravest() -> None:
 def test_a_drive_shorter_than_the_window_has_no_mean() -> None:
     road = Road(np.zeros(3))
     drive = along(road, 10.0)
-    assert measured(road, drive, [Criterion("lateral_jerk", 5.0, 60.0)]) == []
+    assert measure_criteria(road, drive, [Criterion("lateral_jerk", 5.0, 60.0)]) == []
     names = [row["quantity"] for row in measures_json(road, drive)]
     assert names == list(QUANTITIES)
 
@@ -364,7 +372,7 @@ def test_values_that_are_no_numbers_are_no_verdict() -> None:
     assert judged(road, broken, ISO).outcome is Outcome.ERROR
 
 
-def test_every_drive_agrees_with_what_is_measured() -> None:
+def test_each_verdict_agrees_with_the_measured_margins() -> None:
     roads, simulator = RandomSearch(seed=2), EmbeddedSimulator()
     outcomes = set()
     for driver in (Planner(), Planner(lateral_acceleration=2.0, smoothing=8.0), Stanley()):
@@ -373,9 +381,12 @@ def test_every_drive_agrees_with_what_is_measured() -> None:
             drive = simulator.drive(road, driver)
             for profile in profiles().values():
                 result = judged(road, drive, profile)
-                shares = [one.margin for one in measured(road, drive, profile.criteria)]
+                shares = [
+                    measurement.margin
+                    for measurement in measure_criteria(road, drive, profile.criteria)
+                ]
                 broke = sum(margin < 0.0 for margin in shares)
-                assert broke == sum(one.criterion != "lane" for one in result.findings)
+                assert broke == sum(finding.criterion != "lane" for finding in result.findings)
                 if not broke and not result.departure:
                     assert result.outcome is judge(road, drive).outcome
                 outcomes.add(result.outcome)
@@ -383,26 +394,26 @@ def test_every_drive_agrees_with_what_is_measured() -> None:
 
 
 def test_quantities_and_their_limits_in_words() -> None:
-    assert quantity("lateral_jerk").told(4.0) == "4.00 m/s³"
-    assert ISO.criteria[2].told() == "at most 5 m/s³ in the mean of 0.5 s"
-    assert ISO.criteria[0].told() == "at least 0 m"
+    assert quantity("lateral_jerk").text(4.0) == "4.00 m/s³"
+    assert ISO.criteria[2].text() == "at most 5 m/s³ in the mean of 0.5 s"
+    assert ISO.criteria[0].text() == "at least 0 m"
 
 
 # Other packages
 
 
-def top_speed(seen: Seen, _: float) -> FloatArray:
-    return seen.path.speed
+def top_speed(located: LocatedDrive, _: float) -> FloatArray:
+    return located.path.speed
 
 
 TOP_SPEED = Quantity("top_speed", "m/s", "of the car", 10.0, series=top_speed)
 SLOW = Profile("of the object", (Criterion("duration", 1e4, 0.0, "our handbook"),), "slow")
-NO_SERIES = replace(TOP_SPEED, name="no_series", series=lambda seen, _: np.zeros(3))
+NO_SERIES = replace(TOP_SPEED, name="no_series", series=lambda located, _: np.zeros(3))
 
 
 def test_a_package_adds_quantities_and_profiles(monkeypatch: pytest.MonkeyPatch) -> None:
     entries = tuple(
-        Entry(name, f"{__name__}:{target}", "theirs")
+        RegisteredPart(name, f"{__name__}:{target}", "theirs")
         for name, target in zip(
             ("top_speed", "slow", "no_series"), ("TOP_SPEED", "SLOW", "NO_SERIES"), strict=True
         )

@@ -55,7 +55,7 @@ def test_the_record_has_the_competitions_fields_in_its_order() -> None:
     assert SimulationRecord._fields == tuple(names.split())
 
 
-def test_what_a_record_says() -> None:
+def test_a_simulation_record_has_the_values_of_the_drive() -> None:
     record = simulation_records(Road([0.0] * 12), drive_with(np.array([0.0, 0.5])))[1]
     assert record.timer == 0.1
     assert record.pos == (1.5, 1.0, -28.0)
@@ -70,7 +70,7 @@ def test_what_a_record_says() -> None:
     assert record.oob_percentage == 0.0
 
 
-def test_going_out_is_counted_and_its_worst_kept() -> None:
+def test_departures_are_counted_with_their_largest_share() -> None:
     # The car is 2 m wide in a 4 m lane: 1 + 2 s m off its centre, a share s of it is outside. The
     # last record is a FAIL, which ends the drive; those before stay below the tolerance.
     offsets = np.array([0.0, 1.2, 0.0, 1.8, 2.4, 0.0])

@@ -68,7 +68,7 @@ def test_every_road_test_has_a_file(campaign: Path, exported: Path) -> None:
             assert point[2:] == [-28.0, 8.0]
 
 
-def test_execution_data_say_what_the_oracle_said(campaign: Path, exported: Path) -> None:
+def test_execution_data_agree_with_the_oracle(campaign: Path, exported: Path) -> None:
     documents = documents_in(exported)
     with CampaignStore.open(campaign) as store:
         for record in store.tests():

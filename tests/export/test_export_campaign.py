@@ -196,7 +196,7 @@ def test_an_empty_folder_will_do_and_progress_ends_at_all(campaign: Path, tmp_pa
         assert steps[-1][0] == steps[-1][1] > 0
 
 
-def test_what_is_there_is_refused_in_one_line(campaign: Path, tmp_path: Path) -> None:
+def test_an_existing_target_is_refused_in_one_line(campaign: Path, tmp_path: Path) -> None:
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "mine").write_text("precious")
     (tmp_path / "file").write_text("precious")

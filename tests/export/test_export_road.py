@@ -79,7 +79,7 @@ def write(name: str, content: object) -> str:
     return name
 
 
-def test_the_command_offers_the_formats_that_there_are() -> None:
+def test_the_command_offers_all_formats() -> None:
     assert set(ROADS) == set(FORMATS)
     assert set(TABLES) == set(get_args(Format))
 
@@ -116,7 +116,7 @@ def test_a_road_file_is_written_beside_itself(frenetic: Frenetic) -> None:
     assert json.loads(Path("b/c.json").read_text())["curvatures"] == [0.0, 0.03, 0.0]
 
 
-def test_a_suffix_that_does_not_say_the_format(frenetic: Frenetic) -> None:
+def test_an_ambiguous_suffix_is_refused(frenetic: Frenetic) -> None:
     road = write("bend.json", {"curvatures": [0, 0.03, 0]})
     answer = frenetic("export", road, "--out", "r.json")
     refused(answer, "r.json does not say", "a format from competition, json, beamng")

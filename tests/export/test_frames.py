@@ -100,7 +100,7 @@ def expected_rows(folder: Path) -> list[dict[str, Any]]:
         return [expected(test) for test in store.tests()]
 
 
-def test_a_frame_says_what_the_tests_say(campaign: Path) -> None:
+def test_a_frame_has_the_values_of_the_tests(campaign: Path) -> None:
     frame = data_frame(campaign)
     rows = expected_rows(campaign)
     assert rows_of(frame) == rows
@@ -113,7 +113,7 @@ def test_a_frame_says_what_the_tests_say(campaign: Path) -> None:
     assert {row["outcome"] for row in rows} == {"PASS", "FAIL", "INVALID", "DROPPED"}
 
 
-def test_a_frame_says_what_only_some_tests_have(
+def test_a_frame_has_values_that_only_some_tests_have(
     told_anew: ToldAnew,
 ) -> None:
     def change(test: Test) -> Test:
@@ -165,7 +165,7 @@ TYPES = {
 }
 
 
-def test_types_are_those_of_pandas_even_without_tests(campaign: Path, tmp_path: Path) -> None:
+def test_columns_have_pandas_types_even_without_tests(campaign: Path, tmp_path: Path) -> None:
     with CampaignStore.create(tmp_path / "empty", {}):
         pass
     frame, empty = data_frame(campaign), data_frame(tmp_path / "empty")
@@ -220,7 +220,7 @@ def test_several_campaigns_are_one_frame_that_names_their_folders(
         data_frame([tmp_path])
 
 
-def test_trajectories_are_those_of_the_tests(campaign: Path) -> None:
+def test_trajectories_of_a_frame_are_the_tests_trajectories(campaign: Path) -> None:
     by_id = {int(n): rows for n, rows in data_frame(campaign, "trajectories").groupby("id")}
     with CampaignStore.open(campaign) as store:
         driven = [test for test in store.tests(with_trajectory=True) if test.trajectory is not None]

@@ -52,11 +52,20 @@ def scenario(road: Road, **rules: Any) -> ElementTree.Element:
 
 def places(root: ElementTree.Element) -> list[float]:
     """Distance along the road of each position, all on the ego lane's centre."""
-    found = []
+    distances = []
     for lane in root.iter("LanePosition"):
         assert (lane.get("roadId"), lane.get("laneId"), lane.get("offset")) == ("1", "-1", "0.0")
-        found.append(float(lane.attrib["s"]))
-    return found
+        distances.append(float(lane.attrib["s"]))
+    return distances
+
+
+def test_the_description_is_the_name_also_where_limits_change() -> None:
+    road = Road([0.0] * 20, speed_limits=[[0.0, 50.0], [60.0, 30.0], [120.0, 80.0]])
+    header = ElementTree.fromstring(to_openscenario(road, "road.xodr", name="hill")).find(
+        "FileHeader"
+    )
+    assert header is not None
+    assert header.get("description") == "hill"
 
 
 def test_start_speed_route_and_end() -> None:

@@ -38,7 +38,7 @@ def test_every_format_gives_the_same_bytes_twice(tmp_path: Path, name: str) -> N
 
 
 @pytest.mark.parametrize("name", ["opendrive", "json"])
-def test_what_we_read_back_is_the_same_road(tmp_path: Path, name: str) -> None:
+def test_an_exported_road_is_read_back_the_same(tmp_path: Path, name: str) -> None:
     read = read_road(written(tmp_path, name)).road()
     assert read.curvatures.tolist() == ROAD.curvatures.tolist()
     assert (read.step, read.pose, read.lane_width) == (10.0, ROAD.pose, 3.5)
@@ -106,7 +106,7 @@ def test_competition_puts_a_road_from_elsewhere_on_the_map(tmp_path: Path) -> No
     assert "does not fit" in endless["validation_message"]
 
 
-def test_what_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
+def test_a_failed_export_leaves_nothing(tmp_path: Path) -> None:
     exported = ExportedRoad(ROAD, "road")
     (tmp_path / "file").write_text("in the way")
     (tmp_path / "folder").mkdir()

@@ -89,7 +89,7 @@ def test_share_agrees_with_polygons(seed: int) -> None:
             shares.append(share(road, s, d, error))
             assert shares[-1] == pytest.approx(reference(road, s, d, error), abs=3e-3)
     assert (min(shares), max(shares)) == (0.0, 1.0)
-    assert sum(0.1 < one < 0.9 for one in shares) > 50
+    assert sum(0.1 < share < 0.9 for share in shares) > 50
 
 
 @pytest.mark.parametrize("kappa", [0.07, -0.07])
@@ -107,16 +107,16 @@ def test_share_agrees_in_the_tightest_curves_for_any_box(
 
 @pytest.mark.parametrize("least", [0.5, 0.8, 0.95, 1.0])
 @pytest.mark.parametrize("box", [CAR, (12.0, 2.5, 3.0), (2.0, 2.0, -0.5)])
-def test_only_lesser_shares_are_told_as_0(least: float, box: Box) -> None:
+def test_only_shares_below_the_least_one_may_be_0(least: float, box: Box) -> None:
     rng = np.random.default_rng(1)
     spared = 0
     for _ in range(40):
         road = random_road(rng)
         for s in rng.uniform(-6.0, road.length + 6.0, 40):
             where = s, rng.uniform(-6.0, 2.0), rng.uniform(-math.pi, math.pi)
-            whole, found = share(road, *where, box), share(road, *where, box, least=least)
-            assert found == whole or (found == 0.0 and whole < least)
-            spared += found != whole
+            whole, bounded = share(road, *where, box), share(road, *where, box, least=least)
+            assert bounded == whole or (bounded == 0.0 and whole < least)
+            spared += bounded != whole
     assert spared > 100 or least == 0.5 or box[2] == 3.0
 
 
@@ -126,8 +126,8 @@ def test_on_a_straight_road_the_share_is_linear_in_the_offset(backwards: bool) -
     _, width, _ = CAR
     for offset in np.linspace(-6.0, 6.0, 49).tolist():
         outside = (abs(offset) + 0.5 * width - 2.0) / width
-        found = share(road, 40.0, offset - 2.0, math.pi if backwards else 0.0)
-        assert found == pytest.approx(min(max(outside, 0.0), 1.0), abs=1e-7)
+        outside_share = share(road, 40.0, offset - 2.0, math.pi if backwards else 0.0)
+        assert outside_share == pytest.approx(min(max(outside, 0.0), 1.0), abs=1e-7)
 
 
 def test_the_lane_of_another_leg_does_not_count() -> None:

@@ -155,16 +155,19 @@ def test_drives_end_by_the_rules_as_they_read(
     distances, offsets = np.cumsum(np.concatenate([[(0.0, 0.0)], *steps]), axis=0).T
     path = trajectory(road, distances, offsets, period)
     end, last = plain(distances, offsets, period, rules, road)
-    seen, result = assess(road, Drive(path, rules=rules)), judge(road, Drive(path, rules=rules))
-    assert (seen.end, len(seen.distance)) == (end, last + 1)
+    assessment, result = (
+        assess(road, Drive(path, rules=rules)),
+        judge(road, Drive(path, rules=rules)),
+    )
+    assert (assessment.end, len(assessment.distance)) == (end, last + 1)
     outcome, words = WORDS[end]
     assert result.outcome is outcome
     assert result.reason.startswith(words)
     assert result.duration == path.time[last]
-    np.testing.assert_allclose(seen.distance, distances[: last + 1], rtol=0, atol=1e-6)
-    np.testing.assert_allclose(seen.lateral_offset, offsets[: last + 1], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(assessment.distance, distances[: last + 1], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(assessment.lateral_offset, offsets[: last + 1], rtol=0, atol=1e-6)
     shares = [outside(offset, lane_width=lane_width) for offset in offsets[: last + 1]]
-    np.testing.assert_allclose(seen.oob_share, shares, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(assessment.oob_share, shares, rtol=0, atol=1e-6)
     if end == RUNNING:
         assert (result.moobd, result.findings) == (None, ())
         return
@@ -250,10 +253,10 @@ def test_the_car_counts_as_it_is_long_and_wide() -> None:
 def test_a_car_that_stands_across_is_out_with_its_bumpers() -> None:
     path = trajectory(STRAIGHT, [0.0, 0.5, 1.0])
     across = replace(path, heading=path.heading + np.array([0.0, 0.0, 0.5 * math.pi]))
-    seen = assess(STRAIGHT, Drive(across))
-    assert seen.oob_share[:2] == pytest.approx([0.0, 0.0])
-    assert seen.oob_share[2] == pytest.approx(1.0 - 4.0 / 4.508, abs=1e-9)
-    assert seen.oob_distance[2] == pytest.approx(2.0)
+    assessment = assess(STRAIGHT, Drive(across))
+    assert assessment.oob_share[:2] == pytest.approx([0.0, 0.0])
+    assert assessment.oob_share[2] == pytest.approx(1.0 - 4.0 / 4.508, abs=1e-9)
+    assert assessment.oob_distance[2] == pytest.approx(2.0)
 
 
 def test_reasons_say_where_and_how_long() -> None:
@@ -325,9 +328,10 @@ def test_a_fault_of_the_driver_fails_its_drive() -> None:
     assert (unrecorded.outcome, unrecorded.moobd) == (Outcome.FAIL, None)
     # What the rules had ended before counts as they say; the simulator's fault is no failure.
     assert judge(STRAIGHT, Drive(path, trouble=Trouble("too late", fault=fault))) == passed
-    theirs = replace(fault, part="simulator")
+    simulators_fault = replace(fault, part="simulator")
     assert (
-        judge(STRAIGHT, Drive(until, trouble=Trouble("x", fault=theirs))).outcome is Outcome.ERROR
+        judge(STRAIGHT, Drive(until, trouble=Trouble("x", fault=simulators_fault))).outcome
+        is Outcome.ERROR
     )
 
 
@@ -360,17 +364,20 @@ def test_oob_distance_is_measured_from_the_lanes_centre(
     road = Road(np.full(8, kappa))
     distances = steady(road)
     offsets = np.where(distances >= 30.0, offset, 0.0)
-    seen = assess(road, Drive(trajectory(road, distances, offsets)))
-    assert seen.end == REACHED
-    n = len(seen.distance)
-    np.testing.assert_allclose(seen.distance, distances[:n], rtol=0, atol=1e-6)
-    np.testing.assert_allclose(seen.lateral_offset, offsets[:n], rtol=0, atol=1e-6)
+    assessment = assess(road, Drive(trajectory(road, distances, offsets)))
+    assert assessment.end == REACHED
+    n = len(assessment.distance)
+    np.testing.assert_allclose(assessment.distance, distances[:n], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(assessment.lateral_offset, offsets[:n], rtol=0, atol=1e-6)
     np.testing.assert_allclose(
-        seen.oob_distance, np.where(distances[:n] >= 30.0, oob_distance, 2.0), rtol=0, atol=1e-6
+        assessment.oob_distance,
+        np.where(distances[:n] >= 30.0, oob_distance, 2.0),
+        rtol=0,
+        atol=1e-6,
     )
     result = judged(road, distances, offsets)
     assert result.moobd == pytest.approx(oob_distance, abs=1e-6)
-    assert result.max_oob_share == seen.oob_share.max()
+    assert result.max_oob_share == assessment.oob_share.max()
 
 
 def test_a_car_keeps_to_its_piece_of_road_where_another_one_passes_close_by() -> None:
@@ -384,10 +391,10 @@ def test_a_car_keeps_to_its_piece_of_road_where_another_one_passes_close_by() ->
     x = 2.0 - np.clip(0.4 * (y - 5.0), 0.0, 9.0 + 4.0)
     path = replace(trajectory(STRAIGHT, y), x=x, y=y)
     rules = Rules(oob_tolerance=1.0)
-    seen = assess(road, Drive(path, rules=rules))
-    assert len(seen.distance) == len(y)
-    np.testing.assert_allclose(seen.distance, y, rtol=0, atol=1e-6)
-    assert seen.oob_share[-1] == 1.0
+    assessment = assess(road, Drive(path, rules=rules))
+    assert len(assessment.distance) == len(y)
+    np.testing.assert_allclose(assessment.distance, y, rtol=0, atol=1e-6)
+    assert assessment.oob_share[-1] == 1.0
     result = judge(road, Drive(path))
     assert result.departure is not None
     assert result.departure.side == "left"
@@ -409,17 +416,17 @@ def test_moving_and_turning_the_world_changes_no_verdict(
     here = Road(curvatures)
     there = Road(curvatures, pose=Pose(x, y, math.pi / 2 + turn))
     distances = steady(here)
-    one = judged(here, distances, drift * distances)
-    other = judged(there, distances, drift * distances)
-    assert other.outcome is one.outcome
-    assert other.duration == one.duration
-    assert other.moobd == pytest.approx(one.moobd, abs=1e-6)
-    assert other.moobd_distance == pytest.approx(one.moobd_distance, abs=1e-5)
-    assert other.max_oob_share == pytest.approx(one.max_oob_share, abs=1e-6)
-    assert (other.departure is None) == (one.departure is None)
-    if other.departure is not None and one.departure is not None:
-        assert other.departure.side == one.departure.side
-        assert other.departure.distance == pytest.approx(one.departure.distance, abs=1e-5)
+    result = judged(here, distances, drift * distances)
+    moved = judged(there, distances, drift * distances)
+    assert moved.outcome is result.outcome
+    assert moved.duration == result.duration
+    assert moved.moobd == pytest.approx(result.moobd, abs=1e-6)
+    assert moved.moobd_distance == pytest.approx(result.moobd_distance, abs=1e-5)
+    assert moved.max_oob_share == pytest.approx(result.max_oob_share, abs=1e-6)
+    assert (moved.departure is None) == (result.departure is None)
+    if moved.departure is not None and result.departure is not None:
+        assert moved.departure.side == result.departure.side
+        assert moved.departure.distance == pytest.approx(result.departure.distance, abs=1e-5)
 
 
 # --- Rules and records ---------------------------------------------------------------------------

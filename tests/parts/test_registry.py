@@ -14,7 +14,7 @@ from typing import Final
 import pytest
 from user_modules import own_modules
 
-from frenetic._support.entry_points import Entry
+from frenetic._support.entry_points import RegisteredPart
 from frenetic.errors import FreneticError
 from frenetic.parts.registry import DRIVERS, OBJECTIVES, SIMULATORS, STRATEGIES, Registry
 
@@ -57,7 +57,7 @@ def test_an_installed_package_is_found(tmp_path: Path, monkeypatch: pytest.Monke
     before = DRIVERS.entries()
     install(tmp_path, "careful-drivers", "[frenetic.drivers]\ncareful = careful:Driver\n")
     monkeypatch.syspath_prepend(str(tmp_path))
-    new = Entry("careful", "careful:Driver", "careful-drivers")
+    new = RegisteredPart("careful", "careful:Driver", "careful-drivers")
     assert [entry for entry in DRIVERS.entries() if entry not in before] == [new]
     assert "careful" not in [entry.name for entry in STRATEGIES.entries()]
 

@@ -56,7 +56,9 @@ def make_varied(folder: Path) -> Path:
         "gust": {"low": -20, "high": 20},
         "delay": {"low": 0.0, "high": 0.4, "chance": 0.5},
     }
-    domain = Domain.made("varied", {"roads": "urban-50,length=300", "conditions": conditions})
+    domain = Domain.from_entries(
+        "varied", {"roads": "urban-50,length=300", "conditions": conditions}
+    )
     Campaign(
         strategy=RandomSearch(seed=1, road_class=domain.road_class, domain=domain),
         simulator=EmbeddedSimulator(),

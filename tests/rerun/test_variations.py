@@ -36,7 +36,7 @@ ENTRIES: dict[str, Any] = {
 
 
 def searched(folder: Path, entries: dict[str, Any], *, seed: int = 1, name: str = "town") -> Path:
-    domain = Domain.made(name, entries)
+    domain = Domain.from_entries(name, entries)
     assert domain.road_class is not None
     Campaign(
         strategy=RandomSearch(seed=seed, road_class=domain.road_class, domain=domain),

@@ -38,20 +38,27 @@ def test_the_least_radius_is_the_published_one() -> None:
     # AASHTO Green Book, minimum radius by limiting e and f: 86, 194 and 328 m with 4, 12 and 12 %;
     # ours are rounded up.
     for speed, slope, radius in ((50, 0.04, 86.0), (80, 0.12, 194.0), (100, 0.12, 329.0)):
-        made = RoadClass.made({"name": "x", "design_speed": speed, "max_superelevation": slope})
-        assert made.min_radius == radius
+        road_class = RoadClass.from_entries(
+            {"name": "x", "design_speed": speed, "max_superelevation": slope}
+        )
+        assert road_class.min_radius == radius
     assert RoadClass.of("urban-50").min_clothoid == 48.0  # (13.9 m/s)^3 / 1.2 m/s^3 = 47.2 m ^2
 
 
-def test_a_class_of_ones_own_takes_what_it_is_given(tmp_path: Path) -> None:
+def test_a_class_from_a_file_has_the_values_of_the_file(tmp_path: Path) -> None:
     path = tmp_path / "lane.toml"
     path.write_text("design_speed = 60\nlane_width = 3.0\nmax_grade = 0.12\n")
-    made = RoadClass.of(str(path), {"length": 600})
-    assert (made.name, made.lane_width, made.max_grade, made.length) == ("lane", 3.0, 0.12, 600)
-    assert made.speed_limit == 60.0
-    assert made.map_size == 700.0
-    assert "length" not in made.sources
-    assert RoadClass.made(made.as_json()) == made
+    road_class = RoadClass.of(str(path), {"length": 600})
+    assert (road_class.name, road_class.lane_width, road_class.max_grade, road_class.length) == (
+        "lane",
+        3.0,
+        0.12,
+        600,
+    )
+    assert road_class.speed_limit == 60.0
+    assert road_class.map_size == 700.0
+    assert "length" not in road_class.sources
+    assert RoadClass.from_entries(road_class.as_json()) == road_class
 
 
 @pytest.mark.parametrize(
@@ -72,16 +79,16 @@ def test_no_class(name: str, options: dict[str, object], message: str) -> None:
 
 @pytest.mark.parametrize("name", list(RULES))
 @given(values=st.lists(st.floats(-0.05, 0.05), min_size=2, max_size=60), repeat=st.integers(1, 6))
-def test_wishes_become_roads_that_keep_the_rules(
-    name: str, values: list[float], repeat: int
-) -> None:
+def test_conformed_curvatures_meet_the_rules(name: str, values: list[float], repeat: int) -> None:
     road_class = RoadClass.of(name)
     wished = np.repeat(np.array(values) * 86.0 / road_class.min_radius, repeat)
-    kept = road_class.conformed(wished, road_class.step)
-    road = road_of(road_class, kept)
-    assert not violations(name, kept, road_class.step, road.superelevation, None, road.widening)
+    conformed = road_class.conformed(wished, road_class.step)
+    road = road_of(road_class, conformed)
+    assert not violations(
+        name, conformed, road_class.step, road.superelevation, None, road.widening
+    )
     assert road_class.breach(road) == ""
-    assert np.array_equal(road_class.conformed(kept, road_class.step), kept)
+    assert np.array_equal(road_class.conformed(conformed, road_class.step), conformed)
 
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
@@ -150,7 +157,7 @@ BENDS = np.array([0.0, 0.0012, 0.0024, 0.0036, 0.0036, 0.0036, 0.0036, 0.0036, 0
         ({"lane_width": 3.0}, "The lanes are 3 m wide: rural-80 needs at least 3.5 m"),
     ],
 )
-def test_a_broken_rule_is_told(change: dict[str, Any], message: str) -> None:
+def test_the_message_names_the_breached_rule(change: dict[str, Any], message: str) -> None:
     values = np.asarray(change.get("values", BENDS))
     more = {name: value for name, value in change.items() if name != "values"}
     lane_width = more.pop("lane_width", CLASS.lane_width)
@@ -186,6 +193,6 @@ def test_lanes_widen_in_narrow_bends() -> None:
 @pytest.mark.parametrize("name", list(RULES))
 def test_a_recorded_class_is_written_as_it_was(name: str) -> None:
     """So a road that `run` has shortened is not shortened anew by `minimise`."""
-    made = RoadClass.of(name)
-    entries = json.decode(json.encode(made.as_json()))
-    assert json.encode(convert(entries, RoadClass)) == json.encode(made)
+    road_class = RoadClass.of(name)
+    entries = json.decode(json.encode(road_class.as_json()))
+    assert json.encode(convert(entries, RoadClass)) == json.encode(road_class)

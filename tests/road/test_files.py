@@ -31,7 +31,7 @@ def write(folder: Path, content: object) -> Path:
     return path
 
 
-def test_curvatures_with_defaults_and_everything_given(tmp_path: Path) -> None:
+def test_curvatures_with_defaults_and_with_all_entries(tmp_path: Path) -> None:
     road = read_road(write(tmp_path, {"curvatures": [0.0, 0.01, 0.0]})).road()
     assert road.curvatures.tolist() == [0.0, 0.01, 0.0]
     assert (road.step, road.lane_width) == (10.0, 4.0)
@@ -126,15 +126,15 @@ def test_every_bad_file_gets_one_line_that_names_it(
     assert len(message) < len(str(path)) + 150
 
 
-def test_folders_are_searched_and_what_holds_no_road_is_skipped(tmp_path: Path) -> None:
+def test_folders_are_searched_and_files_without_a_road_are_skipped(tmp_path: Path) -> None:
     (folder := tmp_path / "roads" / "deeper").mkdir(parents=True)
     bend = write(folder, POINTS)
     road = write(folder.parent, {"curvatures": [0.0, 0.01, 0.0]})
     (settings := folder.parent / "settings.json").write_text("{}")
     (folder.parent / "notes.txt").write_text("none")
-    found = find_roads([folder.parent])
-    assert list(found.roads) == [str(bend), str(road)]
-    (skipped,) = found.skipped
+    roads_found = find_roads([folder.parent])
+    assert list(roads_found.roads) == [str(bend), str(road)]
+    (skipped,) = roads_found.skipped
     assert skipped.startswith(f"{settings} has neither")
 
 

@@ -52,15 +52,15 @@ def assert_follows_the_spline(points: FloatArray, tolerance: float = 5e-3) -> Ro
 def test_a_road_is_recovered_from_its_samples(seed: int, step: float) -> None:
     """Curvature, length and place agree to a micrometre or 1e-6 1/m, also between the samples."""
     road = random_road(seed)
-    found = Road.from_points(road.sample(step))
-    assert found.step == pytest.approx(step, abs=1e-7)
-    assert found.length == pytest.approx(road.length, abs=1e-6)
+    recovered = Road.from_points(road.sample(step))
+    assert recovered.step == pytest.approx(step, abs=1e-7)
+    assert recovered.length == pytest.approx(road.length, abs=1e-6)
     # Rounding may put the found road's end before the road's.
-    distances = np.linspace(0.0, min(road.length, found.length), 500)
+    distances = np.linspace(0.0, min(road.length, recovered.length), 500)
     np.testing.assert_allclose(
-        found.curvature_at(distances), road.curvature_at(distances), rtol=0, atol=1e-6
+        recovered.curvature_at(distances), road.curvature_at(distances), rtol=0, atol=1e-6
     )
-    np.testing.assert_allclose(found.road_points, road.road_points, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(recovered.road_points, road.road_points, rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("kappa", [0.0, 0.07, -0.07, 1e-4])

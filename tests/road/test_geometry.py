@@ -146,20 +146,20 @@ def test_beyond_its_ends_a_road_goes_straight_on() -> None:
         x, y = end.x + beyond * math.cos(end.heading), end.y + beyond * math.sin(end.heading)
         assert road.pose_at(s + beyond) == pytest.approx((x, y, end.heading), abs=1e-9)
         for d in (-3.0, 0.0, 3.0):
-            found = nearest(road, [beside(road, s + beyond, d)])[0]
-            assert found == pytest.approx([s + beyond, d], abs=1e-9)
+            place = nearest(road, [beside(road, s + beyond, d)])[0]
+            assert place == pytest.approx([s + beyond, d], abs=1e-9)
     curvatures = road.curvature_at([[-0.1, 0.0], [road.length, road.length + 0.1]])
     assert curvatures.tolist() == [[0.0, road.curvatures[0]], [road.curvatures[-1], 0.0]]
 
 
-def test_distances_are_those_of_numpy_linspace_and_no_further_apart_than_asked() -> None:
+def test_distances_agree_with_numpy_linspace_and_are_at_most_the_spacing_apart() -> None:
     rng = np.random.default_rng(2)
     for spacing in [1000.0, 2.0, *rng.uniform(0.1, 30.0, 200).tolist()]:
         road = Road(np.zeros(rng.integers(2, 40)), float(rng.choice([10.0, rng.uniform(0.3, 20)])))
-        found = road.distances(spacing)
-        assert np.array_equal(found, np.linspace(0.0, road.length, len(found)))
-        assert found[1] <= spacing * (1.0 + 1e-9)
-        assert len(found) == 2 or road.length / (len(found) - 2) > spacing
+        distances = road.distances(spacing)
+        assert np.array_equal(distances, np.linspace(0.0, road.length, len(distances)))
+        assert distances[1] <= spacing * (1.0 + 1e-9)
+        assert len(distances) == 2 or road.length / (len(distances) - 2) > spacing
 
 
 def test_sampled_points_face_the_centre_line_at_the_offset() -> None:
@@ -198,13 +198,13 @@ def test_projection_finds_the_nearest_point_of_the_whole_road(seed: int) -> None
     closest = between.argmin(axis=1)
     # Beside the ends' straight extensions the foot is no point of the road.
     inside = (closest > 0) & (closest < len(dense) - 1)
-    found = nearest(road, positions[inside])
+    places = nearest(road, positions[inside])
     expected = between.min(axis=1)[inside]
     # Rows 1 m apart decide between two pieces that are almost equally far away.
     slack = np.hypot(expected, 0.5) - expected
-    assert np.all(np.abs(found[:, 1]) >= expected - 1e-3)
-    assert np.all(np.abs(found[:, 1]) <= expected + slack + 1e-3)
-    feet = [beside(road, s, d) for s, d in found]
+    assert np.all(np.abs(places[:, 1]) >= expected - 1e-3)
+    assert np.all(np.abs(places[:, 1]) <= expected + slack + 1e-3)
+    feet = [beside(road, s, d) for s, d in places]
     np.testing.assert_allclose(feet, positions[inside], rtol=0, atol=1e-5)
     assert road.track(np.empty((0, 2))).shape == (0, 2)
 
@@ -303,7 +303,7 @@ def test_sampled_points_lie_at_the_offset_to_the_left() -> None:
     assert points == pytest.approx(np.array([[0.0, 3.0], [10.0, 3.0]]))
 
 
-def test_a_road_is_fitted_to_the_map_and_margin_that_are_given() -> None:
+def test_a_road_fits_the_map_and_its_margin() -> None:
     longer = Road([0.0, 0.0, 0.0], 128.0)
     assert longer.fitted() is None
     assert longer.fitted(300.0) is not None

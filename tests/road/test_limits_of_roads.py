@@ -66,7 +66,7 @@ def test_limit_of_a_map_is_read_in_its_unit_and_written_in_kmh(speed: str, limit
 
 
 @pytest.mark.parametrize("text", ["no limit", "undefined", "0", "-1", "999", "1e-9"])
-def test_road_has_no_limit_where_its_map_says_none(text: str) -> None:
+def test_a_road_has_no_limit_where_its_map_has_none(text: str) -> None:
     road = road_map(type_of(0, f'<speed max="{text}" unit="km/h"/>')).road()
     assert len(road.speed_limits) == 0
     assert Rules(speed_limit=80.0).speed_limits_on(road).tolist() == [[0.0, 80.0]]
@@ -123,8 +123,8 @@ def test_limits_survive_road_files_and_opendrive(pairs: list[tuple[float, float]
     road = Road(np.zeros(21), speed_limits=pairs)
     entries = json.loads(json.dumps(entries_of(road)))
     assert ("speed_limits" in entries) == any(limit for _, limit in pairs)
-    kept = Road(entries["curvatures"], speed_limits=entries.get("speed_limits", ()))
-    assert np.array_equal(kept.speed_limits, road.speed_limits)
+    read = Road(entries["curvatures"], speed_limits=entries.get("speed_limits", ()))
+    assert np.array_equal(read.speed_limits, road.speed_limits)
     again = RoadMap(to_opendrive(road, speed_limit=70.0).encode()).road()
     places = np.linspace(0.0, 199.9, 1000)
     expected = profile.steps_at(Rules(speed_limit=70.0).speed_limits_on(road), places)
@@ -157,9 +157,9 @@ def test_limits_that_a_road_cannot_have_are_refused() -> None:
 
 def test_rules_keep_scale_or_ignore_the_limits_of_a_road() -> None:
     road = Road(np.zeros(21), speed_limits=[(20, 50), (100, 100), (150, 0), (200, 5), (900, 300)])
-    kept = Rules(speed_limit=80.0)
-    assert kept.speed_limits_on(road).tolist() == [[0, 80], [20, 50], [100, 100], [150, 80]]
-    scaled = kept.with_speed(60.0)
+    rules = Rules(speed_limit=80.0)
+    assert rules.speed_limits_on(road).tolist() == [[0, 80], [20, 50], [100, 100], [150, 80]]
+    scaled = rules.with_speed(60.0)
     assert scaled.speed_limits_on(road).tolist() == [[0, 48], [20, 30], [100, 60], [150, 48]]
     assert np.allclose(
         scaled.with_speed(80.0).speed_limits_on(road), [[0, 64], [20, 40], [100, 80], [150, 64]]

@@ -20,7 +20,7 @@ from frenetic.errors import RoadError
 from frenetic.road import Road, profile
 from frenetic.road.files import find_roads, read_road
 from frenetic.road.opendrive import RoadMap, to_opendrive
-from frenetic.road.opendrive.reading import quoted_id
+from frenetic.road.opendrive.ids import quoted_id
 
 if TYPE_CHECKING:
     from command_line import Frenetic
@@ -72,11 +72,11 @@ def without_notes(text: str) -> bytes:
     return re.sub(r"<userData.*?/>", "", text).encode()
 
 
-def assert_same(one: Road, other: Road) -> None:
-    assert np.array_equal(one.curvatures, other.curvatures)
-    assert (one.step, one.pose, one.lane_width) == (other.step, other.pose, other.lane_width)
+def assert_same(road: Road, other: Road) -> None:
+    assert np.array_equal(road.curvatures, other.curvatures)
+    assert (road.step, road.pose, road.lane_width) == (other.step, other.pose, other.lane_width)
     for name in profile.SHAPES:
-        assert np.array_equal(getattr(one, name), getattr(other, name)), name
+        assert np.array_equal(getattr(road, name), getattr(other, name)), name
 
 
 @given(
@@ -90,23 +90,25 @@ def test_whatever_the_profiles(
         gaps, values = np.array(pairs).reshape(-1, 2).T
         return np.column_stack([np.cumsum(gaps), values])
 
-    made = Road(
+    road = Road(
         [0.0, 0.02, 0.0, -0.01],
         30.0,
         superelevation=ascending(slopes),
         grade=ascending(slopes[::-1]),
         widening=ascending(widths),
     )
-    read = RoadMap(to_opendrive(made).encode()).road()
-    assert_same(read, made)
+    read = RoadMap(to_opendrive(road).encode()).road()
+    assert_same(read, road)
 
 
 def test_a_strangers_slopes_are_read_within_the_bound() -> None:
     read = RoadMap(without_notes(to_opendrive(SPACE))).road()
     places = np.linspace(0.0, SPACE.length, 1000)
     for name, error in (("superelevation", 4e-4), ("grade", 4e-4), ("widening", 0.01)):
-        ours, theirs = (profile.value_at(getattr(one, name), places) for one in (SPACE, read))
-        assert theirs == pytest.approx(ours, abs=error), name
+        values, read_values = (
+            profile.value_at(getattr(one, name), places) for one in (SPACE, read)
+        )
+        assert read_values == pytest.approx(values, abs=error), name
     assert read.heights(places) == pytest.approx(SPACE.heights(places), abs=0.02)
     assert read.lane_width == pytest.approx(3.25)
     assert len(read.grade) < 30
@@ -131,11 +133,14 @@ def test_the_other_direction_falls_where_this_one_rises() -> None:
     places = np.linspace(5.0, there.length - 5.0, 50)
     for name, sign in (("grade", -1.0), ("superelevation", -1.0), ("curvatures", -1.0)):
         if name == "curvatures":
-            one, other = there.curvature_at(places), back.curvature_at(back.length - places)
+            values, reversed_values = (
+                there.curvature_at(places),
+                back.curvature_at(back.length - places),
+            )
         else:
-            one = profile.value_at(getattr(there, name), places)
-            other = profile.value_at(getattr(back, name), back.length - places)
-        assert other == pytest.approx(sign * one, abs=2e-3), name
+            values = profile.value_at(getattr(there, name), places)
+            reversed_values = profile.value_at(getattr(back, name), back.length - places)
+        assert reversed_values == pytest.approx(sign * values, abs=2e-3), name
 
 
 def test_a_lane_beside_the_centre_lies_higher_or_lower() -> None:
@@ -201,8 +206,8 @@ def test_the_lane_is_one_for_cars_if_none_is_named() -> None:
 
 def test_a_folder_with_a_map_has_its_roads_but_for_junctions(tmp_path: Path) -> None:
     (tmp_path / "town.xodr").write_bytes(TOWN)
-    found = find_roads([tmp_path])
-    names = [name.removeprefix(str(tmp_path / "town.xodr")) for name in found.roads]
+    roads = find_roads([tmp_path])
+    names = [name.removeprefix(str(tmp_path / "town.xodr")) for name in roads.roads]
     assert names == [" road 4", " road 1", " road 2"]
 
 
@@ -283,7 +288,7 @@ def test_linked_roads_that_do_not_meet_are_driven_apart_and_it_is_said(
     assert [stretch.notes for stretch in unlinked] == [(), ()]
 
 
-def test_what_is_left_of_joined_roads_is_the_same_line() -> None:
+def test_the_rest_of_joined_roads_is_the_same_line() -> None:
     road_map = joined_map(0.02, 0.02, 1.0)
     (whole,) = road_map.stretches("1,2")
     (rest,) = road_map.stretches(whole.behind(57.3))
@@ -404,9 +409,7 @@ def test_a_joint_is_said_in_text_and_json_and_by_the_export(
     assert read_road(out).road().length == pytest.approx(160.02, abs=1e-3)
 
 
-def test_exported_roads_of_a_map_have_files_of_their_own(
-    frenetic: Frenetic, tmp_path: Path
-) -> None:
+def test_each_exported_road_of_a_map_has_its_own_file(frenetic: Frenetic, tmp_path: Path) -> None:
     ids = ["7,left", "7-left", "n" * 300 + "1", "n" * 300 + "2"]
     path = tmp_path / "m.xodr"
     path.write_bytes(foreign(*(road(0, 9.0, 0.0, 60.0).replace('"0"', f'"{i}"', 1) for i in ids)))
@@ -424,8 +427,8 @@ def test_the_roads_of_a_map_are_driven_where_they_lie(frenetic: Frenetic, tmp_pa
     path = tmp_path / "town.xodr"
     path.write_bytes(TOWN)
     driven = frenetic("drive", str(path), "--road", "1,2,4", "--json").json
-    assert [one["outcome"] for one in driven] == ["PASS", "PASS"]
-    assert [one["road"] for one in driven] == [f"{path} --road 1,2", f"{path} --road 4"]
+    assert [result["outcome"] for result in driven] == ["PASS", "PASS"]
+    assert [result["road"] for result in driven] == [f"{path} --road 1,2", f"{path} --road 4"]
     assert frenetic("drive", str(path)).refuses("4 roads", "4 (80 m)")
     assert frenetic("drive", str(path), "--road", "9").refuses("has no road '9'")
     assert frenetic("drive", str(tmp_path), "--road", "1").refuses("--road")
@@ -447,12 +450,12 @@ def test_a_drive_goes_on_behind_each_departure(frenetic: Frenetic, tmp_path: Pat
     path.write_text(to_opendrive(Road(bends, 10.0)))
     words = ("drive", str(path), "--driver", "planner,aggression=2")
     driven = frenetic(*words, "--road", "1", "--json").json
-    failed = [one for one in driven if one["outcome"] == "FAIL"]
+    failed = [result for result in driven if result["outcome"] == "FAIL"]
     assert len(failed) > 2
-    for one in failed[1:3]:
-        roads = one["road"].split(" --road ")[1]
+    for result in failed[1:3]:
+        roads = result["road"].split(" --road ")[1]
         (again, *_) = frenetic(*words, "--road", roads, "--json").json
-        assert again == one
+        assert again == result
 
 
 # Maps that a package ships
@@ -465,14 +468,14 @@ def shipped(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
 
     folder, home = tmp_path_factory.mktemp("maps"), Path(sumo.SUMO_HOME)
 
-    def made(net: str) -> Path:
+    def convert(net: str) -> Path:
         path = folder / f"{Path(net).name.partition('.')[0]}.xodr"
         source = home / "tools" / "game" / net
         words = ["-s", str(source), "--opendrive-output", str(path)]
         subprocess.run([str(home / "bin" / "netconvert"), *words], check=True, capture_output=True)
         return path
 
-    return made
+    return convert
 
 
 @pytest.mark.parametrize(
@@ -486,10 +489,10 @@ def test_maps_of_real_places_are_read(
     road_map = RoadMap(path.read_bytes())
     lengths = road_map.lengths
     assert next(iter(lengths.values())) == pytest.approx(longest, abs=1.0)
-    found = find_roads([path.parent])
-    of_this = [name for name in found.roads if name.startswith(str(path))]
+    folder_roads = find_roads([path.parent])
+    of_this = [name for name in folder_roads.roads if name.startswith(str(path))]
     assert len(of_this) > 0.7 * len(lengths)
     assert f"it has {count} roads" in frenetic("drive", str(path)).err
-    drivable = next(name for name in of_this if found.roads[name].length > 900.0)
+    drivable = next(name for name in of_this if folder_roads.roads[name].length > 900.0)
     driven = frenetic("drive", str(path), "--road", drivable.split(" road ")[1], "--json").json
     assert driven[0]["outcome"] in ("PASS", "FAIL")

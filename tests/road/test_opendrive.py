@@ -34,15 +34,15 @@ def end_of(geometry: Clothoid) -> tuple[float, float, float]:
 
 def plan_view(text: str) -> list[tuple[str, Clothoid]]:
     """The geometries of a file and their kinds; contiguous by their distances along the road."""
-    found, s = [], 0.0
+    geometries, s = [], 0.0
     for geometry in ElementTree.fromstring(text.encode()).iter("geometry"):
         assert float(geometry.attrib["s"]) == pytest.approx(s, abs=1e-8)
         x, y, heading, length = (float(geometry.attrib[key]) for key in ("x", "y", "hdg", "length"))
         (shape,) = geometry
         bend = [float(value) for value in shape.attrib.values()] or [0.0]
-        found.append((shape.tag, (x, y, heading, length, bend[0], bend[-1])))
+        geometries.append((shape.tag, (x, y, heading, length, bend[0], bend[-1])))
         s += length
-    return found
+    return geometries
 
 
 curvature = st.floats(-0.07, 0.07).map(lambda value: round(value, 6))
@@ -101,7 +101,7 @@ def test_header_lanes_marks_and_speed() -> None:
     assert bounds == pytest.approx([*edges.min(axis=0), *edges.max(axis=0)], abs=0.01)
     assert "+proj=tmerc +lat_0=-33.5 +lon_0=151.25 " in (header.findtext("geoReference") or "")
     assert speed.attrib == {"max": "50.0", "unit": "km/h"}
-    found = [
+    lanes = [
         (
             lane.attrib["id"],
             lane.attrib["type"],
@@ -112,7 +112,7 @@ def test_header_lanes_marks_and_speed() -> None:
         for lane in root.iter("lane")
     ]
     driven = ("driving", [3.5], ["solid"], [("50.0", "km/h")])
-    assert found == [("1", *driven), ("0", "none", [], ["broken"], []), ("-1", *driven)]
+    assert lanes == [("1", *driven), ("0", "none", [], ["broken"], []), ("-1", *driven)]
 
 
 @pytest.mark.parametrize("name", ['a "b" <c> & d', "zero\x00, bell\x07, surrogate\udcff", "é 路"])
@@ -141,7 +141,7 @@ def test_senseless_options_are_refused(options: dict[str, Any], complaint: str) 
 
 
 @given(roads())
-def test_our_own_file_gives_the_same_road_bit_for_bit(road: Road) -> None:
+def test_a_written_road_is_read_back_bit_for_bit(road: Road) -> None:
     read = RoadMap(to_opendrive(road).encode()).road()
     assert read.curvatures.tolist() == road.curvatures.tolist()
     assert (read.step, read.pose, read.lane_width) == (road.step, road.pose, road.lane_width)
@@ -149,7 +149,7 @@ def test_our_own_file_gives_the_same_road_bit_for_bit(road: Road) -> None:
         assert np.array_equal(getattr(read, name), getattr(road, name)), name
 
 
-def test_a_file_that_was_edited_counts_for_what_its_geometries_say() -> None:
+def test_an_edited_file_is_read_from_its_geometries() -> None:
     text = to_opendrive(Road([0.02, 0.02 + 1e-10]))
     bent = re.sub(r'curvature="0.02\d*"', 'curvature="0.03"', text)
     assert RoadMap(bent.encode()).road().curvatures == pytest.approx([0.03] * 21, abs=1e-9)
@@ -580,7 +580,7 @@ def joint(text: str, other: str) -> bytes:
         (foreign(after="<a/>" * 1_000_000), "more than 1000000 elements"),
     ],
 )
-def test_what_cannot_be_read_gets_one_line(data: bytes, complaint: str) -> None:
+def test_an_unreadable_file_gives_one_line(data: bytes, complaint: str) -> None:
     with pytest.raises(RoadError, match=complaint) as caught:
         RoadMap(data).road()
     assert "\n" not in str(caught.value)

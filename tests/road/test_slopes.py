@@ -38,18 +38,18 @@ def test_a_crest_rises_and_falls() -> None:
 
 
 @given(profiles(), st.floats(-100.0, 400.0))
-def test_an_integral_is_the_sum_of_the_values(one: np.ndarray, end: float) -> None:
+def test_an_integral_is_the_sum_of_the_values(pairs: np.ndarray, end: float) -> None:
     places = np.linspace(0.0, end, 20_001)
-    values = profile.value_at(one, places)
+    values = profile.value_at(pairs, places)
     summed = float(np.sum(0.5 * (values[1:] + values[:-1])) * end / 20_000)
-    assert profile.integral_at(one, end) == pytest.approx(summed, abs=1e-4)
+    assert profile.integral_at(pairs, end) == pytest.approx(summed, abs=1e-4)
 
 
 @given(profiles(), st.floats(-20.0, 150.0), st.floats(1.0, 200.0))
-def test_a_piece_has_the_same_values(one: np.ndarray, start: float, length: float) -> None:
+def test_a_piece_has_the_same_values(pairs: np.ndarray, start: float, length: float) -> None:
     places = np.linspace(0.0, length, 101)
-    whole = profile.value_at(one, start + places)
-    for piece in (profile.cut(one, start), profile.cut(one, start, start + length)):
+    whole = profile.value_at(pairs, start + places)
+    for piece in (profile.cut(pairs, start), profile.cut(pairs, start, start + length)):
         assert profile.value_at(piece, places) == pytest.approx(whole, abs=1e-12)
 
 

@@ -14,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from frenetic.errors import RoadError
+from frenetic.road.overlap import is_overlapping
 from frenetic.road.validity import (
     Verdict,
-    _overlaps_itself,
     _to_millimetre,
     check_validity,
     interpolate,
@@ -245,16 +245,16 @@ def test_agrees_with_the_reference(
         if not is_agreed:
             for points, message in judged:
                 assert message == reference.verdict_message(points), points.tolist()
-    seen = Counter(message for _, message in judged)
-    assert not {m: (seen[m], n) for m, n in due.items() if seen[m] < n}
+    counts = Counter(message for _, message in judged)
+    assert not {m: (counts[m], n) for m, n in due.items() if counts[m] < n}
 
 
 @pytest.mark.parametrize("noise", [1, 2, 3])
 def test_chains_of_quads_on_a_grid_agree_with_shapely(noise: int) -> None:
     # Not roads: corners on a coarse grid, where every kind of touching and overlap happens exactly.
     rng = np.random.default_rng(noise)
-    seen: Counter[bool] = Counter()
-    while sum(seen.values()) < 1500:
+    counts: Counter[bool] = Counter()
+    while sum(counts.values()) < 1500:
         n = int(rng.integers(3, 7))
         along = np.cumsum(rng.integers(1, 4, n))
         left = np.column_stack([along, np.full(n, 2)]) + rng.integers(-noise, noise + 1, (n, 2))
@@ -265,9 +265,9 @@ def test_chains_of_quads_on_a_grid_agree_with_shapely(noise: int) -> None:
         expected = reference.overlaps_itself(
             [(x, y) for x, y in left.tolist()], [(x, y) for x, y in right.tolist()]
         )
-        assert _overlaps_itself(left.astype(float), right.astype(float)) == expected, (left, right)
-        seen[expected] += 1
-    assert min(seen.values()) > 50, seen
+        assert is_overlapping(left.astype(float), right.astype(float)) == expected, (left, right)
+        counts[expected] += 1
+    assert min(counts.values()) > 50, counts
 
 
 # --- the rules, one by one ---------------------------------------------------------------------
@@ -332,7 +332,7 @@ def test_map_size() -> None:
 
 
 @pytest.mark.parametrize(
-    ("points", "told"),
+    ("points", "message"),
     [
         ([[0.0, 0.0], [math.nan, 1.0]], "road point 1 is"),
         ([[1.0, 2.0, 3.0]], r"\(1, 3\)"),
@@ -343,20 +343,20 @@ def test_map_size() -> None:
         ([[1.0, 2.0], [3.0]], "pairs"),
     ],
 )
-def test_bad_points(points: Any, told: str) -> None:
+def test_bad_points(points: Any, message: str) -> None:
     for judge in (check_validity, interpolate, min_radius):
-        with pytest.raises(RoadError, match=told) as caught:
+        with pytest.raises(RoadError, match=message) as caught:
             judge(points)
         assert "\n" not in str(caught.value)
 
 
-def test_what_cannot_be_interpolated_is_told() -> None:
-    for points, told in (
+def test_points_that_cannot_be_interpolated_are_refused() -> None:
+    for points, message in (
         ([[1.0, 2.0]], "at least 2 points"),
         ([[1.0, 2.0], [1.0, 2.0]], "are the same"),
         ([[0.0, 0.0], [2e6, 0.0]], "at most 1000000 m"),
     ):
-        with pytest.raises(RoadError, match=told):
+        with pytest.raises(RoadError, match=message):
             interpolate(points)
 
 
@@ -391,7 +391,7 @@ def test_the_node_beyond_the_last_point_does_not_hang_on_a_tiny_last_step() -> N
 
 @given(st.floats(-1e6, 1e6) | st.integers(-(10**7), 10**7).map(lambda i: i / 2000))
 @settings(max_examples=300)
-def test_millimetres_are_those_of_round(value: float) -> None:
+def test_rounding_to_millimetres_agrees_with_round(value: float) -> None:
     assert _to_millimetre(value) == round(value, 3)
 
 

@@ -50,9 +50,9 @@ def test_the_edge_is_that_of_a_wider_lane(
     x, y = pose.x - offset * np.sin(pose.heading), pose.y + offset * np.cos(pose.heading)
     place = (s, offset, pose.heading, x, y, pose.heading + error, 4.5, 1.8, 0.1)
     widened = replace(road, widening=wider * METRE)
-    one = share_outside(widened.table, road.sub_step, 0.0, -4.0, *place)
+    share = share_outside(widened.table, road.sub_step, 0.0, -4.0, *place)
     other = share_outside(road.table, road.sub_step, 0.0, -4.0 - wider, *place)
-    assert one == pytest.approx(other, abs=1e-12)
+    assert share == pytest.approx(other, abs=1e-12)
 
 
 def test_the_widened_part_of_a_lane_belongs_to_it() -> None:
@@ -63,17 +63,19 @@ def test_the_widened_part_of_a_lane_belongs_to_it() -> None:
     wide = replace(road, widening=METRE)
     assert judge(wide, beside).outcome is not Outcome.FAIL
     assert assess(wide, beside).oob_distance == pytest.approx(0.8)
-    seen = assess(replace(road, widening=WIDENING), replace(beside, rules=Rules(oob_tolerance=1.0)))
-    at = np.searchsorted(seen.distance, [10.0, 30.0, 50.0])
-    assert seen.oob_distance[at] == pytest.approx([-0.2, 0.3, 0.8])
+    assessment = assess(
+        replace(road, widening=WIDENING), replace(beside, rules=Rules(oob_tolerance=1.0))
+    )
+    at = np.searchsorted(assessment.distance, [10.0, 30.0, 50.0])
+    assert assessment.oob_distance[at] == pytest.approx([-0.2, 0.3, 0.8])
     # The nearest edge counts: with the car to the right of the usual middle it is the left one.
     middle = assess(wide, along(road, -2.2))
     assert middle.oob_distance == pytest.approx(2.2)
     # A metre of it is outside where the lane is as usual, and none where it is a metre wider.
-    assert seen.oob_share[at] == pytest.approx([1.1 / 1.8, 0.6 / 1.8, 0.1 / 1.8], abs=0.01)
+    assert assessment.oob_share[at] == pytest.approx([1.1 / 1.8, 0.6 / 1.8, 0.1 / 1.8], abs=0.01)
 
 
-def test_it_is_kept_in_files_pieces_and_processes(tmp_path: Path) -> None:
+def test_widening_stays_in_files_pieces_and_processes(tmp_path: Path) -> None:
     road = Road(np.linspace(-0.01, 0.01, 11), widening=WIDENING)
     path = tmp_path / "road.json"
     path.write_text(json.dumps(entries_of(road)))

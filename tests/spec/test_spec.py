@@ -112,7 +112,7 @@ def test_values_are_taken_in_any_form_and_given_in_one() -> None:
     users = Spec(roads={"design_speed": 60}).road_class
     assert users is not None
     assert (users.name, users.speed_limit) == ("own", 60.0)
-    assert spec.domain == Domain.made("own", TOWN)
+    assert spec.domain == Domain.from_entries("own", TOWN)
     assert Spec(criteria="speed_limit=60") == Spec(speed_limit=60.0)
 
 
@@ -307,7 +307,7 @@ def test_a_spec_makes_the_parts_that_it_names(tmp_path: Path) -> None:
 
 
 def test_a_campaign_of_objects_records_roads_and_conditions_only(tmp_path: Path) -> None:
-    domain = Domain.made("town", TOWN)
+    domain = Domain.from_entries("town", TOWN)
     terms = Terms.of_class(domain.road_class, domain=domain, conditions={"delay": 0.1})
     campaign = Campaign(
         strategy=RandomSearch(

@@ -8,22 +8,22 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float64]
 """Float64 array; docstrings give the shape."""
 
-_GOLDEN = (5.0**0.5 - 1.0) / 2.0
+_GOLDEN_RATIO = (5.0**0.5 - 1.0) / 2.0
 
 
 def evenly(number: int, most: int) -> npt.NDArray[np.int64]:
-    """Indices of at most `most` evenly spaced items: the first, the last, and some between."""
+    """Return indices of at most `most` evenly spaced items: first, last, and some between."""
     places = np.linspace(0, number - 1, min(number, most)).round()
     return np.unique(places.astype(np.int64))
 
 
 def spread(number: int, most: int) -> npt.NDArray[np.int64]:
-    """Indices of at most `most` items, nearly evenly spaced; few change as the number grows.
+    """Return indices of at most `most` items, nearly evenly spaced; few change as items grow.
 
-    Chosen are those of the lowest rank. The ranks, multiples of the golden ratio modulo 1, spread
-    evenly over any stretch of items.
+    The items of the lowest rank are chosen. The ranks, multiples of the golden ratio modulo 1,
+    spread evenly over any part of the items.
     """
     if number <= most:
         return np.arange(number)
-    ranks = np.arange(number) * _GOLDEN % 1.0
+    ranks = np.arange(number) * _GOLDEN_RATIO % 1.0
     return np.sort(np.argpartition(ranks, most)[:most])

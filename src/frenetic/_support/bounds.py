@@ -1,4 +1,4 @@
-"""Kinds of numbers, with the bounds that `msgspec.convert` checks, and their check."""
+"""Types of numbers and texts with bounds that `msgspec.convert` checks, and their checks."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Finite: TypeAlias = Annotated[float, Meta(ge=-_MOST, le=_MOST)]
 Positive: TypeAlias = Annotated[float, Meta(gt=0.0, le=_MOST)]
 NotNegative: TypeAlias = Annotated[float, Meta(ge=0.0, le=_MOST)]
 Measured: TypeAlias = Annotated[float, Meta(ge=-1e7, le=1e7)]
-"""A length in m, a time in s: what is larger is a mistake."""
+"""A measured length in m or time in s: a larger number is a mistake."""
 Share: TypeAlias = Annotated[float, Meta(ge=0.0, le=1.0)]
 Count: TypeAlias = Annotated[int, Meta(ge=1, le=2**63 - 1)]
 Index: TypeAlias = Annotated[int, Meta(ge=0, le=2**63 - 1)]
@@ -28,23 +28,23 @@ Text: TypeAlias = Annotated[str, Meta(min_length=1)]
 
 
 def check(values: Mapping[str, Any], of: Any) -> None:
-    """Checks values by the hints of a class's fields or of a function's arguments.
+    """Check values against the type hints of a class's fields or of a function's arguments.
 
     Raises:
-        ValueError: one is of another kind or out of its bounds; the message names it.
+        ValueError: a value has another type or is out of bounds; the message names the value.
     """
     converted(values, of)
 
 
 def converted(values: Mapping[str, Any], of: Any) -> dict[str, Any]:
-    """Values as the hints of a class's fields or of a function's arguments say.
+    """Return values converted to the type hints of a class's fields or a function's arguments.
 
     Args:
-        values: by name; those without a hint are left out.
+        values: values by name; names without a hint are left out.
         of: the class or the function; a field of a struct has its encoded name, too.
 
     Raises:
-        ValueError: one is of another kind or out of its bounds; the message names it.
+        ValueError: a value has another type or is out of bounds; the message names the value.
     """
     return {
         name: _converted(name, values[name], kind)
@@ -92,30 +92,30 @@ _WORDS: Final = {
 
 
 def _needed(text: str, kind: Any) -> str:
-    """The end of msgspec's message in our words."""
+    """Return the end of msgspec's message in the words of our messages."""
     if "enum" in text:
-        choices = [one for one in (kind, *get_args(kind)) if get_origin(one) is Literal]
-        return " or ".join(repr(value) for one in choices for value in get_args(one))
+        choices = [hint for hint in (kind, *get_args(kind)) if get_origin(hint) is Literal]
+        return " or ".join(repr(value) for hint in choices for value in get_args(hint))
     for pattern, word in _WORDS.items():
         text = re.sub(pattern, word, text)
     return text
 
 
 def require_count(name: str, value: float, least: int = 1) -> int:
-    """An option that counts something.
+    """Return an option that counts something as a whole number.
 
     Raises:
-        ValueError: it is no whole number of at least ``least``.
+        ValueError: the value is no whole number of at least ``least``.
     """
     if not is_number(value) or value != int(value) or value < least:
-        given: object = value
-        text = given if isinstance(given, numbers.Real) else shown(given)
+        any_value: object = value  # callers may pass what the type hint forbids
+        text = any_value if isinstance(any_value, numbers.Real) else shown(any_value)
         raise ValueError(f"{name} is {text}: a whole number of at least {least} is needed")
     return int(value)
 
 
 def shown(value: object) -> str:
-    """The repr of a value, shortened."""
+    """Return the repr of a value, at most 60 characters long."""
     try:
         text = repr(value)
     except RecursionError:
@@ -124,7 +124,7 @@ def shown(value: object) -> str:
 
 
 def is_number(value: object) -> bool:
-    """Whether it is a finite number, of numpy too."""
+    """Return whether a value is a finite number, of Python or numpy."""
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
         return False
     try:

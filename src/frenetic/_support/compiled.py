@@ -29,38 +29,38 @@ ensure_kernel_cache()
 numba.config.reload_config()  # numba reads the folder's variable when it is imported
 
 PATIENCE: Final = 60.0
-"""Wait of a process for its turn, in s. A module takes some seconds; a process that takes longer
-has been stopped, and the others stop waiting for it."""
+"""Longest wait of a process for its turn, in s; ours. A module takes some seconds: a process that
+takes longer has been stopped, and the others stop waiting for it."""
 
-_PAUSE: Final = 0.002
+_PAUSE: Final = 0.002  # [s] between two looks at a lock; ours
 
 _Kernel = TypeVar("_Kernel", bound=Callable[..., Any])
 
 
 def njit(*, error_model: Literal["python", "numpy"] = "python") -> Callable[[_Kernel], _Kernel]:
-    """Numba's decorator of the same name, with its cache on disk.
+    """Return Numba's decorator ``njit``, with its cache on disk.
 
     Kernels are called from Python and by each other, never as C functions: that entry takes its
     share of compiling.
     """
 
     def compile_lazily(kernel: _Kernel) -> _Kernel:
-        made = numba.njit(error_model=error_model, cache=True, no_cfunc_wrapper=True)(kernel)
-        if is_jitted(made):
-            compile_now = made.compile
+        dispatcher = numba.njit(error_model=error_model, cache=True, no_cfunc_wrapper=True)(kernel)
+        if is_jitted(dispatcher):
+            compile_now = dispatcher.compile
 
             def compile_in_turn(signature: Any) -> Any:
-                with global_compiler_lock, _turns.turn(made):
+                with global_compiler_lock, _turns.turn(dispatcher):
                     return compile_now(signature)
 
-            made.compile = compile_in_turn
-        return cast("_Kernel", made)
+            dispatcher.compile = compile_in_turn
+        return cast("_Kernel", dispatcher)
 
     return compile_lazily
 
 
 def cache_folder(kernel: Callable[..., Any]) -> Path | None:
-    """The cache folder of a kernel; None if it is not compiled."""
+    """Return the cache folder of a kernel; None if the function is not compiled."""
     if not is_jitted(kernel):
         return None
     return Path(cast("Any", kernel).stats.cache_path)
@@ -71,12 +71,12 @@ class _Turns:
 
     def __init__(self) -> None:
         self.is_waiting = False
-        """Whether another process compiles, and this one waits for it."""
+        """Whether this process waits for another one that compiles."""
         self._are_locked = True
 
     @contextmanager
     def turn(self, kernel: Any) -> Iterator[None]:
-        """Waits for this process's turn at the kernel's module, and holds it."""
+        """Wait for this process's turn at the kernel's module, and hold the lock meanwhile."""
         module = kernel.py_func.__module__
         lock = _lock(Path(kernel.stats.cache_path) / f"{module}.lock", os.getpid())
         is_held = self._are_locked and self._acquire(lock)
@@ -104,22 +104,22 @@ class _Turns:
 
 @cache
 def _lock(path: Path, _process: int) -> FileLock:
-    """The lock in a file; a fork of this process can lock none that was made before."""
+    """Return the lock in a file, a new one for each process: a fork cannot use its parent's."""
     return FileLock(path, thread_local=False)
 
 
 class Compilation(event.Listener):  # type: ignore[misc]
-    """Notices kernels that are compiled: a kernel that is found on disk is not."""
+    """A count of the kernels that are being compiled; kernels read from disk do not count."""
 
     def __init__(self) -> None:
         self.under_way = 0
 
     def on_start(self, _: event.Event) -> None:
-        """Counts one more."""
+        """Count a kernel whose compilation starts."""
         self.under_way += 1
 
     def on_end(self, _: event.Event) -> None:
-        """Counts one less."""
+        """Count a kernel whose compilation ends."""
         self.under_way -= 1
 
 
@@ -128,5 +128,5 @@ event.register("numba:compile", _COMPILATION)
 
 
 def is_compiling() -> bool:
-    """Whether kernels are compiled now, by this process or by one for which it waits."""
+    """Return whether kernels are being compiled, by this process or one for which it waits."""
     return _COMPILATION.under_way > 0 or _turns.is_waiting

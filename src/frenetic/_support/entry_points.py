@@ -1,6 +1,6 @@
-"""What installed packages add to this one: their entry points.
+"""Entry points: parts that installed packages add to this one.
 
-Apart from the registry, which imports more than the help of the commands may take.
+The help of the commands needs entry points, too, so this module imports less than the registry.
 """
 
 from __future__ import annotations
@@ -13,38 +13,40 @@ from typing import Any
 
 
 @dataclass(frozen=True)
-class Entry:
-    """A part that has a name."""
+class RegisteredPart:
+    """A built-in or installed object that users choose by name."""
 
     name: str
     target: str
-    """``module:Class``."""
+    """Place of the object's code: ``module:Class``."""
     origin: str
-    """``built in``, or the distribution that installed it."""
+    """``built in``, or the name of the distribution that installed the object."""
     summary: str = ""
-    """One line, if known without an import."""
+    """Summary in one line; empty if only an import could tell it."""
 
 
 @cache
-def _installed(group: str, path: tuple[str, ...]) -> tuple[Entry, ...]:  # noqa: ARG001
-    """Entries that packages on the module path have installed, in alphabetical order."""
-    from importlib.metadata import entry_points  # takes its time, and no help needs it
+def _installed(group: str, path: tuple[str, ...]) -> tuple[RegisteredPart, ...]:  # noqa: ARG001
+    """Return the parts that packages on the module path have installed, in alphabetical order."""
+    from importlib.metadata import entry_points  # slow, and not needed by the help of commands
 
     return tuple(
-        Entry(point.name, point.value, point.dist.name if point.dist is not None else "unknown")
+        RegisteredPart(
+            point.name, point.value, point.dist.name if point.dist is not None else "unknown"
+        )
         for point in sorted(entry_points(group=group), key=lambda p: p.name)
     )
 
 
 def imported(target: str) -> Any:
-    """What ``module:name`` stands for."""
+    """Import and return the object at ``module:name``."""
     module, _, name = target.partition(":")
     return getattr(import_module(module), name)
 
 
-def installed(group: str) -> tuple[Entry, ...]:
-    """Entries of a group that packages on the module path have installed.
+def installed(group: str) -> tuple[RegisteredPart, ...]:
+    """Return the parts of a group that packages on the module path have installed.
 
-    A new process sees what is installed later.
+    The answer is cached: only a new process sees packages that are installed later.
     """
     return _installed(group, tuple(sys.path))

@@ -15,14 +15,14 @@ T = TypeVar("T")
 
 
 MAX_BYTES: Final = 4 * 2**20
-"""Largest file that says how roads are driven, a run, a bench or a calibration."""
+"""Largest file of a run, a bench or a calibration that is read, in bytes; ours."""
 
 
 def read_bounded(path: Path) -> bytes:
-    """The content of a file of `MAX_BYTES` at most.
+    """Return the content of a file of at most `MAX_BYTES`.
 
     Raises:
-        FreneticError: there is none, it cannot be read, or it is too large.
+        FreneticError: the file is missing, unreadable or too large.
     """
     try:
         with path.open("rb") as file:
@@ -46,15 +46,15 @@ def write_file(
     durable: bool = False,
     parents: bool = False,
 ) -> None:
-    """Replaces a file whole; a text is written as UTF-8, with its line ends unchanged.
+    """Replace a file whole. A text is written as UTF-8, with its line ends unchanged.
 
     Args:
         path: the file.
-        content: all of it.
-        remedy: what the user can do if it cannot be written.
-        error: the class of the error in that case.
-        durable: whether it must survive a power failure right afterwards.
-        parents: whether to make its folder.
+        content: the file's whole content.
+        remedy: advice to the user if the file cannot be written.
+        error: class of the error in that case.
+        durable: whether the file must survive a power failure right afterwards.
+        parents: whether to make the file's folder.
 
     Raises:
         FreneticError: the file cannot be written; of the class ``error``.
@@ -70,14 +70,14 @@ def write_file(
 
 
 def check_writable(path: Path, *, remedy: str) -> None:
-    """Refuses a file that cannot be written, before its content is worked out; writes nothing.
+    """Refuse a file that cannot be written, before its content is computed; write nothing.
 
     Args:
         path: the file.
-        remedy: what the user can do if it cannot be written.
+        remedy: advice to the user if the file cannot be written.
 
     Raises:
-        FreneticError: its folder is missing or takes no file, or a folder has its name.
+        FreneticError: the file's folder is missing or takes no file, or a folder has its name.
     """
     reason = ""
     try:
@@ -95,29 +95,29 @@ def check_writable(path: Path, *, remedy: str) -> None:
         raise FreneticError(f"{path} cannot be written: {reason}; {remedy}")
 
 
-def require_list(name: str, given: Iterable[T], of: str = "folders") -> tuple[T, ...]:
-    """The items of a list or another iterable, which is gone through once.
+def require_list(name: str, items: Iterable[T], of: str = "folders") -> tuple[T, ...]:
+    """Return the items of a list or another iterable, which is iterated once.
 
     Args:
-        name: of the argument, for the message.
-        given: the list; a text would be read letter by letter.
-        of: what it holds, for the message.
+        name: name of the argument, for the message.
+        items: the list. A text is refused, since it would be read letter by letter.
+        of: plural noun for the items, for the message.
 
     Raises:
-        FreneticError: it is a single item.
+        FreneticError: the argument is a single item.
     """
-    if isinstance(given, (str, bytes, os.PathLike)) or not isinstance(given, Iterable):
-        single = repr(str(given) if isinstance(given, os.PathLike) else given)
-        example = "" if given is None else f", such as [{single}]"
+    if isinstance(items, (str, bytes, os.PathLike)) or not isinstance(items, Iterable):
+        single = repr(str(items) if isinstance(items, os.PathLike) else items)
+        example = "" if items is None else f", such as [{single}]"
         raise FreneticError(f"{name} is {single}: a list of {of} is needed{example}")
-    return tuple(given)
+    return tuple(items)
 
 
 class FolderInUse:
     """A folder that is recognised even if somebody moves or deletes it while it is in use.
 
     Args:
-        path: of the folder, which has to exist.
+        path: the folder, which has to exist.
     """
 
     def __init__(self, path: Path) -> None:
@@ -128,11 +128,11 @@ class FolderInUse:
             self._handle = os.open(path, os.O_RDONLY)
 
     def holds(self, name: str, file: os.stat_result) -> bool:
-        """Whether a file still lies in the folder, wherever that is now.
+        """Return whether a file still lies in the folder, wherever the folder is now.
 
         Args:
-            name: of the file.
-            file: its status when it was opened.
+            name: name of the file.
+            file: status of the file when it was opened.
         """
         with suppress(OSError):
             if self._handle is None:
@@ -141,7 +141,7 @@ class FolderInUse:
         return False
 
     def fate(self) -> str:
-        """What became of the folder: ``was moved to PLACE``, ``was deleted``; empty if nothing."""
+        """Return the folder's fate: ``was moved to PLACE``, ``was deleted``; empty if in place."""
         with suppress(OSError):
             if os.path.samestat(self._path.stat(), self._opened):
                 return ""
@@ -153,7 +153,7 @@ class FolderInUse:
         return "was moved" if os.fstat(self._handle).st_nlink > 0 else "was deleted"
 
     def place(self) -> Path | None:
-        """Where the folder is now; None if it was deleted, or if the system does not tell."""
+        """Return the folder's path now; None if it was deleted, or if the system does not tell."""
         with suppress(OSError):
             place = Path(f"/proc/self/fd/{self._handle}").readlink()
             if os.path.samestat(place.stat(), self._opened):
@@ -161,7 +161,7 @@ class FolderInUse:
         return None
 
     def close(self) -> None:
-        """Closes the handle of the folder; closing twice does no harm."""
+        """Close the handle of the folder; closing twice does no harm."""
         if self._handle is not None:
             os.close(self._handle)
             self._handle = None
@@ -172,7 +172,7 @@ class FolderInUse:
 
 @contextmanager
 def replacing(path: Path, *, durable: bool = False) -> Iterator[Path]:
-    """Gives the path of a new file beside ``path``, which replaces it at the end.
+    """Yield the path of a new file beside ``path``, which replaces ``path`` at the end.
 
     If anything is raised meanwhile, the old file stays and the new one is removed.
 
@@ -196,10 +196,10 @@ def _partial(path: Path) -> Path:
 
 
 def flush(path: Path) -> None:
-    """Flushes a file from the system's memory to the disk.
+    """Flush a file from the system's memory to the disk.
 
     Raises:
-        OSError: the disk does not take it.
+        OSError: the disk does not take the file.
     """
     file = os.open(path, os.O_RDWR)
     try:

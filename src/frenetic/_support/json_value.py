@@ -14,12 +14,12 @@ JSONValue: TypeAlias = (
 
 
 def plain(value: object) -> object:
-    """A read-only mapping or sequence, or a number of numpy, as `json.dumps` takes it.
+    """Return a read-only mapping or sequence, or a numpy number, in a type of `json.dumps`.
 
     For its ``default``.
 
     Raises:
-        ValueError: it is something else.
+        ValueError: the value has another type.
     """
     if isinstance(value, Mapping):
         return dict(value)

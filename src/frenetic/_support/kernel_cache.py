@@ -15,7 +15,7 @@ def ensure_kernel_cache(
     environment: MutableMapping[str, str] = os.environ,
     is_writable: Callable[[Path], bool] = lambda folder: os.access(folder, os.W_OK),
 ) -> None:
-    """Sets NUMBA_CACHE_DIR to a temporary folder if numba could cache nowhere else.
+    """Set NUMBA_CACHE_DIR to a temporary folder if numba could cache nowhere else.
 
     Numba caches beside the sources, or else in the user's cache folder, and refuses to compile if
     it can do neither. A temporary folder lasts as long as the process, so every process compiles

@@ -1,7 +1,7 @@
 """Messages of a process in which foreign code runs: framed, bounded and typed.
 
-A process that receives them believes nothing: a frame has a mark, a length below a bound and a
-checksum, and its body is decoded as the type that is expected. Nothing in it is unpickled.
+The receiving process trusts nothing: a frame has a mark, a length below a bound and a checksum, and
+its body is decoded as the expected type. Nothing is unpickled.
 
 | bytes | of a frame |
 | --- | --- |
@@ -47,15 +47,15 @@ _DTYPES: Final = frozenset({"<f8", "<i8", "|u1", "|b1"})  # of arrays
 
 
 class ProtocolError(Exception):
-    """Bytes are no message, or a message comes that nobody expects."""
+    """Bytes that are no message, or an unexpected message."""
 
 
 class Frame(NamedTuple):
-    """A message whose body is not decoded yet."""
+    """A message with an undecoded body."""
 
     kind: int
     number: int
-    """Number of the call that it belongs to, from 0."""
+    """Number of the message's call, from 0."""
     body: bytes
 
 
@@ -73,7 +73,7 @@ def to_bytes(frame: Frame, most_bytes: int = MOST_BYTES) -> bytes:
 
 
 class FrameReader:
-    """Cuts a stream of bytes into frames.
+    """A buffer that cuts a stream of bytes into frames.
 
     Its memory grows with the bytes that have come, not with the length that a frame claims.
     """
@@ -83,7 +83,7 @@ class FrameReader:
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> Iterator[Frame]:
-        """Give the frames that are complete with these bytes.
+        """Return the frames that these bytes complete.
 
         Raises:
             ProtocolError: the bytes are no frame.
@@ -93,7 +93,7 @@ class FrameReader:
             yield frame
 
     def _first(self) -> Frame | None:
-        """Take the first frame out of the buffer; None if it is not complete."""
+        """Remove the first frame from the buffer and return it; None if it is not complete."""
         mark = bytes(self._buffer[: len(_MARK)])
         if not _MARK.startswith(mark):
             raise ProtocolError("it is no message")
@@ -191,14 +191,14 @@ class Channel:
 
     @property
     def handle(self) -> Any:
-        """Argument of `multiprocessing.connection.wait`, which waits until bytes have come."""
+        """Argument of `multiprocessing.connection.wait` that waits for bytes."""
         if sys.platform == "win32":
             return self._connection
         return self._descriptor
 
     @property
     def is_whole(self) -> bool:
-        """Whether its descriptor is open and still belongs to this connection."""
+        """Whether the descriptor is open and still belongs to this connection."""
         if sys.platform == "win32":
             return not self._connection.closed
         try:
@@ -260,7 +260,7 @@ class Channel:
 
 
 def _identity(descriptor: int) -> tuple[int, int]:
-    """Device and inode behind a descriptor, by which the connection is recognised."""
+    """Return device and inode behind a descriptor, which identify the connection."""
     status = os.fstat(descriptor)
     return status.st_dev, status.st_ino
 

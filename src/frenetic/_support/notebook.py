@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 class Shown:
-    """Base of what a notebook shows as HTML, by the function of an entry point.
+    """Base of classes that a notebook shows as HTML, by the function of an entry point.
 
     The first in the group ``frenetic.notebook`` is called with the object. Without any a notebook
     shows the ``repr``.

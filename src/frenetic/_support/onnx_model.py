@@ -1,7 +1,7 @@
 """Models in ONNX files, executed by onnxruntime, an extra.
 
-A model is data: its operators are those that the runtime brings, its weights are in the file
-itself. It runs on one thread of the processor, so it answers alike each time on the same machine.
+A model is data: onnxruntime brings its operators, and the file itself holds its weights. It runs on
+one thread of the processor, so its answers repeat on the same machine.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from frenetic._support.words import pip_install
 from frenetic.errors import FreneticError, describe_error
 
 _NO_FOLDER: Final = "no folder: a model's weights are in its own file"
-_FATAL: Final = 4  # onnxruntime's own log shows nothing less; errors are raised as well
+_FATAL: Final = 4  # least severity in onnxruntime's own log, since errors are raised as well
 
 Shape: TypeAlias = tuple[int | None, ...]
-"""Sizes of axes, None where the file leaves one open."""
+"""Sizes of axes; None where the file leaves a size open."""
 
 
-class Model:
-    """A model, loaded.
+class OnnxModel:
+    """A loaded ONNX model.
 
     Args:
-        data: content of its file.
+        data: content of the model's file.
 
     Raises:
         FreneticError: onnxruntime is not installed.
-        ValueError: it cannot be loaded.
+        ValueError: onnxruntime cannot load the data, or an input is no tensor of float32.
     """
 
     def __init__(self, data: bytes) -> None:
@@ -54,53 +54,59 @@ class Model:
             self._session = onnxruntime.InferenceSession(
                 data, options, providers=["CPUExecutionProvider"]
             )
-        except Exception as error:  # of several classes of its own
+        except Exception as error:  # onnxruntime raises several classes of its own
             raise ValueError(_reason(error)) from None
         self.inputs: Mapping[str, Shape] = _shapes(self._session.get_inputs())
-        """Name -> shape."""
+        """Name of an input -> shape."""
         self.outputs: Mapping[str, Shape] = _shapes(self._session.get_outputs())
-        """Likewise; a shape that is not known at all is ``()``."""
-        for one in self._session.get_inputs():
-            if one.type != "tensor(float)":
-                name = f" {one.name}" if len(self.inputs) > 1 else ""
-                raise ValueError(f"its input{name} is a {one.type}: tensor(float) is needed")
+        """Name of an output -> shape, ``()`` if the file does not say it."""
+        for tensor in self._session.get_inputs():
+            if tensor.type != "tensor(float)":
+                name = f" {tensor.name}" if len(self.inputs) > 1 else ""
+                raise ValueError(f"its input{name} is a {tensor.type}: tensor(float) is needed")
 
     @property
     def metadata(self) -> dict[str, str]:
-        """The file's own entries, name -> value."""
+        """Entries that the file's author wrote, name -> value."""
         return dict(self._session.get_modelmeta().custom_metadata_map)
 
-    def run(self, fed: Mapping[str, npt.NDArray[np.float32]]) -> dict[str, FloatArray]:
-        """Output -> its numbers, in their order, for what each input is fed with.
+    def run(self, inputs: Mapping[str, npt.NDArray[np.float32]]) -> dict[str, FloatArray]:
+        """Return name of an output -> its numbers, in the file's order.
+
+        Args:
+            inputs: name of an input -> its numbers.
 
         Raises:
-            ValueError: it cannot be computed.
+            ValueError: onnxruntime cannot compute the outputs.
         """
         try:
-            outputs = self._session.run(None, dict(fed))
-            numbers = (np.asarray(one, dtype=np.float64) for one in outputs)
-            return dict(zip(self.outputs, numbers, strict=True))
-        except Exception as error:  # of several classes of its own; or an output is no array
+            outputs = self._session.run(None, dict(inputs))
+            arrays = (np.asarray(output, dtype=np.float64) for output in outputs)
+            return dict(zip(self.outputs, arrays, strict=True))
+        except Exception as error:  # classes of onnxruntime's own; or an output is no array
             raise ValueError(f"it cannot be computed: {describe_error(error)}") from None
 
 
 def _shapes(values: Sequence[Any]) -> dict[str, Shape]:
+    """Return name -> shape of a session's inputs or outputs."""
     return {
-        one.name: tuple(size if isinstance(size, int) and size > 0 else None for size in one.shape)
-        for one in values
+        value.name: tuple(
+            size if isinstance(size, int) and size > 0 else None for size in value.shape
+        )
+        for value in values
     }
 
 
 def shown_shape(shape: Sequence[int | None]) -> str:
-    """A shape for people."""
+    """Return a shape in words, such as ``(any, 3, 66, 200)``."""
     return f"({', '.join('any' if size is None else str(size) for size in shape)})"
 
 
 def read_model(path: str) -> bytes:
-    """The content of a model's file.
+    """Return the content of a model's file.
 
     Raises:
-        ValueError: it cannot be read.
+        ValueError: the file is missing or cannot be read.
     """
     try:
         return Path(path).expanduser().read_bytes()
@@ -111,7 +117,7 @@ def read_model(path: str) -> bytes:
 
 
 def _reason(error: Exception) -> str:
-    """The runtime's message about a file, in our words where it is a common one."""
+    """Return onnxruntime's message about a file, in our words for common mistakes."""
     text = describe_error(error)
     if "INVALID_PROTOBUF" in text or "No graph was found" in text:
         return "it is no ONNX model"

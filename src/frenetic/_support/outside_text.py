@@ -1,6 +1,6 @@
-"""Reading JSON and TOML that somebody else wrote: whatever is wrong is a `ValueError` of one line.
+"""Reading JSON and TOML that somebody else wrote: every mistake is a `ValueError` of one line.
 
-Values that are read are shallow enough for any code that walks them.
+The values are nested so little that any code can walk them.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ class BeyondLimitsError(ValueError):
 
 
 MAX_DEPTH: Final = 100
-"""Most levels of lists and objects within each other; a driver under ten layers has about 20."""
-_MOST_CHARACTERS: Final = 300  # of a message
+"""Most levels of nested lists and objects; ours: a driver under ten layers has about 20."""
+_MOST_CHARACTERS: Final = 300  # in a message; ours
 _TOO_DEEP: Final = f"it is nested more than {MAX_DEPTH} levels deep"
 _TOO_LARGE: Final = "a number has thousands of digits"
 _LONG_KEY: Final = re.compile(
@@ -37,15 +37,15 @@ def read_json(text: str | bytes) -> Any: ...
 @overload
 def read_json(text: str | bytes, kind: type[T]) -> T: ...
 def read_json(text: str | bytes, kind: Any = None) -> Any:
-    """The value of a JSON text.
+    """Return the value of a JSON text.
 
     Args:
         text: the JSON, as UTF-8 if it is bytes.
-        kind: type that the value has to have, as for `msgspec.convert`; None for any.
+        kind: type of the value, as for `msgspec.convert`; None for any type.
 
     Raises:
-        ValueError: it is no JSON or no UTF-8, a value is not of the kind, it is nested too deep, or
-            a number has thousands of digits.
+        ValueError: the text is no JSON or no UTF-8, a value has another type, the nesting is too
+            deep, or a number has thousands of digits.
     """
     if kind is None:
         return _read(json.loads, text)
@@ -53,11 +53,11 @@ def read_json(text: str | bytes, kind: Any = None) -> Any:
 
 
 def read_toml(data: bytes) -> dict[str, Any]:
-    """The entries of a TOML file.
+    """Return the entries of a TOML file.
 
     Raises:
-        ValueError: it is no TOML or no UTF-8, it is nested too deep, or a number has thousands of
-            digits.
+        ValueError: the data are no TOML or no UTF-8, the nesting is too deep, or a number has
+            thousands of digits.
     """
     entries: dict[str, Any] = _read(_parse_toml, data)
     return entries
@@ -70,10 +70,10 @@ def _parse_toml(text: str) -> dict[str, Any]:
 
 
 def _check_depth(value: object) -> None:
-    """Checks how deep lists, objects and records are nested.
+    """Check how deep lists, objects and records are nested.
 
     Raises:
-        BeyondLimitsError: it is more than `MAX_DEPTH` levels.
+        BeyondLimitsError: they are nested more than `MAX_DEPTH` levels deep.
     """
     level: list[Any] = [value]
     for depth in range(MAX_DEPTH + 1):
@@ -93,7 +93,7 @@ def _check_depth(value: object) -> None:
 
 
 def _read(parse: Callable[[str], Any], text: str | bytes) -> Any:
-    """Parse a text and check its depth; errors are those of `read_json`."""
+    """Parse a text and check its depth; raise the errors that `read_json` lists."""
     try:
         value = parse(text if isinstance(text, str) else text.decode("utf-8-sig"))
     except BeyondLimitsError:

@@ -8,19 +8,19 @@ from typing import Any
 
 
 def is_numpy_scalar(value: object) -> bool:
-    """Whether it is one of numpy's scalars, such as ``np.int64(3)``."""
+    """Return whether a value is a numpy scalar, such as ``np.int64(3)``."""
     return type(value).__module__ == "numpy" and getattr(value, "shape", None) == ()
 
 
 def without_numpy(value: Any) -> Any:
-    """The value, but Python's own for a scalar of numpy, also as a value of a mapping."""
+    """Return a value with numpy scalars replaced by Python's, also within a mapping."""
     if isinstance(value, Mapping):
         return {name: without_numpy(item) for name, item in value.items()}
     return value.item() if is_numpy_scalar(value) else value
 
 
 def take_numpy_scalars(record: Any) -> None:
-    """Puts Python's own values in place of numpy's scalars in a dataclass's fields.
+    """Replace numpy scalars by Python's in a dataclass's fields.
 
     For its ``__post_init__``. Compiled kernels are made for Python's own, too.
     """

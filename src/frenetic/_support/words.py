@@ -14,37 +14,37 @@ from frenetic._support.json_value import plain
 from frenetic._support.outside_text import BeyondLimitsError, read_json
 
 
-def counted(number: int, what: str, several: str | None = None) -> str:
-    """A number with its noun, such as "1 failure" and "2 failures"."""
-    return f"{number} {what if number == 1 else several or f'{what}s'}"
+def counted(number: int, noun: str, plural: str | None = None) -> str:
+    """Return a number with its noun, such as "1 failure" and "2 failures"."""
+    return f"{number} {noun if number == 1 else plural or f'{noun}s'}"
 
 
 def capitalised(text: str) -> str:
-    """A text with a capital first letter; the others stay."""
+    """Return a text with a capital first letter; the other letters stay."""
     return text[:1].upper() + text[1:]
 
 
 def present_moment() -> str:
-    """The date and time: UTC, ISO 8601 with milliseconds."""
+    """Return the present date and time: UTC, ISO 8601 with milliseconds."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
 def pip_install(extra: str) -> str:
-    """The words that install an extra of ours, from a clone."""
+    """Return the words that install an extra of Frenetic, from a clone."""
     return f'pip install ".[{extra}]" in the clone of Frenetic'
 
 
 def signed(value: float | None, digits: int = 2, none: str = "–") -> str:
-    """A number with a proper minus sign; a word of its own for none."""
+    """Return a number with a proper minus sign; ``none`` for None."""
     return none if value is None else f"{value:.{digits}f}".replace("-", "−")
 
 
 def oob_words(oob: float | None, lane_width: float) -> str:
-    """An oob distance beside the largest possible one: ``1.74 of 1.75 m``; ``−0.52 m`` outside.
+    """Return an oob distance with the largest possible one: ``1.74 of 1.75 m``, ``−0.52 m``.
 
     Args:
-        oob: m; None if it is unknown.
-        lane_width: m; half of it is the oob distance in the middle of the lane.
+        oob: oob distance, in m; None if unknown.
+        lane_width: width of the lane, in m: half of it is the largest oob distance.
     """
     if oob is None:
         return signed(oob)
@@ -54,11 +54,11 @@ def oob_words(oob: float | None, lane_width: float) -> str:
 
 
 def lane_words(oob: float, lane_width: float) -> str:
-    """Where a car's centre is: ``1.74 of 1.75 m inside its lane``, ``0.52 m outside its lane``.
+    """Return a place in words: ``1.74 of 1.75 m inside its lane``, ``0.52 m outside its lane``.
 
     Args:
-        oob: oob distance, in m.
-        lane_width: m.
+        oob: oob distance of the car's centre, in m.
+        lane_width: width of the lane, in m.
     """
     if oob < 0.0:
         return f"{-oob:.2f} m outside its lane"
@@ -66,12 +66,12 @@ def lane_words(oob: float, lane_width: float) -> str:
 
 
 def oob_unit(lane_width: float) -> str:
-    """The unit of a column of oob distances: ``m, at most 1.75``."""
+    """Return the unit of a column of oob distances: ``m, at most 1.75``."""
     return f"m, at most {0.5 * lane_width:.2f}"
 
 
 def rate_words(rate: float | None) -> str:
-    """Tests per second, or per minute or hour where they are few."""
+    """Return a rate in tests per second, or per minute or hour where tests are few."""
     if rate is None:
         return "-"
     if rate == 0.0:
@@ -83,12 +83,12 @@ def rate_words(rate: float | None) -> str:
 
 
 def simulated_time(seconds: float | None) -> float | None:
-    """A time in s for JSON and tables: 9.45, where 189 steps of 0.05 s are 9.450000000000001."""
+    """Return a time in s, rounded for JSON and tables: 9.45 in place of 9.450000000000001."""
     return None if seconds is None else round(seconds, 6)
 
 
 def number_word(value: object) -> str:
-    """A number for a command line: 4, where Python has 4.0."""
+    """Return a number for a command line: ``4`` for 4.0."""
     return str(value).removesuffix(".0")
 
 
@@ -103,12 +103,12 @@ _AS_IN_PYTHON: Final = {"True": True, "False": False, "None": None}
 
 
 def read_setting(text: str) -> Any:
-    """The value of NAME=VALUE on a command line: JSON or a number if possible, else a text.
+    """Return the value of NAME=VALUE on a command line: JSON or a number if possible, else a text.
 
-    ``True``, ``False`` and ``None`` are taken as Python has them, too.
+    ``True``, ``False`` and ``None`` are read as in Python, too.
 
     Raises:
-        ValueError: it is JSON that is nested too deep, or has too large a number.
+        ValueError: the text is JSON with too deep nesting or too large a number.
     """
     if text in _AS_IN_PYTHON:
         return _AS_IN_PYTHON[text]
@@ -125,16 +125,16 @@ def read_setting(text: str) -> Any:
     return text
 
 
-_PIECE: Final = re.compile(r'"(?:[^"\\]|\\.)*"|[^,"\[\]{}]+|[\[\]{},"]')  # of a part's text
+_PIECE: Final = re.compile(r'"(?:[^"\\]|\\.)*"|[^,"\[\]{}]+|[\[\]{},"]')  # piece of a part's text
 
 
 def read_part(text: str) -> tuple[str | None, dict[str, Any]]:
-    """The name and options in ``planner,aggression=1.2``; None for options without a name.
+    """Return name and options of ``planner,aggression=1.2``; None for options without a name.
 
     A comma separates, unless it is quoted or within brackets: ``sites=[1,2]``, ``path="a,b"``.
 
     Raises:
-        ValueError: an option has no value, is there twice, or its value cannot be read.
+        ValueError: an option has no value, stands twice, or its value cannot be read.
     """
     ends, depth = [-1], 0
     for piece in _PIECE.finditer(text):
@@ -156,13 +156,13 @@ def read_part(text: str) -> tuple[str | None, dict[str, Any]]:
 
 
 def part_word(name: str | None, options: Mapping[str, Any]) -> str:
-    """A part in the form that `read_part` reads back."""
+    """Return a part's text that `read_part` reads back."""
     first = [] if name is None else [json.dumps(name) if set(name) & set(',="[]{}') else name]
     return ",".join([*first, *(f"{key}={_setting(value)}" for key, value in options.items())])
 
 
 def _setting(value: object) -> str:
-    """A value in a form that `read_setting` reads back."""
+    """Return a value's text that `read_setting` reads back."""
     if isinstance(value, str):
         is_plain = not set(value) & set(',"[]{}') and read_setting(value) == value
         return value if is_plain else json.dumps(value)
@@ -170,10 +170,10 @@ def _setting(value: object) -> str:
 
 
 def parse_duration(text: object) -> float:
-    """Seconds in a time such as ``90``, ``90s``, ``10m`` or ``1h30m``.
+    """Return the seconds of a time such as ``90``, ``90s``, ``10m`` or ``1h30m``.
 
     Raises:
-        ValueError: it is no time, or not more than 0.
+        ValueError: the text is no time, or the time is 0.
     """
     match = _PATTERN.fullmatch(str(text).strip().replace(" ", "").lower())
     if match is None or not any(match.groups()):
@@ -186,7 +186,7 @@ def parse_duration(text: object) -> float:
 
 
 def format_duration(seconds: float) -> str:
-    """A time for people: ``0:07``, ``12:34`` or ``1:02:03``."""
+    """Return a time in words: ``0:07``, ``12:34`` or ``1:02:03``."""
     whole = max(round(seconds), 0)
     minutes, second = divmod(whole, 60)
     hours, minute = divmod(minutes, 60)
@@ -202,22 +202,22 @@ _FORMULA: Final = ("=", "+", "-", "@", "\n")
 
 
 def printable(text: str) -> str:
-    r"""A text whose control characters are escaped, such as ``\x1b``, but for line ends."""
+    r"""Return a text with escaped control characters, such as ``\x1b``; line ends stay."""
     return _UNPRINTED.sub(lambda match: match[0].encode("unicode_escape").decode(), text)
 
 
 def shortened(text: str, most: int) -> str:
-    """A text without its middle if it has more than ``most`` characters."""
+    """Return a text without its middle if it has more than ``most`` characters."""
     if len(text) <= most:
         return text
     return f"{text[: most - most // 3 - 5]} ... {text[-(most // 3) :]}"
 
 
 def text_cell(text: str) -> str:
-    """A printable text that a spreadsheet takes for text.
+    """Return a printable text that a spreadsheet reads as text.
 
-    One that it would take for a formula gets a leading apostrophe. Numbers need none of this: they
-    may begin with a minus.
+    A text that it would read as a formula gets a leading apostrophe. Numbers need no apostrophe,
+    though they may begin with a minus.
     """
     text = printable(text)
     return f"'{text}" if text.startswith(_FORMULA) else text

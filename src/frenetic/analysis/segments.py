@@ -17,8 +17,8 @@ from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.oracle.drive import Drive
 from frenetic.oracle.outcome import Outcome
-from frenetic.oracle.signals import Seen
-from frenetic.oracle.verdict import Assessment, Finding, Side, assess, seen_by_criteria
+from frenetic.oracle.signals import LocatedDrive
+from frenetic.oracle.verdict import Assessment, Finding, Side, assess, locate_drive
 from frenetic.road import Road
 
 REACH: Final = 30.0
@@ -77,9 +77,9 @@ class Segment:
         return distances, self.road.curvature_at(distances)
 
     @cached_property
-    def seen(self) -> Seen:
+    def seen(self) -> LocatedDrive:
         """The whole drive, as criteria see it."""
-        return seen_by_criteria(self.road, self.drive, self.assessment)
+        return locate_drive(self.road, self.drive, self.assessment)
 
     @property
     def bends(self) -> tuple[Bend, ...]:

@@ -29,9 +29,10 @@ from frenetic.campaign.store import CampaignStore
 from frenetic.criteria.criterion import QUANTITIES, quantity
 from frenetic.errors import CampaignError, describe_raised
 from frenetic.oracle.drive import Drive, Trajectory
+from frenetic.oracle.measures import measure_criteria
 from frenetic.oracle.outcome import Outcome
-from frenetic.oracle.signals import Measured, worst
-from frenetic.oracle.verdict import Result, assess, judge, measured, seen_by_criteria
+from frenetic.oracle.signals import Measurement, worst
+from frenetic.oracle.verdict import Result, assess, judge, locate_drive
 from frenetic.parts.registry import OBJECTIVES
 from frenetic.road import Road
 from frenetic.search.records import Candidate, Evaluation, Trace
@@ -137,7 +138,7 @@ def value_in_words(name: str, value: float) -> str:
         return f"at most {100.0 * value:.0f} % of the car outside its lane"
     if (row := name.replace("-", "_")) in QUANTITIES:
         measure = quantity(row)
-        text = f"{measure.words} {measure.told(value)}"
+        text = f"{measure.words} {measure.text(value)}"
         return f"{'least' if measure.is_least else 'largest'} {text}"
     return f"{name} {value:.3g}"
 
@@ -229,8 +230,8 @@ def _nearest(road: Road, drive: Drive) -> _Margin:
     least = int(np.argmin(assessed.oob_distance))
     moobd, place = float(assessed.oob_distance[least]), float(assessed.distance[least])
     nearest = _Margin(moobd, place, f"the car's centre {lane_words(moobd, road.lane_width)}")
-    for measure in measured(road, drive, drive.rules.criteria.criteria):
-        nearest = min(nearest, _Margin(measure.share, measure.distance, measure.told()))
+    for measure in measure_criteria(road, drive, drive.rules.criteria.criteria):
+        nearest = min(nearest, _Margin(measure.share, measure.distance, measure.text()))
     return nearest
 
 
@@ -248,8 +249,8 @@ class Worst:
         self.name = name
         self.higher_is_worse = not quantity(name).is_least
 
-    def _measured(self, road: Road, drive: Drive) -> Measured | None:
-        return worst(self.name, seen_by_criteria(road, drive))
+    def _measured(self, road: Road, drive: Drive) -> Measurement | None:
+        return worst(self.name, locate_drive(road, drive))
 
     def __call__(self, road: Road, drive: Drive) -> float:
         """Return the value in a drive."""

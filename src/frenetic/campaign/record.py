@@ -24,7 +24,7 @@ from frenetic.campaign.trajectory_codec import decode, encode, rounded
 from frenetic.errors import IS_KILLED, CampaignError, Trouble
 from frenetic.oracle.drive import Drive, Trajectory
 from frenetic.oracle.outcome import Outcome
-from frenetic.oracle.verdict import Finding, Result, broken
+from frenetic.oracle.verdict import Finding, Result, unusable_result
 from frenetic.road import Pose, Road
 from frenetic.search.records import Candidate
 from frenetic.spec.terms import Setting
@@ -72,7 +72,7 @@ class Attempt:
         """Return the attempt of a worker that was lost after `seconds`."""
         return cls(
             candidate_id,
-            broken(trouble),
+            unusable_result(trouble),
             worker_lost=True,
             worker=worker,
             seconds=seconds,

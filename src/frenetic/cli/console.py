@@ -397,7 +397,7 @@ def facts_of_drive(
         if finding.criterion not in (LANE, DRIVER):
             measure = quantity(finding.criterion)
             side = f" to the {finding.side}" if finding.side else ""
-            text = f"{measure.words} {measure.told(finding.value)}{side}"
+            text = f"{measure.words} {measure.text(finding.value)}{side}"
             where = f"at {finding.distance:.1f} m and {finding.time:.2f} s"
             facts.append(("exceeded", f"{text} {where}, the limit is {finding.limit:g}"))
     place = result.departure

@@ -278,8 +278,9 @@ def _driven(
     """Drives the valid roads and prints what happened, unless quiet; gives it for JSON."""
     from frenetic.campaign import RoadTester
     from frenetic.campaign.workers import driving
+    from frenetic.oracle.measures import measures_json
     from frenetic.oracle.outcome import Outcome
-    from frenetic.oracle.verdict import Result, judge, measures_json
+    from frenetic.oracle.verdict import Result, judge
 
     with chdir(folder):
         tester = RoadTester.of(spec, rules=rules)

@@ -1,17 +1,25 @@
-"""Conditions of a drive, such as noise or grip, and domains: how often they and roads occur."""
+"""Conditions of a drive, such as noise or friction, and domains: distributions of conditions."""
 
-TYPE_CHECKING = False  # numba takes its time
+TYPE_CHECKING = False  # importing `typing` takes time
 if TYPE_CHECKING:
     from typing import Any
 
     from frenetic.conditions.condition import Quantity, quantities
     from frenetic.conditions.domain import Distribution, Domain
 
+_MODULES = {
+    "Distribution": "frenetic.conditions.domain",
+    "Domain": "frenetic.conditions.domain",
+    "Quantity": "frenetic.conditions.condition",
+    "quantities": "frenetic.conditions.condition",
+}
+"""Public name -> module from which `__getattr__` imports it on use."""
+
 
 def __getattr__(name: str) -> "Any":
-    from frenetic._support.public_names import lazy_names
+    from frenetic._support.lazy_names import import_name  # only where a name is used
 
-    return lazy_names(__name__)(name)
+    return import_name(__name__, _MODULES, name)
 
 
 __all__ = ["Distribution", "Domain", "Quantity", "quantities"]

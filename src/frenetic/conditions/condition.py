@@ -1,11 +1,11 @@
-"""Quantities: what the conditions of a drive have an amount of, such as noise, fog or friction.
+"""Quantities of a drive's conditions, such as noise, fog or friction.
 
 A row declares a quantity once, for the command line, records, reports and `frenetic.rerun`. A
 quantity is a layer over the driver, so that it works with every simulator, or an attribute of the
-simulator that may be set between two drives. A package adds rows by an entry point in the group
-``frenetic.conditions`` that names a tuple of them.
+simulator that may be set between two drives. A package adds a tuple of rows by an entry point in
+the group ``frenetic.conditions``.
 
-The command line reads the table, so a layer is imported when it is laid.
+The command line reads the table, so a layer is imported only when it is laid.
 """
 
 from __future__ import annotations
@@ -17,17 +17,18 @@ from functools import cache
 from types import MappingProxyType
 from typing import Any, Final
 
-from frenetic._support.entry_points import Entry, imported, installed
+from frenetic._support.entry_points import RegisteredPart, imported, installed
 from frenetic.errors import FreneticError, UnknownNameError
 from frenetic.parts.registry import hint
 
 GROUP: Final = "frenetic.conditions"
+"""Entry point group of other packages' quantities."""
 SEED: Final = "noise_seed"
 """Name of the seed of random layers among the conditions of a drive."""
 SPEED: Final = "speed"
 """Name of the quantity that is the speed limit."""
 FARTHEST: Final = 100_000.0
-"""Largest amount in m of what has no upper bound."""
+"""Largest amount of a length without upper bound, in m; ours."""
 MAX_START_OFFSET: Final = 2.0
 """Largest distance of a start from the ego lane's centre, in m: to the lane's edge."""
 MAX_START_HEADING: Final = math.pi / 4.0
@@ -41,29 +42,29 @@ class Quantity:
     name: str
     about: str
     unit: str = ""
-    """Empty if it has none."""
+    """Unit of the amounts; empty without a unit."""
     low: float
     """Least amount allowed."""
     high: float
     """Largest amount allowed."""
     usual: tuple[float, float]
-    """Range in which it usually varies, where a campaign does not set it."""
+    """Range in which the amount usually varies, where a campaign does not set it."""
     is_relative: bool = False
-    """Whether that range is in shares of the simulator's own amount."""
+    """Whether the usual range is in shares of the simulator's own amount."""
     nothing: float | None = None
     """Amount without effect, which removes a recorded layer."""
     layer: str = ""
     """``module:Class`` of a layer, whose class method ``over(driver, amount)`` lays it."""
     attribute: str = ""
-    """Attribute of a simulator, where it is no layer."""
+    """Attribute of a simulator that has the amount; empty for a layer."""
     is_seeded: bool = False
     """Whether the layer draws random numbers: then ``over`` takes a ``seed``, too."""
     needs_camera: bool = False
     """Whether only a driver with a camera can have the layer."""
     place_of: str = ""
-    """Quantity whose place along the road it is, in m; it is drawn wherever that one varies."""
+    """Quantity whose place along the road this one is, in m; the place varies with it."""
     words: tuple[str, str] | None = None
-    """Words for a smaller and for a larger amount; None for "less" and "more" of its name."""
+    """Words for a smaller and for a larger amount; None for "less" and "more" with the name."""
 
     @property
     def less(self) -> str:
@@ -76,14 +77,14 @@ class Quantity:
         return self.words[1] if self.words else f"more {self.name}"
 
     def layer_class(self) -> Any:
-        """The class of its layer."""
+        """Import and return the class of the layer."""
         return imported(self.layer)
 
     def require(self, amount: float) -> float:
-        """An amount that is allowed.
+        """Return an allowed amount as a float.
 
         Raises:
-            ValueError: it is not.
+            ValueError: the amount is out of range.
         """
         if not self.low <= amount <= self.high:
             raise ValueError(f"{self.name} is {amount:g}: {self.allowed} is needed")
@@ -91,33 +92,34 @@ class Quantity:
 
     @property
     def allowed(self) -> str:
-        """The allowed range in words."""
+        """Allowed range in words."""
         unit = f" {self.unit}" if self.unit else ""
         low, high = (float(f"{value:.3g}") for value in (self.low, self.high))
         return f"{low:g} to {high:g}{unit}"
 
-    def around(self, own: float | None) -> tuple[float, float]:
-        """The usual range, as far on both sides of a campaign's own amount as is allowed.
+    def around(self, amount: float | None) -> tuple[float, float]:
+        """Return the usual range around a campaign's amount, within the allowed range.
 
         Args:
-            own: None if the campaign does not set it, which a relative one needs.
+            amount: the campaign's amount; None if it sets none, which is not allowed where
+                `is_relative`.
         """
         low, high = self.usual
         if self.is_relative:
-            assert own is not None
-            low, high = low * own, high * own
-        elif own is not None and own != self.nothing:
+            assert amount is not None
+            low, high = low * amount, high * amount
+        elif amount is not None and amount != self.nothing:
             nothing = self.nothing or 0.0
-            spread = 0.5 * own if nothing == math.inf else max(high - nothing, nothing - low)
-            low, high = own - spread, own + spread
+            spread = 0.5 * amount if nothing == math.inf else max(high - nothing, nothing - low)
+            low, high = amount - spread, amount + spread
         return max(low, self.low), min(high, self.high)
 
     def text(self, amount: float) -> str:
-        """An amount for people."""
+        """Return an amount with name and unit."""
         return f"{self.name} {amount:g}{' ' if self.unit else ''}{self.unit}"
 
 
-_OWN: Final = (
+_BUILT_IN: Final = (
     Quantity(
         name="friction",
         about="friction of the road, 1 is dry",
@@ -266,20 +268,20 @@ _OWN: Final = (
     ),
 )
 
-_BY_NAME: Final = {row.name: row for row in _OWN}
+_BY_NAME: Final = {row.name: row for row in _BUILT_IN}
 
 
 def quantities() -> Mapping[str, Quantity]:
-    """All quantities by name: our own, then those of installed packages.
+    """Return all quantities by name: the built-in ones, then those from installed packages.
 
     Raises:
-        FreneticError: two have one name.
+        FreneticError: two quantities have the same name.
     """
     return _table(installed(GROUP))
 
 
 @cache
-def _table(entries: tuple[Entry, ...]) -> Mapping[str, Quantity]:
+def _table(entries: tuple[RegisteredPart, ...]) -> Mapping[str, Quantity]:
     table = dict(_BY_NAME)
     for entry in entries:
         for row in imported(entry.target):
@@ -293,12 +295,12 @@ def _table(entries: tuple[Entry, ...]) -> Mapping[str, Quantity]:
 
 
 def named(conditions: Mapping[str, float]) -> list[str]:
-    """The quantities of some conditions, without their places and the seed."""
+    """Return the names of the conditions' quantities, without places and the seed."""
     return [name for name in conditions if name != SEED and not quantity(name).place_of]
 
 
 def without(conditions: Mapping[str, float], *names: str) -> dict[str, float]:
-    """The conditions without some quantities, their places, and a seed that nothing else needs."""
+    """Return the conditions without some quantities, their places, and an unneeded seed."""
     left = [other for other in named(conditions) if other not in names]
     has_seed = any(quantity(other).is_seeded for other in left)
     return {
@@ -310,7 +312,7 @@ def without(conditions: Mapping[str, float], *names: str) -> dict[str, float]:
 
 
 def in_words(conditions: Mapping[str, float]) -> str:
-    """Conditions for people, such as ``friction 0.4, gust 12 m/s at 80 m``."""
+    """Return conditions in words, such as ``friction 0.4, gust 12 m/s at 80 m``."""
     texts = {name: quantity(name).text(conditions[name]) for name in named(conditions)}
     for name, amount in conditions.items():
         if name != SEED and (of := quantity(name).place_of) in texts:
@@ -319,26 +321,26 @@ def in_words(conditions: Mapping[str, float]) -> str:
 
 
 def attributes() -> frozenset[str]:
-    """Attributes of simulators that the quantities name."""
+    """Return the attributes of simulators that quantities set."""
     return _attributes(installed(GROUP))
 
 
 @cache
-def _attributes(entries: tuple[Entry, ...]) -> frozenset[str]:
+def _attributes(entries: tuple[RegisteredPart, ...]) -> frozenset[str]:
     return frozenset(row.attribute for row in _table(entries).values() if row.attribute)
 
 
 def amounts_in(options: Mapping[str, Any]) -> dict[str, Any]:
-    """The amounts that a simulator's options set: name of a quantity -> its amount."""
+    """Return the amounts that a simulator's options set: name of a quantity -> its amount."""
     names = {row.attribute: row.name for row in quantities().values() if row.attribute}
     return {names[option]: amount for option, amount in options.items() if option in names}
 
 
 def require_allowed(amounts: Mapping[str, float]) -> None:
-    """Checks amounts of quantities; one without effect is allowed, and so is any seed.
+    """Check amounts of quantities. An amount without effect is allowed, and any seed.
 
     Raises:
-        UnknownNameError: there is no such quantity.
+        UnknownNameError: no quantity has one of the names.
         ValueError: an amount is out of its quantity's range.
     """
     for name, amount in amounts.items():
@@ -347,13 +349,13 @@ def require_allowed(amounts: Mapping[str, float]) -> None:
 
 
 def quantity(name: str) -> Quantity:
-    """The quantity of a name.
+    """Return the quantity with this name.
 
     Raises:
-        UnknownNameError: there is none; the message lists the known ones.
+        UnknownNameError: no quantity has this name; the message lists the known names.
     """
-    if (own := _BY_NAME.get(name)) is not None:
-        return own
+    if (built_in := _BY_NAME.get(name)) is not None:
+        return built_in
     known = quantities()
     if name not in known:
         raise UnknownNameError(

@@ -1,6 +1,6 @@
-"""Operational design domains: on which roads and in which conditions a driver has to keep its lane.
+"""Operational design domains: the roads and conditions in which a driver has to keep its lane.
 
-A file says it, for ``--odd``::
+A TOML file for ``--odd`` describes a domain::
 
     about = "Town roads in all weather"
     roads = "urban-50,length=500"
@@ -11,10 +11,10 @@ A file says it, for ``--odd``::
     delay = { low = 0.0, high = 0.2, chance = 0.1 }
     load = 150
 
-Names and units are those of `frenetic.conditions`. An amount is drawn evenly from its range, or
-from a normal distribution cut at its ends; with a ``chance``, only in that share of the drives.
-What is placed on the road, such as a gust, is so anywhere along it. Quantities are independent of
-each other.
+`frenetic.conditions` lists names and units. An amount is drawn evenly from its range, or from a
+normal distribution cut at its ends; with a ``chance``, only in that share of the drives. A
+condition with a place on the road, such as a gust, may be anywhere along the road. Quantities are
+independent of each other.
 """
 
 from __future__ import annotations
@@ -39,13 +39,14 @@ from frenetic.errors import FreneticError
 from frenetic.road.classes import RoadClass, class_of
 
 _SEEDS: Final = 2**31
+"""Number of seeds of noise from which one is drawn; ours."""
 _DIGITS: Final = 4
-"""Significant digits of an amount that is drawn."""
+"""Significant digits of a drawn amount; ours."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Distribution:
-    """How often a quantity has which amount.
+    """Distribution of the amounts of one quantity over the drives.
 
     Raises:
         ValueError: a value is out of range.
@@ -54,11 +55,11 @@ class Distribution:
     low: Finite
     high: Finite
     mean: Finite | None = None
-    """Of the normal distribution; None for an even one."""
+    """Mean of the normal distribution; None for an even distribution."""
     deviation: Positive | None = None
-    """Its standard deviation."""
+    """Standard deviation of the normal distribution; None for an even distribution."""
     chance: Share = 1.0
-    """Share of the drives in which it has an amount at all; else it is as usual."""
+    """Share of the drives in which the quantity has an amount; the others have the usual one."""
 
     def __post_init__(self) -> None:
         check(vars(self), Distribution)
@@ -75,18 +76,18 @@ class Distribution:
             )
 
     def amount(self, share: float) -> float | None:
-        """The amount below which a share of the drives is, 0..1; None for the usual one."""
+        """Return the amount below which a share of the drives is, 0..1; None for the usual one."""
         share = (share - (1.0 - self.chance)) / self.chance
         if share < 0.0:
             return None
         if self._ends is None:
             return self.low + share * (self.high - self.low)
         normal, low, high = self._ends
-        at = min(max(low + share * (high - low), 1e-300), 1.0 - 1e-16)
-        return min(max(normal.inv_cdf(at), self.low), self.high)
+        quantile = min(max(low + share * (high - low), 1e-300), 1.0 - 1e-16)
+        return min(max(normal.inv_cdf(quantile), self.low), self.high)
 
     def share(self, amount: float | None) -> float:
-        """The share of the drives below an amount, 0..1; the reverse of `amount`."""
+        """Return the share of the drives below an amount, 0..1; the reverse of `amount`."""
         if amount is None:
             return 0.5 * (1.0 - self.chance)
         if self.low == self.high:
@@ -100,7 +101,7 @@ class Distribution:
 
     @cached_property
     def _ends(self) -> tuple[NormalDist, float, float] | None:
-        """The normal distribution, and its shares below both ends of the range."""
+        """Normal distribution, and its shares below both ends of the range; None if even."""
         if self.mean is None or self.deviation is None or self.low == self.high:
             return None
         normal = NormalDist(self.mean, self.deviation)
@@ -111,33 +112,35 @@ class Distribution:
 class Domain:
     """An operational design domain.
 
-    A point of it is a vector of shares, (`dimension`,) from 0 to 1, which are even and independent.
+    A point of the domain is a vector of shares, (`dimension`,), each even from 0 to 1 and
+    independent of the others.
     """
 
     name: str
     about: str = ""
-    """What it is, in a sentence."""
+    """Description in a sentence."""
     road_class: RoadClass | None = None
-    """Class of its roads; None for the competition's."""
+    """Class of the roads; None for the competition's."""
     conditions: Mapping[str, Distribution] = field(default_factory=dict)
     """Name of a quantity -> its distribution."""
 
     def __post_init__(self) -> None:
-        for name, found in self.conditions.items():
+        for name, amounts in self.conditions.items():
             row = quantity(name)
             if row.place_of:
                 raise ValueError(f"{name} follows from {row.place_of}, and is anywhere on the road")
-            if not row.low <= found.low <= found.high <= row.high:
+            if not row.low <= amounts.low <= amounts.high <= row.high:
                 raise ValueError(
-                    f"{name} is from {found.low:g} to {found.high:g}: {row.allowed} is needed"
+                    f"{name} is from {amounts.low:g} to {amounts.high:g}: {row.allowed} is needed"
                 )
 
     @classmethod
     def of(cls, path: Path | str) -> Self:
-        """The domain of a file.
+        """Return the domain of a file.
 
         Raises:
-            FreneticError: there is no such file, or it is wrong; the message names the place.
+            FreneticError: the file cannot be read, or an entry of it is not valid; the message
+                names the entry.
         """
         path = Path(path)
         data = read_bounded(path)
@@ -146,17 +149,17 @@ class Domain:
         except ValueError as error:
             raise FreneticError(f"{path} is no TOML file: {error}") from None
         try:
-            return cls.made(path.stem, entries)
+            return cls.from_entries(path.stem, entries)
         except (ValueError, FreneticError) as error:
             raise FreneticError(f"{path} does not say a domain: {error}") from None
 
     @classmethod
-    def made(cls, name: str, entries: Mapping[str, Any]) -> Self:
-        """The domain of a file's entries.
+    def from_entries(cls, name: str, entries: Mapping[str, Any]) -> Self:
+        """Return the domain of a file's entries.
 
         Raises:
-            ValueError: one is wrong.
-            FreneticError: there is no such quantity or road class.
+            ValueError: an entry is unknown, or a value is out of range.
+            FreneticError: no quantity or road class has a name in the entries.
         """
         names = {"name", "about", "roads", "conditions"}
         if unknown := sorted(entries.keys() - names):
@@ -164,27 +167,27 @@ class Domain:
         conditions, roads = entries.get("conditions", {}), entries.get("roads")
         if not isinstance(conditions, Mapping):
             raise ValueError("conditions are names with distributions")
-        found = {}
+        distributions = {}
         for key, entry in conditions.items():
             quantity(key)
-            fixed = {"low": entry, "high": entry}
+            fields = entry if isinstance(entry, Mapping) else {"low": entry, "high": entry}
             try:
-                found[key] = convert(entry if isinstance(entry, Mapping) else fixed, Distribution)
+                distributions[key] = convert(fields, Distribution)
             except (ValidationError, ValueError) as error:
                 raise ValueError(f"{key}: {error}") from None
         return cls(
             name=str(entries.get("name", name)),
             about=str(entries.get("about", "")),
             road_class=None if roads is None else class_of(roads),
-            conditions=found,
+            conditions=distributions,
         )
 
     def entries(self) -> dict[str, Any]:
-        """The entries of its file."""
+        """Return the entries of a file, as `from_entries` takes them."""
         conditions: dict[str, Any] = {}
-        for name, found in self.conditions.items():
-            told = asdict(found).items()
-            conditions[name] = {key: value for key, value in told if value is not None}
+        for name, amounts in self.conditions.items():
+            fields = asdict(amounts).items()
+            conditions[name] = {key: value for key, value in fields if value is not None}
         entries: dict[str, Any] = {"name": self.name, "about": self.about}
         if self.road_class is not None:
             entries["roads"] = self.road_class.as_json()
@@ -192,7 +195,7 @@ class Domain:
 
     @cached_property
     def axes(self) -> tuple[str, ...]:
-        """What each share is of: the quantities, then their places, then the seed of noise."""
+        """Names of a point's shares: the quantities, then their places, then the seed of noise."""
         names = [name for name in quantities() if name in self.conditions]
         places = [row.name for row in quantities().values() if row.place_of in self.conditions]
         is_seeded = any(quantity(name).is_seeded for name in names)
@@ -204,24 +207,24 @@ class Domain:
         return len(self.axes)
 
     def at(self, shares: FloatArray, length: float) -> dict[str, float]:
-        """The conditions at a point, on a road of a length in m."""
-        found: dict[str, float] = {}
+        """Return the conditions at a point, on a road of a length in m."""
+        conditions: dict[str, float] = {}
         for axis, share in zip(self.axes, shares.tolist(), strict=True):
             if axis == SEED:
-                if any(quantity(name).is_seeded for name in found):
-                    found[SEED] = min(int(share * _SEEDS), _SEEDS - 1)
+                if any(quantity(name).is_seeded for name in conditions):
+                    conditions[SEED] = min(int(share * _SEEDS), _SEEDS - 1)
             elif (place_of := quantity(axis).place_of) != "":
-                if place_of in found:
-                    found[axis] = round(share * length, 1)
+                if place_of in conditions:
+                    conditions[axis] = round(share * length, 1)
             elif (amount := self.conditions[axis].amount(share)) is not None:
-                row, of = quantity(axis), self.conditions[axis]
-                amount = min(max(float(f"{amount:.{_DIGITS}g}"), of.low), of.high)
-                if amount != row.nothing:
-                    found[axis] = amount
-        return found
+                amounts = self.conditions[axis]
+                amount = min(max(float(f"{amount:.{_DIGITS}g}"), amounts.low), amounts.high)
+                if amount != quantity(axis).nothing:
+                    conditions[axis] = amount
+        return conditions
 
     def shares_of(self, conditions: Mapping[str, float], length: float) -> FloatArray:
-        """The point of some conditions on a road of a length in m; the reverse of `at`."""
+        """Return the point of conditions on a road of a length in m; the reverse of `at`."""
         shares = np.full(self.dimension, 0.5)
         for i, axis in enumerate(self.axes):
             amount = conditions.get(axis)
@@ -229,28 +232,29 @@ class Domain:
                 if amount is not None:
                     shares[i] = amount / (_SEEDS if axis == SEED else max(length, 1.0))
                 continue
-            of = self.conditions[axis]
-            if amount is None and of.chance == 1.0:
+            amounts = self.conditions[axis]
+            if amount is None and amounts.chance == 1.0:
                 amount = quantity(axis).nothing
                 amount = None if amount is None or math.isinf(amount) else amount
-            shares[i] = of.share(amount)
+            shares[i] = amounts.share(amount)
         clipped: FloatArray = np.clip(shares, 0.0, 1.0)
         return clipped
 
     def all_at_once(self) -> dict[str, float]:
-        """Conditions with every quantity of it, to be checked before anything is driven."""
+        """Return conditions with every quantity of the domain, to check them before any drive."""
         places = {axis: 0.0 for axis in self.axes if axis != SEED}
-        return places | {name: found.low for name, found in self.conditions.items()}
+        return places | {name: amounts.low for name, amounts in self.conditions.items()}
 
     def in_words(self) -> str:
-        """Its conditions for people."""
+        """Return the name and the conditions in words."""
         texts = []
-        for name, found in self.conditions.items():
-            unit = f" {row.unit}" if (row := quantity(name)).unit else ""
-            text = f"{name} {found.low:g} to {found.high:g}{unit}"
-            if found.low == found.high:
-                text = row.text(found.low)
-            if found.chance < 1.0:
-                text += f" in {100.0 * found.chance:g} %"
+        for name, amounts in self.conditions.items():
+            row = quantity(name)
+            unit = f" {row.unit}" if row.unit else ""
+            text = f"{name} {amounts.low:g} to {amounts.high:g}{unit}"
+            if amounts.low == amounts.high:
+                text = row.text(amounts.low)
+            if amounts.chance < 1.0:
+                text += f" in {100.0 * amounts.chance:g} %"
             texts.append(text)
         return f"{self.name}: {', '.join(texts) or 'roads alone'}"

@@ -1,13 +1,14 @@
-"""Criteria: what a drive is judged by beside leaving its lane, and profiles of them by name.
+"""Criteria: limits on a drive beside staying in its lane, and named profiles of criteria.
 
-A profile is one of `criteria.toml`, an installed package's (entry point group `GROUP`), or one's
-own in a TOML file::
+A profile comes from `criteria.toml`, from an installed package (entry point group `GROUP`), or
+from a user's TOML file::
 
     about = "what our passengers accept"
     lateral_acceleration = 2.5
     lateral_jerk = {limit = 4.0, window = 0.5, clause = "our handbook, 7.2"}
 
-A name is that of a quantity, of `QUANTITIES` or of a package's: its entry point is a `Quantity`.
+Each limit has the name of a quantity: one of `QUANTITIES`, or a `Quantity` that is the entry point
+of an installed package.
 """
 
 from __future__ import annotations
@@ -35,45 +36,48 @@ GROUP: Final = "frenetic.criteria.criterion"
 LANE: Final = "lane"
 """Criterion of leaving the lane: the share of the car's box outside it."""
 DRIVER: Final = "driver"
-"""Criterion of the driver's own faults, of which none is allowed."""
+"""Criterion of the driver's own faults: every fault breaches it."""
 EDGE_DISTANCE: Final = "edge_distance"
+"""Name of the quantity that is the distance between the car's outline and its lane's edges."""
 COMPETITION: Final = "competition"
 """Name of the profile that judges by leaving the lane alone."""
 _TEXTS: Final = ("about", "left_out")
+"""Texts of a profile in a file, beside its limits."""
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """Something of a drive that a criterion limits."""
+    """A measured value of a drive that a criterion can limit."""
 
     name: str
     unit: str
     about: str
     scale: float
-    """Amount that counts as much as that of another quantity, when their margins are compared."""
+    """Amount, in the unit, by which margins are divided to compare them between quantities."""
     window: float = 0.0
     """Usual window in s, see `Criterion.window`."""
     is_least: bool = False
     """Whether values below the limit breach it, rather than those above."""
     has_sides: bool = False
-    """Whether its sign is a side, left positive, and its amount is limited."""
+    """Whether the sign is a side, left positive; then the limit holds for the absolute value."""
     series: Callable[[Any, float], Any] | None = None
-    """Its values, (n,), from a `frenetic.oracle.signals.Seen` and a window in s; None for ours."""
+    """Function that computes the values, (n,), from a `frenetic.oracle.signals.LocatedDrive` and a
+    window in s; None for built-in quantities."""
 
     @property
     def words(self) -> str:
-        """Its name in words."""
+        """Name of the quantity with spaces."""
         return self.name.replace("_", " ")
 
-    def told(self, value: float) -> str:
-        """A value with its unit."""
+    def text(self, value: float) -> str:
+        """Return a value with the quantity's unit."""
         return f"{value:.2f} {self.unit}"
 
 
 QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
     {
-        one.name: one
-        for one in (
+        limited.name: limited
+        for limited in (
             Quantity(
                 EDGE_DISTANCE,
                 "m",
@@ -114,20 +118,20 @@ QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
         )
     }
 )
-"""Name -> quantity of ours."""
+"""Built-in quantities: name -> quantity."""
 
 
 def quantity(name: str) -> Quantity:
-    """The quantity of a name.
+    """Return the quantity with this name, built in or installed.
 
     Raises:
-        ValueError: there is none.
+        ValueError: no quantity has this name.
     """
     if name in QUANTITIES:
         return QUANTITIES[name]
     for entry in installed(GROUP):
-        if entry.name == name and isinstance(found := imported(entry.target), Quantity):
-            return found
+        if entry.name == name and isinstance(target := imported(entry.target), Quantity):
+            return target
     raise ValueError(f"there is no quantity {name}: choose from {', '.join(QUANTITIES)}")
 
 
@@ -136,18 +140,18 @@ class Criterion:
     """A limit of a quantity.
 
     Raises:
-        ValueError: there is no such quantity, or a number is out of range.
+        ValueError: no quantity has this name, or a number is out of range.
     """
 
     quantity: str
-    """Name of a quantity."""
+    """Name of the quantity."""
     limit: Finite
-    """In its unit; a value that is it keeps it."""
+    """Limit in the quantity's unit; a value equal to the limit is allowed."""
     window: NotNegative
-    """Time in s over which a value is the mean, up to its record; 0 for single records. Of the
+    """Time up to each record over which values are averaged, in s; 0 for single records. For the
     sway, the time within which it happens."""
     clause: str = ""
-    """Where the limit comes from."""
+    """Source of the limit, such as a clause of a standard."""
 
     def __post_init__(self) -> None:
         check(vars(self), Criterion)
@@ -155,127 +159,137 @@ class Criterion:
             raise ValueError(f"limit is {self.limit:g}: at least 0 is needed, as sides count alike")
 
     def margin(self, value: float) -> float:
-        """Distance of a value from the limit, in the quantity's unit; negative beyond it."""
+        """Return the distance of a value from the limit, in its unit; negative beyond it."""
         return value - self.limit if quantity(self.quantity).is_least else self.limit - value
 
-    def told(self) -> str:
-        """The limit in words, such as ``at most 3 m/s²``."""
-        what = quantity(self.quantity)
-        text = f"{'at least' if what.is_least else 'at most'} {self.limit:g} {what.unit}"
+    def text(self) -> str:
+        """Return the limit in words, such as ``at most 3 m/s²``."""
+        limited = quantity(self.quantity)
+        text = f"{'at least' if limited.is_least else 'at most'} {self.limit:g} {limited.unit}"
         if self.window:
-            how = "within" if self.quantity == "sway" else "in the mean of"
-            text += f" {how} {self.window:g} s"
+            preposition = "within" if self.quantity == "sway" else "in the mean of"
+            text += f" {preposition} {self.window:g} s"
         return text
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Criteria that drives have to keep, beside staying in the lane.
+    """Criteria that drives have to meet, beside staying in the lane.
 
     Raises:
-        ValueError: it has a quantity twice.
+        ValueError: two criteria limit the same quantity.
     """
 
     name: str
     criteria: tuple[Criterion, ...] = ()
     about: str = ""
-    """What it is after, in a sentence."""
+    """Standard or text that the profile follows, in a sentence."""
     left_out: str = ""
-    """What the text that it is after asks for, too, and nothing here judges."""
+    """Demands of that text that no criterion judges."""
     driven_time: NotNegative = 0.0
     """Simulated time, in s, that the drives of a campaign need together."""
 
     def __post_init__(self) -> None:
         check(vars(self), Profile)
-        names = [one.quantity for one in self.criteria]
+        names = [criterion.quantity for criterion in self.criteria]
         if twice := {name for name in names if names.count(name) > 1}:
             raise ValueError(f"{min(twice)} has two limits: one is needed")
 
     def __bool__(self) -> bool:
-        """Whether it judges by more than leaving the lane."""
+        """Return whether the profile has criteria beside leaving the lane."""
         return bool(self.criteria)
 
     @classmethod
     def of(cls, name: str, options: Mapping[str, Any] = MappingProxyType({})) -> Profile:
-        """The profile of a name, or of a TOML file.
+        """Return the profile with this name, or the profile of a TOML file.
 
         Args:
             name: one of `profiles`, or the path of a file that ends in .toml.
-            options: limits in place of the profile's own, or beside them.
+            options: limits that replace the profile's, or join them.
 
         Raises:
-            FreneticError: there is no such profile or file, or a limit is wrong.
+            FreneticError: no profile has this name, the file cannot be read, or a limit is out of
+                range.
         """
         if name.endswith(".toml"):
             path = Path(name)
             try:
                 entries = read_toml(read_bounded(path))
-                found = cls.made(path.stem, entries)
+                profile = cls.from_entries(path.stem, entries)
             except (ValueError, TypeError) as error:
                 raise FreneticError(f"{name} says no criteria: {error}") from None
         elif name in (known := profiles()):
-            found = known[name]
+            profile = known[name]
         else:
             raise FreneticError(
                 f"there are no criteria {name!r}: choose {', '.join(known)}, or a TOML file"
             )
         try:
-            return found.with_limits(options)
+            return profile.with_limits(options)
         except ValueError as error:
             raise FreneticError(f"criteria {name}: {error}") from None
 
     @classmethod
-    def made(cls, name: str, given: Mapping[str, Any]) -> Self:
-        """The profile of a file's entries.
+    def from_entries(cls, name: str, entries: Mapping[str, Any]) -> Self:
+        """Return the profile of a file's entries.
 
         Raises:
-            ValueError: an entry is wrong.
+            ValueError: a quantity is unknown, or a limit is out of range.
         """
-        texts = {key: given[key] for key in (*_TEXTS, "driven_time") if key in given}
-        rows = [_criterion(key, value) for key, value in given.items() if key not in texts]
-        return cls(name, tuple(rows), **texts)
+        texts = {key: entries[key] for key in (*_TEXTS, "driven_time") if key in entries}
+        criteria = [_criterion(key, value) for key, value in entries.items() if key not in texts]
+        return cls(name, tuple(criteria), **texts)
 
     def with_limits(self, limits: Mapping[str, Any]) -> Profile:
-        """The same with limits of one's own.
+        """Return the profile with these limits, which replace its own or join them.
 
         Raises:
-            ValueError: one is wrong.
+            ValueError: a quantity is unknown, or a limit is out of range.
         """
         if not limits:
             return self
-        rows = {one.quantity: one for one in self.criteria}
+        criteria = {criterion.quantity: criterion for criterion in self.criteria}
         for key, value in limits.items():
-            window = rows[key].window if key in rows else None
-            rows[key] = _criterion(key, {"limit": value, "window": window, "clause": "as given"})
-        return replace(self, criteria=tuple(rows.values()))
+            window = criteria[key].window if key in criteria else None
+            entry = {"limit": value, "window": window, "clause": "as given"}
+            criteria[key] = _criterion(key, entry)
+        return replace(self, criteria=tuple(criteria.values()))
 
     def in_words(self) -> str:
-        """Its name and limits."""
-        limits = [f"{quantity(one.quantity).words} {one.told()}" for one in self.criteria]
+        """Return the name and the limits in words."""
+        limits = [
+            f"{quantity(criterion.quantity).words} {criterion.text()}"
+            for criterion in self.criteria
+        ]
         return f"{self.name}: {', '.join(limits)}" if limits else self.name
 
     def as_json(self) -> dict[str, Any]:
-        """Its fields, for JSON."""
+        """Return the fields, for JSON."""
         return asdict(self) | {"criteria": list(map(asdict, self.criteria))}
 
     def entries(self) -> dict[str, Any]:
-        """What a file says of it, as `made` takes it."""
-        texts = {key: text for key in _TEXTS if (text := getattr(self, key))}
+        """Return the entries of a file, as `from_entries` takes them."""
+        entries = {key: text for key in _TEXTS if (text := getattr(self, key))}
         if self.driven_time:
-            texts["driven_time"] = self.driven_time
-        return texts | {
-            one.quantity: {"limit": one.limit, "window": one.window, "clause": one.clause}
-            for one in self.criteria
-        }
+            entries["driven_time"] = self.driven_time
+        for criterion in self.criteria:
+            fields = asdict(criterion)
+            entries[fields.pop("quantity")] = fields
+        return entries
 
     def entry(self) -> str | dict[str, Any]:
-        """Its name, with limits that differ, if that says all; or else its entries."""
+        """Return the name with the changed limits, if they determine the profile; else all entries.
+
+        Example: ``after-un-r79,lateral_jerk=4``.
+        """
         known = profiles().get(self.name)
         if known is None:
             return self.whole_entry()
-        theirs = {one.quantity: one for one in known.criteria}
+        before = {criterion.quantity: criterion for criterion in known.criteria}
         changed = {
-            one.quantity: one.limit for one in self.criteria if theirs.get(one.quantity) != one
+            criterion.quantity: criterion.limit
+            for criterion in self.criteria
+            if before.get(criterion.quantity) != criterion
         }
         if known.with_limits(changed) != self:
             return self.whole_entry()
@@ -283,26 +297,30 @@ class Profile:
         return ",".join([self.name, *limits])
 
     def whole_entry(self) -> dict[str, Any]:
-        """Its entries, whatever its name stands for elsewhere."""
+        """Return name and entries, which do not depend on the profiles that are installed."""
         return {"name": self.name, **self.entries()}
 
 
 JUDGED_BY_LANE: Final = Profile(COMPETITION, about="leaving the lane, as the competition judges")
-"""The profile that is usual."""
+"""Default profile: it judges drives by leaving the lane alone."""
 
 
-class _Entry(Struct, forbid_unknown_fields=True):
-    """What a file says of a criterion."""
+class _CriterionEntry(Struct, forbid_unknown_fields=True):
+    """A criterion in a file."""
 
     limit: float
     window: float | None = None
     clause: str = ""
 
 
-def _criterion(name: str, given: Any) -> Criterion:
-    """The criterion of a file's entry: a limit, or its fields."""
+def _criterion(name: str, value: Any) -> Criterion:
+    """Return the criterion of a file's entry, which is a limit or a table of fields.
+
+    Raises:
+        ValueError: the quantity is unknown, or the limit is out of range.
+    """
     try:
-        entry = convert(given if isinstance(given, Mapping) else {"limit": given}, _Entry)
+        entry = convert(value if isinstance(value, Mapping) else {"limit": value}, _CriterionEntry)
         window = quantity(name).window if entry.window is None else entry.window
         return Criterion(name, entry.limit, window, entry.clause)
     except ValidationError as error:
@@ -312,16 +330,18 @@ def _criterion(name: str, given: Any) -> Criterion:
 
 
 @cache
-def _ours() -> Mapping[str, Profile]:
+def _built_in_profiles() -> Mapping[str, Profile]:
+    """Return the profiles of `criteria.toml` by name, and the default profile."""
     text = files("frenetic.criteria").joinpath("criteria.toml").read_text(encoding="utf-8")
-    made = (Profile.made(name, given) for name, given in tomllib.loads(text).items())
-    return {COMPETITION: JUDGED_BY_LANE} | {one.name: one for one in made}
+    tables = tomllib.loads(text)
+    profiles = {name: Profile.from_entries(name, entries) for name, entries in tables.items()}
+    return {COMPETITION: JUDGED_BY_LANE} | profiles
 
 
 def profiles() -> Mapping[str, Profile]:
-    """Name -> profile: ours, and those of installed packages."""
-    theirs = {}
+    """Return name -> profile: the profiles of installed packages, then the built-in ones."""
+    installed_profiles = {}
     for entry in installed(GROUP):
-        if isinstance(found := imported(entry.target), Profile):
-            theirs[entry.name] = replace(found, name=entry.name)
-    return theirs | dict(_ours())
+        if isinstance(target := imported(entry.target), Profile):
+            installed_profiles[entry.name] = replace(target, name=entry.name)
+    return installed_profiles | dict(_built_in_profiles())

@@ -6,9 +6,9 @@ there are without waiting for numba.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from frenetic._support.public_names import lazy_names
+from frenetic._support.lazy_names import import_name
 
 if TYPE_CHECKING:
     from frenetic.drivers.builtin import BeamngAi, Planner, SpeedPlan, Stanley
@@ -34,4 +34,24 @@ __all__ = [
     "Stanley",
 ]
 
-__getattr__ = lazy_names(__name__)
+_MODULES = {
+    "BeamngAi": "frenetic.drivers.builtin",
+    "Camera": "frenetic.drivers.camera",
+    "CameraDriver": "frenetic.drivers.driver",
+    "Controls": "frenetic.drivers.driver",
+    "Delayed": "frenetic.drivers.wrappers",
+    "DriveSetup": "frenetic.drivers.driver",
+    "Driver": "frenetic.drivers.driver",
+    "Lane": "frenetic.drivers.lane",
+    "LimitedView": "frenetic.drivers.wrappers",
+    "Noisy": "frenetic.drivers.wrappers",
+    "Observation": "frenetic.drivers.driver",
+    "Planner": "frenetic.drivers.builtin",
+    "SpeedPlan": "frenetic.drivers.builtin",
+    "Stanley": "frenetic.drivers.builtin",
+}
+"""Public name -> module from which `__getattr__` imports it on use."""
+
+
+def __getattr__(name: str) -> Any:
+    return import_name(__name__, _MODULES, name)

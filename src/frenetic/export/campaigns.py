@@ -33,7 +33,7 @@ def export_campaign(
     trajectories: Which = "all",
     on_progress: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """Writes a campaign's tests and trajectories into a folder, completely or not at all.
+    """Write a campaign's tests and trajectories into a folder, completely or not at all.
 
     | format | files | read by |
     | --- | --- | --- |
@@ -46,12 +46,13 @@ def export_campaign(
     which may be running: later results are left out.
 
     Args:
-        campaign: as `data_frame` takes it; only tables take several.
-        format: what to write.
-        out: an empty or new folder; by default ``exports/FORMAT`` in the campaign's.
-        outcomes: only tests of this outcome, such as ``"FAIL"``, or of these; all without any.
-        trajectories: which of their trajectories are written.
-        on_progress: called now and then with the work done, and the whole work.
+        campaign: the campaign, as for `data_frame`; only tables can have several campaigns.
+        format: format of the files.
+        out: an empty or new folder; by default ``exports/FORMAT`` in the campaign's folder.
+        outcomes: one outcome, such as ``"FAIL"``, or several: only their tests are written. Empty
+            for all tests.
+        trajectories: choice of the tests whose trajectories are written.
+        on_progress: called now and then with the finished work and the whole work, in tests.
 
     Returns:
         The folder.
@@ -59,7 +60,7 @@ def export_campaign(
     Raises:
         FreneticError: the folder is not empty or cannot be written, the campaign is damaged, or
             pandas and pyarrow are missing.
-        ValueError: there is no such format, outcome or choice of trajectories.
+        ValueError: the format, an outcome or the choice of trajectories is unknown.
     """
     for name, value, allowed in (
         ("format", format, get_args(Format)),
@@ -74,8 +75,8 @@ def export_campaign(
         "none": None,
     }[trajectories]
     notify = on_progress or (lambda *_: None)
-    own = campaign.folder if isinstance(campaign, Campaign | CampaignStore) else Path(campaign)
-    target = own / EXPORTS / format if out is None else Path(out)
+    home = campaign.folder if isinstance(campaign, Campaign | CampaignStore) else Path(campaign)
+    target = home / EXPORTS / format if out is None else Path(out)
     with _whole_folder(target) as folder:
         if format in ("parquet", "csv", "json"):
             write_tables(folder, campaign, format, wanted, driven, notify)
@@ -94,7 +95,7 @@ def export_campaign(
 
 @contextmanager
 def _whole_folder(target: Path) -> Iterator[Path]:
-    """Gives a new folder beside ``target`` to write into, which is renamed to it at the end.
+    """Yield a new folder beside ``target`` to write into, and rename it to ``target`` at the end.
 
     If anything is raised meanwhile, the new folder is removed; after a kill, the next call does so.
 

@@ -1,7 +1,7 @@
 """A test as the SBST/SBFT cyber-physical systems competition stores it, and its results folder.
 
-Positions and road are in metres on the map. Values that only a car in BeamNG.tech reports are given
-as closely as possible, see `SimulationRecord`.
+Positions and road are in metres on the map. Values that only a car in BeamNG.tech reports are
+approximated, see `SimulationRecord`.
 """
 
 from __future__ import annotations
@@ -75,13 +75,13 @@ class SimulationRecord(NamedTuple):
 
 
 def simulation_records(road: Road, drive: Drive) -> list[SimulationRecord]:
-    """The records of a drive up to the one that ended it, oob values included."""
+    """Return the records of a drive, with oob values, up to the record that ended the drive."""
     path = drive.trajectory
     if len(path) == 0:
         return []
-    seen = assess(road, drive)
+    assessment = assess(road, drive)
     columns = {name: getattr(path, name).tolist() for name in path.names()}
-    shares, distances = seen.oob_share.tolist(), seen.oob_distance.tolist()
+    shares, distances = assessment.oob_share.tolist(), assessment.oob_distance.tolist()
     records: list[SimulationRecord] = []
     was_oob, counter, largest = False, 0, 0.0
     for i, share in enumerate(shares):
@@ -131,17 +131,17 @@ def competition_document(
     drive: Drive | None = None,
     points: FloatArray | None = None,
 ) -> dict[str, Any]:
-    """A test as a JSON object with the competition's keys, in its order.
+    """Return a test as a JSON object with the competition's keys, in the competition's order.
 
     Args:
-        road: where it lies on the map; None if what was proposed is none.
+        road: the road at its place on the map; None if the proposal describes no road.
         test_id: the test's number.
         verdict: whether the road is valid; None if unknown.
-        outcome: of the test; without one, or dropped, the object has neither an outcome nor what
-            belongs to it.
+        outcome: outcome of the test; None or DROPPED leaves out the outcome, its description and
+            the records.
         description: reason of the outcome.
-        drive: None without one.
-        points: (N, 2) m through which the road was laid, if it was given by points.
+        drive: the drive; None if nothing was driven.
+        points: points through which the road leads, (N, 2) in m; None for a road of curvatures.
     """
     if points is None:
         points = np.empty((0, 2)) if road is None else road.road_points.round(_DIGITS)
@@ -164,7 +164,7 @@ def competition_document(
 
 
 def stored_test_document(test: Test) -> dict[str, Any]:
-    """A campaign's test as `competition_document` gives it."""
+    """Return a campaign's test as a `competition_document`."""
     points, is_invalid = test.candidate.points, test.outcome is Outcome.INVALID
     verdict = Verdict(not is_invalid, test.reason if is_invalid else "")
     return competition_document(
@@ -179,7 +179,7 @@ def stored_test_document(test: Test) -> dict[str, Any]:
 
 
 def _road_of(test: Test) -> Road | None:
-    """The road of a test; None if what was proposed is none."""
+    """Return the road of a test; None if the proposal describes no road."""
     try:
         return test.road
     except RoadError:
@@ -197,18 +197,18 @@ def write_competition_folder(
     driven: Collection[Outcome],
     on_test: Callable[[int], None],
 ) -> None:
-    """Writes a file per road test, and three tables about the whole campaign.
+    """Write a file per road test, and three tables about the whole campaign.
 
     DROPPED candidates are no road tests and have no file. The tables cover all tests, with or
-    without a file. A cell of unknown value is empty: ``time_budget`` without one,
+    without a file. A cell of unknown value is empty: ``time_budget`` without a time budget,
     ``real_time_generation`` where several tests were driven at once, and sparseness for fewer than
     two failures or more than `MOST_COMPARED`.
 
     Args:
-        folder: exists and is empty.
+        folder: an empty folder.
         store: the campaign.
-        outcomes: only tests of these get a file.
-        driven: only files of tests of these hold execution data.
+        outcomes: outcomes of the tests that get a file.
+        driven: outcomes of the tests whose files hold execution data.
         on_test: called with the number of tests so far.
 
     Raises:
@@ -267,7 +267,7 @@ def _write_test(folder: Path, test: Test) -> None:
 
 
 def _experiment(store: CampaignStore) -> dict[str, object]:
-    """The row of experiment_description.csv: options of the competition's command line."""
+    """Return the row of experiment_description.csv: options of the competition's command line."""
     config = store.config
     rules = _mapping(config.get("rules"))
     module, _, name = str(_mapping(config.get("strategy")).get("class", "")).rpartition(":")

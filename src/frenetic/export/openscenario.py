@@ -1,14 +1,14 @@
 """A drive along a road as an OpenSCENARIO 1.0 file, for simulators that play such scenarios.
 
 The ego car stands at the start of the ego lane, keeps to the speed limits, has a route to the
-lane's end, and the scenario ends when it is there or takes too long. Who steers is up to the
-simulator. The same road always gives the same bytes; the date, which the format demands, is fixed.
+lane's end, and the scenario ends when the car is there or takes too long. The simulator chooses the
+driver. The same road always gives the same bytes; the date, which the format demands, is fixed.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
@@ -23,72 +23,51 @@ from frenetic.simulators.observer import in_metres_per_second
 EGO: Final = "hero"
 """Name of the ego car, which CARLA's tools look for."""
 MODEL: Final = "vehicle.tesla.model3"
-"""Name of the car's model, which CARLA has; others make their own of the box and axles."""
+"""Name of the car's model, which CARLA has; other simulators draw a car by its box and axles."""
 START: Final = 2.5
-"""Distance of the car from the road's start, in m, so that all its wheels are on the road."""
+"""Distance of the car from the road's start, in m; ours: all wheels stand on the road."""
 END: Final = 0.01
-"""Distance of the route's goal from the road's end, in m; beyond the end there is no lane."""
+"""Distance of the route's goal from the road's end, in m; ours: beyond the end is no lane."""
 ACCELERATION: Final = 3.0
-"""Acceleration to the speed limit, in m/s^2."""
+"""Acceleration to the speed limit, in m/s^2; ours."""
 DATE: Final = "2000-01-01T00:00:00"
+"""Date in the file, which the format demands."""
 
-_HEIGHT: Final = 1.5  # m, of the car's box
-_WHEEL: Final = 0.65  # m, diameter
-_MAX_SPEED: Final = 70.0  # m/s
+_HEIGHT: Final = 1.5  # [m] height of the car's box; ours
+_WHEEL: Final = 0.65  # [m] diameter of a wheel; ours
+_MAX_SPEED: Final = 70.0  # [m/s] top speed of the car; ours
 
 
 def to_openscenario(
     road: Road, road_file: str, *, name: str = "road", rules: Rules | None = None
 ) -> str:
-    """The text of an OpenSCENARIO 1.0 file that drives along a road of `to_opendrive`.
+    """Return an OpenSCENARIO 1.0 file that drives along a road of `to_opendrive`, as text.
 
     Args:
         road: the road in the OpenDRIVE file.
-        road_file: name of that file, as seen from the scenario's folder.
-        name: of the scenario; characters that XML cannot hold are replaced.
-        rules: the speed limit, how near the goal counts as there, and how long a drive may take.
+        road_file: name of that file, seen from the scenario's folder.
+        name: name of the scenario; characters that XML cannot hold are replaced.
+        rules: rules with the speed limits, the distance from the goal at which the drive ends, and
+            the longest time of a drive.
     """
     rules = rules or Rules()
     start, goal = min(START, 0.25 * road.length), max(road.length - END, 0.75 * road.length)
-    (_, speed), *changes = _speeds(rules.speed_limits_on(road), start, goal)
     at_once = _later_than(0.0)
-    arrived = (
-        '<ByEntityCondition><TriggeringEntities triggeringEntitiesRule="any">'
-        f'<EntityRef entityRef="{EGO}"/></TriggeringEntities><EntityCondition>'
-        f'<ReachPositionCondition tolerance="{_number(rules.goal_distance)}">{_position(goal)}'
-        "</ReachPositionCondition></EntityCondition></ByEntityCondition>"
-    )
     # esmini ends with the storyboard, CARLA's runner with the act.
     stop = _trigger(
-        "Stop", {"at the goal": arrived, "out of time": _later_than(rules.timeout(road.length))}
+        "Stop",
+        {
+            "at the goal": _arrived(goal, rules.goal_distance),
+            "out of time": _later_than(rules.timeout(road.length)),
+        },
     )
-    waypoints = (
-        f'<Waypoint routeStrategy="shortest">{_position(place)}</Waypoint>'
-        for place in (start, goal)
-    )
-    # Not in Init, where CARLA's runner takes the last position of all for the car's start.
-    route = (
-        '<RoutingAction><AssignRouteAction><Route name="to the goal" closed="false">'
-        f"{''.join(waypoints)}</Route></AssignRouteAction></RoutingAction>"
-    )
-    events = {
-        "take the route": ("parallel", route, at_once),
-        "speed up": ("parallel", _speed(speed, "linear", speed / ACCELERATION), at_once),
-    }
-    before = speed
-    for place, after in changes:
-        # To a lower limit it brakes before.
-        braking = max(before**2 - after**2, 0.0) / (2.0 * ACCELERATION)
-        change = _speed(after, "linear", abs(after - before) / ACCELERATION)
-        name = f"speed limit from {_number(place)} m on"
-        events[name] = "overwrite", change, _driven_farther_than(place - braking - start)
-        before = after
-    maneuver = "".join(
-        f'<Event name="{name}" priority="{priority}"><Action name="{name}"><PrivateAction>{action}'
-        f"</PrivateAction></Action>{_trigger('Start', {name: condition})}</Event>"
-        for name, (priority, action, condition) in events.items()
-    )
-    root = ElementTree.fromstring(  # noqa: S314  # our own
+    speeds = _speeds(rules.speed_limits_on(road), start, goal)
+    # The route is not in Init, where CARLA's runner takes the last position for the car's start.
+    events = [
+        _event("take the route", "parallel", _route(start, goal), at_once),
+        *_speed_events(speeds, start),
+    ]
+    root = ElementTree.fromstring(  # noqa: S314  # written here
         f'''<OpenSCENARIO><FileHeader revMajor="1" revMinor="0" date="{DATE}"
         description={quoteattr(_printable(name) or "road")} author="Frenetic"/>
         <CatalogLocations/><RoadNetwork><LogicFile filepath={quoteattr(_printable(road_file))}/>
@@ -98,7 +77,7 @@ def to_openscenario(
         </Private></Actions></Init><Story name="drive"><Act name="drive">
         <ManeuverGroup name="ego" maximumExecutionCount="1">
         <Actors selectTriggeringEntities="false"><EntityRef entityRef="{EGO}"/></Actors>
-        <Maneuver name="drive">{maneuver}</Maneuver></ManeuverGroup>
+        <Maneuver name="drive">{"".join(events)}</Maneuver></ManeuverGroup>
         {_trigger("Start", {"at once": at_once})}{stop}</Act></Story>{stop}</Storyboard>
         </OpenSCENARIO>'''
     )
@@ -107,15 +86,58 @@ def to_openscenario(
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
 
 
-def _speeds(limits: FloatArray, start: float, goal: float) -> list[tuple[float, float]]:
-    """The speeds that keep limits between two places: m along the road and m/s, from there on.
+def _speed_events(speeds: Sequence[tuple[float, float]], start: float) -> Iterator[str]:
+    """Yield an event for each of the `_speeds`; for a lower limit, the car brakes before it."""
+    (_, before), *changes = speeds
+    speed_up = _speed(before, "linear", before / ACCELERATION)
+    yield _event("speed up", "parallel", speed_up, _later_than(0.0))
+    for place, after in changes:
+        braking = max(before**2 - after**2, 0.0) / (2.0 * ACCELERATION)
+        change = _speed(after, "linear", abs(after - before) / ACCELERATION)
+        name = f"speed limit from {_number(place)} m on"
+        yield _event(name, "overwrite", change, _driven_farther_than(place - braking - start))
+        before = after
 
-    A short stretch is driven no faster than the car can brake to the limit behind it.
+
+def _event(name: str, priority: str, action: str, condition: str) -> str:
+    """Return an event with one action, which a condition starts."""
+    return (
+        f'<Event name="{name}" priority="{priority}"><Action name="{name}"><PrivateAction>{action}'
+        f"</PrivateAction></Action>{_trigger('Start', {name: condition})}</Event>"
+    )
+
+
+def _route(start: float, goal: float) -> str:
+    """Return the action that assigns the route between two places along the road, in m."""
+    waypoints = (
+        f'<Waypoint routeStrategy="shortest">{_position(place)}</Waypoint>'
+        for place in (start, goal)
+    )
+    return (
+        '<RoutingAction><AssignRouteAction><Route name="to the goal" closed="false">'
+        f"{''.join(waypoints)}</Route></AssignRouteAction></RoutingAction>"
+    )
+
+
+def _arrived(goal: float, tolerance: float) -> str:
+    """Return the condition that the car is near the goal, in m along the road."""
+    return (
+        '<ByEntityCondition><TriggeringEntities triggeringEntitiesRule="any">'
+        f'<EntityRef entityRef="{EGO}"/></TriggeringEntities><EntityCondition>'
+        f'<ReachPositionCondition tolerance="{_number(tolerance)}">{_position(goal)}'
+        "</ReachPositionCondition></EntityCondition></ByEntityCondition>"
+    )
+
+
+def _speeds(limits: FloatArray, start: float, goal: float) -> list[tuple[float, float]]:
+    """Return the speeds that keep limits between two places: each from m along the road, in m/s.
+
+    On a short stretch, the car drives no faster than it can brake to the limit behind it.
 
     Args:
-        limits: (k, 2) in m and km/h.
-        start: m.
-        goal: m.
+        limits: speed limits, (k, 2) in m and km/h.
+        start: first place, in m along the road.
+        goal: last place, in m along the road.
     """
     steps = in_metres_per_second(piece_of(LIMITS, limits, start, goal)).tolist()
     speeds: list[tuple[float, float]] = []
@@ -136,7 +158,7 @@ def _number(value: float) -> str:
 
 
 def _car() -> str:
-    """The embedded simulator's car, measured from its rear axle as the format wants it."""
+    """Return the embedded simulator's car, measured from its rear axle as the format demands."""
     car = Vehicle()
     ahead = car.rear_axle + car.body().centre_ahead
     axles = "".join(
@@ -159,7 +181,7 @@ def _car() -> str:
 
 
 def _position(distance: float) -> str:
-    """A place on the centre of the ego lane."""
+    """Return a place on the centre of the ego lane, in m along the road."""
     place = f'<LanePosition roadId="1" laneId="-1" s="{_number(distance)}" offset="0.0"/>'
     return f"<Position>{place}</Position>"
 
@@ -174,7 +196,7 @@ def _speed(speed: float, shape: str, seconds: float) -> str:
 
 
 def _trigger(kind: str, conditions: Mapping[str, str]) -> str:
-    """A trigger of conditions each of which suffices on its own, by their names."""
+    """Return a trigger that any of the conditions fires, by their names."""
     groups = (
         f'<ConditionGroup><Condition name="{name}" delay="0.0" conditionEdge="none">{condition}'
         "</Condition></ConditionGroup>"

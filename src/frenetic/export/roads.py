@@ -53,7 +53,7 @@ SCENARIO: Final = ".xosc"
 
 @dataclass(frozen=True)
 class ExportedRoad:
-    """A road with the other contents of a file."""
+    """A road with everything else that its file contains."""
 
     road: Road
     name: str
@@ -81,7 +81,7 @@ class RoadFormat(NamedTuple):
     suffix: str
     """Suffix of the file's name, different for each format."""
     render: Callable[[ExportedRoad], str]
-    """The file's text."""
+    """Function that returns the file's text."""
 
 
 def _opendrive(exported: ExportedRoad) -> str:
@@ -96,7 +96,7 @@ def _competition(exported: ExportedRoad) -> str:
     if exported.test is not None:
         document = stored_test_document(exported.test)
     else:
-        # In place, or else where 'frenetic drive' would move it.
+        # In place if it fits there, or else where 'frenetic drive' would move it.
         fitted, verdict = exported.road.placed(MAP_SIZE)
         document = competition_document(fitted or exported.road, 1, verdict)
     return json.dumps(document) + "\n"
@@ -154,10 +154,10 @@ FORMATS: Final[Mapping[str, RoadFormat]] = MappingProxyType(
 
 
 def road_format(name: str) -> RoadFormat:
-    """The format with this name.
+    """Return the format with this name.
 
     Raises:
-        UnknownNameError: there is none.
+        UnknownNameError: no format has this name.
     """
     if name not in FORMATS:
         known = ", ".join(FORMATS)
@@ -166,10 +166,10 @@ def road_format(name: str) -> RoadFormat:
 
 
 def format_of(path: Path | str) -> RoadFormat:
-    """The format that a file's name says.
+    """Return the format of a file's name, by its suffix.
 
     Raises:
-        UnknownNameError: its suffix is that of several formats, or of none.
+        UnknownNameError: several formats have the suffix, or none.
     """
     named = [item for item in FORMATS.values() if Path(path).name.lower().endswith(item.suffix)]
     longest = max((item.suffix for item in named), key=len, default="")
@@ -182,13 +182,13 @@ def format_of(path: Path | str) -> RoadFormat:
 
 
 def write_road(exported: ExportedRoad, name: str, path: Path | str) -> None:
-    """Writes a road to a file in the format with this name, whole or not at all.
+    """Write a road to a file in the format with this name, whole or not at all.
 
     Beside an OpenDRIVE file comes an OpenSCENARIO file of the same name, with the suffix ``.xosc``.
 
     Raises:
-        UnknownNameError: there is no such format.
-        FreneticError: a file cannot be written, or has a name that is that of the one beside it.
+        UnknownNameError: no format has this name.
+        FreneticError: a file cannot be written, or road and scenario would have the same name.
     """
     path = Path(path)
     texts = {path: road_format(name).render(exported)}

@@ -99,15 +99,15 @@ def data_frame(
     some test has, such as ``condition_friction``, comes last.
 
     Args:
-        source: a campaign, opened or not, its folder, a folder of several, such as a bench's, or a
-            list of folders.
+        source: a campaign, open or not, its folder, a folder of several campaigns, such as a
+            bench's, or a list of folders.
         table: ``tests``, one row per candidate that was told, or ``trajectories``, one row per
             record of a drive: 96 bytes each, 25 kB for an ordinary test.
         outcomes: only tests of this outcome, such as ``"FAIL"``, or of these; of all without any.
 
     Raises:
         FreneticError: pandas or pyarrow is not installed, or a campaign cannot be read.
-        ValueError: there is no such table or outcome.
+        ValueError: the table or an outcome is unknown.
     """
     if table not in TABLES:
         raise ValueError(f"table is {table!r}: one of {', '.join(TABLES)} is needed")
@@ -126,15 +126,15 @@ def write_tables(
     driven: Collection[Outcome] | None,
     on_progress: Callable[[int, int], None],
 ) -> None:
-    """Writes the tables of campaigns as `export_campaign` describes.
+    """Write the tables of campaigns as `export_campaign` describes.
 
     Args:
-        folder: exists.
-        source: of the tests.
-        format: of the files.
-        outcomes: of the tests.
+        folder: an existing folder.
+        source: the campaigns of the tests.
+        format: format of the files.
+        outcomes: outcomes of the tests.
         driven: outcomes of the tests whose trajectories are written; None for no trajectories.
-        on_progress: called with the number of tests written, and of all, after each batch.
+        on_progress: called after each batch with the number of written tests and of all tests.
 
     Raises:
         FreneticError: pandas or pyarrow is not installed, or a campaign is damaged.
@@ -167,19 +167,19 @@ def write_tables(
                 return
 
 
-def _require_extra(what: str) -> None:
-    """Checks that the extra ``tables`` is installed.
+def _require_extra(purpose: str) -> None:
+    """Check that the extra ``tables`` is installed, which a purpose needs.
 
     Raises:
-        FreneticError: it is not; the message says how to install it.
+        FreneticError: the extra is not installed; the message says how to install it.
     """
     try:
         import pandas  # noqa: F401  # an extra
         import pyarrow  # noqa: F401  # an extra
     except ImportError as error:
         raise FreneticError(
-            f"{what} needs pandas and pyarrow, and {error.name or 'one of them'} is not installed:"
-            f" {pip_install('tables')}"
+            f"{purpose} needs pandas and pyarrow, and {error.name or 'one of them'} is not"
+            f" installed: {pip_install('tables')}"
         ) from error
 
 
@@ -187,7 +187,7 @@ def _require_extra(what: str) -> None:
 
 
 def opened(campaign: Place) -> AbstractContextManager[CampaignStore]:
-    """A campaign, opened unless it is."""
+    """Return the store of a campaign, which the context closes unless it was open before."""
     if isinstance(campaign, Campaign):
         campaign = campaign.folder
     if isinstance(campaign, CampaignStore):
@@ -196,7 +196,7 @@ def opened(campaign: Place) -> AbstractContextManager[CampaignStore]:
 
 
 def _campaigns(source: Place | Iterable[Path | str]) -> tuple[Sequence[Place], bool]:
-    """The campaigns of a source, and whether a column names them."""
+    """Return the campaigns of a source, and whether a column names them."""
     if isinstance(source, Campaign | CampaignStore):
         return [source], False
     if isinstance(source, Path | str):
@@ -218,7 +218,7 @@ def _rows(
 
 
 def _conditions(campaigns: Iterable[Place]) -> list[str]:
-    """The conditions that tests of some campaigns have."""
+    """Return the names of the conditions that tests of the campaigns have."""
     names: dict[str, None] = {}
     for campaign in campaigns:
         with opened(campaign) as store:
@@ -252,7 +252,7 @@ def _tests(rows: Iterable[_Row], conditions: Iterable[str]) -> pd.DataFrame:
 
 
 def _row_of(test: Test) -> dict[str, Any]:
-    """Name of a column -> the value of a test."""
+    """Return the row of a test: name of a column -> value."""
     row = {name: value_at(test, path) for name, path in _PATHS.items()}
     candidate, departure = test.candidate, test.departure
     curvatures = candidate.curvatures
@@ -268,7 +268,7 @@ def _row_of(test: Test) -> dict[str, Any]:
         row |= {f"departure_{name}": getattr(departure, name) for name in _DEPARTURE}
         row["departure_time"] = simulated_time(departure.time)
     row |= {f"{_CONDITION}{name}": amount for name, amount in candidate.conditions.items()}
-    # Some of a road's profiles follow from its class; what was refused may be no road.
+    # Some of a road's profiles follow from its class; a refused candidate may describe no road.
     whole = test.road if test.pose is not None and len(curvatures) > 1 else candidate
     for name in profile.NAMES:
         pairs = getattr(whole, name)
@@ -291,12 +291,12 @@ def _trajectories(rows: Iterable[_Row]) -> pd.DataFrame:
     return pd.DataFrame({"campaign": campaigns, "id": np.repeat(ids, records), **columns})
 
 
-# From a frame to a file: a function that adds frames like the first one, to a path without suffix
+# From a frame to a file: each writer takes a path without suffix and the first frame
 
 
 @contextmanager
 def _lines(path: Path, _: pd.DataFrame) -> Iterator[Callable[[pd.DataFrame], object]]:
-    """A JSON object per row."""
+    """Yield a function that appends frames to a file, one JSON object per row."""
     with path.with_suffix(".jsonl").open("wb") as file:
 
         def write(frame: pd.DataFrame) -> None:
@@ -308,7 +308,10 @@ def _lines(path: Path, _: pd.DataFrame) -> Iterator[Callable[[pd.DataFrame], obj
 
 @contextmanager
 def _csv(path: Path, first: pd.DataFrame) -> Iterator[Callable[[pd.DataFrame], object]]:
-    """What is no number is a text that no spreadsheet takes for a formula."""
+    """Yield a function that appends frames to a CSV file.
+
+    Values that are no numbers are texts that no spreadsheet reads as a formula.
+    """
     import pandas as pd  # an extra
 
     texts = [name for name in first if not pd.api.types.is_numeric_dtype(first[name])]
@@ -321,6 +324,7 @@ def _csv(path: Path, first: pd.DataFrame) -> Iterator[Callable[[pd.DataFrame], o
 
 @contextmanager
 def _parquet(path: Path, first: pd.DataFrame) -> Iterator[Callable[[pd.DataFrame], object]]:
+    """Yield a function that appends frames to a Parquet file."""
     import pyarrow as pa  # an extra
     from pyarrow.parquet import ParquetWriter  # an extra
 
@@ -328,9 +332,9 @@ def _parquet(path: Path, first: pd.DataFrame) -> Iterator[Callable[[pd.DataFrame
     numbers = pa.list_(pa.float64())
     lists = {"curvatures": numbers, "parents": pa.list_(pa.int64())}
     lists |= dict.fromkeys(profile.NAMES, pa.list_(numbers))
-    found = pa.Schema.from_pandas(_with_texts(first, texts), preserve_index=False)
-    fields = [pa.field(one.name, lists.get(one.name, one.type)) for one in found]
-    schema = pa.schema(fields, found.metadata)
+    inferred = pa.Schema.from_pandas(_with_texts(first, texts), preserve_index=False)
+    fields = [pa.field(item.name, lists.get(item.name, item.type)) for item in inferred]
+    schema = pa.schema(fields, inferred.metadata)
     with ParquetWriter(path.with_suffix(".parquet"), schema, compression="zstd") as file:
         yield lambda frame: file.write_table(
             pa.Table.from_pandas(_with_texts(frame, texts), schema, preserve_index=False)
@@ -341,7 +345,7 @@ _WRITERS: Final = {"json": _lines, "csv": _csv, "parquet": _parquet}
 
 
 def _with_texts(frame: pd.DataFrame, names: Iterable[str]) -> pd.DataFrame:
-    """A frame with some columns as texts for a cell, lists and dictionaries as JSON."""
+    """Return a frame with some columns as texts for cells; lists and dictionaries are JSON."""
     import pandas as pd  # an extra
 
     texts = {name: [_cell(value) for value in _plain(frame[name])] for name in names}
@@ -355,7 +359,7 @@ def _cell(value: Any) -> str | None:
 
 
 def _plain(values: pd.Series[Any]) -> list[Any]:
-    """The values of a column as JSON knows them; None for missing ones."""
+    """Return the values of a column in types of JSON; None for missing values."""
     return [_plain_value(value) for value in values.to_numpy(object, na_value=None)]
 
 

@@ -57,7 +57,7 @@ class Rules:
     """Rules for the end of a drive and for failing it."""
 
     speed_limit: float = 70.0
-    """Speed limit where the road has none of its own, in km/h; see `road_limits`."""
+    """Speed limit where the road has no limit, in km/h; see `road_limits`."""
     oob_tolerance: float = 0.95
     """Share (0..1] of the car's box that may be outside the ego lane; more is a FAIL."""
     goal_distance: float = 8.0
@@ -65,19 +65,19 @@ class Rules:
     stuck_distance: float = 1.0
     """Distance that a car has to move within `stuck_time`, in m."""
     stuck_time: float = 10.0
-    """s."""
+    """Time within which a car has to move `stuck_distance`, in s."""
     timeout_base: float = 20.0
     """Time granted to every drive, in s, whatever its length."""
     timeout_speed: float = 2.5
     """Mean speed below which a drive takes too long, in m/s: timeout = base + length / speed."""
     criteria: Profile = JUDGED_BY_LANE
-    """What a drive has to keep beside its lane; a breach is a FAIL and does not end the drive."""
+    """Criteria beside staying in the lane; a breach is a FAIL and does not end the drive."""
     road_limits: Literal["kept", "scaled", "ignored"] = "kept"
-    """Whether a road's own speed limits are kept, scaled until the highest is `speed_limit`, or
+    """Use of a road's own speed limits: kept, scaled until the highest is `speed_limit`, or
     ignored, so that `speed_limit` holds everywhere."""
     scaled_from: float | None = None
-    """Speed limit before limits were scaled, in km/h, which a road has where it has none of its
-    own; None if they are not scaled."""
+    """Speed limit before scaling, in km/h, which holds where the road has no limit; None without
+    scaling."""
 
     def __post_init__(self) -> None:
         take_numpy_scalars(self)
@@ -94,14 +94,14 @@ class Rules:
             )
 
     def as_json(self) -> dict[str, Any]:
-        """Its fields, for JSON."""
+        """Return the fields, for JSON."""
         return asdict(self) | {"criteria": self.criteria.as_json()}
 
     def speed_limits_on(self, road: HasLimits) -> FloatArray:
-        """Return the speed limits that hold along a road, (k, 2) in m and km/h, k >= 1.
+        """Return the speed limits along a road, (k, 2) in m and km/h, k >= 1.
 
-        Each holds from its station on, the first from 0 m. Stations beyond the road's end are left
-        out.
+        Each limit holds from its station on, the first from 0 m. Stations beyond the road's end are
+        left out.
         """
         from frenetic.road.profile import LIMITS, merged, piece_of  # numba takes its time
 
@@ -126,11 +126,11 @@ class Rules:
         return replace(self, speed_limit=amount, road_limits="scaled", scaled_from=base)
 
     def limit_in_words(self, road: Road | None = None, class_name: str = "") -> str:
-        """Return which speed limit holds on a road, and who says it.
+        """Return the speed limit of a road and its source in words.
 
         Args:
-            road: None for the roads of a search.
-            class_name: name of the road class to which `speed_limit` belongs, if it does.
+            road: the road; None for the roads of a search.
+            class_name: name of the road class to which `speed_limit` belongs; empty for no class.
         """
         from frenetic.road.profile import LIMITS, piece_of  # numba takes its time
 
@@ -151,12 +151,12 @@ class Rules:
         return f"{_range(limits[limits > 0.0])}, of the road{where}"
 
     def timeout(self, road_length: float) -> float:
-        """Simulated seconds after which a drive on a road of `road_length` m has failed."""
+        """Return the time after which a drive on a road of `road_length` m has failed, in s."""
         return self.timeout_base + road_length / self.timeout_speed
 
 
 def _range(limits: FloatArray) -> str:
-    """Speed limits in km/h in words, such as ``30 to 70 km/h``."""
+    """Return speed limits in km/h in words, such as ``30 to 70 km/h``."""
     low, high = float(limits.min()), float(limits.max())
     return f"{low:.4g} to {high:.4g} km/h" if low < high else f"{low:.4g} km/h"
 
@@ -165,7 +165,7 @@ def _range(limits: FloatArray) -> str:
 class Trajectory:
     """The records of a drive at a fixed rate: columns of equal length (n,), read-only float64.
 
-    Place and heading are those on the map, speeds and yaw rate those in the road's plane.
+    Places and headings are on the map; speeds and yaw rates are in the road's plane.
     """
 
     time: FloatArray
@@ -210,39 +210,39 @@ class Trajectory:
         return f"<Trajectory of {len(self)} records, {self.time[-1] if len(self) else 0.0:.1f} s>"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Made anew, so that the columns are read-only again.
+        # Through the constructor, so that the columns are read-only again.
         return Trajectory, tuple(getattr(self, name) for name in self.names())
 
     @cached_property
     def lateral_acceleration(self) -> FloatArray:
         """Acceleration of the centre of mass across the car, (n,) in m/s^2, positive to the left.
 
-        It is yaw rate times speed, and the change of the lateral speed.
+        The sum of yaw rate times speed and the change of the lateral speed.
         """
         change = (
             np.gradient(self.lateral_speed, self.time) if len(self) > 1 else np.zeros(len(self))
         )
-        found: FloatArray = self.yaw_rate * self.speed + change
-        found.setflags(write=False)
-        return found
+        acceleration: FloatArray = self.yaw_rate * self.speed + change
+        acceleration.setflags(write=False)
+        return acceleration
 
     @classmethod
     def names(cls) -> tuple[str, ...]:
-        """The columns' names, in order."""
+        """Return the columns' names, in order."""
         return tuple(item.name for item in fields(cls))
 
     @classmethod
     def from_rows(cls, rows: FloatArray) -> Trajectory:
-        """A trajectory from an (n, 11) array whose columns are in the order of `names()`."""
+        """Return a trajectory from an (n, 11) array with columns in the order of `names()`."""
         return cls(*(rows[:, k] for k in range(rows.shape[1])))
 
     @classmethod
     def empty(cls) -> Trajectory:
-        """A trajectory without records."""
+        """Return a trajectory without records."""
         return cls.from_rows(np.empty((0, len(cls.names()))))
 
     def to_rows(self) -> FloatArray:
-        """The records as an (n, 11) array in the order of `names()`."""
+        """Return the records as an (n, 11) array in the order of `names()`."""
         return np.column_stack([getattr(self, name) for name in self.names()])
 
 
@@ -254,9 +254,9 @@ class Drive:
     car: CarBody = field(default_factory=CarBody)
     rules: Rules = field(default_factory=Rules)
     road: Road | None = None
-    """The road that was driven, for pictures; None if the simulator does not say."""
+    """Road of the drive, for pictures; None if the simulator does not say."""
     trouble: Trouble | None = None
-    """What broke in the driver or the simulator; None if the drive ended by the rules."""
+    """Error of the driver or the simulator; None if the drive ended by the rules."""
     driver_seconds: float = field(default=0.0, compare=False)
     """Wall time in the driver's own code, in s; 0 if the simulator does not say."""
 

@@ -21,7 +21,10 @@ On the sharpest valid curve (radius 14.3 m) an edge then deviates by 2 mm, the s
 def _clip(
     polygon: FloatArray, n: int, ax: float, ay: float, bx: float, by: float, out: FloatArray
 ) -> int:
-    """Keeps the part of a convex polygon (n vertices) to the left of the line a -> b."""
+    """Write the part of a convex polygon (n vertices) left of the line a -> b into ``out``.
+
+    Return the number of its vertices.
+    """
     count = 0
     px, py = polygon[n - 1, 0], polygon[n - 1, 1]
     before = (bx - ax) * (py - ay) - (by - ay) * (px - ax)
@@ -43,11 +46,44 @@ def _clip(
 
 @njit()
 def _area(polygon: FloatArray, n: int) -> float:
+    """Return the area of a polygon of n vertices."""
     total = 0.0
     for i in range(n):
         j = i + 1 if i + 1 < n else 0
         total += polygon[i, 0] * polygon[j, 1] - polygon[j, 0] * polygon[i, 1]
     return 0.5 * abs(total)
+
+
+@njit()
+def _sharpest_curvature(table: FloatArray, ds: float, start: float, end: float) -> float:
+    """Return the largest absolute curvature of a road between two distances in m, in 1/m."""
+    last = len(table) - 1
+    sharpest = 0.0
+    for i in range(
+        min(max(int(start / ds), 0), last),
+        min(max(int(end / ds) + 1, 0), last) + 1,
+    ):
+        sharpest = max(sharpest, abs(table[i, 3]))
+    return sharpest
+
+
+@njit()
+def _box_corners(
+    heading: float, half_length: float, half_width: float, centre_ahead: float, x: float, y: float
+) -> FloatArray:
+    """Return the corners of a car's box relative to its centre of mass (x, y), (4, 2) in m.
+
+    Relative coordinates lose no digits far from the origin.
+    """
+    c, n = math.cos(heading), math.sin(heading)
+    cx, cy = x + centre_ahead * c, y + centre_ahead * n
+    box = np.empty((4, 2))
+    for i in range(4):
+        a = half_length if i in (0, 3) else -half_length
+        b = half_width if i < 2 else -half_width
+        box[i, 0] = cx - x + a * c - b * n
+        box[i, 1] = cy - y + a * n + b * c
+    return box
 
 
 @njit()
@@ -67,7 +103,7 @@ def share_outside(
     centre_ahead: float,
     least: float = 0.0,
 ) -> float:
-    """Share (0..1) of a car's box that lies outside the lane between two lateral offsets.
+    """Return the share (0..1) of a car's box outside the lane between two lateral offsets.
 
     Only the lane near ``s`` counts: a car that has crossed over to another piece of the same road
     is outside.
@@ -79,17 +115,11 @@ def share_outside(
         s, d, road_heading: the centre of mass projected onto the road, the road's heading there.
         x, y, heading: m, m, rad, centre of mass and heading of the car.
         length, width, centre_ahead: m, the car's box, see `CarBody`.
-        least: a share that is surely less may be told as 0.
+        least: the kernel may return 0 for a share that is surely below this one.
     """
     half_length, half_width = 0.5 * length, 0.5 * width
     radius = math.hypot(half_length, half_width) + abs(centre_ahead)
-    last = len(table) - 1
-    sharpest = 0.0
-    for i in range(
-        min(max(int((s - 2.0 * radius) / ds), 0), last),
-        min(max(int((s + 2.0 * radius) / ds) + 1, 0), last) + 1,
-    ):
-        sharpest = max(sharpest, abs(table[i, 3]))
+    sharpest = _sharpest_curvature(table, ds, s - 2.0 * radius, s + 2.0 * radius)
     # Most boxes are well inside: bound how far the box reaches sideways, the road's bend included.
     error = heading - road_heading
     reach_ahead = half_length + abs(centre_ahead)
@@ -104,15 +134,7 @@ def share_outside(
         aside = disc + abs(centre_ahead)
         if 2.0 * disc < min(length, width) and d + aside < left and d - aside > right:
             return 0.0
-    c, n = math.cos(heading), math.sin(heading)
-    cx, cy = x + centre_ahead * c, y + centre_ahead * n
-    box = np.empty((4, 2))
-    for i in range(4):
-        a = half_length if i in (0, 3) else -half_length
-        b = half_width if i < 2 else -half_width
-        # Relative to the centre of mass, so that far from the origin no digits are lost.
-        box[i, 0] = cx - x + a * c - b * n
-        box[i, 1] = cy - y + a * n + b * c
+    box = _box_corners(heading, half_length, half_width, centre_ahead, x, y)
     along = radius / max(stretch, 0.3)
     sections = math.ceil(2.0 * along / SECTION)
     inside = 0.0

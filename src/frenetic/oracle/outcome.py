@@ -1,4 +1,4 @@
-"""The ways in which a road test can end."""
+"""Outcomes: the ways in which a road test can end."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import NoReturn
 
 
 class Outcome(StrEnum):
-    """The end of a road test."""
+    """Outcome of a road test."""
 
     PASS = "PASS"
     """The car reached the end of the road in its lane."""
@@ -33,7 +33,7 @@ class Outcome(StrEnum):
 
     @property
     def is_simulated(self) -> bool:
-        """Whether it cost a simulation, including one that broke."""
+        """Whether the test cost a simulation, also if the simulator broke."""
         return self not in (Outcome.INVALID, Outcome.DROPPED)
 
     @property
@@ -43,10 +43,10 @@ class Outcome(StrEnum):
 
 
 def chosen_outcomes(outcomes: Outcome | str | Iterable[Outcome | str]) -> tuple[Outcome, ...]:
-    """Return the outcomes that a caller names: one of them or several; all if it names none.
+    """Return the outcomes that a caller names, one or several; all if none is named.
 
     Raises:
-        ValueError: there is no such outcome.
+        ValueError: an outcome has an unknown name.
     """
     if isinstance(outcomes, str) or not isinstance(outcomes, Iterable):
         return (Outcome(outcomes),)

@@ -1,13 +1,14 @@
 """The verdict on a drive: outcome, reason, how far the car left its lane, where and on which side.
 
-One kernel holds the rules for ending a drive. It assesses one record: simulators call it after
-every record to know when to stop, and `judge` calls it over a whole trajectory.
+The kernel `assess_record` holds the rules for ending a drive. It assesses one record. Simulators
+call it after every record to know when to stop, and `judge` calls it for each record of a
+trajectory.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
@@ -17,11 +18,11 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Finite, NotNegative, Share
 from frenetic._support.compiled import njit
 from frenetic._support.words import simulated_time
-from frenetic.criteria.criterion import DRIVER, LANE, QUANTITIES, Criterion, Profile, quantity
+from frenetic.criteria.criterion import DRIVER, LANE, Profile, quantity
 from frenetic.errors import Fault, FreneticError, Trouble
 from frenetic.oracle.lane_share import share_outside
 from frenetic.oracle.outcome import Outcome
-from frenetic.oracle.signals import Measured, Seen, measure, worst
+from frenetic.oracle.signals import LocatedDrive, measure
 from frenetic.road.geometry import heading_at, project_global, project_near, reach_of
 from frenetic.road.profile import value_at
 
@@ -32,10 +33,10 @@ if TYPE_CHECKING:
 Side: TypeAlias = Literal["left", "right"]
 
 RUNNING, REACHED, LEFT_LANE, STUCK, TIMED_OUT = range(5)
-"""State of a drive at a record: it goes on, or how it ended."""
+"""States of a drive at a record: the drive goes on, or how it ended."""
 
 BEHAVIOUR: Final = 2
-"""Raised when the same drive is judged otherwise; campaigns record it."""
+"""Version of the rules: raised when the same drive is judged otherwise; campaigns record it."""
 
 # Columns of the assessment of a trajectory, one row per record.
 DISTANCE, OFFSET, OOB_SHARE = range(3)
@@ -48,11 +49,11 @@ class Finding:
     criterion: str
     """`LANE`, `DRIVER` or the name of a quantity, see `frenetic.criteria.criterion`."""
     value: Finite
-    """Value that breached it."""
+    """Value that breached the criterion."""
     limit: Finite
     """Limit of that value."""
     side: Side | None
-    """Side of the ego lane, or to which the value is; None if the criterion knows none."""
+    """Side of the ego lane, or to which the value points; None if the criterion has no sides."""
     time: NotNegative
     """Simulated time, in s."""
     distance: Finite
@@ -73,7 +74,7 @@ class Finding:
         x: float = 0.0,
         y: float = 0.0,
     ) -> Finding:
-        """Return the finding that a car left its lane, for whoever knows only some of it.
+        """Return the finding that a car left its lane, with defaults for unknown values.
 
         Args:
             side: side of the lane on which the car left it.
@@ -94,7 +95,7 @@ class Result:
     reason: str
     """The reason, in one sentence."""
     moobd: Finite | None = None
-    """Minimum oob distance, in m; None unless PASS or FAIL, or if nobody measured it."""
+    """Minimum oob distance, in m; None unless PASS or FAIL, or if it was not measured."""
     moobd_distance: Finite | None = None
     """Distance along the road where the oob distance was least, in m; None with the MOOBD."""
     max_oob_share: Share | None = None
@@ -104,22 +105,24 @@ class Result:
     findings: tuple[Finding, ...] = ()
     """Breaches of the criteria, in the order of time."""
     fault: Fault | None = None
-    """The fault that ended the drive: the driver's makes it a FAIL, the simulator's an ERROR."""
+    """Fault that ended the drive: a driver's makes it a FAIL, a simulator's an ERROR."""
 
     @property
     def finding(self) -> Finding | None:
-        """The gravest breach: what ended the drive, or else the first; None if there is none."""
-        ends = (one for one in self.findings if one.criterion in (LANE, DRIVER))
+        """Gravest breach: the one that ended the drive, or else the first; None without breach."""
+        ends = (finding for finding in self.findings if finding.criterion in (LANE, DRIVER))
         return next(ends, self.findings[0] if self.findings else None)
 
     @property
     def departure(self) -> Finding | None:
-        """The place where the car left its lane by more than the tolerance; None if it did not."""
-        return next((one for one in self.findings if one.criterion == LANE), None)
+        """Finding that the car left its lane by more than the tolerance; None if it did not."""
+        return next((finding for finding in self.findings if finding.criterion == LANE), None)
 
     def as_json(self) -> dict[str, Any]:
-        """Its fields, for JSON."""
-        findings = [asdict(one) | {"time": simulated_time(one.time)} for one in self.findings]
+        """Return the fields, for JSON."""
+        findings = [
+            asdict(finding) | {"time": simulated_time(finding.time)} for finding in self.findings
+        ]
         return asdict(self) | {"duration": simulated_time(self.duration), "findings": findings}
 
 
@@ -138,7 +141,7 @@ def assess_record(
     s_before: float,
     least: float,
 ) -> tuple[int, float, float, float, float]:
-    """Assessment of record ``i``: (end, s, d, road heading, oob share).
+    """Return the assessment of record ``i``: (end, s, d, road heading, oob share).
 
     Args:
         table, ds: the road, see `frenetic.road.geometry`.
@@ -146,9 +149,10 @@ def assess_record(
         rules: `rules_array`.
         car: (3,) length, width, centre_ahead in m.
         times, xs, ys: columns of the trajectory, filled up to ``i``.
-        heading: rad, the car's at record ``i``.
-        s_before: m, distance along the road at record ``i - 1``; not used for record 0.
-        least: an oob share that is surely less may be told as 0; at most the tolerance.
+        heading: heading of the car at record ``i``, in rad.
+        s_before: distance along the road at record ``i - 1``, in m; not used for record 0.
+        least: the kernel may return 0 for an oob share that is surely below this one, which is at
+            most the tolerance.
     """
     x, y = xs[i], ys[i]
     if i == 0:
@@ -184,23 +188,35 @@ def assess_record(
         math.hypot(x - table[last, 0], y - table[last, 1]) <= goal and s >= last * ds - 2.0 * goal
     ) or (s >= last * ds - 1e-9 and -lane_width <= d <= 0.0):
         end = REACHED
-    else:
-        # The latest record at least stuck_time ago, where records come at a steady rate; guessed,
-        # then made sure.
-        passed = times[i] - times[i - 1] if i > 0 else 0.0
-        j = max(0, i - int(stuck_time / passed)) if passed > 0.0 else i
-        while j < i and times[i] - times[j + 1] >= stuck_time - 1e-9:
-            j += 1
-        while j > 0 and times[i] - times[j] < stuck_time - 1e-9:
-            j -= 1
-        if (
-            times[i] - times[j] >= stuck_time - 1e-9
-            and math.hypot(x - xs[j], y - ys[j]) < stuck_distance
-        ):
-            end = STUCK
-        elif times[i] > timeout:
-            end = TIMED_OUT
+    elif _is_stuck(times, xs, ys, i, stuck_distance, stuck_time):
+        end = STUCK
+    elif times[i] > timeout:
+        end = TIMED_OUT
     return end, s, d, road_heading, share
+
+
+@njit()
+def _is_stuck(
+    times: FloatArray,
+    xs: FloatArray,
+    ys: FloatArray,
+    i: int,
+    stuck_distance: float,
+    stuck_time: float,
+) -> bool:
+    """Return whether a car at record ``i`` is too near to its place ``stuck_time`` s before."""
+    # Find the latest record that is at least stuck_time old. The first guess assumes a steady rate
+    # of records; the loops correct it.
+    passed = times[i] - times[i - 1] if i > 0 else 0.0
+    j = max(0, i - int(stuck_time / passed)) if passed > 0.0 else i
+    while j < i and times[i] - times[j + 1] >= stuck_time - 1e-9:
+        j += 1
+    while j > 0 and times[i] - times[j] < stuck_time - 1e-9:
+        j -= 1
+    return bool(
+        times[i] - times[j] >= stuck_time - 1e-9
+        and math.hypot(xs[i] - xs[j], ys[i] - ys[j]) < stuck_distance
+    )
 
 
 @njit()
@@ -216,6 +232,7 @@ def _assess(
     headings: FloatArray,
     least: float,
 ) -> tuple[int, FloatArray]:
+    """Return how the drive ended, and distance, lateral offset and oob share, (n, 3)."""
     n = len(times)
     rows = np.empty((n, 3))
     s = 0.0
@@ -232,7 +249,7 @@ def _assess(
 
 
 def rules_array(rules: Rules, road_length: float) -> FloatArray:
-    """The rules for `assess_record`: tolerance, goal, stuck distance, stuck time, timeout."""
+    """Return the rules for `assess_record`: tolerance, goal, stuck distance and time, timeout."""
     return np.array(
         [
             rules.oob_tolerance,
@@ -246,7 +263,7 @@ def rules_array(rules: Rules, road_length: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class Assessment:
-    """A trajectory seen from its road, record by record, up to the record that ended the drive."""
+    """Place and lane share of each record of a drive, up to the record that ended it."""
 
     end: int
     """RUNNING, REACHED, LEFT_LANE, STUCK or TIMED_OUT."""
@@ -257,16 +274,17 @@ class Assessment:
     oob_distance: FloatArray
     """Oob distance, (n,) in m, see `Result.moobd`."""
     oob_share: FloatArray
-    """(n,) 0..1."""
+    """Share of the car's box outside the ego lane, (n,), 0..1."""
 
 
 def assess(road: Road, drive: Drive, *, has_shares: bool = True) -> Assessment:
-    """The drive record by record: place, lateral offset, oob distance and oob share.
+    """Return place, lateral offset, oob distance and oob share of each record of a drive.
 
     Args:
-        road: that was driven.
-        drive: along it.
-        has_shares: whether oob shares are needed; those below the tolerance may be 0 otherwise.
+        road: the road that was driven.
+        drive: the drive along that road.
+        has_shares: whether all oob shares are needed; otherwise shares below the tolerance may be
+            0.
     """
     t = drive.trajectory
     end, rows = _assess(
@@ -275,7 +293,7 @@ def assess(road: Road, drive: Drive, *, has_shares: bool = True) -> Assessment:
         road.lane_width,
         rules_array(drive.rules, road.length),
         drive.car.to_array(),
-        # Copies, as kernels are compiled for each kind of array: the rollout's can be written.
+        # Copies: a kernel is compiled anew for read-only arrays, and the rollout's are writable.
         np.array(t.time),
         np.array(t.x),
         np.array(t.y),
@@ -292,168 +310,161 @@ def assess(road: Road, drive: Drive, *, has_shares: bool = True) -> Assessment:
 
 
 def _rounded_up(share: float) -> str:
-    """A share in percent, never rounded below its value."""
+    """Return a share in percent, never rounded below its value."""
     return f"{math.ceil(share * 1000.0 - 1e-9) / 10.0:g}%"
 
 
 def judge(road: Road, drive: Drive) -> Result:
-    """The verdict on one drive of a road.
+    """Return the verdict on one drive of a road.
 
     Records count until a rule ends the drive. A drive that a fault of its driver ended is a FAIL.
-    One that stops before any rule ends it, or that carries other trouble, is an ERROR.
+    A drive is an ERROR if it stops before any rule ends it, or if another part broke.
     """
     path = drive.trajectory
     records = len(path)
     trouble = drive.trouble
     if records == 0 or (trouble is not None and not is_drivers(trouble.fault)):
         duration = float(path.time[-1]) if records else 0.0
-        return broken(trouble or Trouble("The simulator recorded nothing"), duration)
+        return unusable_result(trouble or Trouble("The simulator recorded nothing"), duration)
     if not all(np.isfinite(column).all() for column in (path.time, path.x, path.y, path.heading)):
-        return broken(trouble or Trouble("The simulator recorded places that are no numbers"))
-    seen = assess(road, drive)
-    i = len(seen.distance) - 1
-    duration = float(path.time[i])
-    least = int(np.argmin(seen.oob_distance))
-    outcome = Outcome.FAIL
-    findings: tuple[Finding, ...] = ()
-    fault: Fault | None = None
-    rules = drive.rules
-    place = duration, float(seen.distance[i]), float(path.x[i]), float(path.y[i])
-    if seen.end == REACHED:
-        outcome, reason = Outcome.PASS, "Car reached the end of the road"
-    elif seen.end == LEFT_LANE:
-        side: Side = "left" if seen.lateral_offset[i] > 0.0 else "right"
-        share = float(seen.oob_share[i])
-        findings = (Finding(LANE, share, rules.oob_tolerance, side, *place),)
-        reason = (
-            f"Car drove out of the lane to the {side} after {seen.distance[i]:.0f} m:"
-            f" {_rounded_up(float(seen.oob_share[i]))} of it outside,"
-            f" {rules.oob_tolerance * 100:g}% tolerated"
+        return unusable_result(
+            trouble or Trouble("The simulator recorded places that are no numbers")
         )
-    elif seen.end == STUCK:
-        reason = (
-            f"Car moved less than {rules.stuck_distance:g} m in {rules.stuck_time:g} s"
-            f" at {seen.distance[i]:.0f} m"
-        )
-    elif seen.end == TIMED_OUT:
-        reason = (
-            f"Car took longer than {rules.timeout(road.length):.0f} s"
-            f" and was at {seen.distance[i]:.0f} m of {road.length:.0f} m"
-        )
-    elif trouble is not None:
-        reason, fault = trouble.reason, trouble.fault
-        findings = (Finding(DRIVER, 1.0, 0.0, None, *place),)
-    else:
+    assessment = assess(road, drive)
+    duration = float(path.time[len(assessment.distance) - 1])
+    end = _drive_end(road, drive, assessment)
+    if end is None:
         reason = f"The simulator stopped after {duration:.1f} s, before the drive had ended"
         return Result(Outcome.ERROR, reason, duration=duration)
-    if rules.criteria:
+    outcome, reason, findings = end.outcome, end.reason, end.findings
+    if drive.rules.criteria:
         try:
-            breaches = _breaches(road, drive, seen)
+            breaches = _breaches(road, drive, assessment)
         except FreneticError as error:
-            return broken(Trouble(str(error)), duration)
-        findings = tuple(sorted((*breaches, *findings), key=lambda one: one.time))
+            return unusable_result(Trouble(str(error)), duration)
+        findings = tuple(sorted((*breaches, *findings), key=lambda finding: finding.time))
         if breaches and outcome is Outcome.PASS:
-            outcome, reason = Outcome.FAIL, breach_in_words(breaches, rules.criteria)
+            outcome, reason = Outcome.FAIL, breach_in_words(breaches, drive.rules.criteria)
+    least = int(np.argmin(assessment.oob_distance))
     return Result(
         outcome,
         reason,
-        float(seen.oob_distance[least]),
-        float(seen.distance[least]),
-        float(seen.oob_share.max()),
+        float(assessment.oob_distance[least]),
+        float(assessment.distance[least]),
+        float(assessment.oob_share.max()),
         duration,
         findings,
-        fault,
+        end.fault,
     )
 
 
-def seen_by_criteria(road: Road, drive: Drive, assessment: Assessment | None = None) -> Seen:
-    """A drive as its criteria see it."""
-    seen = assess(road, drive) if assessment is None else assessment
-    return Seen.of(road, drive, seen.distance, seen.lateral_offset)
+@dataclass(frozen=True)
+class _DriveEnd:
+    """How a drive ended, before the criteria beside the lane are judged."""
+
+    outcome: Outcome
+    reason: str
+    findings: tuple[Finding, ...] = ()
+    fault: Fault | None = None
 
 
-def measured(road: Road, drive: Drive, criteria: Iterable[Criterion]) -> list[Measured]:
-    """The worst values in a drive; a criterion whose window is longer than the drive has none.
-
-    Raises:
-        FreneticError: a quantity cannot be measured.
-    """
-    seen = seen_by_criteria(road, drive)
-    return [found for one in criteria if (found := measure(one, seen)) is not None]
-
-
-def measures_json(road: Road, drive: Drive) -> list[dict[str, Any]]:
-    """The worst value of every quantity in a drive, for JSON, with the limits that it was given.
-
-    Raises:
-        FreneticError: a quantity cannot be measured.
-    """
-    seen = seen_by_criteria(road, drive)
-    limits = {one.quantity: one for one in drive.rules.criteria.criteria}
-    rows = []
-    for name in {**QUANTITIES, **limits}:
-        found, limit, what = worst(name, seen), limits.get(name), quantity(name)
-        if found is None:
-            continue
-        rows.append(
-            {
-                "quantity": name,
-                "unit": what.unit,
-                "value": found.value,
-                "side": found.side,
-                "time": simulated_time(float(seen.path.time[found.record])),
-                "distance": found.distance,
-                "window": found.criterion.window,
-                "limit": None if limit is None else limit.limit,
-                "clause": "" if limit is None else limit.clause,
-                "kept": None if limit is None else found.margin >= 0.0,
-            }
+def _drive_end(road: Road, drive: Drive, assessment: Assessment) -> _DriveEnd | None:
+    """Return how a drive ended; None if neither a rule nor the driver ended it."""
+    rules, path = drive.rules, drive.trajectory
+    i = len(assessment.distance) - 1
+    distance = float(assessment.distance[i])
+    place = float(path.time[i]), distance, float(path.x[i]), float(path.y[i])
+    if assessment.end == REACHED:
+        return _DriveEnd(Outcome.PASS, "Car reached the end of the road")
+    if assessment.end == LEFT_LANE:
+        side: Side = "left" if assessment.lateral_offset[i] > 0.0 else "right"
+        share = float(assessment.oob_share[i])
+        reason = (
+            f"Car drove out of the lane to the {side} after {distance:.0f} m:"
+            f" {_rounded_up(share)} of it outside, {rules.oob_tolerance * 100:g}% tolerated"
         )
-    return rows
+        departure = Finding(LANE, share, rules.oob_tolerance, side, *place)
+        return _DriveEnd(Outcome.FAIL, reason, (departure,))
+    if assessment.end == STUCK:
+        reason = (
+            f"Car moved less than {rules.stuck_distance:g} m in {rules.stuck_time:g} s"
+            f" at {distance:.0f} m"
+        )
+        return _DriveEnd(Outcome.FAIL, reason)
+    if assessment.end == TIMED_OUT:
+        reason = (
+            f"Car took longer than {rules.timeout(road.length):.0f} s"
+            f" and was at {distance:.0f} m of {road.length:.0f} m"
+        )
+        return _DriveEnd(Outcome.FAIL, reason)
+    if (trouble := drive.trouble) is not None:
+        finding = Finding(DRIVER, 1.0, 0.0, None, *place)
+        return _DriveEnd(Outcome.FAIL, trouble.reason, (finding,), trouble.fault)
+    return None
+
+
+def locate_drive(road: Road, drive: Drive, assessment: Assessment | None = None) -> LocatedDrive:
+    """Return a drive with the place of each record along its road, for its criteria."""
+    if assessment is None:
+        assessment = assess(road, drive)
+    return LocatedDrive.of(road, drive, assessment.distance, assessment.lateral_offset)
 
 
 def _breaches(road: Road, drive: Drive, assessment: Assessment) -> list[Finding]:
-    """Findings of the criteria beside the lane, each where its value is worst.
+    """Return the findings of the criteria beside the lane, each where its value is worst.
 
     Raises:
         FreneticError: a quantity cannot be measured.
     """
-    seen = seen_by_criteria(road, drive, assessment)
-    if not np.isfinite(seen.path.to_rows()).all():
+    located = locate_drive(road, drive, assessment)
+    path = located.path
+    if not np.isfinite(path.to_rows()).all():
         raise FreneticError(
             "The simulator recorded values that are no numbers: they cannot be judged"
         )
     findings = []
     for criterion in drive.rules.criteria.criteria:
-        found = measure(criterion, seen)
-        if found is not None and found.margin < 0.0:
-            i, path = found.record, seen.path
-            time, x, y = (float(column[i]) for column in (path.time, path.x, path.y))
-            name, limit, place = criterion.quantity, criterion.limit, found.distance
-            findings.append(Finding(name, found.value, limit, found.side, time, place, x, y))
+        worst_value = measure(criterion, located)
+        if worst_value is not None and worst_value.margin < 0.0:
+            i = worst_value.record
+            findings.append(
+                Finding(
+                    criterion.quantity,
+                    worst_value.value,
+                    criterion.limit,
+                    worst_value.side,
+                    float(path.time[i]),
+                    worst_value.distance,
+                    float(path.x[i]),
+                    float(path.y[i]),
+                )
+            )
     return findings
 
 
 def breach_in_words(findings: Sequence[Finding], criteria: Profile) -> str:
-    """The breaches of criteria beside the lane, in a sentence; empty without any."""
-    limits = {one.quantity: one for one in criteria.criteria}
+    """Return the breaches of criteria beside the lane, in a sentence; empty without breaches."""
+    limits = {criterion.quantity: criterion for criterion in criteria.criteria}
     texts = []
-    for one in findings:
-        if one.criterion in limits:
-            what = quantity(one.criterion)
-            side = f" {'to' if what.has_sides else 'on'} the {one.side}" if one.side else ""
-            text = f"{what.words} {what.told(one.value)}{side} at {one.distance:.0f} m"
-            texts.append(f"{text} ({limits[one.criterion].told()})")
+    for finding in findings:
+        if finding.criterion in limits:
+            limited = quantity(finding.criterion)
+            side = ""
+            if finding.side:
+                side = f" {'to' if limited.has_sides else 'on'} the {finding.side}"
+            text = f"{limited.words} {limited.text(finding.value)}{side}"
+            limit = limits[finding.criterion].text()
+            texts.append(f"{text} at {finding.distance:.0f} m ({limit})")
     text = "; ".join(texts)
     return text[:1].upper() + text[1:]
 
 
 def is_drivers(fault: Fault | None) -> bool:
-    """Whether a fault is the driver's."""
+    """Return whether a fault is the driver's."""
     return fault is not None and fault.part == "driver"
 
 
-def broken(trouble: Trouble, duration: float | None = None) -> Result:
-    """The verdict on a drive without a usable record: a FAIL if the fault is the driver's."""
+def unusable_result(trouble: Trouble, duration: float | None = None) -> Result:
+    """Return the verdict on an unusable drive: FAIL if the fault is the driver's, else ERROR."""
     outcome = Outcome.FAIL if is_drivers(trouble.fault) else Outcome.ERROR
     return Result(outcome, trouble.reason, duration=duration, fault=trouble.fault)

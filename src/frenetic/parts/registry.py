@@ -20,7 +20,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
 
-from frenetic._support.entry_points import Entry, installed
+from frenetic._support.entry_points import RegisteredPart, installed
 from frenetic.criteria.criterion import QUANTITIES
 from frenetic.errors import FreneticError, UnknownNameError, describe_raised, place_of
 from frenetic.parts.user_modules import load_own_module, load_user_file
@@ -74,7 +74,7 @@ class Registry:
     kind: str
     """Word for the kind: strategy, driver, simulator."""
     group: str
-    """Entry-point group."""
+    """RegisteredPart-point group."""
     built_in: Mapping[str, tuple[str, str]]
     """Name -> (``module:Class``, summary)."""
     methods: tuple[str, ...]
@@ -82,14 +82,14 @@ class Registry:
     target: str = "class"
     """Word for the code that a user's name refers to: class or function."""
 
-    def entries(self) -> list[Entry]:
+    def entries(self) -> list[RegisteredPart]:
         """Return all entries: built-in ones, then installed ones in alphabetical order.
 
         Raises:
             FreneticError: an installed package claims a name that is already taken.
         """
         entries = {
-            name: Entry(name, target, "built in", summary)
+            name: RegisteredPart(name, target, "built in", summary)
             for name, (target, summary) in self.built_in.items()
         }
         for entry in installed(self.group):
@@ -114,7 +114,7 @@ class Registry:
         entries = installed(self.group)
         return {entry.name: entry.target for entry in entries if entry.name.startswith(".")}
 
-    def about(self, entry: Entry) -> str:
+    def about(self, entry: RegisteredPart) -> str:
         """Return a line about a part: its summary, or its docstring's first line, or its target."""
         if entry.summary:
             return entry.summary

@@ -5,9 +5,9 @@ Names are imported on use, since Matplotlib imports slowly.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from frenetic._support.public_names import lazy_names
+from frenetic._support.lazy_names import import_name
 
 if TYPE_CHECKING:
     from frenetic.report.html import write_comparison_page, write_report
@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from frenetic.report.picture import draw_drive, draw_gallery, draw_road
     from frenetic.report.plots import plot, plot_progress
     from frenetic.report.results import Findings, Results, Step, resume, run
-
-__getattr__ = lazy_names(__name__)
 
 __all__ = [
     "Findings",
@@ -34,3 +32,25 @@ __all__ = [
     "write_comparison_page",
     "write_report",
 ]
+
+_MODULES = {
+    "Findings": "frenetic.report.results",
+    "Replay": "frenetic.report.html.replay",
+    "Results": "frenetic.report.results",
+    "Step": "frenetic.report.results",
+    "animate": "frenetic.report.html.replay",
+    "draw_drive": "frenetic.report.picture",
+    "draw_gallery": "frenetic.report.picture",
+    "draw_road": "frenetic.report.picture",
+    "plot": "frenetic.report.plots",
+    "plot_progress": "frenetic.report.plots",
+    "resume": "frenetic.report.results",
+    "run": "frenetic.report.results",
+    "write_comparison_page": "frenetic.report.html",
+    "write_report": "frenetic.report.html",
+}
+"""Public name -> module from which `__getattr__` imports it on use."""
+
+
+def __getattr__(name: str) -> Any:
+    return import_name(__name__, _MODULES, name)

@@ -192,7 +192,7 @@ def facts_of_drive(road: Road, seen: SeenDrive) -> list[Fact]:
     if gravest is not None and gravest.criterion not in (LANE, DRIVER):
         measure = quantity(gravest.criterion)
         place = f"at {gravest.distance:.0f} m"
-        departure = capitalised(measure.words), measure.told(gravest.value), place
+        departure = capitalised(measure.words), measure.text(gravest.value), place
     return [
         (
             "MOOBD",

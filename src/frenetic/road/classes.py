@@ -1,7 +1,7 @@
-"""Road classes: the rules by which roads are built for a design speed, and roads that keep them.
+"""Road classes: the rules by which roads are built for a design speed.
 
-A class is named (`classes.toml`), or one's own in a TOML file. What it leaves out follows from its
-design speed V in km/h:
+A class comes from `classes.toml` by its name, or from a user's TOML file. A rule that the file
+leaves out follows from the design speed V in km/h:
 
 ================== ==================================================================
 ``min_radius``     V² / (127 (e + f)), e the largest superelevation, f the side
@@ -21,7 +21,8 @@ design speed V in km/h:
 ================== ==================================================================
 
 Straights are level, and bends lean in proportion to their curvature up to ``max_superelevation`` at
-the least radius (AASHTO's method 1), so they lean along the clothoids. Lanes widen likewise.
+the least radius (AASHTO's method 1), so they lean along the clothoids. Lanes widen in proportion to
+the curvature, too.
 """
 
 from __future__ import annotations
@@ -34,40 +35,42 @@ from functools import cache
 from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple, Self, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Final, Self, TypeAlias
 
 import numpy as np
 from msgspec import Meta
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import NotNegative, Positive, check, converted
-from frenetic._support.compiled import njit
 from frenetic._support.files import read_bounded
 from frenetic._support.outside_text import read_toml
 from frenetic._support.words import read_part
 from frenetic.criteria.criterion import COMPETITION
 from frenetic.errors import FreneticError
 from frenetic.road import profile
+from frenetic.road.conforming import NO_CHANGE, conform
+from frenetic.road.steady_parts import indices_of, knots, steady_parts
 from frenetic.road.validity import Verdict
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
     from frenetic.road.road import Road
 
 GRAVITY: Final = 9.81  # m/s²
 SPEEDS: Final = (20, 30, 40, 50, 60, 70, 80, 90, 100, 110, 120, 130)
 """Design speeds of AASHTO's tables, in km/h."""
 _FRICTION: Final = (0.35, 0.28, 0.23, 0.19, 0.17, 0.15, 0.14, 0.13, 0.12, 0.11, 0.09, 0.08)
-"""Side friction factor for these design speeds (AASHTO)."""
+"""Side friction factors for these design speeds (AASHTO)."""
 _GRADIENT: Final = (0.80, 0.75, 0.70, 0.65, 0.60, 0.55, 0.50, 0.47, 0.44, 0.41, 0.38, 0.35)
-"""Largest slope of a lane's edge against its centre line for them, in % (AASHTO)."""
-_JERK: Final = 1.2  # m/s³
+"""Largest slopes of a lane's edge against its centre line for these speeds, in % (AASHTO)."""
+_JERK: Final = 1.2  # [m/s³] lateral jerk in a clothoid (AASHTO, spirals)
 _LONG_VEHICLE: Final = 50.0
 """Half the square of the 10 m from a long vehicle's rear axle to its front, in m²."""
-_LEAST_WIDENING: Final = 0.25  # m
-_SAME: Final = 1e-9  # share and 1/m by which values may miss a limit
-_NO_CHANGE: Final = 1e-12  # 1/m
+_LEAST_WIDENING: Final = 0.25  # [m] a smaller widening is left out (RAS-L 1995)
+_ROUNDING: Final = 1e-9
+"""Share, 1/m, or number of steps by which a rounded value may miss a limit; ours."""
+_LENGTH_ROUNDING: Final = 1e-6
+"""Length in m, or share of a bend of the grade, by which a value may miss a limit; ours."""
+
 _Speed: TypeAlias = Annotated[float, Meta(ge=20.0, le=250.0)]
 _Slope: TypeAlias = Annotated[float, Meta(ge=0.0, le=0.2)]
 
@@ -82,15 +85,15 @@ class RoadClass:
 
     name: str
     about: str = ""
-    """What roads they are, in a sentence."""
+    """Description of the roads, in a sentence."""
     design_speed: _Speed
-    """km/h."""
+    """Design speed, in km/h."""
     speed_limit: Positive
-    """km/h."""
+    """Speed limit, in km/h."""
     lane_width: Positive
-    """m."""
+    """Width of a lane outside bends, in m."""
     widening: NotNegative
-    """What a lane is wider in a bend, times its radius, in m²."""
+    """Widening of a lane in a bend, times the bend's radius, in m²."""
     length: Positive
     """Usual length of a road that a search proposes, in m."""
     map_size: Positive
@@ -100,7 +103,7 @@ class RoadClass:
     max_superelevation: _Slope
     """Steepest slope across the road, m/m."""
     min_radius: Positive
-    """m."""
+    """Least radius of a bend, in m."""
     min_clothoid: Positive
     """Least parameter A of a clothoid, in m: its curvature changes by 1/A² each m."""
     min_arc: NotNegative
@@ -114,10 +117,10 @@ class RoadClass:
     min_sag: Positive
     """Least radius of a sag, in m."""
     sources: Mapping[str, str] = field(default_factory=dict)
-    """Rule -> where it comes from."""
+    """Rule -> its source."""
 
     def __post_init__(self) -> None:
-        # A whole number is a float, too: records of a class are alike, however it was written.
+        # Whole numbers become floats: records of a class are equal, however a number was written.
         for name, value in converted(vars(self), RoadClass).items():
             object.__setattr__(self, name, value)
         if self.min_radius < 1.5 * self.lane_width:
@@ -128,51 +131,52 @@ class RoadClass:
 
     @classmethod
     def of(cls, name: str, options: Mapping[str, Any] | None = None) -> Self:
-        """The class of a name, or of a TOML file.
+        """Return the class with this name, or the class of a TOML file.
 
         Args:
             name: one of `classes`, or the path of a file that ends in .toml.
             options: values in place of the class's own.
 
         Raises:
-            FreneticError: there is no such class or file, or a value is wrong.
+            FreneticError: no class has this name, the file cannot be read, or a value is unknown
+                or out of range.
         """
-        given: Mapping[str, Any]
+        entries: Mapping[str, Any]
         changed = options or {}
         if name.endswith(".toml"):
-            given, source = _read(Path(name)), Path(name).stem
+            entries, class_name = _read(Path(name)), Path(name).stem
         else:
-            source = name
+            class_name = name
             if name not in classes():
                 raise FreneticError(
                     f"there is no road class {name!r}: choose competition,"
                     f" {', '.join(classes())}, or a TOML file"
                 )
-            given = classes()[name]
+            entries = classes()[name]
         try:
-            made = cls.made({"name": source, **given, **changed})
-            kept = {name: text for name, text in made.sources.items() if name not in changed}
-            return replace(made, sources=kept)
+            rules = cls.from_entries({"name": class_name, **entries, **changed})
+            sources = {rule: text for rule, text in rules.sources.items() if rule not in changed}
+            return replace(rules, sources=sources)
         except ValueError as error:
             raise FreneticError(f"road class {name}: {error}") from None
 
     @classmethod
-    def made(cls, given: Mapping[str, Any]) -> Self:
-        """The class of some values; those that are missing follow from the design speed.
+    def from_entries(cls, entries: Mapping[str, Any]) -> Self:
+        """Return the class with these values; missing values follow from the design speed.
 
         Args:
-            given: values by name.
+            entries: values by name.
 
         Raises:
-            ValueError: there is no such value, it is out of range, or the design speed is missing.
+            ValueError: a name is unknown, a value is out of range, or the design speed is missing.
         """
         known = [item.name for item in fields(cls)]
-        if unknown := given.keys() - known:
+        if unknown := entries.keys() - known:
             raise ValueError(f"there is no {min(unknown)}; there is {', '.join(known[2:-1])}")
-        if "design_speed" not in given:
+        if "design_speed" not in entries:
             raise ValueError("design_speed is missing: km/h are needed")
-        check(given, RoadClass)
-        speed = float(given["design_speed"])
+        check(entries, RoadClass)
+        speed = float(entries["design_speed"])
         values = {
             "speed_limit": speed,
             "lane_width": 3.5,
@@ -181,7 +185,7 @@ class RoadClass:
             "max_grade": 0.06,
             "widening": 0.0,
             "step": float(max(round(speed / 5.0), 5)),
-            **given,
+            **entries,
         }
         slope, width = float(values["max_superelevation"]), float(values["lane_width"])
         friction, gradient = friction_at(speed), float(np.interp(speed, SPEEDS, _GRADIENT))
@@ -193,7 +197,7 @@ class RoadClass:
         )
         sight = 0.278 * speed * 2.5 + 0.039 * speed**2 / 3.4
         if _LONG_VEHICLE / radius >= _LEAST_WIDENING:
-            values = {**values, "widening": given.get("widening", _LONG_VEHICLE)}
+            values = {**values, "widening": entries.get("widening", _LONG_VEHICLE)}
         derived = {
             "min_radius": radius,
             "min_clothoid": math.sqrt(square),
@@ -203,7 +207,7 @@ class RoadClass:
             "min_sag": 100.0 * speed**2 / 395.0,
         }
         for name, value in derived.items():
-            # Rounded to whole metres on the side of the rule.
+            # Rounded up to whole metres, so that the rule holds.
             values.setdefault(name, float(math.ceil(value - 1e-6)))
         values.setdefault("map_size", 100.0 * math.ceil(float(values["length"]) / 100.0 + 1.0))
         formulas = dict.fromkeys(derived, f"AASHTO Green Book, for {speed:g} km/h") | {
@@ -211,21 +215,24 @@ class RoadClass:
             "min_straight": "RAS-L 1995: 6 V" if speed >= 60.0 else "the way of 2 s",
             "widening": "RAS-L 1995: D² / 2, D = 10 m; none below 0.25 m",
         }
-        sources = {name: text for name, text in formulas.items() if name not in given}
-        sources |= given.get("sources", {})
+        sources = {name: text for name, text in formulas.items() if name not in entries}
+        sources |= entries.get("sources", {})
         return cls(**values | {"sources": sources})
 
     def as_json(self) -> dict[str, Any]:
-        """Its values, which `made` takes."""
+        """Return the values, as `from_entries` takes them."""
         return asdict(self)
 
     def in_words(self) -> str:
-        """Its name and design speed."""
+        """Return name and design speed in words."""
         return f"{self.name}, {self.design_speed:g} km/h"
 
     @property
     def plain(self) -> str:
-        """The class with flat roads of one width, ``rural-80,max_grade=0``; empty if this is it."""
+        """Text of the class with flat roads of one width, such as ``rural-80,max_grade=0``.
+
+        Empty if the roads of this class are flat and have one width.
+        """
         rules = ("max_superelevation", "max_grade", "widening")
         zeros = [f"{name}=0" for name in rules if getattr(self, name)]
         name = self.name if self.name in classes() else "CLASS"
@@ -235,35 +242,35 @@ class RoadClass:
 
     @property
     def max_curvature(self) -> float:
-        """1/m."""
+        """Largest curvature, in 1/m."""
         return 1.0 / self.min_radius
 
     def limits(self, step: float) -> FloatArray:
-        """What `conform` keeps for values that are ``step`` m apart, (4,).
+        """Return the limits for `conform`, (4,), for values that are ``step`` m apart.
 
-        Largest curvature in 1/m, its largest change from value to value, and the values that an arc
-        and a straight between two bends to the same side take at least.
+        Largest curvature in 1/m, its largest change from value to value, and the least numbers of
+        values of an arc and of a straight between two bends to the same side.
         """
         return np.array(
             [
                 self.max_curvature,
                 step / self.min_clothoid**2,
-                math.ceil(self.min_arc / step - _SAME),
-                math.ceil(self.min_straight / step - _SAME),
+                math.ceil(self.min_arc / step - _ROUNDING),
+                math.ceil(self.min_straight / step - _ROUNDING),
             ]
         )
 
     def conformed(self, curvatures: FloatArray, step: float) -> FloatArray:
-        """Values, (N,) 1/m, that keep the rules and follow the given ones as far as these let them.
+        """Return curvatures, (N,) 1/m, that meet the rules, as near to other ones as possible.
 
-        Values that keep them stay as they are.
+        Curvatures that meet the rules stay as they are.
         """
         values = np.array(curvatures, dtype=np.float64)
         conform(values, self.limits(step), np.empty_like(values))
         return values
 
     def profiles(self, curvatures: FloatArray, step: float) -> dict[str, Any]:
-        """Superelevation and widening, (k, 2), of a road of (N,) curvatures, 1/m, each step m."""
+        """Return superelevation and widening, (k, 2), of a road with (N,) curvatures in 1/m."""
         # To the inside of the bend: a left bend, of positive curvature, rises to the right.
         leaning = -self.max_superelevation * self.min_radius * curvatures
         columns = {"superelevation": leaning, "widening": self.widening * np.abs(curvatures)}
@@ -277,213 +284,137 @@ class RoadClass:
     # Grade
 
     def conformed_grades(self, grades: FloatArray, step: float) -> FloatArray:
-        """Grades, (N,), that keep the rules and follow the given ones as far as these let them."""
-        kept = np.clip(grades, -self.max_grade, self.max_grade)
+        """Return grades, (N,), that meet the rules and follow other ones as far as possible."""
+        conformed = np.clip(grades, -self.max_grade, self.max_grade)
         down, up = step / self.min_crest, step / self.min_sag
-        for i in range(1, len(kept)):
-            kept[i] = min(max(kept[i], kept[i - 1] - down), kept[i - 1] + up)
-        return kept
+        for i in range(1, len(conformed)):
+            conformed[i] = min(max(conformed[i], conformed[i - 1] - down), conformed[i - 1] + up)
+        return conformed
 
     # Judging
 
     def breach(self, road: Road) -> str:
-        """The first rule that a road does not keep, in words; empty if it keeps all."""
-        return next(self._breaches(road), "")
+        """Return the first rule that a road breaches, in words; empty if it meets all."""
+        return next(_find_breaches(self, road), "")
 
     def verdict(self, road: Road) -> Verdict:
-        """Whether a road keeps the rules, and if not, the first that it does not keep."""
+        """Return whether a road meets the rules, with the first breach as message."""
         text = self.breach(road)
         return Verdict(not text, text)
 
-    def _told(self, rule: str, what: str, needed: str) -> str:
-        source = self.sources.get(rule, "")
-        return f"{what}: {self.name} needs {needed}" + (f" ({source})" if source else "")
 
-    def _breaches(self, road: Road) -> Iterator[str]:
-        values, step = road.curvatures, road.step
-        for i in _places(np.abs(values) > self.max_curvature * (1.0 + _SAME)):
-            what = f"A radius of {1.0 / abs(values[i]):.0f} m at {i * step:.0f} m"
-            yield self._told("min_radius", what, f"at least {self.min_radius:g} m")
-        changes = np.abs(np.diff(values)) / step
-        for i in _places(changes > (1.0 + _SAME) / self.min_clothoid**2):
-            what = f"A clothoid with A of {1.0 / math.sqrt(changes[i]):.0f} m at {i * step:.0f} m"
-            yield self._told("min_clothoid", what, f"at least {self.min_clothoid:g} m")
-        for stretch in _stretches(values):
-            length, at = (stretch.last - stretch.first) * step, stretch.first * step
-            if abs(stretch.value) > _NO_CHANGE:
-                least, rule, what = self.min_arc, "min_arc", f"An arc of {length:.0f} m"
-            elif stretch.before * stretch.after > 0.0:
-                least, rule = self.min_straight, "min_straight"
-                what = f"A straight of {length:.0f} m between bends to the same side"
-            else:
-                continue
-            if length < least - 1e-6:
-                yield self._told(rule, f"{what} at {at:.0f} m", f"at least {least:g} m")
-        yield from self._breaches_across(road)
-        pairs = profile.cut(road.grade, 0.0, road.length)
-        for i in _places(np.abs(pairs[:, 1]) > self.max_grade * (1.0 + _SAME) + _SAME):
-            what = f"A grade of {100.0 * pairs[i, 1]:.1f} % at {pairs[i, 0]:.0f} m"
-            yield self._told("max_grade", what, f"at most {100.0 * self.max_grade:g} %")
-        for (at, before), (end, after) in pairwise(pairs):
-            bend = (after - before) / (end - at)
-            word, rule = ("crest", "min_crest") if bend < 0.0 else ("sag", "min_sag")
-            least = getattr(self, rule)
-            if abs(bend) * least > 1.0 + 1e-6:
-                what = f"A {word} of {1.0 / abs(bend):.0f} m radius at {at:.0f} m"
-                yield self._told(rule, what, f"at least {least:g} m")
-        if road.lane_width < self.lane_width * (1.0 - _SAME):
-            what = f"The lanes are {road.lane_width:g} m wide"
-            yield self._told("lane_width", what, f"at least {self.lane_width:g} m")
-        stations, curvatures = knots(road, road.widening)
-        widths = road.lane_width + profile.value_at(road.widening, stations)
-        needed = self.lane_width + self.widening * np.abs(curvatures)
-        for i in _places(widths < needed * (1.0 - _SAME)):
-            what = f"A lane of {widths[i]:.2f} m in a radius of {1.0 / abs(curvatures[i]):.0f} m"
-            what += f" at {stations[i]:.0f} m"
-            yield self._told("widening", what, f"at least {needed[i]:.2f} m")
-
-    def _breaches_across(self, road: Road) -> Iterator[str]:
-        stations, curvatures = knots(road, road.superelevation)
-        slopes = profile.value_at(road.superelevation, stations)
-        for i in _places(np.abs(slopes) > self.max_superelevation * (1.0 + _SAME) + _SAME):
-            what = f"A superelevation of {100.0 * abs(slopes[i]):.1f} % at {stations[i]:.0f} m"
-            needed = f"at most {100.0 * self.max_superelevation:g} %"
-            yield self._told("max_superelevation", what, needed)
-        # What the side friction has to hold at the design speed, as V²/(127 R) says it.
-        demand = self.design_speed**2 / 127.0 * curvatures + slopes
-        most = self.design_speed**2 / 127.0 * self.max_curvature - self.max_superelevation
-        for i in _places(np.abs(demand) > max(most, 0.0) + 1e-6):
-            radius = 1.0 / max(abs(float(curvatures[i])), 1e-9)
-            what = (
-                f"A side friction of {abs(demand[i]):.2f} at {stations[i]:.0f} m, in a radius of"
-                f" {radius:.0f} m with {100.0 * abs(slopes[i]):.1f} % of superelevation"
-            )
-            yield self._told("min_radius", what, f"at most {max(most, 0.0):.2f}")
+# Breaches
 
 
-def _places(broken: npt.NDArray[np.bool_]) -> list[int]:
-    """Indices at which a rule is not kept."""
-    return np.flatnonzero(broken).tolist()
+def _find_breaches(rules: RoadClass, road: Road) -> Iterator[str]:
+    """Yield each breach of the rules by a road, in words."""
+    yield from _breaches_of_curvature(rules, road)
+    yield from _breaches_of_length(rules, road)
+    yield from _breaches_across(rules, road)
+    yield from _breaches_of_grade(rules, road)
+    yield from _breaches_of_width(rules, road)
 
 
-def knots(road: Road, pairs: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Stations where the curvature or a profile bends, in m, and the curvatures there."""
-    samples = np.arange(len(road.curvatures)) * road.step
-    stations = np.unique(np.concatenate([samples, pairs[:, 0]]))
-    stations = stations[(stations >= 0.0) & (stations <= road.length + _SAME)]
-    return stations, road.curvature_at(stations)
+def _text(rules: RoadClass, rule: str, fact: str, needed: str) -> str:
+    """Return a breach in words: the fact about the road, and what the rule needs."""
+    source = rules.sources.get(rule, "")
+    return f"{fact}: {rules.name} needs {needed}" + (f" ({source})" if source else "")
+
+
+def _breaches_of_curvature(rules: RoadClass, road: Road) -> Iterator[str]:
+    values, step = road.curvatures, road.step
+    for i in indices_of(np.abs(values) > rules.max_curvature * (1.0 + _ROUNDING)):
+        fact = f"A radius of {1.0 / abs(values[i]):.0f} m at {i * step:.0f} m"
+        yield _text(rules, "min_radius", fact, f"at least {rules.min_radius:g} m")
+    changes = np.abs(np.diff(values)) / step
+    for i in indices_of(changes > (1.0 + _ROUNDING) / rules.min_clothoid**2):
+        fact = f"A clothoid with A of {1.0 / math.sqrt(changes[i]):.0f} m at {i * step:.0f} m"
+        yield _text(rules, "min_clothoid", fact, f"at least {rules.min_clothoid:g} m")
+
+
+def _breaches_of_length(rules: RoadClass, road: Road) -> Iterator[str]:
+    step = road.step
+    for part in steady_parts(road.curvatures):
+        length, start = (part.last - part.first) * step, part.first * step
+        if abs(part.curvature) > NO_CHANGE:
+            least, rule, fact = rules.min_arc, "min_arc", f"An arc of {length:.0f} m"
+        elif part.before * part.after > 0.0:
+            least, rule = rules.min_straight, "min_straight"
+            fact = f"A straight of {length:.0f} m between bends to the same side"
+        else:
+            continue
+        if length < least - _LENGTH_ROUNDING:
+            yield _text(rules, rule, f"{fact} at {start:.0f} m", f"at least {least:g} m")
+
+
+def _breaches_across(rules: RoadClass, road: Road) -> Iterator[str]:
+    stations, curvatures = knots(road, road.superelevation)
+    slopes = profile.value_at(road.superelevation, stations)
+    steepest = rules.max_superelevation
+    for i in indices_of(np.abs(slopes) > steepest * (1.0 + _ROUNDING) + _ROUNDING):
+        fact = f"A superelevation of {100.0 * abs(slopes[i]):.1f} % at {stations[i]:.0f} m"
+        needed = f"at most {100.0 * steepest:g} %"
+        yield _text(rules, "max_superelevation", fact, needed)
+    # Side friction that a car needs at the design speed, by V²/(127 R).
+    demand = rules.design_speed**2 / 127.0 * curvatures + slopes
+    most = rules.design_speed**2 / 127.0 * rules.max_curvature - rules.max_superelevation
+    for i in indices_of(np.abs(demand) > max(most, 0.0) + 1e-6):
+        radius = 1.0 / max(abs(float(curvatures[i])), 1e-9)
+        fact = (
+            f"A side friction of {abs(demand[i]):.2f} at {stations[i]:.0f} m, in a radius of"
+            f" {radius:.0f} m with {100.0 * abs(slopes[i]):.1f} % of superelevation"
+        )
+        yield _text(rules, "min_radius", fact, f"at most {max(most, 0.0):.2f}")
+
+
+def _breaches_of_grade(rules: RoadClass, road: Road) -> Iterator[str]:
+    pairs = profile.cut(road.grade, 0.0, road.length)
+    for i in indices_of(np.abs(pairs[:, 1]) > rules.max_grade * (1.0 + _ROUNDING) + _ROUNDING):
+        fact = f"A grade of {100.0 * pairs[i, 1]:.1f} % at {pairs[i, 0]:.0f} m"
+        yield _text(rules, "max_grade", fact, f"at most {100.0 * rules.max_grade:g} %")
+    for (start, before), (end, after) in pairwise(pairs):
+        bend = (after - before) / (end - start)
+        word, rule = ("crest", "min_crest") if bend < 0.0 else ("sag", "min_sag")
+        least = getattr(rules, rule)
+        if abs(bend) * least > 1.0 + _LENGTH_ROUNDING:
+            fact = f"A {word} of {1.0 / abs(bend):.0f} m radius at {start:.0f} m"
+            yield _text(rules, rule, fact, f"at least {least:g} m")
+
+
+def _breaches_of_width(rules: RoadClass, road: Road) -> Iterator[str]:
+    if road.lane_width < rules.lane_width * (1.0 - _ROUNDING):
+        fact = f"The lanes are {road.lane_width:g} m wide"
+        yield _text(rules, "lane_width", fact, f"at least {rules.lane_width:g} m")
+    stations, curvatures = knots(road, road.widening)
+    widths = road.lane_width + profile.value_at(road.widening, stations)
+    needed = rules.lane_width + rules.widening * np.abs(curvatures)
+    for i in indices_of(widths < needed * (1.0 - _ROUNDING)):
+        fact = f"A lane of {widths[i]:.2f} m in a radius of {1.0 / abs(curvatures[i]):.0f} m"
+        fact += f" at {stations[i]:.0f} m"
+        yield _text(rules, "widening", fact, f"at least {needed[i]:.2f} m")
+
+
+# Names and formulas
 
 
 def friction_at(speed: float) -> float:
-    """Side friction factor for a design speed in km/h."""
+    """Return the side friction factor for a design speed in km/h."""
     return float(np.interp(speed, SPEEDS, _FRICTION))
-
-
-class _Stretch(NamedTuple):
-    """Values of one curvature between two clothoids, or the one at which clothoids meet."""
-
-    first: int
-    last: int
-    value: float
-    before: float
-    """Curvature from which the clothoid before it comes."""
-    after: float
-    """Curvature to which the one behind it leads."""
-
-
-def _stretches(values: FloatArray) -> list[_Stretch]:
-    """The stretches of a road but for those at its ends, which may be parts of longer ones."""
-    changes = np.diff(values)
-    signs = np.where(np.abs(changes) > _NO_CHANGE, np.sign(changes), 0.0)
-    runs = [0, *_places(np.diff(signs, prepend=signs[0]) != 0.0), len(signs)]
-    ends: list[tuple[int, int]] = []
-    for first, last in pairwise(runs):
-        if signs[first] == 0.0:
-            ends.append((first, last))
-        elif not ends or ends[-1][1] != first:
-            ends.append((first, first))
-    if ends[-1][1] != len(signs):
-        ends.append((len(signs), len(signs)))
-    curvatures = [float(values[first]) for first, _ in ends]
-    return [
-        _Stretch(*ends[k], curvatures[k], curvatures[k - 1], curvatures[k + 1])
-        for k in range(1, len(ends) - 1)
-    ]
-
-
-@njit()
-def conform(values: FloatArray, limits: FloatArray, wished: FloatArray) -> None:
-    """Make curvatures, (n,) 1/m, keep a class's rules, from the first value on, in place.
-
-    Each value is a wish. From a curvature that has lasted long enough a clothoid leads to where the
-    wishes turn or rest next, as they do if they are slow enough, or as fast as is allowed; then the
-    curvature lasts. Wishes that keep the rules are kept.
-
-    Args:
-        values: (n,) 1/m.
-        limits: (4,) see `RoadClass.limits`.
-        wished: (n,) room.
-    """
-    bound, change, arc, straight = limits[0], limits[1], int(limits[2]), int(limits[3])
-    n = len(values)
-    for i in range(n):
-        wished[i] = min(max(values[i], -bound), bound)
-    values[0] = wished[0]
-    i = 0
-    free = 0  # index from which the present curvature may be left
-    begun = 0  # index where the present straight began
-    side = 0.0  # of the last bend; 0 before the first
-    while i < n - 1:
-        now = values[i]
-        target = now
-        turn = i + 1  # where the wishes turn or rest next
-        if i >= free and abs(wished[i + 1] - now) > _NO_CHANGE:
-            while turn + 1 < n:
-                step = wished[turn + 1] - wished[turn]
-                if abs(step) <= _NO_CHANGE:
-                    break
-                if turn > i + 1 and step * (wished[turn] - wished[turn - 1]) < 0.0:
-                    break
-                turn += 1
-            target = wished[turn]
-            if abs(target) <= _NO_CHANGE:
-                target = 0.0
-            if now == 0.0 and side * target > 0.0 and i - begun < straight:
-                target = now
-        if abs(target - now) <= _NO_CHANGE:
-            i += 1
-            values[i] = now
-            continue
-        needed = max(math.ceil(abs(target - now) / change - 1e-9), 1)
-        is_kept = turn - i >= needed
-        for k in range(i + 1, turn + 1):
-            before = now if k == i + 1 else wished[k - 1]
-            rise = (wished[k] - before) * (1.0 if target > now else -1.0)
-            is_kept = is_kept and 0.0 < rise <= change * (1.0 + 1e-9)
-        count = turn - i if is_kept else needed
-        for k in range(1, count + 1):
-            if i + k < n:
-                values[i + k] = wished[i + k] if is_kept else now + (target - now) * k / count
-        if now != 0.0:
-            side = 1.0 if now > 0.0 else -1.0
-        i += count
-        if i < n:
-            values[i] = target
-        free = i
-        begun = i
-        if target != 0.0:
-            side = 1.0 if target > 0.0 else -1.0
-            free = i + arc
 
 
 @cache
 def classes() -> Mapping[str, Mapping[str, Any]]:
-    """Name of a class -> what its file says of it."""
+    """Return the entries of `classes.toml`: name of a class -> its values."""
     text = files("frenetic.road").joinpath("classes.toml").read_text(encoding="utf-8")
     return tomllib.loads(text)
 
 
 def _read(path: Path) -> Mapping[str, Any]:
+    """Return the entries of a TOML file.
+
+    Raises:
+        FreneticError: the file cannot be read, or is no TOML file.
+    """
     try:
         return read_toml(read_bounded(path))
     except ValueError as error:
@@ -491,17 +422,17 @@ def _read(path: Path) -> Mapping[str, Any]:
 
 
 def class_of(roads: object) -> RoadClass | None:
-    """The class of a text such as ``rural-80,length=1500``, or of its values.
+    """Return the class of a text such as ``rural-80,length=1500``, or of a table of values.
 
     Returns:
-        None for the competition's roads, which have no class.
+        The class; None for the competition's roads, which have no class.
 
     Raises:
-        ValueError: the text or the values are wrong.
-        FreneticError: there is no such class.
+        ValueError: the text names no class, or a value is unknown or out of range.
+        FreneticError: no class has this name.
     """
     if isinstance(roads, Mapping):
-        return RoadClass.made({"name": "own", **roads})
+        return RoadClass.from_entries({"name": "own", **roads})
     name, options = read_part(str(roads))
     if name is None:
         raise ValueError(f"{roads!r} names no road class, as in rural-80,length=1500")

@@ -20,32 +20,33 @@ from frenetic.errors import RoadError
 from frenetic.road import geometry, profile
 from frenetic.road.classes import RoadClass
 from frenetic.road.opendrive import RoadMap, Stretch
-from frenetic.road.opendrive.reading import SLOPE_ERROR, WIDTH_ERROR, quoted_id
+from frenetic.road.opendrive.following import SLOPE_ERROR, WIDTH_ERROR
+from frenetic.road.opendrive.ids import quoted_id
 from frenetic.road.road import MAX_COORDINATE, MIN_DISTANCE, START, Road
 from frenetic.road.validity import MAP_SIZE, Verdict, check_validity
 
 MAX_BYTES: Final = 8 * 2**20
-"""Largest road file that is read; a competition's test file of a long drive has about 1 MiB."""
+"""Largest road file that is read, in bytes; ours: a competition's test file has about 1 MiB."""
 MAX_MAP_BYTES: Final = 64 * 2**20
-"""Largest OpenDRIVE file that is read."""
+"""Largest OpenDRIVE file that is read, in bytes; ours."""
 _SUFFIXES: Final = {".json", ".xodr"}
-"""Of the files that are looked into in a folder."""
+"""Suffixes of the files that are read in a folder."""
 _OPENDRIVE: Final = " cannot be read as OpenDRIVE"
 _NODE_ENTRIES: Final[Mapping[int, tuple[str, ...]]] = {
     2: (),
     3: ("grade",),
     4: ("grade", "widening", "lane_width"),
 }
-"""Numbers of a road point -> entries of a road file that say the same."""
+"""Count of a road point's numbers -> entries of a road file that would repeat them."""
 
 
-class Point(Struct):
-    """A road point that is an object."""
+class RoadPoint(Struct):
+    """A road point in the form of an object."""
 
     x: float
-    """m."""
+    """Coordinate in m."""
     y: float
-    """m."""
+    """Coordinate in m."""
     z: float | None = None
     """Height in m."""
     width: float | None = None
@@ -56,15 +57,15 @@ class RoadEntries(Struct):
     """The entries of a road file that describe its road."""
 
     curvatures: list[float] | None = None
-    """1/m."""
-    road_points: list[list[float] | Point] | None = None
+    """Curvatures, in 1/m."""
+    road_points: list[list[float] | RoadPoint] | None = None
     """[x, y], [x, y, height] or [x, y, height, width of both lanes together], in m."""
     step: float = 10.0
-    """m."""
+    """Distance between two curvatures, in m."""
     pose: tuple[float, float, float] | None = None
-    """m, m and rad."""
+    """x, y and heading of the first curvature, in m, m and rad."""
     lane_width: float = 4.0
-    """m."""
+    """Width of a lane, in m."""
     superelevation: list[tuple[float, float]] | None = None
     """Pairs of m and m/m."""
     grade: list[tuple[float, float]] | None = None
@@ -77,46 +78,49 @@ class RoadEntries(Struct):
 
 @dataclass(frozen=True)
 class RoadFile:
-    """A road as a file gives it: its curvatures or its points, unchanged."""
+    """A road in a file: its curvatures or its points, unchanged."""
 
     path: Path
-    given: RoadEntries
+    road_entries: RoadEntries
+    """Entries that describe the road."""
     entries: Mapping[str, Any] = field(default_factory=dict)
-    """All entries of its JSON object, unchecked."""
+    """All entries of the JSON object, unchecked."""
     notes: tuple[str, ...] = ()
     """Sentences about roads of a map that do not quite meet."""
     map_road: str | None = None
-    """Text for `RoadMap.stretches` that gives the road of a map where it lies."""
+    """Text for `RoadMap.stretches` that returns the road at its place in the map."""
 
     def road(self) -> Road:
-        """The road; one given by points stays in place.
+        """Return the road; a road through points stays in place.
 
         Raises:
             RoadError: the values describe no road; the message names the file.
         """
-        given = self.given
+        entries = self.road_entries
         with _naming(self.path):
-            profiles = {name: values for name in profile.NAMES if (values := getattr(given, name))}
-            if given.curvatures is not None:
-                pose = given.pose or START
-                road = Road(given.curvatures, given.step, pose, lane_width=given.lane_width)
+            profiles = {
+                name: values for name in profile.NAMES if (values := getattr(entries, name))
+            }
+            if entries.curvatures is not None:
+                pose = entries.pose or START
+                road = Road(entries.curvatures, entries.step, pose, lane_width=entries.lane_width)
             else:
                 points = self._points()
-                road = Road.from_points(points[:, :2], lane_width=given.lane_width)
+                road = Road.from_points(points[:, :2], lane_width=entries.lane_width)
                 road = _with_nodes(road, points)
             return replace(road, **profiles)
 
     def check_validity(
         self, map_size: float = MAP_SIZE, road_class: RoadClass | None = None
     ) -> Verdict:
-        """The verdict on points in place, or on curvatures fitted to the map.
+        """Return the verdict on points in place, or on curvatures fitted to the map.
 
-        It is the competition's, or that of a road class.
+        The rules are the competition's, or the road class's.
 
         Raises:
             RoadError: the values describe no road; the message names the file.
         """
-        if self.given.curvatures is not None:
+        if self.road_entries.curvatures is not None:
             return self.road().placed(map_size, road_class=road_class)[1]
         if road_class is not None:
             return self.road().check_validity(map_size, road_class)
@@ -124,14 +128,14 @@ class RoadFile:
             return check_validity(self._points()[:, :2], map_size)
 
     def _points(self) -> FloatArray:
-        """The points, (N, 2) x and y, (N, 3) with heights or (N, 4) also with widths, in m.
+        """Return the points, (N, 2) x and y, (N, 3) with heights or (N, 4) also with widths, in m.
 
         Raises:
-            RoadError: a point has other numbers than the first, or the file says slopes or widths
-                beside those of the points.
+            RoadError: two points have different counts of numbers, or the file has slopes or widths
+                beside the points' heights and widths.
         """
-        points = self.given.road_points or []
-        rows = [_node(point) if isinstance(point, Point) else point for point in points]
+        points = self.road_entries.road_points or []
+        rows = [_node(point) if isinstance(point, RoadPoint) else point for point in points]
         count = len(rows[0]) if rows else 2
         for i, row in enumerate(rows):
             if len(row) not in _NODE_ENTRIES:
@@ -157,15 +161,15 @@ class RoadFile:
         return nodes
 
 
-def _node(point: Point) -> list[float]:
-    """The numbers of a point that is an object."""
+def _node(point: RoadPoint) -> list[float]:
+    """Return the numbers of a point in the form of an object."""
     if point.width is not None:
         return [point.x, point.y, point.z or 0.0, point.width]
     return [point.x, point.y] if point.z is None else [point.x, point.y, point.z]
 
 
 def _with_nodes(road: Road, nodes: FloatArray) -> Road:
-    """A flat road with the heights and widths, if any, of nodes (N, 2 to 4) through which it leads.
+    """Return a flat road with the heights and widths, if any, of its nodes (N, 2 to 4).
 
     Raises:
         RoadError: a slope or a width is out of range.
@@ -176,7 +180,7 @@ def _with_nodes(road: Road, nodes: FloatArray) -> Road:
     for (x, y), chord in zip(
         nodes[1:, :2], np.hypot(*np.diff(nodes[:, :2], axis=0).T), strict=True
     ):
-        # Behind the node before by the chord's length, or by up to twice that in a tight bend.
+        # The node lies one chord behind the node before it, in a tight bend up to two chords.
         near = places[-1] + 1.5 * chord
         place, _ = geometry.project_near(road.table, road.sub_step, x, y, near, 0.5 * chord + 1.0)
         places.append(max(place, places[-1]))
@@ -203,7 +207,7 @@ def read_road(
     roads: str | None = None,
     test: int | None = None,
 ) -> RoadFile:
-    """Reads a road from a JSON or an OpenDRIVE file.
+    """Read a road from a JSON or an OpenDRIVE file.
 
     A JSON file holds an object with ``curvatures`` (1/m) and optionally ``step`` (m, 10), ``pose``
     ([x, y, heading] in m, m, rad) and ``lane_width`` (m, 4); or one with ``road_points`` ([x, y] or
@@ -216,10 +220,10 @@ def read_road(
     An OpenDRIVE file is known by its suffix ``.xodr`` or by being XML.
 
     Args:
-        path: of the file.
+        path: the file.
         lane: OpenDRIVE only, id of the lane to drive on, see `RoadMap.road`.
-        roads: OpenDRIVE only, ids of the roads that make the stretch, see `RoadMap.stretches`; None
-            for the only road.
+        roads: OpenDRIVE only, ids of the roads of a stretch, see `RoadMap.stretches`; None for the
+            map's only road.
         test: number from 1 of an object in a list; None for a file that holds one road.
 
     Raises:
@@ -231,8 +235,8 @@ def read_road(
         _, (first, *behind) = read_stretches(path, roads, lane=lane)
         if behind:
             with _naming(path, _OPENDRIVE):
-                why = "".join(f": {note}" for note in behind[0].notes)
-                raise RoadError(f"{behind[0].name} does not begin where {first.name} ends{why}")
+                notes = "".join(f": {note}" for note in behind[0].notes)
+                raise RoadError(f"{behind[0].name} does not begin where {first.name} ends{notes}")
         entries = convert(entries_of(first.road), RoadEntries)
         return RoadFile(path, entries, notes=first.notes)
     data = _load(path)
@@ -266,7 +270,7 @@ def read_road(
 
 
 def _are_tests(content: Sequence[object]) -> bool:
-    """Whether a list holds objects with a road each, not points."""
+    """Return whether a list holds objects with a road each, not points."""
     return bool(content) and all(
         isinstance(item, Mapping) and not item.keys().isdisjoint(("road_points", "curvatures"))
         for item in content
@@ -274,10 +278,11 @@ def _are_tests(content: Sequence[object]) -> bool:
 
 
 def _chosen(path: Path, content: object, test: int | None) -> Any:
-    """The object with a number in a file's list of tests.
+    """Return the object with a number in a file's list of tests.
 
     Raises:
-        RoadError: there is none, or no number to choose by.
+        RoadError: the file has no list of tests, the list lacks the number, or no number chooses
+            one of several tests.
     """
     if not isinstance(content, list) or not _are_tests(content):
         raise _no_list(path, test)
@@ -302,10 +307,10 @@ def _no_list(path: Path, test: int | None) -> RoadError:
 def read_stretches(
     path: Path | str, roads: str, *, lane: int | None = None
 ) -> tuple[RoadMap, list[Stretch]]:
-    """An OpenDRIVE file, and stretches of its roads, see `RoadMap.stretches`.
+    """Return an OpenDRIVE file's map, and stretches of its roads, see `RoadMap.stretches`.
 
     Raises:
-        RoadError: as for `read_road`.
+        RoadError: the file is missing, unreadable, too large or no OpenDRIVE file, or lacks a road.
     """
     path = Path(path)
     data = _load(path)
@@ -321,44 +326,44 @@ def _is_opendrive(path: Path, data: bytes) -> bool:
 
 
 @contextmanager
-def _naming(path: Path, what: str = "") -> Iterator[None]:
-    """Names the file in errors."""
+def _naming(path: Path, problem: str = "") -> Iterator[None]:
+    """Put the file's path and a problem in front of errors that the block raises."""
     try:
         yield
     except RoadError as error:
-        raise RoadError(f"{path}{what}: {error}") from None
+        raise RoadError(f"{path}{problem}: {error}") from None
 
 
 def entries_of(road: Road) -> dict[str, Any]:
-    """The entries of a road's file; profiles only if it has some."""
+    """Return the entries of a road's file, without profiles that the road lacks."""
     profiles = {name: getattr(road, name) for name in profile.NAMES}
     return {
         "curvatures": road.curvatures.tolist(),
         "step": road.step,
         "pose": list(road.pose),
         "lane_width": road.lane_width,
-        **{name: one.tolist() for name, one in profiles.items() if len(one)},
+        **{name: pairs.tolist() for name, pairs in profiles.items() if len(pairs)},
     }
 
 
 def road_file(path: Path, content: Mapping[str, Any]) -> RoadFile:
-    """The road of a JSON object, as `read_road` describes it.
+    """Return the road of a JSON object, as `read_road` describes it.
 
     Args:
-        path: where the object is from, for messages.
+        path: file of the object, for messages.
         content: the object.
 
     Raises:
-        RoadError: it holds no road.
+        RoadError: an entry has a wrong type, or the object has neither curvatures nor points.
     """
     try:
-        given = convert(content, RoadEntries)
+        entries = convert(content, RoadEntries)
     except ValueError as error:  # half a character, too
         raise RoadError(f"{path}: {error}") from None
-    if given.curvatures is None and given.road_points is None:
+    if entries.curvatures is None and entries.road_points is None:
         keys = ", ".join(sorted(map(str, content))[:8]) or "nothing"
         raise RoadError(f"{path} has neither 'curvatures' nor 'road_points', but {keys}")
-    return RoadFile(path, given, content)
+    return RoadFile(path, entries, content)
 
 
 def _load(path: Path) -> bytes:
@@ -390,16 +395,16 @@ class FoundRoads:
     roads: Mapping[str, Road]
     """Name of a file -> its road."""
     skipped: tuple[str, ...]
-    """JSON and OpenDRIVE files within folders that hold none, then roads of maps that cannot be
+    """JSON and OpenDRIVE files within folders that hold no road, then roads of maps that cannot be
     read, each in one line."""
 
 
 def find_roads(places: Iterable[Path | str]) -> FoundRoads:
-    """The roads in files, see `read_road`, and in folders.
+    """Return the roads in files, see `read_road`, and in folders.
 
-    In a folder every file that ends in .json or .xodr is read, and in the folders below it. What
-    holds no road is skipped there, since folders hold other files, too. Of a map
-    (.xodr) each road counts that is not within a junction and can be read.
+    In a folder and the folders below it, every file that ends in .json or .xodr is read. Files
+    without a road are skipped there, since folders hold other files, too. A map (.xodr) contributes
+    each road outside junctions that can be read.
 
     Args:
         places: files and folders.
@@ -435,7 +440,7 @@ def find_roads(places: Iterable[Path | str]) -> FoundRoads:
 
 
 def _add_map(roads: dict[str, Road], path: Path) -> list[str]:
-    """Adds the roads of an OpenDRIVE file outside junctions; gives what cannot be read, in words.
+    """Add the roads of an OpenDRIVE file outside junctions; return the errors of unreadable roads.
 
     Raises:
         RoadError: the file, or its only road, cannot be read.

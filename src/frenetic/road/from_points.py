@@ -1,4 +1,4 @@
-"""Curvature of a road that is given by points."""
+"""Curvature of a road through points."""
 
 from __future__ import annotations
 
@@ -15,29 +15,31 @@ if TYPE_CHECKING:
     from typing import TypeAlias
 
 RECOGNISED = 1e-5
-"""Largest distance to the given points at which they count as samples of a clothoid chain, in m."""
+"""Largest distance in m of points from a clothoid chain whose samples they are; ours."""
 MOST_RECOGNISED = 300
-"""Most points searched for a clothoid chain; the work grows with their cube."""
+"""Most points searched for a clothoid chain; ours: the work grows with their cube."""
 SPLINE_STEP = 0.5
-"""Distance between the curvature samples of a road along a spline, in m."""
+"""Distance between the curvature samples of a road along a spline, in m; ours."""
 CORRECTION = 4.0
-"""Length of road over which a road along a spline corrects its distance from it, in m."""
+"""Length over which a road along a spline corrects its distance from the spline, in m; ours."""
 
 _ENDS = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1))
+"""Starts of the fit for the first and last curvature, in multiples of half a curvature per step."""
 
 Recovered: TypeAlias = tuple[FloatArray, float, tuple[float, float, float]]
+"""Curvatures, step and pose of a road."""
 
 
 def curvature_from_points(points: FloatArray, most_samples: int) -> Recovered:
-    """(curvatures (M,), step, pose) of the road through (N, 2) points, neighbours distinct.
+    """Return (curvatures (M,), step, pose) of the road through (N, 2) points.
 
-    M is the number of points, or at most ``most_samples``.
+    Consecutive points are distinct. M is the number of points, or at most ``most_samples``.
     """
     return _recognise(points) or _along_spline(points, most_samples)
 
 
 def _along_spline(points: FloatArray, most_samples: int) -> Recovered:
-    """Road along the competition's spline through the points."""
+    """Return the road along the competition's spline through the points."""
     from scipy.interpolate import make_interp_spline  # takes as long as the rest of a start-up
 
     degree = min(len(points) - 1, 3)
@@ -80,7 +82,7 @@ def _along_spline(points: FloatArray, most_samples: int) -> Recovered:
 
 @njit()
 def follow_line(line: FloatArray, step: float, reach: float) -> FloatArray:
-    """(n,) curvatures of a chain that keeps to ``line`` (n, 4): x, y, heading, curvature.
+    """Return curvatures (n,) of a chain that follows ``line`` (n, 4): x, y, heading, curvature.
 
     Sampling the line's curvature and integrating it again drifts, as the curvature between
     samples is not quite linear. Each sample therefore also works off the lateral and the heading
@@ -108,7 +110,7 @@ def follow_line(line: FloatArray, step: float, reach: float) -> FloatArray:
 
 
 def _recognise(points: FloatArray) -> Recovered | None:
-    """The clothoid chain that the points sample at equal distances, or None if they do not.
+    """Return the clothoid chain that the points sample at equal distances, or None.
 
     Gauss-Newton on the N curvatures, the pose and the step; 2 N equations for N + 4 unknowns, so
     that from 8 points on a fit is no accident. The points say little about the first and the last
@@ -130,7 +132,7 @@ def _recognise(points: FloatArray) -> Recovered | None:
     if np.ptp(lengths[1:-1]) > 0.25 * sharpest**2 * lengths.max() + 4.0 * RECOGNISED:
         return None
     step = float((lengths[1:-1] * (1.0 + turns[1:] * turns[:-1] / 24.0)).mean())
-    found, worst = None, math.inf
+    best, worst = None, math.inf
     spread = 0.5 / step
     for front, back in _ENDS:
         curvatures = _from_turns(turns / step, front * spread, back * spread)
@@ -138,18 +140,18 @@ def _recognise(points: FloatArray) -> Recovered | None:
         start = np.concatenate([curvatures, [points[0, 0], points[0, 1], heading, step]])
         unknowns, mismatch = _gauss_newton(start, points)
         if mismatch < worst:
-            found, worst = unknowns, mismatch
+            best, worst = unknowns, mismatch
         # A wrong start for the two ends leaves a mismatch of this order, not more.
         if worst < 1e-9 or worst > 2e-5 * step**3:
             break
-    if found is None or worst > RECOGNISED or np.abs(found[:n]).max() > 5.0:
+    if best is None or worst > RECOGNISED or np.abs(best[:n]).max() > 5.0:
         return None
-    x, y, heading, step = (float(v) for v in found[n:])
-    return found[:n].copy(), step, (x, y, heading)
+    x, y, heading, step = (float(v) for v in best[n:])
+    return best[:n].copy(), step, (x, y, heading)
 
 
 def _from_turns(turns: FloatArray, front: float, back: float) -> FloatArray:
-    """(N,) curvatures whose chords turn by ``turns`` (N - 2,) rad per step, to first order.
+    """Return curvatures (N,) whose chords turn by ``turns`` (N - 2,) rad per step, to first order.
 
     A chord of a clothoid piece points along heading + step * (kappa_i / 3 + kappa_i+1 / 6), so
     the turn from one to the next is (kappa_i-1 + 4 kappa_i + kappa_i+1) / 6. The first and the last
@@ -169,7 +171,7 @@ def _from_turns(turns: FloatArray, front: float, back: float) -> FloatArray:
 
 
 def _gauss_newton(unknowns: FloatArray, points: FloatArray) -> tuple[FloatArray, float]:
-    """Best unknowns found from a start and the largest mismatch in m that they leave."""
+    """Return the best unknowns from a start, and their largest mismatch in m."""
     from scipy.linalg import lstsq  # takes its time
 
     step = unknowns[-1]
@@ -192,7 +194,7 @@ def _gauss_newton(unknowns: FloatArray, points: FloatArray) -> tuple[FloatArray,
 
 @njit()
 def _chain_jacobian(unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Samples (2 N,) of a clothoid chain and their Jacobian (2 N, N + 4).
+    """Return the samples (2 N,) of a clothoid chain and their Jacobian (2 N, N + 4).
 
     The unknowns are N curvatures, x, y, heading and step.
     """

@@ -43,7 +43,7 @@ GAUSS = tuple(map(tuple, np.column_stack([0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS])
 
 @njit()
 def chord(heading: float, curvature: float, rate: float, u: float) -> tuple[float, float]:
-    """Displacement (dx, dy) after ``u`` m of a clothoid with the given start and curvature rate."""
+    """Return the displacement (dx, dy) after ``u`` m of a clothoid from its start."""
     dx = 0.0
     dy = 0.0
     for node, weight in GAUSS:
@@ -56,7 +56,7 @@ def chord(heading: float, curvature: float, rate: float, u: float) -> tuple[floa
 
 @njit()
 def _turn(angle: float) -> tuple[float, float]:
-    """Cosine and sine of an angle of at most SUB_TURN, to 1e-11: their Taylor polynomials."""
+    """Return cosine and sine of an angle of at most SUB_TURN, to 1e-11, by Taylor polynomials."""
     q = angle * angle
     cosine = 1.0 - q / 2.0 * (
         1.0 - q / 12.0 * (1.0 - q / 30.0 * (1.0 - q / 56.0 * (1.0 - q / 90.0)))
@@ -67,7 +67,7 @@ def _turn(angle: float) -> tuple[float, float]:
 
 @njit()
 def _sub_chord(curvature: float, rate: float, u: float) -> tuple[float, float]:
-    """`chord` in the frame of its start, over at most one sub-step: no trigonometry, so fast."""
+    """Return `chord` in the frame of its start, over at most one sub-step, without trigonometry."""
     ahead = 0.0
     left = 0.0
     for node, weight in GAUSS:
@@ -80,7 +80,7 @@ def _sub_chord(curvature: float, rate: float, u: float) -> tuple[float, float]:
 
 @njit()
 def sub_steps(curvatures: FloatArray, step: float) -> int:
-    """Number of sub-steps per piece that keeps them below SUB_STEP and SUB_TURN."""
+    """Return the number of sub-steps per piece that keeps them below SUB_STEP and SUB_TURN."""
     sharpest = 0.0
     for value in curvatures:
         sharpest = max(sharpest, abs(value))
@@ -91,7 +91,7 @@ def sub_steps(curvatures: FloatArray, step: float) -> int:
 def build_table(
     curvatures: FloatArray, step: float, x: float, y: float, heading: float, per_piece: int
 ) -> FloatArray:
-    """Table of a road from its (N,) curvatures and its pose, ``per_piece`` rows for each piece."""
+    """Return a road's table from its (N,) curvatures and pose, ``per_piece`` rows per piece."""
     pieces = len(curvatures) - 1
     table = np.empty((pieces * per_piece + 1, 6))
     ds = step / per_piece
@@ -125,7 +125,7 @@ def build_table(
 
 @njit()
 def widening_at(table: FloatArray, ds: float, s: float) -> float:
-    """What a lane is wider than usual at ``s``, in m."""
+    """Return the additional width of a lane at ``s``, in m."""
     if table.shape[1] <= 6:
         return 0.0
     last = len(table) - 1
@@ -137,7 +137,7 @@ def widening_at(table: FloatArray, ds: float, s: float) -> float:
 
 @njit()
 def heading_at(table: FloatArray, ds: float, s: float) -> float:
-    """Heading of the centre line at ``s``; straight beyond both ends."""
+    """Return the heading of the centre line at ``s``; it is straight beyond both ends."""
     last = len(table) - 1
     i = min(max(int(s / ds), 0), last - 1)
     u = min(max(s, 0.0), last * ds) - i * ds
@@ -148,7 +148,7 @@ def heading_at(table: FloatArray, ds: float, s: float) -> float:
 
 @njit()
 def frame_at(table: FloatArray, ds: float, s: float) -> tuple[float, float, float, float, float]:
-    """(x, y, cosine and sine of the heading, curvature) at ``s``; straight beyond both ends."""
+    """Return (x, y, cosine and sine of the heading, curvature) at ``s``; straight beyond ends."""
     last = len(table) - 1
     length = last * ds
     if s < 0.0:
@@ -177,7 +177,7 @@ def frame_at(table: FloatArray, ds: float, s: float) -> tuple[float, float, floa
 def _refine(
     table: FloatArray, ds: float, px: float, py: float, low: int, high: int
 ) -> tuple[float, float]:
-    """(s, d) of the point nearest to (px, py) among rows low..high and the pieces around them."""
+    """Return (s, d) of the point nearest to (px, py) among rows low..high and adjacent pieces."""
     best = low
     best_square = math.inf
     for i in range(low, high + 1):
@@ -214,7 +214,7 @@ def _refine(
 
 @njit()
 def project_global(table: FloatArray, ds: float, px: float, py: float) -> tuple[float, float]:
-    """(s, d) of the point of the whole road that is nearest to (px, py)."""
+    """Return (s, d) of the whole road's point that is nearest to (px, py)."""
     return project_near(table, ds, px, py, 0.0, (len(table) - 1) * ds)
 
 
@@ -222,7 +222,7 @@ def project_global(table: FloatArray, ds: float, px: float, py: float) -> tuple[
 def project_near(
     table: FloatArray, ds: float, px: float, py: float, s: float, reach: float
 ) -> tuple[float, float]:
-    """(s, d) of the nearest point of the road that is at most about ``reach`` m from ``s``.
+    """Return (s, d) of the nearest point of the road, at most about ``reach`` m from ``s``.
 
     Following a car this way stays on its piece of road where another piece passes close by.
     """
@@ -234,7 +234,7 @@ def project_near(
 
 @njit()
 def track(table: FloatArray, ds: float, xy: FloatArray) -> FloatArray:
-    """(n, 2) distances along and lateral offsets of a path of (n, 2) consecutive positions.
+    """Return distances along and lateral offsets, (n, 2), of a path of (n, 2) positions.
 
     The first position is projected onto the whole road, each other one near its predecessor's
     place, as far as the path moved.
@@ -255,7 +255,7 @@ def track(table: FloatArray, ds: float, xy: FloatArray) -> FloatArray:
 
 @njit()
 def offsets_near(table: FloatArray, ds: float, xy: FloatArray, distances: FloatArray) -> FloatArray:
-    """(n,) lateral offsets of points (n, 2), each from the nearest place around its distance (n,).
+    """Return lateral offsets (n,) of points (n, 2) from the road near their distances (n,).
 
     Around is up to 2 m along the road.
     """
@@ -267,7 +267,7 @@ def offsets_near(table: FloatArray, ds: float, xy: FloatArray, distances: FloatA
 
 @njit()
 def reach_of(moved: float) -> float:
-    """Reach of the search along the road, in m, for a car that moved ``moved`` m.
+    """Return the reach of the search along the road, in m, for a car that moved ``moved`` m.
 
     Inside a bend the foot of the perpendicular runs faster than the car: twice as fast half way
     to the bend's centre.
@@ -277,7 +277,7 @@ def reach_of(moved: float) -> float:
 
 @njit()
 def sample_line(table: FloatArray, ds: float, distances: FloatArray, offset: float) -> FloatArray:
-    """(n, 2) points at ``distances`` (n,) along the road, ``offset`` m left of its centre line."""
+    """Return points (n, 2) at ``distances`` (n,), ``offset`` m left of the centre line."""
     out = np.empty((len(distances), 2))
     for i in range(len(distances)):
         x, y, cosine, sine, _ = frame_at(table, ds, distances[i])

@@ -45,9 +45,9 @@ class RigidMotion:
     rotation: float
     """Rotation in rad, counter-clockwise, applied first."""
     dx: float
-    """m"""
+    """Translation along x, in m."""
     dy: float
-    """m"""
+    """Translation along y, in m."""
 
     def apply(self, points: npt.ArrayLike) -> FloatArray:
         """Return the moved points, (N, 2) in m."""

@@ -1,9 +1,9 @@
-"""Profiles: what a road has along it beside its curvature, as functions of the distance.
+"""Profiles: slopes, widening and speed limits of a road, as functions of the distance along it.
 
-A profile is an (k, 2) array of stations, m along the road and ascending, and the values there. It
-is linear in between and constant beyond them; without stations it is 0 everywhere.
+A profile is a (k, 2) array of stations, m along the road and ascending, and the values there. It is
+linear between stations and constant beyond them; without stations it is 0 everywhere.
 
-`LIMITS`, the speed limits, are steps instead: each holds from its station on, 0 stands for none.
+`LIMITS`, the speed limits, are steps instead: each holds from its station on, and 0 means no limit.
 """
 
 from __future__ import annotations
@@ -29,20 +29,21 @@ NOTHING: Final = np.empty((0, 2))
 """The profile that is 0 everywhere."""
 NOTHING.setflags(write=False)
 MOST_STATIONS: Final = 10_000
-"""Most stations of a profile."""
-_LAST_STATION: Final = 1e6  # m
+"""Most stations of a profile; ours."""
+_LAST_STATION: Final = 1e6  # [m] largest station in either direction; ours
 
 
 def checked(profile: npt.ArrayLike, name: str, most: float) -> FloatArray:
-    """A profile as a read-only (k, 2) array; a number stands for one that is constant.
+    """Return a profile as a read-only (k, 2) array; a number stands for a constant profile.
 
     Args:
         profile: pairs of m and a value, or a number.
-        name: of it, for messages.
+        name: name of the profile, for messages.
         most: largest value in either direction.
 
     Raises:
-        RoadError: it is none, its stations do not ascend, or a value is not finite or too large.
+        RoadError: the profile is no list of pairs, has too many stations or stations that do not
+            ascend, or a value is not finite or too large.
     """
     if profile is NOTHING or (isinstance(profile, tuple) and not profile):
         return NOTHING
@@ -77,7 +78,7 @@ def checked(profile: npt.ArrayLike, name: str, most: float) -> FloatArray:
 
 
 def value_at(profile: FloatArray, distances: npt.ArrayLike) -> FloatArray:
-    """The values of a profile at ``distances`` (any shape) in m."""
+    """Return the values of a profile at ``distances`` (any shape) in m."""
     places = np.asarray(distances, dtype=np.float64)
     if not len(profile):
         return np.zeros_like(places)
@@ -86,7 +87,7 @@ def value_at(profile: FloatArray, distances: npt.ArrayLike) -> FloatArray:
 
 
 def integral_at(profile: FloatArray, distances: npt.ArrayLike) -> FloatArray:
-    """The integral of a profile from 0 m to each of ``distances`` (any shape) in m; exact."""
+    """Return the exact integral of a profile from 0 m to each of ``distances`` (any shape) in m."""
     places = np.asarray(distances, dtype=np.float64)
     if not len(profile):
         return np.zeros_like(places)
@@ -97,12 +98,12 @@ def integral_at(profile: FloatArray, distances: npt.ArrayLike) -> FloatArray:
     sums = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(knots) * (values[1:] + values[:-1]))])
     k = np.clip(np.searchsorted(knots, places, side="right") - 1, 0, len(knots) - 1)
     part = 0.5 * (places - knots[k]) * (value_at(profile, places) + values[k])
-    found: FloatArray = sums[k] + part - sums[np.searchsorted(knots, 0.0)]
-    return found
+    integrals: FloatArray = sums[k] + part - sums[np.searchsorted(knots, 0.0)]
+    return integrals
 
 
 def cut(profile: FloatArray, start: float, end: float = math.inf) -> FloatArray:
-    """The profile of the piece from ``start`` to ``end`` m, whose stations count from its start."""
+    """Return the profile from ``start`` to ``end`` m, with stations that count from ``start``."""
     if not len(profile):
         return NOTHING
     stations = profile[:, 0]
@@ -113,37 +114,37 @@ def cut(profile: FloatArray, start: float, end: float = math.inf) -> FloatArray:
 
 
 def steps_at(steps: FloatArray, distances: npt.ArrayLike) -> FloatArray:
-    """The values of steps at ``distances`` (any shape) in m; 0 before the first station."""
+    """Return the values of steps at ``distances`` (any shape) in m; 0 before the first station."""
     rows = np.searchsorted(steps[:, 0], np.asarray(distances, dtype=np.float64), side="right")
     values: FloatArray = np.concatenate([[0.0], steps[:, 1]])[rows]
     return values
 
 
 def merged(steps: FloatArray) -> FloatArray:
-    """Steps without the stations at which the value stays."""
+    """Return steps without the stations at which the value does not change."""
     is_new: npt.NDArray[np.bool_] = np.diff(steps[:, 1], prepend=-1.0) != 0.0
     return steps[is_new]
 
 
 def values_of(name: str, profile: FloatArray, distances: npt.ArrayLike) -> FloatArray:
-    """The values of the road's profile ``name`` at ``distances`` (any shape) in m."""
+    """Return the values of the road's profile ``name`` at ``distances`` (any shape) in m."""
     return (steps_at if name == LIMITS else value_at)(profile, distances)
 
 
 def plainer(name: str, profile: FloatArray) -> FloatArray:
-    """The road's profile ``name`` without stations that it does not need."""
+    """Return the road's profile ``name`` without unneeded stations."""
     return (merged if name == LIMITS else thinned)(profile)
 
 
 def moved_steps(steps: FloatArray, moved: float) -> FloatArray:
-    """Steps whose stations lie ``moved`` m further; the road before them has the first value."""
+    """Return steps with stations ``moved`` m further; the first value holds before them, too."""
     first = [[0.0, float(steps_at(steps, max(-moved, 0.0)))]]
     further = steps + np.array([moved, 0.0])
     return merged(np.concatenate([first, further[further[:, 0] > 0.0]]))
 
 
 def piece_of(name: str, profile: FloatArray, start: float, end: float = math.inf) -> FloatArray:
-    """The road's profile ``name`` from ``start`` to ``end`` m, see `cut`."""
+    """Return the road's profile ``name`` from ``start`` to ``end`` m, see `cut`."""
     if name != LIMITS:
         return cut(profile, start, end)
     if not len(profile):
@@ -154,24 +155,24 @@ def piece_of(name: str, profile: FloatArray, start: float, end: float = math.inf
 
 
 def thinned(profile: FloatArray) -> FloatArray:
-    """The same profile without the stations at which it does not bend."""
-    kept = list(range(min(len(profile), 1)))
+    """Return a profile without the stations at which it does not bend."""
+    rows = list(range(min(len(profile), 1)))
     for i in range(1, len(profile)):
         last = i == len(profile) - 1
-        if last and profile[i, 1] == profile[kept[-1], 1]:
-            continue  # it is constant beyond its last station anyway
+        if last and profile[i, 1] == profile[rows[-1], 1]:
+            continue  # a profile is constant beyond its last station anyway
         if not last:
-            (s0, v0), (s1, v1), (s2, v2) = profile[kept[-1]], profile[i], profile[i + 1]
+            (s0, v0), (s1, v1), (s2, v2) = profile[rows[-1]], profile[i], profile[i + 1]
             straight = v0 + (v2 - v0) * (s1 - s0) / (s2 - s0)
             if abs(straight - v1) <= 1e-15:
                 continue
-        kept.append(i)
-    return profile[kept]
+        rows.append(i)
+    return profile[rows]
 
 
 def simplified(profile: FloatArray, error: float) -> FloatArray:
-    """A profile of some of the stations, whose values are within ``error`` of the others'."""
-    kept = {0, len(profile) - 1}
+    """Return a profile with fewer stations, within ``error`` of the values at all of them."""
+    rows = {0, len(profile) - 1}
     spans = [(0, len(profile) - 1)]
     while spans:
         first, last = spans.pop()
@@ -181,6 +182,6 @@ def simplified(profile: FloatArray, error: float) -> FloatArray:
         away = np.abs(piece[:, 1] - np.interp(piece[:, 0], *piece[[0, -1]].T))
         if away.max() > error:
             middle = first + int(np.argmax(away))
-            kept.add(middle)
+            rows.add(middle)
             spans += [(first, middle), (middle, last)]
-    return profile[sorted(kept)]
+    return profile[sorted(rows)]

@@ -1,4 +1,4 @@
-"""Stretches: roads that exist, made ready for a search to start from, and the class they show."""
+"""Real roads: stretches from which a search can start, and the road class that they show."""
 
 from __future__ import annotations
 
@@ -13,25 +13,27 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.errors import FreneticError
 from frenetic.road import profile
-from frenetic.road.classes import SPEEDS, RoadClass, friction_at, knots
+from frenetic.road.classes import SPEEDS, RoadClass, friction_at
 from frenetic.road.files import find_roads
 from frenetic.road.road import Road
+from frenetic.road.steady_parts import knots
 
 _STEPS: Final = (2.0, 25.0)
-"""Shortest and longest step of roads that keep it, in m."""
-_USUAL_STEP: Final = 10.0  # m
+"""Shortest and longest step of roads whose stretches have the same step, in m; ours."""
+_USUAL_STEP: Final = 10.0  # [m] step of other stretches; the step of a search
 _SHORTEST: Final = 50.0
-"""Length of the shortest stretch, in m."""
+"""Length of the shortest stretch, in m; ours."""
 _LONGEST: Final = 3000.0
-"""Length of the longest stretch, in m."""
+"""Length of the longest stretch, in m; ours."""
 _SHOWN: Final = "shown by the given roads"
+"""Source of the rules of a class that real roads show."""
 
 
 def shown_class(folder: Path | str) -> RoadClass:
-    """The class that the roads in a folder show, see `class_of`; it has the folder's name.
+    """Return the class that the roads in a folder show, see `class_of`, with the folder's name.
 
     Raises:
-        FreneticError: there is no road that can be one of a class.
+        FreneticError: no road is long enough, with bends as wide as two lanes.
     """
     roads = find_roads([folder]).roads
     stretches = stretches_of(roads, step_of(roads))
@@ -41,24 +43,24 @@ def shown_class(folder: Path | str) -> RoadClass:
 
 
 def step_of(roads: Mapping[str, Road]) -> float:
-    """Step for stretches of these roads, in m: theirs if they have one in common, else 10."""
+    """Return the step for stretches of these roads, in m: their common step, or else 10."""
     steps = {road.step for road in roads.values()}
     step = steps.pop()
     return step if not steps and _STEPS[0] <= step <= _STEPS[1] else _USUAL_STEP
 
 
 def stretches_of(roads: Mapping[str, Road], step: float) -> dict[str, Road]:
-    """Name of a stretch -> it, with one curvature every ``step`` m.
+    """Return the stretches of roads by name, with one curvature every ``step`` m.
 
     A curvature is the mean over the step around it, so bends turn as far as before. A road of more
-    than 3 km is cut into equal parts. Those of less than 50 m are left out, and those with bends
+    than 3 km is cut into equal parts. Roads of less than 50 m are left out, and roads with bends
     that no class allows, of a radius of less than twice the lane.
 
     Args:
-        roads: by name.
-        step: m.
+        roads: the roads by name.
+        step: distance between two curvatures, in m.
     """
-    found: dict[str, Road] = {}
+    stretches: dict[str, Road] = {}
     for name, road in roads.items():
         whole = resampled(road, step)
         if whole is None or np.abs(whole.curvatures).max() * 2.0 * road.lane_width > 1.0:
@@ -67,17 +69,17 @@ def stretches_of(roads: Mapping[str, Road], step: float) -> dict[str, Road]:
         count = math.ceil(whole.length / _LONGEST - 1e-9)
         ends = [round(k * last / count) for k in range(count + 1)]
         if count == 1:
-            found[name] = whole
+            stretches[name] = whole
             continue
         for k in range(count):
-            found[f"{name}, part {k + 1}"] = whole.piece(ends[k], ends[k + 1])
-    return found
+            stretches[f"{name}, part {k + 1}"] = whole.piece(ends[k], ends[k + 1])
+    return stretches
 
 
 def resampled(road: Road, step: float) -> Road | None:
-    """A road with one curvature every ``step`` m; None if it is less than 50 m long.
+    """Return a road with one curvature every ``step`` m; None if it is less than 50 m long.
 
-    It is up to a step shorter, since its length is whole steps.
+    The returned road is up to a step shorter, since its length is a whole number of steps.
     """
     if road.length < _SHORTEST:
         return None
@@ -93,9 +95,9 @@ def resampled(road: Road, step: float) -> Road | None:
 
 
 def fitting(road: Road, road_class: RoadClass) -> Road:
-    """A stretch that keeps the rules of a class, and follows the given one as far as these let it.
+    """Return a stretch that meets the rules of a class, as near to another one as possible.
 
-    One that keeps them stays as it is.
+    A stretch that meets the rules stays as it is.
     """
     if not road_class.breach(replace(road, lane_width=road_class.lane_width)):
         return road
@@ -111,18 +113,18 @@ def fitting(road: Road, road_class: RoadClass) -> Road:
 
 
 def class_of(stretches: Mapping[str, Road], name: str) -> RoadClass:
-    """The class that stretches show: its limits are the utmost that they reach.
+    """Return the class that stretches show: its limits are the extremes of the stretches.
 
-    Its design speed is the largest, in steps of 10 km/h, for which AASHTO's least radius is not
-    above theirs. Arcs and straights may have any length.
+    The design speed is the largest, in steps of 10 km/h, for which AASHTO's least radius is not
+    above the stretches' least radius. Arcs and straights may have any length.
 
     Args:
-        stretches: by name, of the same step, as `stretches_of` gives them.
-        name: of the class.
+        stretches: stretches by name, of the same step, from `stretches_of`.
+        name: name of the class.
     """
     roads = list(stretches.values())
     bends = [_bends(road) for road in roads]
-    curvature, lean = (max(float(np.abs(one[k]).max()) for one in bends) for k in (0, 1))
+    curvature, lean = (max(float(np.abs(pair[k]).max()) for pair in bends) for k in (0, 1))
     lean = _above(lean)
     speed = float(
         max(
@@ -145,7 +147,7 @@ def class_of(stretches: Mapping[str, Road], name: str) -> RoadClass:
     limits = {rule: _below(1.0 / value) for rule, value in rules.items() if value > 0.0}
     lengths = sorted(road.length for road in roads)
     steepest = max(float(np.abs(g[:, 1]).max(initial=0.0)) for g in grades)
-    return RoadClass.made(
+    return RoadClass.from_entries(
         {
             "name": name,
             "about": "As real roads are.",
@@ -166,16 +168,16 @@ def class_of(stretches: Mapping[str, Road], name: str) -> RoadClass:
 
 
 def _bends(road: Road) -> tuple[FloatArray, FloatArray]:
-    """Curvatures in 1/m and superelevations wherever one of them bends."""
+    """Return curvatures in 1/m and superelevations wherever one of them bends."""
     stations, curvatures = knots(road, road.superelevation)
     return curvatures, profile.value_at(road.superelevation, stations)
 
 
 def _above(value: float) -> float:
-    """A slope rounded up to 0.01 %, so that what shows it keeps it."""
+    """Return a slope rounded up to 0.01 %, so that the road that shows it meets it."""
     return math.ceil(1e4 * value - 1e-6) / 1e4
 
 
 def _below(value: float) -> float:
-    """A limit in m, rounded down to 0.1 m, so that what shows it keeps it."""
+    """Return a limit in m rounded down to 0.1 m, so that the road that shows it meets it."""
     return math.floor(10.0 * value + 1e-6) / 10.0

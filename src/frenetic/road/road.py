@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 BEHAVIOUR = 1
-"""Raised when a road gets another shape, place or validity; campaigns record it."""
+"""Version of roads: raised when a road gets another shape, place or validity."""
 MAX_SAMPLES = 10_000
 """Most curvature samples of a road."""
 MAX_LENGTH = 50_000.0
@@ -36,11 +36,11 @@ MAX_LENGTH = 50_000.0
 MAX_CURVATURE = 10.0
 """Sharpest curve that can be represented, in 1/m; valid roads stay below 0.07."""
 MAX_COORDINATE = 1e7
-"""Largest distance of a given point from the origin, in m."""
+"""Largest coordinate of a point, in m."""
 MIN_DISTANCE = 1e-6
-"""Least distance of two consecutive given points, in m."""
+"""Least distance of two consecutive points, in m."""
 MIN_STEP = 1e-7
-"""Shortest step, in m; points that are `MIN_DISTANCE` apart give one that is not much longer."""
+"""Shortest step, in m: hardly shorter than the step of points that are `MIN_DISTANCE` apart."""
 MIN_LANE_WIDTH = 0.1
 """Width of the narrowest lane, in m."""
 MAX_LANE_WIDTH = 100.0
@@ -78,7 +78,7 @@ START = Pose(0.0, 0.0, math.pi / 2)
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class Road:
-    """A centre line given by curvature samples, with one lane on each side.
+    """A centre line of curvature samples, with one lane on each side.
 
     The curvature is linear between samples, so every piece is a clothoid. The car drives on the
     right-hand lane, the ego lane, from the first sample to the last. All distances are those on the
@@ -89,7 +89,8 @@ class Road:
     Raises:
         RoadError: fewer than 2 or more than 10000 samples, values that are not finite numbers or
             are beyond 10 1/m, a step that is not positive, more than 50 km in all, a lane that is
-            not 0.1 to 100 m wide, a pose beyond 10000 km, or a profile that is none.
+            not 0.1 to 100 m wide, a pose beyond 10000 km, or a profile that is no list of pairs or
+            out of range.
     """
 
     curvatures: FloatArray
@@ -105,10 +106,10 @@ class Road:
     grade: FloatArray = field(default_factory=lambda: profile.NOTHING)
     """Slope along the road, (k, 2) in m and m/m, positive rises."""
     widening: FloatArray = field(default_factory=lambda: profile.NOTHING)
-    """What each lane is wider than `lane_width`, (k, 2) in m and m."""
+    """Additional width of each lane beyond `lane_width`, (k, 2) in m and m."""
     speed_limits: FloatArray = field(default_factory=lambda: profile.NOTHING)
-    """Speed limits, (k, 2) in m and km/h; each holds from its station on, 0 stands for none. What
-    holds in a drive, `frenetic.Rules.speed_limits_on` says."""
+    """Speed limits, (k, 2) in m and km/h; each holds from its station on, and 0 means no limit.
+    `frenetic.Rules.speed_limits_on` returns the limits of a drive."""
 
     def __init__(
         self,
@@ -122,38 +123,21 @@ class Road:
         widening: npt.ArrayLike = (),
         speed_limits: npt.ArrayLike = (),
     ) -> None:
-        try:
-            values = np.array(curvatures, dtype=np.float64)
-        except (TypeError, ValueError, OverflowError):
-            raise RoadError("curvatures are not a list of numbers") from None
-        if values.ndim != 1:
-            raise RoadError(f"curvatures have shape {values.shape}: a flat list (N,) is needed")
-        if not 2 <= len(values) <= MAX_SAMPLES:
-            raise RoadError(
-                f"a road of {len(values)} curvature samples: 2 to {MAX_SAMPLES} are allowed"
-            )
-        bad = np.flatnonzero(~(np.abs(values) <= MAX_CURVATURE))
-        if len(bad):
-            raise RoadError(
-                f"curvature {bad[0]} is {values[bad[0]]:g} 1/m: every curvature must be a finite"
-                f" number, at most {MAX_CURVATURE:g} in either direction"
-            )
-        values.setflags(write=False)
-        object.__setattr__(self, "curvatures", values)
+        object.__setattr__(self, "curvatures", _checked_curvatures(curvatures))
         object.__setattr__(self, "step", _metres(step, "step", MIN_STEP, MAX_LENGTH))
         object.__setattr__(self, "lane_width", checked_lane_width(lane_width))
         if self.length > MAX_LENGTH:
             raise RoadError(
                 f"a road of {self.length:.0f} m: at most {MAX_LENGTH:.0f} m can be represented"
             )
-        object.__setattr__(self, "pose", _bounded(pose))
-        for name, given, most in (
+        object.__setattr__(self, "pose", _checked_pose(pose))
+        for name, pairs, most in (
             ("superelevation", superelevation, MAX_SUPERELEVATION),
             ("grade", grade, MAX_GRADE),
             ("widening", widening, MAX_WIDENING),
             (profile.LIMITS, speed_limits, MAX_SPEED_LIMIT),
         ):
-            object.__setattr__(self, name, profile.checked(given, name, most))
+            object.__setattr__(self, name, profile.checked(pairs, name, most))
         for name, unit in (("widening", "m"), (profile.LIMITS, "km/h")):
             if (least := getattr(self, name)[:, 1].min(initial=0.0)) < 0.0:
                 raise RoadError(f"{name} is {least:g} {unit}: at least 0 is needed")
@@ -166,7 +150,7 @@ class Road:
 
     @classmethod
     def from_points(cls, points: npt.ArrayLike, *, lane_width: float = 4.0) -> Road:
-        """The road through given centre-line points, spaced as they come (competition style).
+        """Return the road through centre-line points of any spacing, as in the competition.
 
         Points that sample a road with piecewise linear curvature at equal distances give exactly
         that curvature back. Any others are joined, as the competition does it, by a parametric
@@ -228,12 +212,12 @@ class Road:
 
     @property
     def is_flat(self) -> bool:
-        """Whether it neither leans nor rises anywhere."""
+        """Whether the road neither leans nor rises anywhere."""
         return not len(self.superelevation) and not len(self.grade)
 
     @property
     def is_plain(self) -> bool:
-        """Whether it is flat and its lanes have one width."""
+        """Whether the road is flat and its lanes have the same width everywhere."""
         return self.is_flat and not len(self.widening)
 
     @cached_property
@@ -243,24 +227,24 @@ class Road:
             return profile.NOTHING
         places = np.arange(len(self.table)) * self.sub_step
         slopes = np.column_stack(
-            [profile.value_at(one, places) for one in (self.superelevation, self.grade)]
+            [profile.value_at(pairs, places) for pairs in (self.superelevation, self.grade)]
         )
         slopes.setflags(write=False)
         return slopes
 
     def heights(self, distances: npt.ArrayLike) -> FloatArray:
-        """Height of the centre line above its start in m at ``distances`` (any shape) in m."""
+        """Return heights above the centre line's start in m, at ``distances`` (any shape) in m."""
         return profile.integral_at(self.grade, distances)
 
     def piece(self, first: int, last: int | None = None) -> Road:
-        """The road from one of its samples to another, in its place.
+        """Return the piece of the road between two samples, in its place.
 
         Args:
-            first: index of its first sample.
-            last: index of its last one; None for the road's last.
+            first: index of the piece's first sample.
+            last: index of the piece's last sample; None for the road's last.
 
         Raises:
-            RoadError: it has fewer than 2 samples.
+            RoadError: the piece has fewer than 2 samples.
         """
         last = len(self.curvatures) - 1 if last is None else last
         start, end = first * self.step, last * self.step
@@ -294,7 +278,7 @@ class Road:
         return points
 
     def distances(self, spacing: float = POINT_SPACING) -> FloatArray:
-        """Distances along the road, (n,) in m: equal steps of ``spacing`` or a little less."""
+        """Return distances along the road, (n,) in m: equal steps of ``spacing`` or a bit less."""
         spacing = _metres(spacing, "spacing", MIN_STEP, math.inf)
         pieces = max(1, math.ceil(self.length / spacing - 1e-9))
         # As numpy.linspace, which takes several times as long.
@@ -303,20 +287,20 @@ class Road:
         return places
 
     def sample(self, spacing: float = POINT_SPACING, offset: float = 0.0) -> FloatArray:
-        """Points at `distances(spacing)`, (n, 2) in m, ``offset`` m left of the centre line."""
+        """Return points at `distances(spacing)`, (n, 2) in m, ``offset`` m left of the centre."""
         points: FloatArray = geometry.sample_line(
             self.table, self.sub_step, self.distances(spacing), float(offset)
         )
         return points
 
     def pose_at(self, distance: float) -> Pose:
-        """The centre line's pose ``distance`` m along it; it is straight beyond the ends."""
+        """Return the centre line's pose at a distance in m; beyond its ends it is straight."""
         place = (self.table, self.sub_step, float(distance))
         x, y, *_ = geometry.frame_at(*place)
         return Pose(x, y, geometry.heading_at(*place))
 
     def curvature_at(self, distances: npt.ArrayLike) -> FloatArray:
-        """Curvature in 1/m at ``distances`` (any shape) in m along the road; 0 beyond its ends."""
+        """Return curvatures in 1/m at ``distances`` (any shape) in m; 0 beyond the road's ends."""
         places = np.arange(len(self.curvatures)) * self.step
         values: FloatArray = np.interp(
             np.asarray(distances, dtype=np.float64), places, self.curvatures, left=0.0, right=0.0
@@ -324,24 +308,25 @@ class Road:
         return values
 
     def track(self, path: npt.ArrayLike) -> FloatArray:
-        """(n, 2) distance along and lateral offset in m of a path of (n, 2) consecutive positions.
+        """Return distance along and lateral offset, (n, 2) in m, of positions (n, 2) of a path.
 
-        The first is looked for on the whole road, every other one near its predecessor's place, so
-        a path stays on its piece of road where another one passes close by.
+        The first position is projected onto the whole road, and each other one near the position
+        before. So a path stays on its piece of road where another piece passes close by.
         """
         xy = np.ascontiguousarray(path, dtype=np.float64).reshape(-1, 2)
         result: FloatArray = geometry.track(self.table, self.sub_step, xy)
         return result
 
     def fitted(self, map_size: float = MAP_SIZE, margin: float = MARGIN) -> Road | None:
-        """This road moved and, if needed, rotated into the map [0, map_size]^2.
+        """Return this road moved and, if needed, rotated into the map [0, map_size]^2.
 
         Args:
-            map_size: m, side of the map.
-            margin: m that the centre line keeps from the map's edge.
+            map_size: side of the map, in m.
+            margin: least distance of the centre line from the map's edge, in m.
 
         Returns:
-            The same road elsewhere, itself if it lies inside already, None if no pose fits.
+            The road in its new place; the road itself if it lies inside already; None if no pose
+            fits.
         """
         motion = fit_to_map(self.road_points, map_size, margin)
         if motion is None:
@@ -357,24 +342,24 @@ class Road:
         margin: float = MARGIN,
         road_class: RoadRules | None = None,
     ) -> tuple[Road | None, Verdict]:
-        """This road fitted into the map, and the verdict on it there.
+        """Return this road fitted into the map, and the verdict on it there.
 
         Args:
-            map_size: m, side of the map.
-            margin: m that the centre line keeps from the map's edge.
-            road_class: its rules count in place of the competition's.
+            map_size: side of the map, in m.
+            margin: least distance of the centre line from the map's edge, in m.
+            road_class: class whose rules replace the competition's.
 
         Returns:
             (None, invalid) if no pose fits; otherwise the road there, valid or not.
         """
         has_profiles = any(len(getattr(self, name)) for name in profile.NAMES)
         if road_class is None and self.pose == START and not has_profiles:
-            own = self.curvatures.tobytes(), self.step, self.lane_width
-            return _placed_again(*own, map_size, margin)
+            shape = self.curvatures.tobytes(), self.step, self.lane_width
+            return _placed_again(*shape, map_size, margin)
         return _placed(self, map_size, margin, road_class)
 
     def in_words(self) -> str:
-        """Its length, its least radius, and how far it rises, leans and widens."""
+        """Return length, least radius, and largest grade, superelevation and widening in words."""
         sharpest = float(np.abs(self.curvatures).max())
         radius = "straight" if sharpest < 1e-4 else f"sharpest radius {1.0 / sharpest:.0f} m"
         words = [f"{self.length:.0f} m", radius]
@@ -398,15 +383,15 @@ class Road:
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # What it was made of; everything else follows from it.
+        # The constructor's arguments alone: cached tables are computed anew.
         profiles = {name: getattr(self, name) for name in profile.NAMES}
-        made = partial(Road, lane_width=self.lane_width, **profiles)
-        return made, (self.curvatures, self.step, tuple(self.pose))
+        construct = partial(Road, lane_width=self.lane_width, **profiles)
+        return construct, (self.curvatures, self.step, tuple(self.pose))
 
     def check_validity(
         self, map_size: float = MAP_SIZE, road_class: RoadRules | None = None
     ) -> Verdict:
-        """The verdict on this road where it lies: the competition's, or that of a road class."""
+        """Return the verdict on this road in its place, by the competition or a road class."""
         if road_class is None:
             return check_validity(self.road_points, map_size)
         verdict = road_class.verdict(self)
@@ -414,15 +399,46 @@ class Road:
 
 
 def checked_lane_width(value: float) -> float:
-    """Width of a lane, in m.
+    """Return the width of a lane, in m.
 
     Raises:
-        RoadError: it is no number, or not one of 0.1 to 100 m.
+        RoadError: the width is no number from 0.1 to 100 m.
     """
     return _metres(value, "lane_width", MIN_LANE_WIDTH, MAX_LANE_WIDTH)
 
 
-def _bounded(pose: tuple[float, float, float]) -> Pose:
+def _checked_curvatures(curvatures: npt.ArrayLike) -> FloatArray:
+    """Return curvatures as a read-only (N,) array.
+
+    Raises:
+        RoadError: they are no flat list of numbers, too few or too many, or one is too large.
+    """
+    try:
+        values = np.array(curvatures, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise RoadError("curvatures are not a list of numbers") from None
+    if values.ndim != 1:
+        raise RoadError(f"curvatures have shape {values.shape}: a flat list (N,) is needed")
+    if not 2 <= len(values) <= MAX_SAMPLES:
+        raise RoadError(
+            f"a road of {len(values)} curvature samples: 2 to {MAX_SAMPLES} are allowed"
+        )
+    bad = np.flatnonzero(~(np.abs(values) <= MAX_CURVATURE))
+    if len(bad):
+        raise RoadError(
+            f"curvature {bad[0]} is {values[bad[0]]:g} 1/m: every curvature must be a finite"
+            f" number, at most {MAX_CURVATURE:g} in either direction"
+        )
+    values.setflags(write=False)
+    return values
+
+
+def _checked_pose(pose: tuple[float, float, float]) -> Pose:
+    """Return a pose of three floats.
+
+    Raises:
+        RoadError: the pose is not x, y and heading, or a number is too large.
+    """
     try:
         x, y, heading = map(float, pose)
     except (TypeError, ValueError, OverflowError):
@@ -436,14 +452,19 @@ def _bounded(pose: tuple[float, float, float]) -> Pose:
 
 
 def _metres(value: float, name: str, least: float, most: float) -> float:
+    """Return a length in m as a float.
+
+    Raises:
+        RoadError: the value is no number from ``least`` to ``most``.
+    """
     try:
         number = float(value)
     except (TypeError, ValueError, OverflowError):
-        number, given = math.nan, f"{value!r:.40}"
+        number, text = math.nan, f"{value!r:.40}"
     else:
-        given = f"{number:g}"
+        text = f"{number:g}"
     if not least <= number <= most:
-        raise RoadError(f"{name} is {given}: {least:g} to {most:g} m are allowed")
+        raise RoadError(f"{name} is {text}: {least:g} to {most:g} m are allowed")
     return number
 
 
@@ -462,6 +483,6 @@ def _placed(
 def _placed_again(
     curvatures: bytes, step: float, lane_width: float, map_size: float, margin: float
 ) -> tuple[Road | None, Verdict]:
-    """The same of a flat road from the usual place: a search asks first, then its campaign."""
+    """Return `_placed` of a flat road at `START`; cached, as a search and its campaign both ask."""
     road = Road(np.frombuffer(curvatures), step, lane_width=lane_width)
     return _placed(road, map_size, margin, None)

@@ -18,7 +18,8 @@ from frenetic.conditions.domain import Domain
 from frenetic.criteria.criterion import LANE
 from frenetic.errors import RoadError
 from frenetic.road import MAP_SIZE, MARGIN, Road, profile
-from frenetic.road.classes import RoadClass, conform
+from frenetic.road.classes import RoadClass
+from frenetic.road.conforming import conform
 from frenetic.road.validity import check_layout
 from frenetic.search.conditions import drawn, moved_along
 from frenetic.search.elements import draw_elements, random_grade

@@ -14,7 +14,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
-from frenetic.road.classes import conform
+from frenetic.road.conforming import conform
 from frenetic.search.approach import (
     BEHIND,
     ROAD_SIZE,

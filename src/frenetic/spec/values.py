@@ -58,7 +58,7 @@ def read_domain(odd: str | Mapping[str, Any]) -> Domain:
 
     if isinstance(odd, str):
         return Domain.of(odd)
-    return Domain.made(str(odd.get("name", "own")), odd)
+    return Domain.from_entries(str(odd.get("name", "own")), odd)
 
 
 def read_profile(criteria: str | Mapping[str, Any]) -> Profile:
@@ -67,7 +67,7 @@ def read_profile(criteria: str | Mapping[str, Any]) -> Profile:
         name, options = read_part(criteria)
         return Profile.of(name or COMPETITION, options)
     entries = {key: value for key, value in criteria.items() if key != "name"}
-    return Profile.made(str(criteria.get("name", "own")), entries)
+    return Profile.from_entries(str(criteria.get("name", "own")), entries)
 
 
 def criteria_entries(criteria: str | Mapping[str, Any]) -> dict[str, Any]:

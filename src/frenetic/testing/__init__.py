@@ -3,13 +3,16 @@
 `keeps_lane` makes a test of a function that returns a driver. The suites need pytest
 (``pip install pytest``): subclass one in a test file and make yours in it. Stand-ins to start from
 need nothing.
+
+The names below are imported on use, since pytest loads this package, with its plug-in, in every
+session.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from frenetic._support.public_names import lazy_names
+from frenetic._support.lazy_names import import_name
 
 if TYPE_CHECKING:
     from frenetic.testing.driver_contract import DriverContract
@@ -30,5 +33,18 @@ __all__ = [
     "keeps_lane",
 ]
 
-# Imported when they are used: pytest loads this package, with the plug-in, in every session.
-__getattr__ = lazy_names(__name__)
+_MODULES = {
+    "DriverContract": "frenetic.testing.driver_contract",
+    "DummyDriver": "frenetic.testing.dummies",
+    "DummySimulator": "frenetic.testing.dummies",
+    "SimulatorContract": "frenetic.testing.simulator_contract",
+    "StrategyContract": "frenetic.testing.strategy_contract",
+    "TrackerContract": "frenetic.testing.tracker_contract",
+    "converse": "frenetic.testing.dummies",
+    "keeps_lane": "frenetic.testing.lane_test",
+}
+"""Public name -> module from which `__getattr__` imports it on use."""
+
+
+def __getattr__(name: str) -> Any:
+    return import_name(__name__, _MODULES, name)

@@ -5,9 +5,9 @@ The names are imported on use, so that the help of its command comes at once.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from frenetic._support.public_names import lazy_names
+from frenetic._support.lazy_names import import_name
 
 if TYPE_CHECKING:
     from frenetic.plugins.bench.bench import Bench
@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from frenetic.plugins.bench.recipes import RECIPES
     from frenetic.plugins.bench.runs import RunState, RunTerms
     from frenetic.plugins.bench.strategy import End
-
-__getattr__ = lazy_names(__name__)
 
 __all__ = [
     "RECIPES",
@@ -28,3 +26,18 @@ __all__ = [
     "RunTerms",
     "open_bench",
 ]
+
+_MODULES = {
+    "RECIPES": "frenetic.plugins.bench.recipes",
+    "Bench": "frenetic.plugins.bench.bench",
+    "End": "frenetic.plugins.bench.strategy",
+    "Entrant": "frenetic.plugins.bench.entrants",
+    "RunState": "frenetic.plugins.bench.runs",
+    "RunTerms": "frenetic.plugins.bench.runs",
+    "open_bench": "frenetic.plugins.bench.file",
+}
+"""Public name -> module from which `__getattr__` imports it on use."""
+
+
+def __getattr__(name: str) -> Any:
+    return import_name(__name__, _MODULES, name)

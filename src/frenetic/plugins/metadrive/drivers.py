@@ -16,7 +16,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import Positive, check
-from frenetic._support.onnx_model import Model, read_model, shown_shape
+from frenetic._support.onnx_model import OnnxModel, read_model, shown_shape
 from frenetic.drivers import Controls, Driver, DriveSetup, Observation
 from frenetic.drivers.driver import under_layers
 from frenetic.errors import DriverError
@@ -192,9 +192,9 @@ class MetaDrivePolicy(ObservingDriver):
         self._load()
 
     def _load(self) -> None:
-        self._network: Model | Mapping[str, FloatArray]
+        self._network: OnnxModel | Mapping[str, FloatArray]
         if self._path.endswith(".onnx"):
-            self._network = model = Model(self._data)
+            self._network = model = OnnxModel(self._data)
             shapes = [shown_shape(shape) for shape in model.inputs.values()]
             if len(shapes) != 1 or shapes[0] not in (f"(1, {SIZE})", f"(any, {SIZE})"):
                 given = " and ".join(shapes)
@@ -220,7 +220,7 @@ class MetaDrivePolicy(ObservingDriver):
         Raises:
             ValueError: it gives none of finite numbers.
         """
-        if isinstance(self._network, Model):
+        if isinstance(self._network, OnnxModel):
             (name,) = self._network.inputs
             outputs = self._network.run({name: seen.astype(np.float32)[np.newaxis]})
             given = np.concatenate([one.ravel() for one in outputs.values()])

@@ -5,14 +5,22 @@ The names are imported on use, so that the help of its commands comes at once.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from frenetic._support.public_names import lazy_names
+from frenetic._support.lazy_names import import_name
 
 if TYPE_CHECKING:
     from frenetic.plugins.twin.foresight import foresight
     from frenetic.plugins.twin.profile import Profile
 
-__getattr__ = lazy_names(__name__)
-
 __all__ = ["Profile", "foresight"]
+
+_MODULES = {
+    "Profile": "frenetic.plugins.twin.profile",
+    "foresight": "frenetic.plugins.twin.foresight",
+}
+"""Public name -> module from which `__getattr__` imports it on use."""
+
+
+def __getattr__(name: str) -> Any:
+    return import_name(__name__, _MODULES, name)

@@ -204,7 +204,7 @@ def _kept(result: Result, segment: Segment) -> list[str]:
         for criterion in criteria
         if criterion.quantity not in exceeded
     ]
-    return [value.told() for value in measured if value is not None]
+    return [value.text() for value in measured if value is not None]
 
 
 def files_of(test_id: int, store: CampaignStore) -> dict[str, Any]:

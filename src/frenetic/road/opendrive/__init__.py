@@ -1,4 +1,4 @@
-"""Roads as OpenDRIVE files: writing our own, reading those of others."""
+"""Roads as OpenDRIVE files: writing roads, and reading roads from any such file."""
 
 from frenetic.road.opendrive.reading import RoadMap, Stretch
 from frenetic.road.opendrive.writing import ORIGIN, to_opendrive

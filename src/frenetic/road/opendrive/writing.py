@@ -23,9 +23,9 @@ from frenetic.road.road import Road
 ROAD_CODE: Final = "frenetic:road"
 """``userData`` of the road's step and curvatures, which its geometries may only come near."""
 PROFILE_CODE: Final = "frenetic:{}"
-"""``userData`` of a profile's stations and values; those of widening follow the lane's width."""
+"""Code of a profile in ``userData``: stations and values; for widening, the lane's width first."""
 ORIGIN: Final = (49.0, 8.4)
-"""Latitude and longitude of a road's (0, 0), in degrees, unless others are given.
+"""Default latitude and longitude of a road's (0, 0), in degrees.
 
 Kilometres from the next border of a UTM zone or of its 100 km squares, at which maps are cut.
 """
@@ -41,7 +41,7 @@ _SAME_CURVATURE: Final = 2e-8  # 1/m
 _SAME_SHARE: Final = 2e-5
 _ARC_ERROR: Final = 1e-7  # m, of an arc that stands for a spiral, at its end
 _MOST_ARCS: Final = 100  # for one step; beyond, no curve is one of a road, and it stays a spiral
-# Likewise a nearly straight arc and its centre far away.
+# A nearly straight arc stays a spiral, too: its centre is far away.
 _STRAIGHT: Final = 1e-10  # 1/m
 _PLACE_DIGITS: Final = 9  # decimals of m
 _ANGLE_DIGITS: Final = 12  # decimals of rad
@@ -54,7 +54,7 @@ def to_opendrive(
     speed_limit: float = 70.0,
     origin: tuple[float, float] = ORIGIN,
 ) -> str:
-    """The text of an OpenDRIVE file with one road of two lanes, for right-hand traffic.
+    """Return an OpenDRIVE file with one road of two lanes, for right-hand traffic, as text.
 
     Lane -1 is the ego lane, driven from the road's start to its end.
 
@@ -106,7 +106,7 @@ def to_opendrive(
 
 
 def add_road(root: Element, road: Road, name: str = "", speed_limit: float = 70.0) -> Element:
-    """Adds a road's element."""
+    """Add a road's element to the root, and return it."""
     element = _add(root, "road", name=name, length=road.length, id="1", junction="-1", rule="RHT")
     limits = _limits(road, speed_limit)
     for s, limit in limits:
@@ -146,7 +146,7 @@ def add_road(root: Element, road: Road, name: str = "", speed_limit: float = 70.
 
 
 def _limits(road: Road, speed_limit: float) -> list[tuple[float, float]]:
-    """(m along the road, km/h) of each change of the limit, ``speed_limit`` where there is none."""
+    """Return each change of the limit (m, km/h); ``speed_limit`` where the road has no limit."""
     if not len(road.speed_limits):
         return [(0.0, speed_limit)]
     steps = profile.piece_of(profile.LIMITS, road.speed_limits, 0.0)
@@ -179,7 +179,7 @@ def _add_lanes(element: Element, road: Road, limits: list[tuple[float, float]]) 
 
 
 def _add(parent: Element, tag: str, /, **attributes: float | str) -> Element:
-    """A new child; its numbers read back exactly."""
+    """Return a new child element; its numbers read back exactly."""
     texts = {
         key: value if isinstance(value, str) else repr(float(value) + 0.0)  # no -0.0
         for key, value in attributes.items()
@@ -197,7 +197,7 @@ def _add_cubic(
     c: float = 0.0,
     d: float = 0.0,
 ) -> None:
-    """A new child that is a cubic from ``s`` m on."""
+    """Return a new child element with a cubic that holds from ``s`` m on."""
     _add(parent, tag, **{place: s, "a": a, "b": b, "c": c, "d": d})
 
 
@@ -206,7 +206,7 @@ def _note(element: Element, code: str, values: list[float]) -> None:
 
 
 def _profile(road: Road, name: str) -> Iterator[tuple[float, float, float, float]]:
-    """(start, length, value, slope) of the pieces of a profile, m and 1/m; exact."""
+    """Return (start, length, value, slope) of the pieces of a profile, in m and 1/m; exact."""
     pairs = getattr(road, name)
     inner = pairs[(pairs[:, 0] > 0.0) & (pairs[:, 0] < road.length), 0]
     places = [0.0, *inner.tolist(), road.length]
@@ -216,7 +216,7 @@ def _profile(road: Road, name: str) -> Iterator[tuple[float, float, float, float
 
 
 def _lean(length: float, value: float, slope: float) -> tuple[float, float, float, float]:
-    """The cubic of a piece's angle in rad, with the slopes of its ends."""
+    """Return the cubic of a piece's angle in rad, with the slopes of its ends."""
     end = value + slope * length
     a, b = math.atan(value), slope / (1.0 + value * value)
     rise, last = math.atan(end) - a, slope / (1.0 + end * end)
@@ -225,7 +225,7 @@ def _lean(length: float, value: float, slope: float) -> tuple[float, float, floa
 
 
 def _pieces(road: Road) -> list[tuple[float, float, float, float]]:
-    """A road's geometries: from and to which sample, and the curvatures there in 1/m.
+    """Return a road's geometries: first and last sample, and the curvatures there in 1/m.
 
     A spiral for each step, but one arc or line for several alike.
     """

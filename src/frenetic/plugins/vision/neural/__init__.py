@@ -5,9 +5,9 @@ The names below are imported when they are used.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from frenetic._support.public_names import lazy_names
+from frenetic._support.lazy_names import import_name
 
 if TYPE_CHECKING:
     from frenetic.plugins.vision.neural.convention import METADATA, PRESETS, Convention
@@ -15,4 +15,15 @@ if TYPE_CHECKING:
 
 __all__ = ["METADATA", "PRESETS", "Convention", "Dave2", "Network"]
 
-__getattr__ = lazy_names(__name__)
+_MODULES = {
+    "METADATA": "frenetic.plugins.vision.neural.convention",
+    "PRESETS": "frenetic.plugins.vision.neural.convention",
+    "Convention": "frenetic.plugins.vision.neural.convention",
+    "Dave2": "frenetic.plugins.vision.neural.network",
+    "Network": "frenetic.plugins.vision.neural.network",
+}
+"""Public name -> module from which `__getattr__` imports it on use."""
+
+
+def __getattr__(name: str) -> Any:
+    return import_name(__name__, _MODULES, name)

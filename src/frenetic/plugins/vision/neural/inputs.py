@@ -6,7 +6,7 @@ import re
 from collections.abc import Container, Iterable, Mapping
 from typing import Final, NamedTuple
 
-from frenetic._support.onnx_model import Model, Shape, shown_shape
+from frenetic._support.onnx_model import OnnxModel, Shape, shown_shape
 from frenetic.plugins.vision.neural.convention import MOST_FRAMES, Convention
 from frenetic.plugins.vision.policy import VECTOR_SIZE
 
@@ -28,7 +28,7 @@ class Inputs(NamedTuple):
     """State -> the output that is its next value."""
 
     @classmethod
-    def of(cls, model: Model, convention: Convention) -> Inputs:
+    def of(cls, model: OnnxModel, convention: Convention) -> Inputs:
         """Tells the states by the convention or their names, the speed, the image, more states.
 
         Raises:

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.onnx_model import Model, read_model, shown_shape
+from frenetic._support.onnx_model import OnnxModel, read_model, shown_shape
 from frenetic.drivers.camera import Camera
 from frenetic.drivers.driver import Controls, DriveSetup, Observation
 from frenetic.drivers.laws import setup_array
@@ -103,7 +103,7 @@ class Network:
         self._load()
 
     def _load(self) -> None:
-        self._model = Model(self._data)
+        self._model = OnnxModel(self._data)
         self.convention = convention = Convention.of(self._model.metadata, self._given)
         """What it is fed with, and what its outputs mean."""
         self._inputs = Inputs.of(self._model, convention)

@@ -1,0 +1,56 @@
+"""Measures of a drive: the worst value of each quantity, whether a criterion limits it or not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+from frenetic._support.words import simulated_time
+from frenetic.criteria.criterion import QUANTITIES, Criterion, quantity
+from frenetic.oracle.signals import Measurement, measure, worst
+from frenetic.oracle.verdict import locate_drive
+
+if TYPE_CHECKING:
+    from frenetic.oracle.drive import Drive
+    from frenetic.road import Road
+
+
+def measure_criteria(road: Road, drive: Drive, criteria: Iterable[Criterion]) -> list[Measurement]:
+    """Return the worst values in a drive, without criteria whose window is longer than the drive.
+
+    Raises:
+        FreneticError: a quantity cannot be measured.
+    """
+    located = locate_drive(road, drive)
+    measurements = (measure(criterion, located) for criterion in criteria)
+    return [measurement for measurement in measurements if measurement is not None]
+
+
+def measures_json(road: Road, drive: Drive) -> list[dict[str, Any]]:
+    """Return the worst value of every quantity in a drive, with the drive's limits, for JSON.
+
+    Raises:
+        FreneticError: a quantity cannot be measured.
+    """
+    located = locate_drive(road, drive)
+    limits = {criterion.quantity: criterion for criterion in drive.rules.criteria.criteria}
+    rows = []
+    for name in {**QUANTITIES, **limits}:
+        measurement, limit = worst(name, located), limits.get(name)
+        if measurement is None:
+            continue
+        rows.append(
+            {
+                "quantity": name,
+                "unit": quantity(name).unit,
+                "value": measurement.value,
+                "side": measurement.side,
+                "time": simulated_time(float(located.path.time[measurement.record])),
+                "distance": measurement.distance,
+                "window": measurement.criterion.window,
+                "limit": None if limit is None else limit.limit,
+                "clause": "" if limit is None else limit.clause,
+                "kept": None if limit is None else measurement.margin >= 0.0,
+            }
+        )
+    return rows
