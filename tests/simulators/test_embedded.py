@@ -32,7 +32,7 @@ from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import assess, judge
 from frenetic.road import Pose, Road
 from frenetic.simulators import Drive, EmbeddedSimulator, Rules, Vehicle
-from frenetic.simulators.embedded.vehicle import axle_forces
+from frenetic.simulators.embedded.single_track import axle_forces
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -35,26 +35,28 @@ from frenetic.road import Pose, profile
 from frenetic.road.geometry import project_near
 from frenetic.search import Candidate, Origin
 from frenetic.simulators import Simulator
-from frenetic.simulators.embedded import vehicle
+from frenetic.simulators.embedded import single_track
 from frenetic.simulators.embedded.rollout import advance_period
-from frenetic.simulators.embedded.slopes import lay
-from frenetic.simulators.embedded.vehicle import (
-    ACROSS,
-    GRAVITY,
+from frenetic.simulators.embedded.single_track import (
     HEADING,
     LATERAL_SPEED,
-    MOST_ACCELERATION,
-    PULL_LEFT,
     SPEED,
     STEERING,
-    TURN,
-    TWIST,
     YAW_RATE,
     X,
     Y,
     axle_forces,
     motion,
     on_map,
+)
+from frenetic.simulators.embedded.slopes import lay
+from frenetic.simulators.embedded.vehicle import (
+    ACROSS,
+    GRAVITY,
+    MOST_ACCELERATION,
+    PULL_LEFT,
+    TURN,
+    TWIST,
 )
 from frenetic.simulators.embedded.weather import NONE
 from frenetic.testing import DummyDriver, DummySimulator
@@ -84,7 +86,7 @@ def driven(road: Road, car: Vehicle = FREE, **controls: float) -> Trajectory:
 def placed(road: Road, speed: float, *, s: float = 0.0, left: float = 0.0) -> FloatArray:
     """A state on the centre line or beside it, along it."""
     x, y, heading = road.pose_at(s)
-    state = np.zeros(vehicle.STATE_SIZE)
+    state = np.zeros(single_track.STATE_SIZE)
     state[[X, Y, HEADING, SPEED]] = (
         x - left * math.sin(heading),
         y + left * math.cos(heading),

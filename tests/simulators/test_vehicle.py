@@ -18,21 +18,20 @@ from vehiclemodels.vehicle_dynamics_st import vehicle_dynamics_st
 from frenetic._support.arrays import FloatArray
 from frenetic.drivers.driver import DRAG_FADE_SPEED
 from frenetic.oracle.drive import CarBody
-from frenetic.simulators.embedded import vehicle
-from frenetic.simulators.embedded.vehicle import (
-    GRAVITY,
+from frenetic.simulators.embedded import single_track
+from frenetic.simulators.embedded.single_track import (
     HEADING,
     LATERAL_SPEED,
     SPEED,
     STATE_SIZE,
     STEERING,
     YAW_RATE,
-    Vehicle,
     X,
     Y,
     advance,
     motion,
 )
+from frenetic.simulators.embedded.vehicle import GRAVITY, Vehicle
 
 DT = 0.01
 CAR = Vehicle()
@@ -82,7 +81,7 @@ def axle_forces(
     """F_x, F_y and F_z of the front axle, then of the rear axle."""
     delta = state[STEERING]
     v_x, v_y, r = state[SPEED:STEERING]
-    forces: tuple[float, float, float, float, float, float] = vehicle.axle_forces(
+    forces: tuple[float, float, float, float, float, float] = single_track.axle_forces(
         v_x, v_y, r, math.cos(delta), math.sin(delta), throttle, brake, p
     )
     return forces

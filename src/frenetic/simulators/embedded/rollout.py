@@ -13,8 +13,7 @@ from frenetic.drivers.elastic_band import MEMORY
 from frenetic.drivers.laws import decide
 from frenetic.drivers.wrappers import disturb
 from frenetic.oracle.verdict import RUNNING
-from frenetic.simulators.embedded.slopes import lay
-from frenetic.simulators.embedded.vehicle import (
+from frenetic.simulators.embedded.single_track import (
     HEADING,
     LATERAL_SPEED,
     SPEED,
@@ -24,6 +23,7 @@ from frenetic.simulators.embedded.vehicle import (
     Y,
     advance,
 )
+from frenetic.simulators.embedded.slopes import lay
 from frenetic.simulators.embedded.weather import grip_at, in_gust, place_of
 from frenetic.simulators.observer import look_for_limits, observe
 

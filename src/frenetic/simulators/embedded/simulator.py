@@ -41,7 +41,8 @@ from frenetic.simulators.capabilities import check_road
 from frenetic.simulators.checks import Check
 from frenetic.simulators.drive_loop import follow
 from frenetic.simulators.embedded import rollout as kernels
-from frenetic.simulators.embedded.vehicle import HEADING, Vehicle, X, Y
+from frenetic.simulators.embedded.single_track import HEADING, X, Y
+from frenetic.simulators.embedded.vehicle import Vehicle
 from frenetic.simulators.embedded.weather import weather_array
 from frenetic.simulators.observer import in_metres_per_second
 from frenetic.simulators.simulator import Amount, Ready, StartingPlace, unusual_amounts

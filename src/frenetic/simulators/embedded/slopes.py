@@ -22,13 +22,20 @@ from typing import Final
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
 from frenetic.road.geometry import CURVATURE, frame_at, heading_at, project_near, reach_of
+from frenetic.simulators.embedded.single_track import (
+    HEADING,
+    LATERAL_SPEED,
+    SPEED,
+    YAW_RATE,
+    X,
+    Y,
+    on_map,
+)
 from frenetic.simulators.embedded.vehicle import (
     ACROSS,
     AHEAD,
     GRAVITY,
-    HEADING,
     IS_TILTED,
-    LATERAL_SPEED,
     LEAST_ACCELERATION,
     LEFT,
     MOST_ACCELERATION,
@@ -36,13 +43,8 @@ from frenetic.simulators.embedded.vehicle import (
     PULL_LEFT,
     ROLLING_DRAG,
     SKEW,
-    SPEED,
     TURN,
     TWIST,
-    YAW_RATE,
-    X,
-    Y,
-    on_map,
 )
 
 LEAST_LOAD: Final = 1e-6

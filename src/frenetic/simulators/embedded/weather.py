@@ -21,19 +21,16 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
 from frenetic.road.geometry import project_near, reach_of
+from frenetic.simulators.embedded.single_track import LATERAL_SPEED, SPEED, X, Y
 from frenetic.simulators.embedded.vehicle import (
     AHEAD,
     AIR_DENSITY,
     IS_TILTED,
-    LATERAL_SPEED,
     LEFT,
     MASS,
     PULL_LEFT,
-    SPEED,
     TURN,
     Vehicle,
-    X,
-    Y,
 )
 
 WET_LENGTH: Final = 40.0
