@@ -3,11 +3,11 @@
 The driver lays plan nodes along the lane, ``spacing`` metres apart and one in the middle of each
 gap, on the straight line between them. A node is drawn to the inside of the turn that the plan
 takes there, at ``strength * (1 - cos(angle))`` m/s, less ``recoil`` times the draws of its
-neighbours; it moves along its normal and stays within the lane. So the plan cuts corners. What the
-car is off the plan is taken into the plan, which forgives it. The speed follows from the
+neighbours; it moves along its normal and stays within the lane. So the plan cuts corners. Where the
+car is off the plan, the plan moves to the car and forgives the error. The speed follows from the
 plan's curvature, and the front of the car steers for a point ahead on the smoothed plan.
 
-``memory`` is all that the driver keeps between two calls: the nodes' lateral offsets from the
+``memory`` is the driver's state between two calls: the nodes' lateral offsets from the
 middle of the lane, in m to the left, node ``j`` (at ``j * spacing / 2`` m of road) in place
 ``j % NODES``, and one more than the number of the last node. It starts as zeros.
 
@@ -26,6 +26,7 @@ from frenetic._support.compiled import njit
 from frenetic.drivers.driver import AHEAD_SPACING
 
 GRAVITY: Final = 9.81
+"""Acceleration of gravity, in m/s^2."""
 HORIZON: Final = 48.0
 """Length of road that is planned ahead of the car at most, in m."""
 MOST_SPEED: Final = 6.0
@@ -33,9 +34,11 @@ MOST_SPEED: Final = 6.0
 FORGIVEN: Final = 20.0
 """Distance ahead of the car over which forgiving its error fades out, in m."""
 NODES: Final = 64
+"""Number of nodes that the memory holds."""
 MEMORY: Final = NODES + 1
+"""Number of values in the memory."""
 
-# parameters
+# Indices of the parameters.
 (
     LATERAL,
     BRAKING,
@@ -62,7 +65,7 @@ def lane_at(
     curvature_ahead: FloatArray,
     rows: int,
 ) -> tuple[float, float]:
-    """Point of the lane's middle ``u`` m of road ahead of the car, in the car's frame in m.
+    """Return the point of the lane's middle ``u`` m of road ahead, in the car's frame in m.
 
     Within the view, the line between two of its points is an arc. Behind the car the lane goes on
     as a clothoid, beyond the view straight on.
@@ -89,7 +92,7 @@ def lane_at(
 
 @njit()
 def square_of_limit(limit_ahead: FloatArray, u: float) -> float:
-    """Square of the speed limit ``u`` m of road ahead of the car, in m^2/s^2."""
+    """Return the square of the speed limit ``u`` m of road ahead of the car, in m^2/s^2."""
     limit: float = limit_ahead[min(max(int(u / AHEAD_SPACING), 0), len(limit_ahead) - 1)]
     return limit * limit
 
@@ -110,7 +113,7 @@ def drive_along_band(
     period: float,
     memory: FloatArray,
 ) -> tuple[float, float, float]:
-    """(angle of the front wheels in rad, throttle, brake); ``memory`` is brought up to date.
+    """Return the angle of the front wheels in rad, throttle and brake; update ``memory``.
 
     Args:
         speed: m/s.

@@ -1,6 +1,6 @@
 """The road's plane under the car: how it is tilted, and what of gravity acts in it and across it.
 
-Height over the map is that of the centre line, and rises by the superelevation e to the left of it.
+The road's height over the map is its centre line's; to the left it rises by the superelevation e.
 A car lies in the plane that touches the road under its centre of mass. With the height's gradient
 there, p ahead of the car and q to the left, its second derivatives H, S = sqrt(1 + p²),
 N = sqrt(1 + p² + q²), the speeds v_x, v_y and the yaw rate r in the plane and the velocity u on the
@@ -48,7 +48,7 @@ from frenetic.simulators.embedded.vehicle import (
 )
 
 LEAST_LOAD: Final = 1e-6
-"""Least load per weight: that of a car that would take off, which stays on the road."""
+"""Least load per weight, on a crest where a car would take off; here it stays on the road."""
 
 
 @njit(error_model="numpy")

@@ -77,7 +77,7 @@ class Vehicle:
     """Parameters of a car. Defaults are CommonRoad's vehicle 2 (BMW 320i) unless said otherwise.
 
     Raises:
-        ValueError: a parameter is not finite or outside its range, or the parameters together lift
+        ValueError: A parameter is not finite or outside its range, or the parameters together lift
             an axle off the ground or are too stiff for the step rate.
 
     """
@@ -123,7 +123,7 @@ class Vehicle:
     steering_limit: Annotated[float, Meta(gt=0.0, lt=math.pi / 2.0)] = 1.066
     """Largest angle of the front wheels, in rad."""
     steering_rate: Positive = 0.4
-    """Fastest change of that angle, in rad/s."""
+    """Fastest change of the front wheels' angle, in rad/s."""
     steering_lag: Positive = 0.1
     """Time constant of the actuator, in s; our choice, typical of electric power steering."""
 
@@ -148,7 +148,7 @@ class Vehicle:
     rolling_resistance: NotNegative = 0.012
     """Rolling drag per weight; may be 0."""
     front_stiffness: Positive = 1.0
-    """Cornering stiffness of the front tyres per that of the rear tyres; below 1 the car
+    """Cornering stiffness of the front tyres, as a multiple of the rear tyres'; below 1 the car
     understeers."""
 
     def __post_init__(self) -> None:
@@ -182,7 +182,7 @@ class Vehicle:
         """Return the car of a name, see `CARS`.
 
         Raises:
-            ValueError: there is no such car.
+            ValueError: There is no such car.
 
         """
         if name not in CARS:
@@ -192,18 +192,18 @@ class Vehicle:
 
     @classmethod
     def of(cls, description: Mapping[str, float | str]) -> Vehicle:
-        """Return the car of a description: its parameters, beside those of the car in ``name``.
+        """Return the car in ``name``, or the default, with the other parameters of a description.
 
         Raises:
-            ValueError: there is no such car or parameter, or a value is out of range.
+            ValueError: There is no such car or parameter, or a value is out of range.
 
         """
-        given = dict(description)
-        car = cls.named(str(given.pop("name", "default")))
+        parameters = dict(description)
+        car = cls.named(str(parameters.pop("name", "default")))
         known = [item.name for item in fields(cls)]
-        if unknown := given.keys() - known:
+        if unknown := parameters.keys() - known:
             raise ValueError(f"vehicle has no {min(unknown)!r}; it has: {', '.join(known)}")
-        return replace(car, **given)  # type: ignore[arg-type]  # checked there
+        return replace(car, **parameters)  # type: ignore[arg-type]  # checked on construction
 
     @property
     def wheelbase(self) -> float:
@@ -345,7 +345,7 @@ CARS: Final[Mapping[str, Mapping[str, float]]] = {
 """Name of a car -> the parameters in which it differs from the default.
 
 ``metadrive`` is the car of `frenetic.plugins.metadrive`, as far as this model allows. Sizes, mass,
-steering, engine and brakes are those of MetaDrive 0.4.3's default car with constant parameters. Its
+steering, engine and brakes come from MetaDrive 0.4.3's default car with constant parameters. Its
 wheels do not slide before the friction limit and hold it beyond, so the tyres are as stiff as the
 step rate allows and their force has no peak; they steer at once; nothing but the engine's limit of
 80 km/h holds the car back under throttle. It brakes by 8 m/s², beyond which MetaDrive's rear tyres
