@@ -31,7 +31,7 @@ MIN_VALUES = 2  # fewer do not describe a road
 
 @dataclass(frozen=True)
 class MutationOptions:
-    """Strength of the mutations P1 .. P6; the defaults are those of the paper's Section I-B."""
+    """Strength of the mutations P1 .. P6; the defaults are from the paper's Section I-B."""
 
     bound: float = CURVATURE_BOUND
     """1/m; new values lie within ± this."""
