@@ -43,19 +43,27 @@ class Shared(DummySimulator):
 
 def test_a_simulator_that_declares_nothing_has_the_defaults() -> None:
     simulator = DummySimulator()
-    found = capabilities(simulator)
-    assert found == Capabilities(prepare=found.prepare, variable=frozenset({"rules"}))
-    assert found.drive_limit == 100.0
-    found.prepare()
+    declared = capabilities(simulator)
+    assert declared == Capabilities(prepare=declared.prepare, variable=frozenset({"rules"}))
+    assert declared.drive_limit == 100.0
+    declared.prepare()
     check_pair(simulator, DummyDriver())
 
 
 def test_what_a_simulator_declares_is_found() -> None:
     simulator = Shared()
-    found = capabilities(simulator)
-    assert (found.needs, found.usual_workers, found.workers_at_most) == (("a_module",), 2, 3)
-    assert (found.wall_limit, found.usual_wall_limit, found.drive_limit) == (500, 600.0, 760.0)
-    found.prepare()
+    declared = capabilities(simulator)
+    assert (declared.needs, declared.usual_workers, declared.workers_at_most) == (
+        ("a_module",),
+        2,
+        3,
+    )
+    assert (declared.wall_limit, declared.usual_wall_limit, declared.drive_limit) == (
+        500,
+        600.0,
+        760.0,
+    )
+    declared.prepare()
     assert simulator.prepared
     with pytest.raises(DriverError, match="not DummyDriver"):
         check_pair(simulator, DummyDriver())
@@ -98,9 +106,9 @@ def test_every_quantity_that_one_of_ours_lays_is_an_option_of_it() -> None:
         for row in quantities().values():
             if row.attribute != "rules" and row.attribute in usual(kind).variable:
                 amount = 0.25 * row.usual[0] + 0.75 * row.usual[1]
-                made: Any = kind(**{row.attribute: amount})
-                assert getattr(made, row.attribute) == amount
-                assert describe(made) != describe(kind()), "its record says it"
+                simulator: Any = kind(**{row.attribute: amount})
+                assert getattr(simulator, row.attribute) == amount
+                assert describe(simulator) != describe(kind()), "its record says it"
 
 
 def test_what_can_be_varied_is_what_can_be_set() -> None:

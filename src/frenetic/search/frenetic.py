@@ -22,10 +22,10 @@ from frenetic.search.archive import LEFT, RIGHT, Archive, places_of
 from frenetic.search.conditions import CONDITIONS, changed, drawn, inherited
 from frenetic.search.earlier_roads import EarlierRoads
 from frenetic.search.failing import FailureModel
-from frenetic.search.foresight import Foresight, ForesightTrial, promise_of
 from frenetic.search.operator_choice import OperatorChoice
 from frenetic.search.operators import MIN_VALUES
 from frenetic.search.parents import ParentPool
+from frenetic.search.prediction import Foresight, ForesightTrial, promise_of
 from frenetic.search.proposed import ProposedRoads
 from frenetic.search.random_search import (
     EARLIER,
@@ -414,14 +414,7 @@ class Frenetic(Strategy):
         u = rng.random((draws, PARAMETERS + 2 * len(self._room)))
         run_ups = np.where(rng.random(draws) < parent_failed * _FRESH_SHARE, self._run_up, 0.0)
         lengths = self._usual_length + rng.integers(-LENGTH_JITTER, LENGTH_JITTER + 1, draws)
-        others = np.zeros((draws, len(self._room)))
-        sizes, sites = np.zeros(draws, dtype=np.int64), np.zeros(draws, dtype=np.int64)
-        mates = self._parents.rows[rng.integers(0, len(self._parents.rows), draws)]
-        for k in np.flatnonzero(operators == SPLICE).tolist():
-            mate = archive.candidates[mates[k]]
-            sizes[k] = len(mate.curvatures)
-            others[k, : sizes[k]] = mate.curvatures
-            sites[k] = int(archive.places["distance"][mates[k]] / mate.step)
+        others, sizes, sites = self._parents.draw_mates(operators == SPLICE, len(self._room))
         opposite = {LEFT: RIGHT, RIGHT: LEFT}.get(side, side)
         known = archive.failures(side), archive.failures(opposite)
         # A class's bends look much alike: without a failure, what is out forbids too many.

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from frenetic._support.arrays import FloatArray
 from frenetic.search.archive import FAR, Archive
 
 # All values are ours.
@@ -74,6 +75,24 @@ class ParentPool:
             threshold = max(near, _NEAR_MISS_MOOBD) if self.is_moobd else near
         places = self._archive.places
         self.rows = np.flatnonzero(places["has_failed"] | (places["severity"] <= threshold))
+
+    def draw_mates(
+        self, is_needed: npt.NDArray[np.bool_], room: int
+    ) -> tuple[FloatArray, npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+        """Draw a place for each of k children, whose road is filled in where it is needed.
+
+        Return curvatures, (k, room) in 1/m, numbers of values, (k,), and indices of the values
+        before the places, (k,).
+        """
+        others = np.zeros((len(is_needed), room))
+        sizes, sites = (np.zeros(len(is_needed), dtype=np.int64) for _ in range(2))
+        mates = self.rows[self._rng.integers(0, len(self.rows), len(is_needed))]
+        for k in np.flatnonzero(is_needed).tolist():
+            mate = self._archive.candidates[mates[k]]
+            sizes[k] = len(mate.curvatures)
+            others[k, : sizes[k]] = mate.curvatures
+            sites[k] = int(self._archive.places["distance"][mates[k]] / mate.step)
+        return others, sizes, sites
 
     def choose(self) -> int:
         """Return the row of the best of a few places: near failing, new, and seldom used."""

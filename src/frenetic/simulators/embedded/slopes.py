@@ -52,6 +52,40 @@ LEAST_LOAD: Final = 1e-6
 
 
 @njit(error_model="numpy")
+def _height_at(
+    table: FloatArray, ds: float, slopes: FloatArray, s: float, d: float
+) -> tuple[float, float, float, float]:
+    """Return the height's derivatives along the road (s) and across it (d): z_s, z_d, z_ss, z_sd.
+
+    Args:
+        table, ds: The road, see `frenetic.road.geometry`.
+        slopes: `Road.slopes`.
+        s: m along the road.
+        d: m to the left of the centre line.
+
+    """
+    # The road there, and its rates along it; beyond its ends nothing changes.
+    last = len(slopes) - 1
+    i = min(max(int(s / ds), 0), last - 1)
+    t = min(max(s / ds - i, 0.0), 1.0)
+    e_rate = (slopes[i + 1, 0] - slopes[i, 0]) / ds
+    grade_rate = (slopes[i + 1, 1] - slopes[i, 1]) / ds
+    kappa_rate = (table[i + 1, CURVATURE] - table[i, CURVATURE]) / ds
+    e = slopes[i, 0] + t * ds * e_rate
+    grade = slopes[i, 1] + t * ds * grade_rate
+    kappa = table[i, CURVATURE] + t * ds * kappa_rate
+    if not 0.0 <= s <= last * ds:
+        e_rate = grade_rate = kappa_rate = kappa = 0.0
+
+    # Gradient and second derivatives of the height at d.
+    shrunk = max(1.0 - kappa * d, 0.05)  # of a metre of centre line
+    grade = (grade + e_rate * d) / shrunk
+    z_ss = ((grade_rate + grade * kappa_rate * d) / shrunk - e * kappa) / shrunk
+    z_sd = (e_rate + grade * kappa) / shrunk
+    return grade, e, z_ss, z_sd
+
+
+@njit(error_model="numpy")
 def lay(
     p: FloatArray,
     table: FloatArray,
@@ -61,15 +95,15 @@ def lay(
     s: float,
     seconds: float,
 ) -> tuple[FloatArray, float]:
-    """Return a car's parameters on the road under it, held for some time, and its place there.
+    """Return a car's parameters on the road under it, and its place along the road in m.
 
     Args:
         p: `Vehicle.to_array()`.
-        table, ds: the road, see `frenetic.road.geometry`.
+        table, ds: The road, see `frenetic.road.geometry`.
         slopes: `Road.slopes`, not of a flat road.
         state: (7,).
         s: m, a place of the car some time ago.
-        seconds: that the parameters hold; slopes are those in their middle.
+        seconds: s for which the parameters hold; slopes are taken in the middle of them.
 
     """
     v_x, v_y = state[SPEED], state[LATERAL_SPEED]
@@ -77,7 +111,7 @@ def lay(
     s, d = project_near(table, ds, state[X], state[Y], s, reach)
     turned = state[HEADING] - heading_at(table, ds, s)
 
-    # Where it will be when half the time has passed.
+    # Place and direction of the car when half the time has passed.
     half = 0.5 * seconds
     kappa = frame_at(table, ds, s)[4]
     along = v_x * math.cos(turned) - v_y * math.sin(turned)
@@ -87,26 +121,9 @@ def lay(
     turned += half * (state[YAW_RATE] - kappa * along)
     c, w = math.cos(turned), math.sin(turned)
 
-    # The road there, and its rates along it; beyond its ends nothing changes.
-    last = len(slopes) - 1
-    i = min(max(int(middle / ds), 0), last - 1)
-    t = min(max(middle / ds - i, 0.0), 1.0)
-    e_rate = (slopes[i + 1, 0] - slopes[i, 0]) / ds
-    grade_rate = (slopes[i + 1, 1] - slopes[i, 1]) / ds
-    kappa_rate = (table[i + 1, CURVATURE] - table[i, CURVATURE]) / ds
-    e = slopes[i, 0] + t * ds * e_rate
-    grade = slopes[i, 1] + t * ds * grade_rate
-    kappa = table[i, CURVATURE] + t * ds * kappa_rate
-    if not 0.0 <= middle <= last * ds:
-        e_rate = grade_rate = kappa_rate = kappa = 0.0
+    grade, e, z_ss, z_sd = _height_at(table, ds, slopes, middle, d)
 
-    # Gradient and second derivatives of the height at d, along the road (s) and across it (d).
-    shrunk = max(1.0 - kappa * d, 0.05)  # of a metre of centre line
-    grade = (grade + e_rate * d) / shrunk
-    z_ss = ((grade_rate + grade * kappa_rate * d) / shrunk - e * kappa) / shrunk
-    z_sd = (e_rate + grade * kappa) / shrunk
-
-    # In the car's.
+    # Gradient in the car's frame, and gravity's pull.
     ahead, left = grade * c + e * w, e * c - grade * w
     length, norm = math.sqrt(1.0 + ahead * ahead), math.sqrt(1.0 + ahead * ahead + left * left)
     ground = p.copy()
