@@ -492,7 +492,7 @@ def test_pedals_are_cut_and_steering_is_not() -> None:
         (Controls(0.0, 0.0, []), "the driver returned brake = [], not a finite number"),  # type: ignore[arg-type]
     ],
 )
-def test_what_is_no_controls_is_refused_with_what_came(controls: Any, message: str) -> None:
+def test_an_answer_that_is_no_controls_is_refused(controls: Any, message: str) -> None:
     with pytest.raises(DriverError) as caught:
         checked_controls(controls)
     assert str(caught.value) == message

@@ -63,7 +63,7 @@ def centre_of_lane(road: Road, distances: FloatArray) -> FloatArray:
     )
 
 
-def test_it_is_the_view_ahead_at_the_views_spacing() -> None:
+def test_a_lane_equals_the_view_ahead_at_its_spacing() -> None:
     for observation in observations_on(WINDING):
         lane = observation.lane(spacing=2.0, ahead=78.0)
         np.testing.assert_allclose(lane.points, observation.ahead, rtol=0.0, atol=2e-3)
@@ -74,7 +74,7 @@ def test_it_is_the_view_ahead_at_the_views_spacing() -> None:
 
 
 @pytest.mark.parametrize(("spacing", "ahead", "behind"), [(0.5, 200.0, 30.0), (0.1, 0.3, 0.7)])
-def test_it_lies_on_the_road_at_any_spacing_also_behind_and_beyond_both_ends(
+def test_a_lane_lies_on_the_road_at_any_spacing_also_behind_and_beyond_both_ends(
     spacing: float, ahead: float, behind: float
 ) -> None:
     for observation in observations_on(WINDING):
@@ -92,7 +92,7 @@ def test_it_lies_on_the_road_at_any_spacing_also_behind_and_beyond_both_ends(
         assert not lane.curvatures[beyond].any()
 
 
-def test_headings_and_curvatures_are_those_of_its_points() -> None:
+def test_headings_and_curvatures_follow_from_the_points() -> None:
     for observation in observations_on(WINDING):
         lane = observation.lane(0.01, 60.0, 20.0)
         abreast = np.flatnonzero(lane.distances == 0.0)[0]
@@ -108,7 +108,7 @@ def test_headings_and_curvatures_are_those_of_its_points() -> None:
         np.testing.assert_allclose(turns, curvatures, rtol=0.0, atol=1e-4)
 
 
-def test_noise_moves_it_as_the_view_ahead() -> None:
+def test_noise_moves_the_lane_as_the_view_ahead() -> None:
     plain = observations_on(WINDING)
     for observation in observations_on(
         WINDING, lambda driver: Noisy(driver, offset=0.5, heading=0.05)
@@ -131,7 +131,7 @@ def test_noise_moves_it_as_the_view_ahead() -> None:
 
 
 @pytest.mark.parametrize(("distance", "end"), [(25.0, 25.0), (200.0, 200.0), (0.5, 2.0)])
-def test_a_limited_view_ends_it_also_a_long_one(distance: float, end: float) -> None:
+def test_a_limited_view_ends_the_lane(distance: float, end: float) -> None:
     for observation in observations_on(
         WINDING, lambda driver: LimitedView(driver, distance=distance)
     ):
@@ -141,7 +141,7 @@ def test_a_limited_view_ends_it_also_a_long_one(distance: float, end: float) -> 
         assert len(observation.ahead) <= 40
 
 
-def test_an_observation_that_is_kept_gives_the_lane_of_its_time() -> None:
+def test_an_old_observation_gives_the_lane_of_its_time() -> None:
     first, *others = observations_on(WINDING)
     before = first.lane().points.copy()
     for other in others:
@@ -167,7 +167,7 @@ def test_bad_lengths_are_refused(lengths: tuple[float, float, float], message: s
         observation.lane(*lengths)
 
 
-def test_without_a_road_it_says_so() -> None:
+def test_an_observation_without_a_road_refuses_a_lane() -> None:
     observation = Observation(0.0, 10.0, 0.0, 0.0, 0.0, 0.0, np.zeros((1, 2)), np.zeros(1))
     with pytest.raises(FreneticError, match="no lane is known"):
         observation.lane()

@@ -119,7 +119,7 @@ def test_it_says_that_no_road_comes_near_failing() -> None:
     assert search.notice is None
 
 
-def test_a_kept_place_has_the_approach_that_analysis_computes() -> None:
+def test_a_place_in_the_archive_has_the_approach_that_analysis_computes() -> None:
     curvatures = random_curvatures(np.random.default_rng(4), 25)
     candidate = Candidate(1, curvatures, 10.0, Frenetic(seed=1).ask().origin)
     (place, *_) = places_of(evaluation := drive(candidate, -2.0, 120.0), candidate, -2.0)
@@ -137,7 +137,7 @@ def test_a_kept_place_has_the_approach_that_analysis_computes() -> None:
         np.testing.assert_allclose(laid, expected, atol=1e-9)
 
 
-def test_a_second_peak_is_kept_if_it_is_apart() -> None:
+def test_a_second_peak_is_a_place_if_it_is_apart() -> None:
     candidate = Frenetic(seed=1).ask()
     along = np.linspace(0.0, 150.0, 300)
     offset = 2.5 * np.exp(-(((along - 40.0) / 5.0) ** 2)) - np.exp(-(((along - 100.0) / 5.0) ** 2))

@@ -350,7 +350,7 @@ def test_with_fewer_parents_the_count_of_tests_begins_anew() -> None:
     assert operators[20] in ("C1", "C2")
 
 
-def test_what_is_refused_by_default_is_what_the_competition_calls_invalid() -> None:
+def test_roads_that_the_competition_calls_invalid_are_refused_by_default() -> None:
     def is_valid(curvatures: FloatArray, step: float) -> bool:
         return Road(curvatures, step).placed(200.0)[1].valid
 

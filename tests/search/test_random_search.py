@@ -56,7 +56,7 @@ def test_random_roads_are_187_m_long_in_the_mean_and_those_of_frenetic_275_m() -
     assert np.mean(lengths, axis=1) == pytest.approx([187.0, 275.0], abs=3.0)
 
 
-def test_random_roads_are_those_of_frenetic_2021_that_draws_invalid_ones_again() -> None:
+def test_random_search_draws_the_roads_of_frenetic_2021_with_redraws() -> None:
     search, other = RandomSearch(seed=3), Frenetic2021(seed=3, max_redraws=10)
     for _ in range(50):
         np.testing.assert_array_equal(search.ask().curvatures, other.ask().curvatures)

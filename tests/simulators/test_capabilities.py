@@ -50,7 +50,7 @@ def test_a_simulator_that_declares_nothing_has_the_defaults() -> None:
     check_pair(simulator, DummyDriver())
 
 
-def test_what_a_simulator_declares_is_found() -> None:
+def test_declared_capabilities_are_read() -> None:
     simulator = Shared()
     declared = capabilities(simulator)
     assert (declared.needs, declared.usual_workers, declared.workers_at_most) == (
@@ -69,7 +69,7 @@ def test_what_a_simulator_declares_is_found() -> None:
         check_pair(simulator, DummyDriver())
 
 
-def test_a_class_says_what_holds_before_one_is_made() -> None:
+def test_a_class_declares_capabilities_without_an_instance() -> None:
     assert (usual(Shared).usual_workers, usual(Shared).needs) == (2, ("a_module",))
     assert usual(BeamngSimulator).usual_wall_limit == 600.0
     assert "home" in usual(BeamngSimulator).place_options
@@ -77,7 +77,7 @@ def test_a_class_says_what_holds_before_one_is_made() -> None:
 
 
 @pytest.mark.parametrize("simulator", [BeamngSimulator, MetaDriveSimulator])
-def test_what_is_preloaded_is_there(simulator: Any) -> None:
+def test_preloaded_modules_exist(simulator: Any) -> None:
     assert usual(simulator).preloads
     for name in usual(simulator).preloads:  # the server of processes leaves out what is missing
         assert find_spec(name) is not None
@@ -111,7 +111,7 @@ def test_every_quantity_that_one_of_ours_lays_is_an_option_of_it() -> None:
                 assert describe(simulator) != describe(kind()), "its record says it"
 
 
-def test_what_can_be_varied_is_what_can_be_set() -> None:
+def test_conditions_that_can_vary_are_attributes_that_can_be_set() -> None:
     everything = {"rules", "friction", "steering_lag", "start_offset", "start_heading"}
     everything |= {"load", "wet", "wet_at", "gust", "gust_at"}
     assert capabilities(EmbeddedSimulator()).variable == everything
@@ -128,7 +128,7 @@ def test_what_can_be_varied_is_what_can_be_set() -> None:
         ("prepare", True, "is needed"),
     ],
 )
-def test_what_is_declared_wrongly_is_refused(name: str, value: Any, message: str) -> None:
+def test_an_invalid_capability_is_refused(name: str, value: Any, message: str) -> None:
     simulator: Any = DummySimulator()
     setattr(simulator, name, value)
     with pytest.raises(FreneticError, match=message):

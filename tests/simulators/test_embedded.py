@@ -242,7 +242,7 @@ def test_a_driver_is_told_the_car_the_lane_and_the_limits() -> None:
 
 
 @pytest.mark.parametrize("name", ["default", "etk800", "metadrive"])
-def test_the_told_cornering_stiffness_is_that_of_the_tyres_at_small_slip(name: str) -> None:
+def test_the_setup_has_the_tyres_cornering_stiffness_at_small_slip(name: str) -> None:
     simulator = EmbeddedSimulator(vehicle=name)
     setup, p = simulator.setup(STRAIGHT), simulator.vehicle.to_array()
     slip = 1e-4
@@ -512,7 +512,7 @@ def test_options_say_where_the_car_starts_if_that_is_unusual() -> None:
     assert EmbeddedSimulator(start_heading=0.1).options["start_heading"] == 0.1
 
 
-def test_what_is_set_between_two_drives_counts_for_the_next() -> None:
+def test_attributes_set_between_two_drives_hold_for_the_next() -> None:
     simulator = EmbeddedSimulator()
     first = rows(simulator.drive(ROADS[0], Planner()))
     simulator.friction, simulator.start_offset, simulator.start_heading = 0.5, 0.3, 0.05

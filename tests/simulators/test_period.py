@@ -38,7 +38,7 @@ class Own(Stanley):
 
 
 @pytest.mark.parametrize("period", [0.01, 0.02, 0.04, 0.05, 0.07, 0.1, 0.2])
-def test_it_is_asked_that_often_and_recorded_at_20_hz(period: float) -> None:
+def test_a_driver_is_asked_at_its_period_and_recorded_at_20_hz(period: float) -> None:
     driver = Own(period)
     drive = EmbeddedSimulator().drive(WINDING, driver)
     assert judge(WINDING, drive).outcome is Outcome.PASS
@@ -97,7 +97,7 @@ def test_a_layer_has_the_period_of_its_driver() -> None:
         (DummySimulator(), 0.1, "this simulator cannot change its own"),
     ],
 )
-def test_what_cannot_be_kept_is_refused_before_a_drive(
+def test_a_period_that_a_simulator_cannot_keep_is_refused_before_a_drive(
     simulator: Any, period: Any, message: str
 ) -> None:
     driver: Driver = Own(period)

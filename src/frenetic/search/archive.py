@@ -53,9 +53,9 @@ class Place(NamedTuple):
     side: int
     """LEFT, RIGHT or NEITHER."""
     severity: float
-    """What the search minimises."""
+    """Value that the search minimises."""
     has_failed: bool
-    """Whether the drive failed there."""
+    """Whether the drive failed at the place."""
     vector: FloatArray
     """Approach to the place, (64,) in m."""
 

@@ -25,7 +25,7 @@ class SimulatorCheck:
     state: str
     """State of the checked thing, or what is wrong with it."""
     remedy: str = ""
-    """What to do; empty if nothing is wrong."""
+    """Advice for the user; empty if nothing is wrong."""
 
 
 def broken(name: str, error: Exception, remedy: str) -> SimulatorCheck:

@@ -22,7 +22,7 @@ class Motion(NamedTuple):
     x: float
     """Coordinate of the centre of mass, in m."""
     y: float
-    """m."""
+    """Coordinate of the centre of mass, in m."""
     heading: float
     """Heading in rad, counter-clockwise from +x; whole turns do not matter."""
     speed: float = 0.0
