@@ -199,7 +199,7 @@ class Evaluation:
 
     @property
     def severity(self) -> float | None:
-        """Value that the campaign minimises, lower is worse for the driver; None unless PASS or FAIL."""
+        """Value to be minimised, lower is worse for the driver; None unless PASS or FAIL."""
         return self.moobd if self.objective is None else self.objective
 
     @cached_property
