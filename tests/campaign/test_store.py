@@ -33,7 +33,7 @@ from frenetic.oracle.drive import CarBody, Rules, Trajectory
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Finding, Result
 from frenetic.road import Pose
-from frenetic.search.records import Candidate, Origin, Source
+from frenetic.search.records import Candidate, Origin, SourceTest
 from frenetic.spec.terms import Setting
 
 pytest_plugins = ["campaign_fixtures"]
@@ -131,7 +131,7 @@ FULL = Test(
         points=np.array([[10.0, 20.0], [0.1 + 0.2, 30.0], [1e-3, -4.0]]),
         conditions={"fog": 60.0, "delay": -0.0},
         repeat=2,
-        source=Source("../runs/früher", 12),
+        source=SourceTest("../runs/früher", 12),
         notes={"twin": {"role": "control", "drawn": 20, "moobd": None}, "kinds": [1, "x"]},
         superelevation=np.array([[0.0, 0.025], [30.0, -0.06]]),
         grade=np.array([[-0.0, np.nextafter(0.04, 1.0)]]),
@@ -184,7 +184,7 @@ def of_half_characters(test: Test) -> Test:
     half = "caf\udce9"
     test = changed(test, "result.reason", f"cannot open {half}")
     test = changed(test, "result.fault", Fault("simulator", "OSError", half, 1))
-    test = changed(test, "candidate.source", Source(half, 1))
+    test = changed(test, "candidate.source", SourceTest(half, 1))
     return changed(test, "candidate.notes", {"said": [half]})  # type: ignore[no-any-return]
 
 

@@ -151,7 +151,7 @@ def turn(curvatures: FloatArray) -> float:
 def test_where_the_road_decides_the_rest_are_plain_drives() -> None:
     rng = np.random.default_rng(5)
     roads = RandomRoads(road_class=DOMAIN.road_class)
-    angle = float(np.quantile([turn(roads.made(rng)) for _ in range(50_000)], 1.0 - 3e-3))
+    angle = float(np.quantile([turn(roads.draw_once(rng)) for _ in range(50_000)], 1.0 - 3e-3))
     tester = replace(Winding(**vars(known(0.5))), angle=angle)
     held, plain = 0, []
     for seed in range(6):

@@ -34,12 +34,12 @@ def drive(road: Road, driver: BeamngAi, limit: float = 70.0) -> Drive:
 
 
 def test_it_brings_its_car_unless_one_is_chosen() -> None:
-    own = drive(BEND, BeamngAi())
-    simulator = EmbeddedSimulator(rules=own.rules)
+    embedded = drive(BEND, BeamngAi())
+    simulator = EmbeddedSimulator(rules=embedded.rules)
     for driver in (BeamngAi(), Noisy(BeamngAi(), offset=0.0, heading=0.0), InPython()):
         brought = simulator.drive(BEND, driver)
-        np.testing.assert_array_equal(brought.trajectory.to_rows(), own.trajectory.to_rows())
-        assert brought.car == own.car
+        np.testing.assert_array_equal(brought.trajectory.to_rows(), embedded.trajectory.to_rows())
+        assert brought.car == embedded.car
         simulator.drive(BEND, Planner())
         assert simulator.vehicle == Vehicle(), "others drive in the default car"
     for chosen in ("default", {"mass": 1500.0}, Vehicle(length=5.0)):

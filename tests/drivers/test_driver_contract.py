@@ -91,8 +91,8 @@ class TestEager(DriverContract):
 def test_the_contract_says_what_is_wrong(driver: Any, test: str, message: str) -> None:
     class Contract(DriverContract):
         def make(self) -> Driver:
-            made: Driver = driver
-            return made
+            instance: Driver = driver
+            return instance
 
     with pytest.raises(AssertionError) as caught:
         getattr(Contract(), f"test_{test}")()

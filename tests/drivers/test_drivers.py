@@ -90,22 +90,22 @@ def random_observation(seed: int) -> Observation:
     )
 
 
-def controls_of(driver: Driver, *seen: Observation) -> Controls:
+def controls_of(driver: Driver, *observations: Observation) -> Controls:
     """The driver's last controls of a drive with these observations."""
     driver.reset(SETUP)
-    answers = [driver.act(each) for each in seen]
+    answers = [driver.act(observation) for observation in observations]
     return answers[-1]
 
 
-def test_laws_are_compiled_once_however_arrays_are_given() -> None:
+def test_laws_are_compiled_once_for_all_kinds_of_arrays() -> None:
     """A law takes seconds to compile."""
-    fixed, seen = random_observation(1), random_observation(1)
+    fixed, plain = random_observation(1), random_observation(1)
     fixed.ahead.setflags(write=False)
     fixed.curvature_ahead.setflags(write=False)
-    strided = replace(seen, curvature_ahead=np.repeat(seen.curvature_ahead, 2)[::2])
+    strided = replace(plain, curvature_ahead=np.repeat(plain.curvature_ahead, 2)[::2])
     with EmbeddedSimulator() as simulator:
         simulator.drive(Road([0.0, 0.0]), Planner())  # the rollout
-    assert len({controls_of(Planner(), one) for one in (seen, fixed, strided)}) == 1
+    assert len({controls_of(Planner(), view) for view in (plain, fixed, strided)}) == 1
     assert len(laws.decide.signatures) == 1  # type: ignore[attr-defined]
 
 
@@ -122,16 +122,16 @@ class Recorder:
     """Remembers what it saw and answers with its number of calls."""
 
     def __init__(self) -> None:
-        self.seen: list[Observation] = []
+        self.observations: list[Observation] = []
         self.resets: list[DriveSetup] = []
 
     def reset(self, setup: DriveSetup) -> None:
         self.resets.append(setup)
-        self.seen = []
+        self.observations = []
 
     def act(self, observation: Observation) -> Controls:
-        self.seen.append(observation)
-        n = len(self.seen)
+        self.observations.append(observation)
+        n = len(self.observations)
         return Controls(0.01 * n, n / 1000.0, n / 2000.0)
 
 
@@ -141,18 +141,21 @@ class Recorder:
 @given(seed=st.integers(0, 2**32 - 1), make=st.sampled_from(BUILT_IN))
 @settings(max_examples=80)
 def test_a_mirrored_world_is_steered_mirrored(seed: int, make: Callable[..., Driver]) -> None:
-    seen = random_observation(seed)
+    view = random_observation(seed)
     mirrored = replace(
-        seen,
-        yaw_rate=-seen.yaw_rate,
-        lateral_offset=-seen.lateral_offset,
-        heading_error=-seen.heading_error,
-        ahead=seen.ahead * [1.0, -1.0],
-        curvature_ahead=-seen.curvature_ahead,
+        view,
+        yaw_rate=-view.yaw_rate,
+        lateral_offset=-view.lateral_offset,
+        heading_error=-view.heading_error,
+        ahead=view.ahead * [1.0, -1.0],
+        curvature_ahead=-view.curvature_ahead,
     )
-    one, other = controls_of(make(), seen), controls_of(make(), mirrored)
-    assert other.steering == -one.steering
-    assert (other.throttle, other.brake) == (one.throttle, one.brake)
+    straight_answer, mirrored_answer = controls_of(make(), view), controls_of(make(), mirrored)
+    assert mirrored_answer.steering == -straight_answer.steering
+    assert (mirrored_answer.throttle, mirrored_answer.brake) == (
+        straight_answer.throttle,
+        straight_answer.brake,
+    )
 
 
 @given(seed=st.integers(0, 2**32 - 1), make=st.sampled_from(BUILT_IN))
@@ -173,8 +176,8 @@ def test_pure_pursuit_takes_the_arc_through_the_lookahead_point(kappa: float, ro
     """The rear axle on a circle: the front wheels take the angle that holds it there."""
     driver = Planner(lookahead_time=0.0, lookahead_min=AHEAD_SPACING * row)
     # Measured from the rear axle the circle starts there; row 0 is abreast of the centre of mass.
-    seen = observation(ahead=arc(kappa, start=-SETUP.rear_axle))
-    steering = controls_of(driver, seen).steering
+    view = observation(ahead=arc(kappa, start=-SETUP.rear_axle))
+    steering = controls_of(driver, view).steering
     assert steering == pytest.approx(math.atan(WHEELBASE * kappa), abs=1e-12)
 
 
@@ -263,12 +266,12 @@ def test_bad_parameters_are_refused_by_name(make: Callable[..., Planner]) -> Non
 def test_a_driver_that_only_steers_gets_the_built_in_speed_and_pedals(
     seed: int, make: Callable[..., Planner]
 ) -> None:
-    driver, seen = make(aggression=0.7), random_observation(seed)
-    plan, own = SpeedPlan(SETUP, driver), controls_of(driver, seen)
-    assert plan.controls(seen, steering=0.123) == replace(own, steering=0.123)
-    assert plan.speed(seen) == speed_wanted(seen.curvature_ahead, driver)
-    assert SpeedPlan(SETUP).controls(seen, own.steering) == replace(
-        controls_of(Planner(), seen), steering=own.steering
+    driver, view = make(aggression=0.7), random_observation(seed)
+    plan, controls = SpeedPlan(SETUP, driver), controls_of(driver, view)
+    assert plan.controls(view, steering=0.123) == replace(controls, steering=0.123)
+    assert plan.speed(view) == speed_wanted(view.curvature_ahead, driver)
+    assert SpeedPlan(SETUP).controls(view, controls.steering) == replace(
+        controls_of(Planner(), view), steering=controls.steering
     )
 
 
@@ -280,7 +283,9 @@ def errors_seen(driver: Noisy, recorder: Recorder, n: int) -> FloatArray:
     driver.reset(SETUP)
     for _ in range(n):
         driver.act(observation(lateral_offset=0.7, heading_error=-0.2))
-    return np.array([(o.lateral_offset - 0.7, o.heading_error + 0.2) for o in recorder.seen])
+    return np.array(
+        [(o.lateral_offset - 0.7, o.heading_error + 0.2) for o in recorder.observations]
+    )
 
 
 def test_noise_is_the_same_in_every_drive_and_another_for_another_seed() -> None:
@@ -330,15 +335,15 @@ def test_the_view_ahead_errs_as_the_place_does() -> None:
     for _ in range(20):
         driver.act(real)
     np.testing.assert_array_equal(real.ahead, before)
-    for seen in recorder.seen:
-        offset = seen.lateral_offset - real.lateral_offset
-        turn = seen.heading_error - real.heading_error
+    for view in recorder.observations:
+        offset = view.lateral_offset - real.lateral_offset
+        turn = view.heading_error - real.heading_error
         c, s = math.cos(turn), math.sin(turn)
-        x = c * seen.ahead[:, 0] - s * seen.ahead[:, 1]
-        y = s * seen.ahead[:, 0] + c * seen.ahead[:, 1] + offset
+        x = c * view.ahead[:, 0] - s * view.ahead[:, 1]
+        y = s * view.ahead[:, 0] + c * view.ahead[:, 1] + offset
         np.testing.assert_allclose(np.column_stack([x, y]), real.ahead, rtol=0, atol=1e-9)
-        np.testing.assert_array_equal(seen.curvature_ahead, real.curvature_ahead)
-        assert (seen.speed, seen.yaw_rate) == (real.speed, real.yaw_rate)
+        np.testing.assert_array_equal(view.curvature_ahead, real.curvature_ahead)
+        assert (view.speed, view.yaw_rate) == (real.speed, real.yaw_rate)
 
 
 # --- Delay and view ------------------------------------------------------------------------------
@@ -369,10 +374,10 @@ def test_a_limited_view_has_the_next_points_only(distance: float, rows: int) -> 
     driver.reset(SETUP)
     real = random_observation(10)
     driver.act(real)
-    (seen,) = recorder.seen
-    np.testing.assert_array_equal(seen.ahead, real.ahead[:rows])
-    np.testing.assert_array_equal(seen.curvature_ahead, real.curvature_ahead[:rows])
-    assert (seen.speed, seen.lateral_offset) == (real.speed, real.lateral_offset)
+    (view,) = recorder.observations
+    np.testing.assert_array_equal(view.ahead, real.ahead[:rows])
+    np.testing.assert_array_equal(view.curvature_ahead, real.curvature_ahead[:rows])
+    assert (view.speed, view.lateral_offset) == (real.speed, real.lateral_offset)
 
 
 def test_layers_tell_their_options() -> None:
@@ -388,14 +393,14 @@ def test_layers_commute(make: Callable[..., Driver]) -> None:
         lambda driver: Delayed(driver, seconds=0.15),
         lambda driver: LimitedView(driver, distance=14.0),
     ]
-    seen = [random_observation(seed) for seed in range(20)]
+    observations = [random_observation(seed) for seed in range(20)]
     answers = []
     for order in itertools.permutations(layers):
         driver: Driver = make()
         for layer in order:
             driver = layer(driver)
         driver.reset(SETUP)
-        answers.append([driver.act(each) for each in seen])
+        answers.append([driver.act(observation) for observation in observations])
     assert all(answer == answers[0] for answer in answers)
     assert len(set(answers[0])) > 10
 
@@ -487,7 +492,7 @@ def test_pedals_are_cut_and_steering_is_not() -> None:
         (Controls(0.0, 0.0, []), "the driver returned brake = [], not a finite number"),  # type: ignore[arg-type]
     ],
 )
-def test_what_is_no_controls_is_refused_with_what_came(controls: Any, message: str) -> None:
+def test_an_answer_that_is_no_controls_is_refused(controls: Any, message: str) -> None:
     with pytest.raises(DriverError) as caught:
         checked_controls(controls)
     assert str(caught.value) == message

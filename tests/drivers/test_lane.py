@@ -23,32 +23,32 @@ class Keeping:
 
     def __init__(self) -> None:
         self.stanley = Stanley()
-        self.seen: list[Observation] = []
+        self.observations: list[Observation] = []
 
     def reset(self, setup: DriveSetup) -> None:
         self.stanley.reset(setup)
-        self.seen = []
+        self.observations = []
 
     def act(self, observation: Observation) -> Controls:
-        self.seen.append(observation)
+        self.observations.append(observation)
         return self.stanley.act(observation)
 
 
-def seen_on(
+def observations_on(
     road: Road, layer: Callable[[Driver], Driver] = lambda driver: driver
 ) -> list[Observation]:
     driver = Keeping()
     simulator = EmbeddedSimulator(start_offset=0.4, start_heading=-0.1)
     assert simulator.drive(road, layer(driver)).trouble is None
-    assert len(driver.seen) > 100
-    return driver.seen[::20]
+    assert len(driver.observations) > 100
+    return driver.observations[::20]
 
 
-def on_the_map(lane: Lane, road: Road, seen: Observation) -> FloatArray:
+def on_the_map(lane: Lane, road: Road, observation: Observation) -> FloatArray:
     """Points of a lane in the map's frame, by the car's place on the road."""
-    pose = road.pose_at(seen.distance)
-    heading = pose.heading + seen.heading_error
-    left = seen.lateral_offset - 0.5 * road.lane_width
+    pose = road.pose_at(observation.distance)
+    heading = pose.heading + observation.heading_error
+    left = observation.lateral_offset - 0.5 * road.lane_width
     x, y = pose.x - left * math.sin(pose.heading), pose.y + left * math.cos(pose.heading)
     c, s = math.cos(heading), math.sin(heading)
     moved: FloatArray = lane.points @ np.array([[c, s], [-s, c]]) + (x, y)
@@ -63,36 +63,40 @@ def centre_of_lane(road: Road, distances: FloatArray) -> FloatArray:
     )
 
 
-def test_it_is_the_view_ahead_at_the_views_spacing() -> None:
-    for seen in seen_on(WINDING):
-        lane = seen.lane(spacing=2.0, ahead=78.0)
-        np.testing.assert_allclose(lane.points, seen.ahead, rtol=0.0, atol=2e-3)
-        np.testing.assert_allclose(lane.curvatures, seen.curvature_ahead, rtol=0.0, atol=1e-9)
+def test_a_lane_equals_the_view_ahead_at_its_spacing() -> None:
+    for observation in observations_on(WINDING):
+        lane = observation.lane(spacing=2.0, ahead=78.0)
+        np.testing.assert_allclose(lane.points, observation.ahead, rtol=0.0, atol=2e-3)
+        np.testing.assert_allclose(
+            lane.curvatures, observation.curvature_ahead, rtol=0.0, atol=1e-9
+        )
         np.testing.assert_array_equal(lane.distances, np.arange(0.0, 80.0, 2.0))
 
 
 @pytest.mark.parametrize(("spacing", "ahead", "behind"), [(0.5, 200.0, 30.0), (0.1, 0.3, 0.7)])
-def test_it_lies_on_the_road_at_any_spacing_also_behind_and_beyond_both_ends(
+def test_a_lane_lies_on_the_road_at_any_spacing_also_behind_and_beyond_both_ends(
     spacing: float, ahead: float, behind: float
 ) -> None:
-    for seen in seen_on(WINDING):
-        lane = seen.lane(spacing, ahead, behind)
+    for observation in observations_on(WINDING):
+        lane = observation.lane(spacing, ahead, behind)
         assert lane.distances[0] == pytest.approx(-behind)
         assert lane.distances[-1] == pytest.approx(ahead)
         assert lane.distances[round(behind / spacing)] == 0.0
         np.testing.assert_allclose(np.diff(lane.distances), spacing, rtol=0.0, atol=1e-9)
-        places = seen.distance + lane.distances
+        places = observation.distance + lane.distances
         expected = centre_of_lane(WINDING, places)
-        np.testing.assert_allclose(on_the_map(lane, WINDING, seen), expected, rtol=0.0, atol=1e-6)
+        np.testing.assert_allclose(
+            on_the_map(lane, WINDING, observation), expected, rtol=0.0, atol=1e-6
+        )
         beyond = (places < 0.0) | (places > WINDING.length)
         assert not lane.curvatures[beyond].any()
 
 
-def test_headings_and_curvatures_are_those_of_its_points() -> None:
-    for seen in seen_on(WINDING):
-        lane = seen.lane(0.01, 60.0, 20.0)
+def test_headings_and_curvatures_follow_from_the_points() -> None:
+    for observation in observations_on(WINDING):
+        lane = observation.lane(0.01, 60.0, 20.0)
         abreast = np.flatnonzero(lane.distances == 0.0)[0]
-        assert lane.headings[abreast] == pytest.approx(-seen.heading_error)
+        assert lane.headings[abreast] == pytest.approx(-observation.heading_error)
         steps = np.diff(lane.points, axis=0)
         lengths = np.hypot(*steps.T)
         between = 0.5 * (lane.headings[1:] + lane.headings[:-1])
@@ -104,18 +108,22 @@ def test_headings_and_curvatures_are_those_of_its_points() -> None:
         np.testing.assert_allclose(turns, curvatures, rtol=0.0, atol=1e-4)
 
 
-def test_noise_moves_it_as_the_view_ahead() -> None:
-    plain = seen_on(WINDING)
-    for seen in seen_on(WINDING, lambda driver: Noisy(driver, offset=0.5, heading=0.05)):
-        lane = seen.lane(2.0, 78.0)
+def test_noise_moves_the_lane_as_the_view_ahead() -> None:
+    plain = observations_on(WINDING)
+    for observation in observations_on(
+        WINDING, lambda driver: Noisy(driver, offset=0.5, heading=0.05)
+    ):
+        lane = observation.lane(2.0, 78.0)
         # The view is moved across the car, the lane across the road.
-        np.testing.assert_allclose(lane.points, seen.ahead, rtol=0.0, atol=0.25)
-        np.testing.assert_allclose(lane.points[:, 1], seen.ahead[:, 1], rtol=0.0, atol=0.05)
-        expected = centre_of_lane(WINDING, seen.distance + lane.distances)
-        c, s = math.cos(seen.heading), math.sin(seen.heading)
-        believed = lane.points @ np.array([[c, s], [-s, c]]) + (seen.x, seen.y)
+        np.testing.assert_allclose(lane.points, observation.ahead, rtol=0.0, atol=0.25)
+        np.testing.assert_allclose(lane.points[:, 1], observation.ahead[:, 1], rtol=0.0, atol=0.05)
+        expected = centre_of_lane(WINDING, observation.distance + lane.distances)
+        c, s = math.cos(observation.heading), math.sin(observation.heading)
+        believed = lane.points @ np.array([[c, s], [-s, c]]) + (observation.x, observation.y)
         np.testing.assert_allclose(believed, expected, rtol=0.0, atol=1e-6)
-        right = replace(seen, lateral_offset=seen.lateral_offset - 1.0).lane(2.0, 78.0)
+        right = replace(observation, lateral_offset=observation.lateral_offset - 1.0).lane(
+            2.0, 78.0
+        )
         np.testing.assert_allclose(
             np.hypot(*(right.points - lane.points).T), 1.0, rtol=0.0, atol=1e-9
         )
@@ -123,16 +131,18 @@ def test_noise_moves_it_as_the_view_ahead() -> None:
 
 
 @pytest.mark.parametrize(("distance", "end"), [(25.0, 25.0), (200.0, 200.0), (0.5, 2.0)])
-def test_a_limited_view_ends_it_also_a_long_one(distance: float, end: float) -> None:
-    for seen in seen_on(WINDING, lambda driver: LimitedView(driver, distance=distance)):
-        lane = seen.lane(1.0, ahead=math.inf, behind=10.0)
+def test_a_limited_view_ends_the_lane(distance: float, end: float) -> None:
+    for observation in observations_on(
+        WINDING, lambda driver: LimitedView(driver, distance=distance)
+    ):
+        lane = observation.lane(1.0, ahead=math.inf, behind=10.0)
         assert (lane.distances[0], lane.distances[-1]) == (-10.0, end)
-        assert seen.lane(1.0, ahead=1.0).distances[-1] == 1.0
-        assert len(seen.ahead) <= 40
+        assert observation.lane(1.0, ahead=1.0).distances[-1] == 1.0
+        assert len(observation.ahead) <= 40
 
 
-def test_an_observation_that_is_kept_gives_the_lane_of_its_time() -> None:
-    first, *others = seen_on(WINDING)
+def test_an_old_observation_gives_the_lane_of_its_time() -> None:
+    first, *others = observations_on(WINDING)
     before = first.lane().points.copy()
     for other in others:
         other.lane()
@@ -152,12 +162,12 @@ def test_an_observation_that_is_kept_gives_the_lane_of_its_time() -> None:
     ],
 )
 def test_bad_lengths_are_refused(lengths: tuple[float, float, float], message: str) -> None:
-    seen = seen_on(WINDING)[0]
+    observation = observations_on(WINDING)[0]
     with pytest.raises(ValueError, match=message):
-        seen.lane(*lengths)
+        observation.lane(*lengths)
 
 
-def test_without_a_road_it_says_so() -> None:
-    seen = Observation(0.0, 10.0, 0.0, 0.0, 0.0, 0.0, np.zeros((1, 2)), np.zeros(1))
+def test_an_observation_without_a_road_refuses_a_lane() -> None:
+    observation = Observation(0.0, 10.0, 0.0, 0.0, 0.0, 0.0, np.zeros((1, 2)), np.zeros(1))
     with pytest.raises(FreneticError, match="no lane is known"):
-        seen.lane()
+        observation.lane()

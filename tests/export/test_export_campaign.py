@@ -23,7 +23,7 @@ from frenetic.cli import main
 from frenetic.errors import FreneticError
 from frenetic.export import campaigns, data_frame, export_campaign, tables
 from frenetic.oracle.outcome import Outcome
-from frenetic.search.records import Source
+from frenetic.search.records import SourceTest
 
 if TYPE_CHECKING:
     from made_campaign import ToldAnew
@@ -72,7 +72,7 @@ def exported(
         fifth(
             conditions={"fog": 60.5},
             repeat=2,
-            source=Source("nightly", 31),
+            source=SourceTest("nightly", 31),
             notes={"looked at": [4000, None], "why": "κ"},
             reason='κ → "θ", \n; \u2028',
             worker="w1",

@@ -23,7 +23,7 @@ from frenetic.road import Road
 from frenetic.road.classes import RoadClass
 from frenetic.road.profile import NAMES
 from frenetic.search import RandomSearch
-from frenetic.search.records import Source
+from frenetic.search.records import SourceTest
 from frenetic.simulators import EmbeddedSimulator
 
 if TYPE_CHECKING:
@@ -126,7 +126,7 @@ def test_a_frame_has_values_that_only_some_tests_have(
                 test.candidate,
                 conditions={"noise_seed": 2**31 - 1, "fog": 60.5},
                 repeat=2,
-                source=Source("nightly", 31),
+                source=SourceTest("nightly", 31),
                 notes={"looked at": [4000, None]},
             ),
             worker="w1",

@@ -51,8 +51,8 @@ def drive(candidate: Candidate, moobd: float, place: float, spent: float = 0.5) 
 
 def _curvature(candidate: Candidate, along: FloatArray) -> FloatArray:
     places = np.arange(len(candidate.curvatures)) * candidate.step
-    found: FloatArray = np.interp(along, places, candidate.curvatures)
-    return found
+    curvatures: FloatArray = np.interp(along, places, candidate.curvatures)
+    return curvatures
 
 
 def searched(search: Frenetic, tests: int, fails: bool = True) -> list[Candidate]:
@@ -119,7 +119,7 @@ def test_it_says_that_no_road_comes_near_failing() -> None:
     assert search.notice is None
 
 
-def test_a_kept_place_has_the_approach_that_analysis_computes() -> None:
+def test_a_place_in_the_archive_has_the_approach_that_analysis_computes() -> None:
     curvatures = random_curvatures(np.random.default_rng(4), 25)
     candidate = Candidate(1, curvatures, 10.0, Frenetic(seed=1).ask().origin)
     (place, *_) = places_of(evaluation := drive(candidate, -2.0, 120.0), candidate, -2.0)
@@ -137,15 +137,15 @@ def test_a_kept_place_has_the_approach_that_analysis_computes() -> None:
         np.testing.assert_allclose(laid, expected, atol=1e-9)
 
 
-def test_a_second_peak_is_kept_if_it_is_apart() -> None:
+def test_a_second_peak_is_a_place_if_it_is_apart() -> None:
     candidate = Frenetic(seed=1).ask()
     along = np.linspace(0.0, 150.0, 300)
     offset = 2.5 * np.exp(-(((along - 40.0) / 5.0) ** 2)) - np.exp(-(((along - 100.0) / 5.0) ** 2))
     trace = Trace(along, offset, np.full(300, 15.0))
-    told = Evaluation(
+    evaluation = Evaluation(
         candidate, Outcome.PASS, -0.5, 0.1, worst_place=40.0, read_trace=lambda: trace
     )
-    first, second = places_of(told, candidate, -0.5)
+    first, second = places_of(evaluation, candidate, -0.5)
     assert (first.side, second.side) == (LEFT, RIGHT)
     assert second.distance == pytest.approx(100.0, abs=1.0)
     assert second.severity == pytest.approx(1.0, abs=0.01)
@@ -158,8 +158,8 @@ def test_the_archive_knows_the_nearest_failure_of_each_side() -> None:
     places: list[Place] = []
     candidate = Frenetic(seed=1).ask()
     for k in range(200):
-        told = drive(candidate, float(rng.uniform(-3.0, 1.0)), float(rng.uniform(0.0, 150.0)))
-        (place, *_) = places_of(told, candidate, told.moobd or 0.0)
+        evaluation = drive(candidate, float(rng.uniform(-3.0, 1.0)), float(rng.uniform(0.0, 150.0)))
+        (place, *_) = places_of(evaluation, candidate, evaluation.moobd or 0.0)
         place = place._replace(vector=rng.normal(0.0, 0.3, SIZE), side=k % 2)
         before = [p for p in places if p.has_failed and p.side == place.side]
         distances = [math.dist(p.vector, place.vector) for p in before]
@@ -178,7 +178,7 @@ def test_the_archive_knows_the_nearest_failure_of_each_side() -> None:
 def test_an_operator_makes_another_road_within_the_bound(operator: int) -> None:
     rng = np.random.default_rng(operator)
     limits = np.array([CURVATURE_BOUND, 0.05])
-    made = changed = 0
+    drawn = changed = 0
     for _ in range(100):
         parent, other = random_curvatures(rng, 25), random_curvatures(rng, 22)
         before, child = parent.copy(), np.full(40, np.nan)
@@ -186,11 +186,11 @@ def test_an_operator_makes_another_road_within_the_bound(operator: int) -> None:
         n, moved = vary(operator, u, parent, site, other, 10, 29, limits, child)
         np.testing.assert_array_equal(parent, before)
         if n:
-            made += 1
+            drawn += 1
             assert np.all(np.abs(child[:n]) <= CURVATURE_BOUND)
             changed += not np.array_equal(child[:n], parent)
             assert 0 <= site + moved < n + 1
-    assert changed > 0.8 * made > 40
+    assert changed > 0.8 * drawn > 40
 
 
 def test_a_child_that_would_fail_as_known_is_refused() -> None:
@@ -233,7 +233,7 @@ def test_a_fresh_road_keeps_what_leads_to_the_place() -> None:
     u = np.random.default_rng(2).random((1, PARAMETERS + 80))
     child, none = np.empty(40), np.empty((0, SIZE))
     whole = np.zeros(1, dtype=np.int64)
-    for kept in (0.0, 60.0):
+    for run_up in (0.0, 60.0):
         k, n, moved = draw_child(
             np.array([OPERATORS.index("shift")]),
             u,
@@ -249,13 +249,13 @@ def test_a_fresh_road_keeps_what_leads_to_the_place() -> None:
             none,
             none,
             1.6,
-            np.array([kept]),
+            np.array([run_up]),
             np.empty(0),
             child,
             np.empty(SIZE),
         )
         assert (k, n, moved) == (0, 30, 0)
-        if not kept:
+        if not run_up:
             changed = child[:n].copy()  # around the place
             np.testing.assert_array_equal(changed[:18], parent[:18])
     # From 60 m before the place at 180 m to 20 m after it, and all else is new.
@@ -295,13 +295,13 @@ class Seer:
 def test_foresight_chooses_as_often_as_it_is_right(*, is_right: bool) -> None:
     seer = Seer(is_right=is_right)
     search = Frenetic(seed=4, foresight=seer)
-    told = 0
+    tells = 0
     for _ in range(200):
         candidate = search.ask()
         search.tell(drive(candidate, *Seer.fate(candidate)))
-        told += 1
+        tells += 1
     facts = dict(search.facts())
-    assert seer.learnt == told
+    assert seer.learnt == tells
     assert facts["twin"] == "a seer"
     chosen, others = facts["children with foresight"], facts["children without foresight"]
     assert chosen + others < 200
@@ -360,8 +360,10 @@ def test_near_at_a_place_is_near_once_the_road_is_laid_there() -> None:
         assert least == pytest.approx(((known - laid) ** 2).sum(axis=1).min())
         for square in (0.5 * least, least, np.nextafter(least, 2e3), 1.5 * least):
             count = alike_before(known, laid, square, rows, squares)
-            found = is_near_at(known, rows[:count], squares[:count], table, ds, place, square)
-            assert found == is_near(known, laid, square) == (square > least)
+            is_near_there = is_near_at(
+                known, rows[:count], squares[:count], table, ds, place, square
+            )
+            assert is_near_there == is_near(known, laid, square) == (square > least)
 
 
 def test_no_road_is_proposed_twice_and_all_lie_within_the_bound() -> None:

@@ -142,11 +142,11 @@ class Twin:
         names = varied(road) if parent.outcome is FAIL else [f"P{number}" for number in range(1, 7)]
         for name in names:
             if parent.outcome is FAIL:
-                made = varied(road)[name]
+                mutant_values = varied(road)[name]
             else:
-                made = self.drawn(partial(mutant, self.rng, name, road, self.mutation))
-            if made is not None:
-                row = self.add(name, made, parent)
+                mutant_values = self.drawn(partial(mutant, self.rng, name, road, self.mutation))
+            if mutant_values is not None:
+                row = self.add(name, mutant_values, parent)
                 row.visited = parent.outcome is FAIL
                 row.siblings = siblings
                 siblings.append(row)
@@ -181,12 +181,12 @@ class Twin:
 
     def below(self) -> list[Row]:
         """Driven roads below the threshold, the worst first."""
-        found = [
+        ranked = [
             (row.severity, row.id, row)
             for row in self.table
             if row.severity is not None and row.severity < self.threshold
         ]
-        return [row for _, _, row in sorted(found, key=lambda one: one[:2])]
+        return [row for _, _, row in sorted(ranked, key=lambda entry: entry[:2])]
 
     def add(self, operator: str, curvatures: FloatArray, *parents: Row) -> Row:
         generation = max((parent.generation + 1 for parent in parents), default=0)
@@ -235,17 +235,19 @@ def follow(
             assert (origin.parents, origin.generation) == (row.parents, row.generation)
             np.testing.assert_array_equal(candidate.curvatures, row.curvatures)
             waiting.append(candidate)
-        assert [search.is_wanted(one) for one in waiting] == [twin.wants(one) for one in waiting]
+        assert [search.is_wanted(candidate) for candidate in waiting] == [
+            twin.wants(candidate) for candidate in waiting
+        ]
         candidate = waiting.pop(int(rng.integers(outstanding)))
         outcome, severity = result()
         if not twin.wants(candidate) and rng.random() < 0.5:
             outcome, severity = DROPPED, None
         spent = count / tests if rng.random() < 0.9 else 0.0  # some are told late
-        told = Evaluation(candidate, outcome, severity, spent)
+        evaluation = Evaluation(candidate, outcome, severity, spent)
         if objective and severity is not None:
-            told = Evaluation(candidate, outcome, 1.0, spent, objective=severity)
-        search.tell(told)
-        twin.tell(told)
+            evaluation = Evaluation(candidate, outcome, 1.0, spent, objective=severity)
+        search.tell(evaluation)
+        twin.tell(evaluation)
     return [row.operator for row in twin.table]
 
 
@@ -348,7 +350,7 @@ def test_with_fewer_parents_the_count_of_tests_begins_anew() -> None:
     assert operators[20] in ("C1", "C2")
 
 
-def test_what_is_refused_by_default_is_what_the_competition_calls_invalid() -> None:
+def test_roads_that_the_competition_calls_invalid_are_refused_by_default() -> None:
     def is_valid(curvatures: FloatArray, step: float) -> bool:
         return Road(curvatures, step).placed(200.0)[1].valid
 
@@ -373,13 +375,13 @@ def test_it_says_that_its_roads_are_random() -> None:
 @pytest.mark.parametrize(("moobd", "most"), [(-0.5, 1), (-1.0, 22)])
 def test_it_forgets_all_but_the_best_roads_below_the_threshold(moobd: float, most: int) -> None:
     search = Frenetic2021(seed=1, random_budget=0.0, cross_num=20)
-    seen: list[weakref.ref[Candidate]] = []
+    references: list[weakref.ref[Candidate]] = []
     for _ in range(3000):
         candidate = search.ask()
-        seen.append(weakref.ref(candidate))
+        references.append(weakref.ref(candidate))
         is_random = candidate.origin.operator == "random"
         search.tell(Evaluation(candidate, FAIL, moobd if is_random else 1.0, 0.5))
     del candidate
 
-    assert sum(ref() is not None for ref in seen) <= most
-    assert all(len(kept) <= 22 for kept in vars(search).values() if hasattr(kept, "__len__"))
+    assert sum(ref() is not None for ref in references) <= most
+    assert all(len(value) <= 22 for value in vars(search).values() if hasattr(value, "__len__"))

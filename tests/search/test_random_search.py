@@ -42,10 +42,10 @@ def test_roads_are_valid_on_the_map_by_default() -> None:
         search, plain = RandomSearch(seed=2), RandomSearch(seed=2, max_redraws=0)
         if margin is not None:
             search.keep_margin(margin)
-        kept = MARGIN if margin is None else margin
+        least = MARGIN if margin is None else margin
         valid = [
-            [Road(one.ask().curvatures, 10.0).placed(200.0, kept)[1].valid for _ in range(30)]
-            for one in (search, plain)
+            [Road(strategy.ask().curvatures, 10.0).placed(200.0, least)[1].valid for _ in range(30)]
+            for strategy in (search, plain)
         ]
         assert sum(valid[0]) >= 29 > sum(valid[1])
 
@@ -56,7 +56,7 @@ def test_random_roads_are_187_m_long_in_the_mean_and_those_of_frenetic_275_m() -
     assert np.mean(lengths, axis=1) == pytest.approx([187.0, 275.0], abs=3.0)
 
 
-def test_random_roads_are_those_of_frenetic_2021_that_draws_invalid_ones_again() -> None:
+def test_random_search_draws_the_roads_of_frenetic_2021_with_redraws() -> None:
     search, other = RandomSearch(seed=3), Frenetic2021(seed=3, max_redraws=10)
     for _ in range(50):
         np.testing.assert_array_equal(search.ask().curvatures, other.ask().curvatures)
@@ -66,12 +66,12 @@ def test_random_roads_are_those_of_frenetic_2021_that_draws_invalid_ones_again()
 def test_a_refused_road_is_drawn_again_and_the_last_draw_taken_whatever_it_is(
     accept_every: int, max_redraws: int
 ) -> None:
-    seen: list[FloatArray] = []
+    checked: list[FloatArray] = []
 
     def check(curvatures: FloatArray, step: float) -> bool:
         assert step == 8.0
-        seen.append(curvatures)
-        return len(seen) % accept_every == 0
+        checked.append(curvatures)
+        return len(checked) % accept_every == 0
 
     search = RandomSearch(seed=1, step=8.0, is_valid=check, max_redraws=max_redraws)
     plain = RandomSearch(seed=1, step=8.0, max_redraws=0)
@@ -79,7 +79,7 @@ def test_a_refused_road_is_drawn_again_and_the_last_draw_taken_whatever_it_is(
     candidate = search.ask()
     assert (candidate.step, candidate.origin.operator) == (8.0, "random")
     np.testing.assert_array_equal(candidate.curvatures, draws[-1])
-    assert len(seen) == min(accept_every, max_redraws)  # the last draw needs no verdict
+    assert len(checked) == min(accept_every, max_redraws)  # the last draw needs no verdict
 
 
 @pytest.mark.parametrize("name", classes())

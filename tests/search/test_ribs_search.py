@@ -45,29 +45,29 @@ class TestRibsSearch(StrategyContract):
 
 def search(strategy: Strategy, drives: int) -> list[tuple[str, float, bool]]:
     """Origin, sum of |curvature| and validity of roads; the tighter a road, the lower its MOOBD."""
-    found = []
+    proposals = []
     trace = Trace(np.array([95.0, 100.0]), np.array([0.5, 1.0]), np.array([9.0, 10.0]))
     for _ in range(drives):
         candidate = strategy.ask()
         assert candidate is not None
         bent = float(np.abs(candidate.curvatures).sum())
         _, verdict = Road(candidate.curvatures, candidate.step).placed(200.0, 10.0)
-        found.append((candidate.origin.operator, bent, verdict.valid))
+        proposals.append((candidate.origin.operator, bent, verdict.valid))
         moobd = 2.0 - bent
         strategy.tell(
             Evaluation(
                 candidate, Outcome.PASS, moobd, 0.0, worst_place=100.0, read_trace=lambda: trace
             )
         )
-    return found
+    return proposals
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_it_goes_where_the_driver_is_worse_and_proposes_valid_roads_only(algorithm: str) -> None:
-    found = search(peer(algorithm, values=12), 120)
+    proposals = search(peer(algorithm, values=12), 120)
 
-    assert [origin for origin, _, _ in found[:30]] == ["random"] * 30
-    assert {origin for origin, _, _ in found[30:]} == {algorithm}
-    assert all(valid for _, _, valid in found)
-    first, last = ([bent for _, bent, _ in part] for part in (found[:30], found[-60:]))
+    assert [origin for origin, _, _ in proposals[:30]] == ["random"] * 30
+    assert {origin for origin, _, _ in proposals[30:]} == {algorithm}
+    assert all(valid for _, _, valid in proposals)
+    first, last = ([bent for _, bent, _ in part] for part in (proposals[:30], proposals[-60:]))
     assert np.median(last) > np.median(first)

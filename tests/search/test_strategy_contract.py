@@ -189,7 +189,7 @@ class _WantsTheObject(_Choosy):
 
     def is_wanted(self, candidate: Candidate) -> bool:
         # A log gives back other objects.
-        return super().is_wanted(candidate) and any(one is candidate for one in self.asked)
+        return super().is_wanted(candidate) and any(asked is candidate for asked in self.asked)
 
 
 class _ChokesOnDropped(_Choosy):

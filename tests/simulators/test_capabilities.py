@@ -43,25 +43,33 @@ class Shared(DummySimulator):
 
 def test_a_simulator_that_declares_nothing_has_the_defaults() -> None:
     simulator = DummySimulator()
-    found = capabilities(simulator)
-    assert found == Capabilities(prepare=found.prepare, variable=frozenset({"rules"}))
-    assert found.drive_limit == 100.0
-    found.prepare()
+    declared = capabilities(simulator)
+    assert declared == Capabilities(prepare=declared.prepare, variable=frozenset({"rules"}))
+    assert declared.drive_limit == 100.0
+    declared.prepare()
     check_pair(simulator, DummyDriver())
 
 
-def test_what_a_simulator_declares_is_found() -> None:
+def test_declared_capabilities_are_read() -> None:
     simulator = Shared()
-    found = capabilities(simulator)
-    assert (found.needs, found.usual_workers, found.workers_at_most) == (("a_module",), 2, 3)
-    assert (found.wall_limit, found.usual_wall_limit, found.drive_limit) == (500, 600.0, 760.0)
-    found.prepare()
+    declared = capabilities(simulator)
+    assert (declared.needs, declared.usual_workers, declared.workers_at_most) == (
+        ("a_module",),
+        2,
+        3,
+    )
+    assert (declared.wall_limit, declared.usual_wall_limit, declared.drive_limit) == (
+        500,
+        600.0,
+        760.0,
+    )
+    declared.prepare()
     assert simulator.prepared
     with pytest.raises(DriverError, match="not DummyDriver"):
         check_pair(simulator, DummyDriver())
 
 
-def test_a_class_says_what_holds_before_one_is_made() -> None:
+def test_a_class_declares_capabilities_without_an_instance() -> None:
     assert (usual(Shared).usual_workers, usual(Shared).needs) == (2, ("a_module",))
     assert usual(BeamngSimulator).usual_wall_limit == 600.0
     assert "home" in usual(BeamngSimulator).place_options
@@ -69,7 +77,7 @@ def test_a_class_says_what_holds_before_one_is_made() -> None:
 
 
 @pytest.mark.parametrize("simulator", [BeamngSimulator, MetaDriveSimulator])
-def test_what_is_preloaded_is_there(simulator: Any) -> None:
+def test_preloaded_modules_exist(simulator: Any) -> None:
     assert usual(simulator).preloads
     for name in usual(simulator).preloads:  # the server of processes leaves out what is missing
         assert find_spec(name) is not None
@@ -98,12 +106,12 @@ def test_every_quantity_that_one_of_ours_lays_is_an_option_of_it() -> None:
         for row in quantities().values():
             if row.attribute != "rules" and row.attribute in usual(kind).variable:
                 amount = 0.25 * row.usual[0] + 0.75 * row.usual[1]
-                made: Any = kind(**{row.attribute: amount})
-                assert getattr(made, row.attribute) == amount
-                assert describe(made) != describe(kind()), "its record says it"
+                simulator: Any = kind(**{row.attribute: amount})
+                assert getattr(simulator, row.attribute) == amount
+                assert describe(simulator) != describe(kind()), "its record says it"
 
 
-def test_what_can_be_varied_is_what_can_be_set() -> None:
+def test_conditions_that_can_vary_are_attributes_that_can_be_set() -> None:
     everything = {"rules", "friction", "steering_lag", "start_offset", "start_heading"}
     everything |= {"load", "wet", "wet_at", "gust", "gust_at"}
     assert capabilities(EmbeddedSimulator()).variable == everything
@@ -120,7 +128,7 @@ def test_what_can_be_varied_is_what_can_be_set() -> None:
         ("prepare", True, "is needed"),
     ],
 )
-def test_what_is_declared_wrongly_is_refused(name: str, value: Any, message: str) -> None:
+def test_an_invalid_capability_is_refused(name: str, value: Any, message: str) -> None:
     simulator: Any = DummySimulator()
     setattr(simulator, name, value)
     with pytest.raises(FreneticError, match=message):

@@ -49,7 +49,7 @@ def in_that(world: Conditions, simulator: Simulator, driver: Driver) -> list[lis
     ],
     ids=lambda value: str(value) if isinstance(value, dict) else "",
 )
-def test_a_drive_in_a_world_is_that_of_parts_made_for_it(
+def test_a_drive_in_conditions_equals_one_with_parts_made_for_them(
     world: Conditions, simulator: Simulator, driver: Driver
 ) -> None:
     there = in_that(world, EmbeddedSimulator(), Planner())

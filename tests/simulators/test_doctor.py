@@ -12,7 +12,7 @@ from frenetic.errors import UnknownNameError
 from frenetic.parts.registry import SIMULATORS, Registry
 from frenetic.road import Road
 from frenetic.simulators import Drive, EmbeddedSimulator, doctor
-from frenetic.simulators.checks import Check, drive_checks
+from frenetic.simulators.checks import SimulatorCheck, drive_checks
 from frenetic.simulators.doctor import Examination, Health, examine, examine_all
 from frenetic.testing import DummyDriver, DummySimulator
 
@@ -41,8 +41,8 @@ class Absent(DummySimulator):
 class Checking(DummySimulator):
     """Has checks of its own."""
 
-    def checks(self) -> Iterator[Check]:
-        yield Check("key", False, "there is no key", "buy one")
+    def checks(self) -> Iterator[SimulatorCheck]:
+        yield SimulatorCheck("key", False, "there is no key", "buy one")
 
 
 @pytest.fixture
@@ -63,33 +63,33 @@ class Tuned(DummySimulator):
         super().__init__()
 
 
-def test_embedded_simulator_is_well() -> None:
-    seen: list[Check] = []
-    examination = examine("embedded", on_check=seen.append)
+def test_embedded_simulator_passes_all_checks() -> None:
+    reported: list[SimulatorCheck] = []
+    examination = examine("embedded", on_check=reported.append)
     assert examination.health is Health.OK, examination.failed
-    assert tuple(seen) == examination.checks
-    names = [check.name for check in seen]
+    assert tuple(reported) == examination.checks
+    names = [check.name for check in reported]
     assert names == ["start", "cache", "straight road, Stanley", "curve, Stanley"]
-    assert not any(check.remedy for check in seen)
+    assert not any(check.remedy for check in reported)
 
 
-def test_what_a_drive_does_wrong_is_found() -> None:
+def test_drives_that_leave_the_lane_or_stand_fail_their_checks() -> None:
     with EmbeddedSimulator(friction=0.2) as simulator:
         straight, curve = drive_checks(simulator)
     assert straight.is_ok
     assert not curve.is_ok
-    assert "drove out of the lane" in curve.found
+    assert "drove out of the lane" in curve.state
     assert "draw it" in curve.remedy
     with EmbeddedSimulator() as simulator:
         checks = list(drive_checks(simulator, DummyDriver(), who="nobody"))
     assert [check.name for check in checks] == ["straight road, nobody", "curve, nobody"]
-    assert all("moved less than 1 m" in check.found for check in checks)
+    assert all("moved less than 1 m" in check.state for check in checks)
 
 
 @pytest.mark.usefixtures("registry")
-def test_all_simulators_in_turn() -> None:
-    found = {examination.simulator: examination for examination in examine_all()}
-    assert {name: one.health for name, one in found.items()} == {
+def test_every_simulator_is_examined() -> None:
+    examinations = {examination.simulator: examination for examination in examine_all()}
+    assert {name: examination.health for name, examination in examinations.items()} == {
         "dummysimulator": Health.OK,
         "crooked": Health.BROKEN,
         "dead": Health.BROKEN,
@@ -98,18 +98,20 @@ def test_all_simulators_in_turn() -> None:
         "checking": Health.BROKEN,
         "tuned": Health.NOT_SET_UP,
     }
-    assert found["absent"].note == 'pip install ".[absent]" in the clone of Frenetic'
-    assert "say where it is" in found["tuned"].note
-    assert found["dead"].failed[0].found.startswith("OSError: no display (test_doctor.py:")
-    assert len(found["failing"].failed) == 2
-    for check in found["failing"].failed:
-        assert check.found.startswith("RuntimeError: out of memory (test_doctor.py:")
-    assert found["checking"].failed == (Check("key", False, "there is no key", "buy one"),)
-    for examination in found.values():
+    assert examinations["absent"].note == 'pip install ".[absent]" in the clone of Frenetic'
+    assert "say where it is" in examinations["tuned"].note
+    assert examinations["dead"].failed[0].state.startswith("OSError: no display (test_doctor.py:")
+    assert len(examinations["failing"].failed) == 2
+    for check in examinations["failing"].failed:
+        assert check.state.startswith("RuntimeError: out of memory (test_doctor.py:")
+    assert examinations["checking"].failed == (
+        SimulatorCheck("key", False, "there is no key", "buy one"),
+    )
+    for examination in examinations.values():
         assert all(check.remedy for check in examination.failed)
 
 
-def test_unknown_simulator() -> None:
+def test_unknown_simulator_names_the_close_match() -> None:
     assert Examination("x", Health.NOT_INSTALLED, (), "pip install x").failed == ()
     with pytest.raises(UnknownNameError, match="did you mean 'embedded'"):
         examine("embeded")

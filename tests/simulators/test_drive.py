@@ -25,7 +25,7 @@ def test_a_drive_in_a_circle_has_its_centripetal_acceleration() -> None:
     assert slides.lateral_acceleration == pytest.approx(0.5 - speed**2 / radius)
 
 
-def test_the_acceleration_is_that_of_the_positions() -> None:
+def test_the_acceleration_follows_from_the_positions() -> None:
     road = Road(np.array([0.0, 0.0, 0.0, 0.02, 0.03, 0.0, -0.03, -0.02, 0.0, 0.0]), 10.0)
     with EmbeddedSimulator() as simulator:
         path = simulator.drive(road, Planner()).trajectory
@@ -37,6 +37,6 @@ def test_the_acceleration_is_that_of_the_positions() -> None:
 
 
 @pytest.mark.parametrize("records", [0, 1])
-def test_a_drive_that_hardly_began_has_one_too(records: int) -> None:
+def test_a_drive_of_few_records_has_an_acceleration(records: int) -> None:
     path = Trajectory.from_rows(np.zeros((records, len(Trajectory.names()))))
     assert path.lateral_acceleration.shape == (records,)

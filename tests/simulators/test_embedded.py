@@ -32,7 +32,7 @@ from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import assess, judge
 from frenetic.road import Pose, Road
 from frenetic.simulators import Drive, EmbeddedSimulator, Rules, Vehicle
-from frenetic.simulators.embedded.vehicle import axle_forces
+from frenetic.simulators.embedded.single_track import axle_forces
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -126,13 +126,19 @@ def test_a_moved_and_turned_road_is_driven_the_same_way() -> None:
     here = Road(random_road(1).curvatures)
     there = replace(here, pose=Pose(70.0, -40.0, 2.5))
     simulator = EmbeddedSimulator()
-    one, other = (simulator.drive(road, Planner()).trajectory for road in (here, there))
-    assert len(one) == len(other)
+    drive_here, drive_there = (
+        simulator.drive(road, Planner()).trajectory for road in (here, there)
+    )
+    assert len(drive_here) == len(drive_there)
     angle = 2.5 - math.pi / 2
     c, s = math.cos(angle), math.sin(angle)
-    np.testing.assert_allclose(other.x, 70.0 + c * one.x - s * one.y, rtol=0, atol=1e-5)
-    np.testing.assert_allclose(other.y, -40.0 + s * one.x + c * one.y, rtol=0, atol=1e-5)
-    np.testing.assert_allclose(other.speed, one.speed, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(
+        drive_there.x, 70.0 + c * drive_here.x - s * drive_here.y, rtol=0, atol=1e-5
+    )
+    np.testing.assert_allclose(
+        drive_there.y, -40.0 + s * drive_here.x + c * drive_here.y, rtol=0, atol=1e-5
+    )
+    np.testing.assert_allclose(drive_there.speed, drive_here.speed, rtol=0, atol=1e-5)
 
 
 def test_a_drive_ends_with_the_record_that_the_oracle_ends_it_with() -> None:
@@ -156,10 +162,10 @@ class Watching(PythonStanley):
 
     def reset(self, setup: DriveSetup) -> None:
         super().reset(setup)
-        self.setup, self.seen = setup, list[Observation]()
+        self.setup, self.observations = setup, list[Observation]()
 
     def act(self, observation: Observation) -> Controls:
-        self.seen.append(observation)
+        self.observations.append(observation)
         return super().act(observation)
 
 
@@ -168,21 +174,26 @@ def test_observations_are_what_the_road_and_the_trajectory_say(road: Road) -> No
     watching = Watching(offset_gain=0.5)
     t = EmbeddedSimulator().drive(road, watching).trajectory
     half = 0.5 * road.lane_width
-    assert len(watching.seen) == len(t) - 1
+    assert len(watching.observations) == len(t) - 1
     tracked = road.track(np.column_stack([t.x, t.y]))
-    for i, seen in enumerate(watching.seen):
+    for i, observation in enumerate(watching.observations):
         s, d = (float(v) for v in tracked[i])
-        assert seen.time == t.time[i]
+        assert observation.time == t.time[i]
         motion = (t.speed[i], t.lateral_speed[i], t.yaw_rate[i], t.steering[i])
-        assert (seen.speed, seen.lateral_speed, seen.yaw_rate, seen.steering) == motion
-        assert (seen.x, seen.y, seen.heading) == (t.x[i], t.y[i], t.heading[i])
-        assert seen.lateral_offset == pytest.approx(d + half, abs=1e-7)
+        assert (
+            observation.speed,
+            observation.lateral_speed,
+            observation.yaw_rate,
+            observation.steering,
+        ) == motion
+        assert (observation.x, observation.y, observation.heading) == (t.x[i], t.y[i], t.heading[i])
+        assert observation.lateral_offset == pytest.approx(d + half, abs=1e-7)
         error = (t.heading[i] - road.pose_at(s).heading + math.pi) % (2.0 * math.pi) - math.pi
-        assert seen.heading_error == pytest.approx(error, abs=1e-7)
+        assert observation.heading_error == pytest.approx(error, abs=1e-7)
         # The view: the lane's centre every 2 m of road, straight beyond the road's end.
-        assert seen.ahead.shape == (40, 2)
+        assert observation.ahead.shape == (40, 2)
         c, n = math.cos(t.heading[i]), math.sin(t.heading[i])
-        world = [t.x[i], t.y[i]] + seen.ahead @ np.array([[c, n], [-n, c]])
+        world = [t.x[i], t.y[i]] + observation.ahead @ np.array([[c, n], [-n, c]])
         at = s + 2.0 * np.arange(40)
         poses = np.array([road.pose_at(float(place)) for place in at])
         left = np.column_stack([-np.sin(poses[:, 2]), np.cos(poses[:, 2])])
@@ -196,9 +207,11 @@ def test_observations_are_what_the_road_and_the_trajectory_say(road: Road) -> No
         decided = (np.abs(at) > 1e-6) & (np.abs(at - road.length) > 1e-6)
         bent = decided & (kappa != 0.0)
         radius = 1.0 / kappa[bent] + half
-        np.testing.assert_allclose(seen.curvature_ahead[bent], 1.0 / radius, rtol=0, atol=1e-9)
-        np.testing.assert_array_equal(seen.curvature_ahead[decided & ~bent], 0.0)
-        for array in (seen.ahead, seen.curvature_ahead):
+        np.testing.assert_allclose(
+            observation.curvature_ahead[bent], 1.0 / radius, rtol=0, atol=1e-9
+        )
+        np.testing.assert_array_equal(observation.curvature_ahead[decided & ~bent], 0.0)
+        for array in (observation.ahead, observation.curvature_ahead):
             assert not array.flags.writeable
 
 
@@ -229,7 +242,7 @@ def test_a_driver_is_told_the_car_the_lane_and_the_limits() -> None:
 
 
 @pytest.mark.parametrize("name", ["default", "etk800", "metadrive"])
-def test_the_told_cornering_stiffness_is_that_of_the_tyres_at_small_slip(name: str) -> None:
+def test_the_setup_has_the_tyres_cornering_stiffness_at_small_slip(name: str) -> None:
     simulator = EmbeddedSimulator(vehicle=name)
     setup, p = simulator.setup(STRAIGHT), simulator.vehicle.to_array()
     slip = 1e-4
@@ -259,8 +272,8 @@ def test_an_asked_acceleration_is_reached_as_far_as_the_car_can(vehicle: str) ->
     reached, asked, speed = np.diff(t.speed) / 0.05, np.array(driver.asked), t.speed[:-1]
     pedal = np.maximum(t.throttle, t.brake)[:-1]
     # The tyres of MetaDrive's car leave half of their grip to cornering, see `CARS`.
-    held = (asked < 2.1) & (asked > -4.4) if vehicle == "metadrive" else pedal < 1.0
-    fair = held & (pedal < 1.0) & (speed > 0.5)
+    is_limited = (asked < 2.1) & (asked > -4.4) if vehicle == "metadrive" else pedal < 1.0
+    fair = is_limited & (pedal < 1.0) & (speed > 0.5)
     np.testing.assert_allclose(reached[fair], asked[fair], rtol=0.02, atol=0.02)
     assert np.ptp(speed[fair]) > 20.0
     assert fair.mean() > 0.5
@@ -499,14 +512,14 @@ def test_options_say_where_the_car_starts_if_that_is_unusual() -> None:
     assert EmbeddedSimulator(start_heading=0.1).options["start_heading"] == 0.1
 
 
-def test_what_is_set_between_two_drives_counts_for_the_next() -> None:
+def test_attributes_set_between_two_drives_hold_for_the_next() -> None:
     simulator = EmbeddedSimulator()
     first = rows(simulator.drive(ROADS[0], Planner()))
     simulator.friction, simulator.start_offset, simulator.start_heading = 0.5, 0.3, 0.05
-    made = EmbeddedSimulator(friction=0.5, start_offset=0.3, start_heading=0.05)
-    assert simulator.vehicle == made.vehicle
+    fresh = EmbeddedSimulator(friction=0.5, start_offset=0.3, start_heading=0.05)
+    assert simulator.vehicle == fresh.vehicle
     assert np.array_equal(
-        rows(simulator.drive(ROADS[0], Planner())), rows(made.drive(ROADS[0], Planner()))
+        rows(simulator.drive(ROADS[0], Planner())), rows(fresh.drive(ROADS[0], Planner()))
     )
     simulator.vehicle, simulator.start_offset, simulator.start_heading = Vehicle(), 0.0, 0.0
     assert np.array_equal(rows(simulator.drive(ROADS[0], Planner())), first)

@@ -45,15 +45,15 @@ def test_driver_is_told_the_limit_where_it_is_and_those_ahead() -> None:
     watching = Watching()
     EmbeddedSimulator().drive(STRAIGHT, watching)
     assert watching.setup.speed_limit == pytest.approx(50 / 3.6)
-    for seen in watching.observations:
-        limit = 50 if seen.distance < 200 else 30 if seen.distance < 400 else 80
-        assert seen.speed_limit == pytest.approx(limit / 3.6)
-        starts = seen.distance + 2.0 * np.arange(len(seen.ahead))
+    for observation in watching.observations:
+        limit = 50 if observation.distance < 200 else 30 if observation.distance < 400 else 80
+        assert observation.speed_limit == pytest.approx(limit / 3.6)
+        starts = observation.distance + 2.0 * np.arange(len(observation.ahead))
         fine = starts[:, None] + np.linspace(0.0, 2.0, 41)[:-1]
         there = np.where(fine < 200, 50, np.where(fine < 400, 30, 80)).min(axis=1)
         near = (np.abs(starts + 2.0 - 200) < 0.1) | (np.abs(starts + 2.0 - 400) < 0.1)
-        assert seen.speed_limit_ahead[~near] == pytest.approx(there[~near] / 3.6)
-        assert not seen.speed_limit_ahead.flags.writeable
+        assert observation.speed_limit_ahead[~near] == pytest.approx(there[~near] / 3.6)
+        assert not observation.speed_limit_ahead.flags.writeable
 
 
 def test_layers_change_each_limit() -> None:
@@ -78,12 +78,12 @@ def test_built_in_driver_keeps_each_limit_compiled_and_in_python_alike(kind: typ
 
 
 def test_road_with_one_limit_is_driven_as_if_the_rules_said_it() -> None:
-    own = EmbeddedSimulator().drive(
+    limited_road = EmbeddedSimulator().drive(
         replace(STRAIGHT, speed_limits=np.array([[0.0, 40.0]])), Planner()
     )
     rules = Rules(speed_limit=40.0)
     said = EmbeddedSimulator(rules=rules).drive(Road(np.zeros(61)), Planner())
-    assert np.array_equal(own.trajectory.to_rows(), said.trajectory.to_rows())
+    assert np.array_equal(limited_road.trajectory.to_rows(), said.trajectory.to_rows())
 
 
 def test_criterion_judges_by_the_limit_where_the_car_is() -> None:
@@ -97,5 +97,5 @@ def test_criterion_judges_by_the_limit_where_the_car_is() -> None:
     assert result.finding is not None
     assert result.finding.criterion == "speed_excess"
     assert result.finding.distance > 200.0
-    kept = EmbeddedSimulator(rules=rules).drive(sharp, Planner())
-    assert judge(sharp, kept).outcome is Outcome.PASS
+    slow = EmbeddedSimulator(rules=rules).drive(sharp, Planner())
+    assert judge(sharp, slow).outcome is Outcome.PASS

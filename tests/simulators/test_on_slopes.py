@@ -35,26 +35,28 @@ from frenetic.road import Pose, profile
 from frenetic.road.geometry import project_near
 from frenetic.search import Candidate, Origin
 from frenetic.simulators import Simulator
-from frenetic.simulators.embedded import vehicle
+from frenetic.simulators.embedded import single_track
 from frenetic.simulators.embedded.rollout import advance_period
-from frenetic.simulators.embedded.slopes import lay
-from frenetic.simulators.embedded.vehicle import (
-    ACROSS,
-    GRAVITY,
+from frenetic.simulators.embedded.single_track import (
     HEADING,
     LATERAL_SPEED,
-    MOST_ACCELERATION,
-    PULL_LEFT,
     SPEED,
     STEERING,
-    TURN,
-    TWIST,
     YAW_RATE,
     X,
     Y,
     axle_forces,
     motion,
     on_map,
+)
+from frenetic.simulators.embedded.slopes import lay
+from frenetic.simulators.embedded.vehicle import (
+    ACROSS,
+    GRAVITY,
+    MOST_ACCELERATION,
+    PULL_LEFT,
+    TURN,
+    TWIST,
 )
 from frenetic.simulators.embedded.weather import NONE
 from frenetic.testing import DummyDriver, DummySimulator
@@ -84,7 +86,7 @@ def driven(road: Road, car: Vehicle = FREE, **controls: float) -> Trajectory:
 def placed(road: Road, speed: float, *, s: float = 0.0, left: float = 0.0) -> FloatArray:
     """A state on the centre line or beside it, along it."""
     x, y, heading = road.pose_at(s)
-    state = np.zeros(vehicle.STATE_SIZE)
+    state = np.zeros(single_track.STATE_SIZE)
     state[[X, Y, HEADING, SPEED]] = (
         x - left * math.sin(heading),
         y + left * math.cos(heading),
@@ -104,10 +106,12 @@ def ground(road: Road, state: FloatArray, car: Vehicle = FREE) -> FloatArray:
     return p
 
 
-def periods(road: Road, car: Vehicle, state: FloatArray, count: int, **held: float) -> FloatArray:
+def periods(road: Road, car: Vehicle, state: FloatArray, count: int, **inputs: float) -> FloatArray:
     """The states (count + 1, 7) of a car whose controls are held."""
     p, s, states = car.to_array(), place_of(road, state), [state.copy()]
-    steering, throttle, brake = (held.get(name, 0.0) for name in ("steering", "throttle", "brake"))
+    steering, throttle, brake = (
+        inputs.get(name, 0.0) for name in ("steering", "throttle", "brake")
+    )
     below = road.table, road.sub_step, road.slopes
     for _ in range(count):
         s = advance_period(state, steering, throttle, brake, p, *below, s, NONE)
@@ -139,7 +143,7 @@ def test_a_car_without_grip_is_a_mass_on_a_surface(spin: float, within: float) -
         h = 0.02
         z = np.array([[height(x + i * h, y + j * h) for j in (-1, 0, 1)] for i in (-1, 0, 1)])
         z_x, z_y = (z[2, 1] - z[0, 1]) / (2.0 * h), (z[1, 2] - z[1, 0]) / (2.0 * h)
-        z_xx, z_yy = ((one[2] - 2.0 * one[1] + one[0]) / h**2 for one in (z[:, 1], z[1]))
+        z_xx, z_yy = ((line[2] - 2.0 * line[1] + line[0]) / h**2 for line in (z[:, 1], z[1]))
         z_xy = (z[2, 2] - z[2, 0] - z[0, 2] + z[0, 0]) / (2.0 * h) ** 2
         bend = z_xx * v_x * v_x + 2.0 * z_xy * v_x * v_y + z_yy * v_y * v_y
         k = (GRAVITY + bend) / (1.0 + z_x * z_x + z_y * z_y)
@@ -221,8 +225,8 @@ def test_a_crest_unloads_and_a_dip_loads() -> None:
     for sign in (-1.0, 1.0):  # crest, dip
         most = sign * 50.0 / radius
         road = straight(100.0, grade=[(0.0, -most), (100.0, most)])
-        found = ground(road, placed(road, speed, s=50.0))[ACROSS]
-        assert found == pytest.approx(GRAVITY + sign * speed**2 / radius, rel=1e-9)
+        across = ground(road, placed(road, speed, s=50.0))[ACROSS]
+        assert across == pytest.approx(GRAVITY + sign * speed**2 / radius, rel=1e-9)
 
 
 def test_what_grows_with_the_load() -> None:
@@ -319,12 +323,16 @@ class Rounding:
         self.setup = setup
         self.sum = 0.0
 
-    def act(self, seen: Observation) -> Controls:
-        self.sum = min(max(self.sum + 0.05 * seen.lateral_offset, -1.0), 1.0)
+    def act(self, observation: Observation) -> Controls:
+        self.sum = min(max(self.sum + 0.05 * observation.lateral_offset, -1.0), 1.0)
         angle = self.setup.wheelbase / RADIUS
-        angle -= 0.1 * seen.lateral_offset + 0.05 * self.sum + 0.6 * seen.heading_error
-        gap = min(self.speed, 3.0 + 0.6 * seen.time) - seen.speed
-        return Controls.from_acceleration(2.0 * gap, angle, speed=seen.speed, setup=self.setup)
+        angle -= (
+            0.1 * observation.lateral_offset + 0.05 * self.sum + 0.6 * observation.heading_error
+        )
+        gap = min(self.speed, 3.0 + 0.6 * observation.time) - observation.speed
+        return Controls.from_acceleration(
+            2.0 * gap, angle, speed=observation.speed, setup=self.setup
+        )
 
 
 @pytest.mark.parametrize("bank", [0.12, 0.0, -0.08])
@@ -391,9 +399,9 @@ def test_a_driver_with_a_period_of_its_own_rolls_alike(period: float) -> None:
     simulator = EmbeddedSimulator(vehicle=FREE, rules=LEAST)
     usual = simulator.drive(road, driver).trajectory
     driver.period = period  # type: ignore[attr-defined]
-    own = simulator.drive(road, driver).trajectory
-    n = min(len(usual), len(own), 200)
-    assert own.x[:n] == pytest.approx(usual.x[:n], abs=0.02)
+    with_period = simulator.drive(road, driver).trajectory
+    n = min(len(usual), len(with_period), 200)
+    assert with_period.x[:n] == pytest.approx(usual.x[:n], abs=0.02)
 
 
 # What a driver sees, and what cannot be driven
@@ -410,13 +418,13 @@ def test_a_driver_sees_the_slopes_ahead() -> None:
         driver = Looking()
         assert EmbeddedSimulator().drive(road, driver).trouble is None
         places = driver.at + driver.lane.distances
-        for found, slope in (
+        for values, slope in (
             (driver.lane.grades, road.grade),
             (driver.lane.superelevations, road.superelevation),
         ):
-            assert found == pytest.approx(profile.value_at(slope, places), abs=1e-12)
-            assert found.shape == (10,)
-            assert found.any() == (road is WINDING)
+            assert values == pytest.approx(profile.value_at(slope, places), abs=1e-12)
+            assert values.shape == (10,)
+            assert values.any() == (road is WINDING)
 
 
 class Sledge(SteppedSimulator):
@@ -435,8 +443,8 @@ def test_a_road_that_cannot_be_laid_is_not_driven() -> None:
     for simulator, driver, who in undriven:
         result = RoadTester(simulator, driver).test(candidate).result
         assert result.outcome is Outcome.INVALID
-        what = "flat roads of one width only: leave superelevation, grade and widening out"
-        assert result.reason == f"{who} {what}"
+        refusal = "flat roads of one width only: leave superelevation, grade and widening out"
+        assert result.reason == f"{who} {refusal}"
     drives: tuple[tuple[Simulator, Driver], ...] = (
         (Sledge(), DummyDriver()),
         (MetaDriveSimulator(), DummyDriver()),

@@ -27,25 +27,25 @@ class Own(Stanley):
 
     def reset(self, setup: DriveSetup) -> None:
         super().reset(setup)
-        self.told = setup.period
-        self.seen: list[Observation] = []
+        self.period_of_setup = setup.period
+        self.observations: list[Observation] = []
         self.answers: list[Controls] = []
 
     def act(self, observation: Observation) -> Controls:
-        self.seen.append(observation)
+        self.observations.append(observation)
         self.answers.append(super().act(observation))
         return self.answers[-1]
 
 
 @pytest.mark.parametrize("period", [0.01, 0.02, 0.04, 0.05, 0.07, 0.1, 0.2])
-def test_it_is_asked_that_often_and_recorded_at_20_hz(period: float) -> None:
+def test_a_driver_is_asked_at_its_period_and_recorded_at_20_hz(period: float) -> None:
     driver = Own(period)
     drive = EmbeddedSimulator().drive(WINDING, driver)
     assert judge(WINDING, drive).outcome is Outcome.PASS
     t = drive.trajectory
-    assert driver.told == period
+    assert driver.period_of_setup == period
     np.testing.assert_allclose(t.time, 0.05 * np.arange(len(t)), rtol=0.0, atol=1e-9)
-    asked = [seen.time for seen in driver.seen]
+    asked = [observation.time for observation in driver.observations]
     np.testing.assert_allclose(asked, period * np.arange(len(asked)), rtol=0.0, atol=1e-9)
     assert t.time[-1] - period <= asked[-1] + 1e-9
     assert asked[-1] <= t.time[-1]
@@ -54,23 +54,25 @@ def test_it_is_asked_that_often_and_recorded_at_20_hz(period: float) -> None:
         answer = driver.answers[int(t.time[i] / period + 1e-6)]
         assert t.steering_input[i] == answer.steering
     # Between two records, too, the driver sees where it is.
-    for seen in driver.seen:
+    for observation in driver.observations:
         for name in ("x", "y", "heading", "speed", "yaw_rate"):
-            expected = np.interp(seen.time, t.time, getattr(t, name))
-            assert getattr(seen, name) == pytest.approx(expected, abs=0.02), name
-        ((s, d),) = WINDING.track([[seen.x, seen.y]])
-        assert (seen.distance, seen.lateral_offset) == pytest.approx((s, d + 2.0), abs=1e-6)
-        error = seen.heading - WINDING.pose_at(s).heading
-        assert seen.heading_error == pytest.approx(error, abs=1e-6)
-        assert seen.ahead[0] == pytest.approx(seen.lane().points[0], abs=2e-3)
+            expected = np.interp(observation.time, t.time, getattr(t, name))
+            assert getattr(observation, name) == pytest.approx(expected, abs=0.02), name
+        ((s, d),) = WINDING.track([[observation.x, observation.y]])
+        assert (observation.distance, observation.lateral_offset) == pytest.approx(
+            (s, d + 2.0), abs=1e-6
+        )
+        error = observation.heading - WINDING.pose_at(s).heading
+        assert observation.heading_error == pytest.approx(error, abs=1e-6)
+        assert observation.ahead[0] == pytest.approx(observation.lane().points[0], abs=2e-3)
 
 
 def test_the_period_of_the_simulator_changes_nothing() -> None:
-    plain, own = (
+    plain, asked_anew = (
         EmbeddedSimulator().drive(WINDING, driver).trajectory.to_rows()
         for driver in (Stanley(), Own(0.05))
     )
-    np.testing.assert_array_equal(plain, own)
+    np.testing.assert_array_equal(plain, asked_anew)
     assert EmbeddedSimulator().drives_compiled(Stanley())
     assert not EmbeddedSimulator().drives_compiled(Own(0.05))
 
@@ -79,7 +81,7 @@ def test_a_layer_has_the_period_of_its_driver() -> None:
     driver = Own(0.02)
     drive = EmbeddedSimulator().drive(WINDING, Noisy(driver, offset=0.2))
     assert drive.trouble is None
-    assert (driver.told, driver.seen[1].time) == pytest.approx((0.02, 0.02))
+    assert (driver.period_of_setup, driver.observations[1].time) == pytest.approx((0.02, 0.02))
 
 
 @pytest.mark.parametrize(
@@ -95,7 +97,7 @@ def test_a_layer_has_the_period_of_its_driver() -> None:
         (DummySimulator(), 0.1, "this simulator cannot change its own"),
     ],
 )
-def test_what_cannot_be_kept_is_refused_before_a_drive(
+def test_a_period_that_a_simulator_cannot_keep_is_refused_before_a_drive(
     simulator: Any, period: Any, message: str
 ) -> None:
     driver: Driver = Own(period)

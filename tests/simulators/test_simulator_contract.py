@@ -57,8 +57,8 @@ def bicycle(*changes: tuple[str, str]) -> Callable[..., Any]:
         code = code.replace(old, new)
     names: dict[str, Any] = {}
     exec(compile(code, "bicycle.py", "exec"), names)
-    made: Callable[..., Any] = names["Bicycle"]
-    return made
+    bicycle_class: Callable[..., Any] = names["Bicycle"]
+    return bicycle_class
 
 
 def contract(make: Callable[..., Any], **attributes: object) -> SimulatorContract:
@@ -97,7 +97,7 @@ RESET = "driver.reset(setup)"
 IMPORTS = "import math\n"
 
 
-def told(**wrong: str) -> tuple[tuple[str, str], tuple[str, str]]:
+def setup_edits(**wrong: str) -> tuple[tuple[str, str], tuple[str, str]]:
     """Tells the driver something else than the simulator goes by."""
     values = ", ".join(f"{name}={value}" for name, value in wrong.items())
     return (
@@ -106,7 +106,7 @@ def told(**wrong: str) -> tuple[tuple[str, str], tuple[str, str]]:
     )
 
 
-def seen(**wrong: str) -> tuple[tuple[str, str], tuple[str, str]]:
+def observation_edits(**wrong: str) -> tuple[tuple[str, str], tuple[str, str]]:
     """Shows the driver something else than what there is, ``o``."""
     values = ", ".join(f"{name}={value}" for name, value in wrong.items())
     return (
@@ -164,31 +164,31 @@ MUTANTS: dict[str, tuple[tuple[tuple[str, str], ...], Mapping[str, str]]] = {
         {"controls_beyond_the_limits_are_cut": r"turn by 0\.90 rad, farther than max_steering"},
     ),
     "driver is told another lane": (
-        told(lane_width="1.0"),
+        setup_edits(lane_width="1.0"),
         {"driver_is_told_the_car_the_lane_and_the_limits": r"= 1\.00, but it is 4\.00"},
     ),
     "driver is told another car": (
-        told(car_width="2.5"),
+        setup_edits(car_width="2.5"),
         {"driver_is_told_the_car_the_lane_and_the_limits": r"car_width = 2\.50, but it is 1\.61"},
     ),
     "driver is told another period": (
-        told(period="0.1"),
+        setup_edits(period="0.1"),
         {"driver_sees_its_car_on_the_road": r"not asked every 0\.1 s"},
     ),
     "driver is told another wheelbase": (
-        told(front_axle="0.5"),
+        setup_edits(front_axle="0.5"),
         {"car_turns_as_its_wheels_and_axles_say": r"the wheelbase of 1\.90 m"},
     ),
     "driver sees another lane": (
-        seen(ahead="o.ahead + [0.0, 0.5]"),
+        observation_edits(ahead="o.ahead + [0.0, 0.5]"),
         {"driver_sees_its_car_on_the_road": "the driver sees ahead = "},
     ),
     "driver is off its lane's centre without seeing it": (
-        seen(lateral_offset="o.lateral_offset + 0.3"),
+        observation_edits(lateral_offset="o.lateral_offset + 0.3"),
         {"driver_sees_its_car_on_the_road": "the driver sees lateral_offset = "},
     ),
     "driver is told another place on the map": (
-        seen(x="o.x + 0.3"),
+        observation_edits(x="o.x + 0.3"),
         {"driver_sees_its_car_on_the_road": "the driver sees x = "},
     ),
     "drivers that raise leave no trouble": (
@@ -232,9 +232,9 @@ def test_what_is_wrong_is_found_by_its_test_alone(name: str) -> None:
 def test_a_wheelbase_may_be_as_long_as_the_car() -> None:
     """A kinematic model may know one length alone."""
     half = "0.5 * setup.car_length"
-    said = failures(bicycle(*told(front_axle=half, rear_axle=half)))
+    said = failures(bicycle(*setup_edits(front_axle=half, rear_axle=half)))
     assert said.keys() == {"car_turns_as_its_wheels_and_axles_say"}  # the bicycle has its own
-    longer = bicycle(*told(front_axle="2.6", rear_axle="2.0"))
+    longer = bicycle(*setup_edits(front_axle="2.6", rear_axle="2.0"))
     assert "farther apart than the bumpers" in "".join(failures(longer).values())
 
 

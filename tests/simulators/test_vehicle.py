@@ -18,21 +18,20 @@ from vehiclemodels.vehicle_dynamics_st import vehicle_dynamics_st
 from frenetic._support.arrays import FloatArray
 from frenetic.drivers.driver import DRAG_FADE_SPEED
 from frenetic.oracle.drive import CarBody
-from frenetic.simulators.embedded import vehicle
-from frenetic.simulators.embedded.vehicle import (
-    GRAVITY,
+from frenetic.simulators.embedded import single_track
+from frenetic.simulators.embedded.single_track import (
     HEADING,
     LATERAL_SPEED,
     SPEED,
     STATE_SIZE,
     STEERING,
     YAW_RATE,
-    Vehicle,
     X,
     Y,
     advance,
     motion,
 )
+from frenetic.simulators.embedded.vehicle import GRAVITY, Vehicle
 
 DT = 0.01
 CAR = Vehicle()
@@ -82,7 +81,7 @@ def axle_forces(
     """F_x, F_y and F_z of the front axle, then of the rear axle."""
     delta = state[STEERING]
     v_x, v_y, r = state[SPEED:STEERING]
-    forces: tuple[float, float, float, float, float, float] = vehicle.axle_forces(
+    forces: tuple[float, float, float, float, float, float] = single_track.axle_forces(
         v_x, v_y, r, math.cos(delta), math.sin(delta), throttle, brake, p
     )
     return forces
@@ -101,7 +100,7 @@ def simulate(
     return np.array(states)
 
 
-def held(steering: float = 0.0, throttle: float = 0.0, brake: float = 0.0) -> Inputs:
+def constant_inputs(steering: float = 0.0, throttle: float = 0.0, brake: float = 0.0) -> Inputs:
     return lambda _: (steering, throttle, brake)
 
 
@@ -220,7 +219,7 @@ class TestAgainstSingleTrack:
             ours = rates(car, state, steering=delta, throttle=throttle, brake=brake)
             speed = math.hypot(v, v_y)
             slip_rate = (v * ours[LATERAL_SPEED] - v_y * ours[SPEED]) / speed**2
-            theirs = vehicle_dynamics_st(
+            reference_rates = vehicle_dynamics_st(
                 [0.0, 0.0, delta, speed, 0.0, r, math.atan2(v_y, v)], [0.0, acceleration], bmw
             )
 
@@ -228,8 +227,10 @@ class TestAgainstSingleTrack:
             # of the slip angle as the speed along the car changes.
             brake_across = axle_forces(state, throttle, brake, car.to_array())[0]
             brake_across *= math.sin(delta)
-            yaw_rate = theirs[5] + car.front_axle * brake_across / car.yaw_inertia
-            slip = theirs[6] + (brake_across / car.mass - acceleration * v_y / speed) / speed
+            yaw_rate = reference_rates[5] + car.front_axle * brake_across / car.yaw_inertia
+            slip = (
+                reference_rates[6] + (brake_across / car.mass - acceleration * v_y / speed) / speed
+            )
 
             # Both are differences of the axles' contributions: the error is a share of their sum.
             stiffness = car.tyre_stiffness * car.mass * GRAVITY / car.wheelbase
@@ -246,7 +247,7 @@ class TestAgainstKinematicModel:
         def asked(t: float) -> float:
             return 0.3 * math.sin(0.8 * t)
 
-        def theirs(t: float, x: FloatArray) -> list[float]:
+        def reference_motion(t: float, x: FloatArray) -> list[float]:
             wanted = (asked(t) - x[2]) / FREE.steering_lag
             v = float(np.interp(t, times, ours[:, SPEED]))
             rate: list[float] = vehicle_dynamics_ks([*x[:3], v, x[4]], [wanted, 0.0], bmw)
@@ -256,7 +257,7 @@ class TestAgainstKinematicModel:
         ours = simulate(FREE, at(speed), lambda t: (asked(t + DT / 2), 0.0, 0.0), 10.0)
         times = np.arange(len(ours)) * DT
         start = [-FREE.rear_axle, 0.0, 0.0, 0.0, 0.0]  # their point of reference: the rear axle
-        reference = solve_ivp(theirs, (0.0, 10.0), start, rtol=1e-8, atol=1e-8).y[:, -1]
+        reference = solve_ivp(reference_motion, (0.0, 10.0), start, rtol=1e-8, atol=1e-8).y[:, -1]
 
         x, y, heading = ours[-1, :3]
         rear_x = x - FREE.rear_axle * math.cos(heading)
@@ -327,7 +328,7 @@ class TestTyres:
         assert front_y / front_z == pytest.approx(0.4 * rear_y / rear_z, rel=1e-4)
 
     def test_the_limit_is_reached(self) -> None:
-        driven = simulate(FREE, at(20.0), held(0.12), 2.0)
+        driven = simulate(FREE, at(20.0), constant_inputs(0.12), 2.0)
         lateral = [rates(FREE, s)[LATERAL_SPEED] + s[SPEED] * s[YAW_RATE] for s in driven]
         assert max(lateral) > 0.95 * LIMIT
 
@@ -340,7 +341,7 @@ class TestEnergy:
     @given(states(), finite(-1.2, 1.2), SHARE)
     @settings(max_examples=50)
     def test_a_slide_ends_at_rest(self, state: FloatArray, steering: float, brake: float) -> None:
-        driven = simulate(CAR, state, held(steering, 0.0, max(brake, 0.2)), 30.0)
+        driven = simulate(CAR, state, constant_inputs(steering, 0.0, max(brake, 0.2)), 30.0)
         energy = kinetic_energy(CAR, driven)
         assert (np.diff(energy) <= 1e-9 * energy[:-1] + 1e-12).all()
         assert energy[-1] < 1e-6
@@ -358,7 +359,7 @@ class TestEnergy:
     def test_throttle_does_the_engines_work(self, throttle: float) -> None:
         acceleration = throttle * FREE.engine_acceleration
         switched = FREE.switch_speed / acceleration
-        driven = simulate(FREE, at(0.0), held(throttle=throttle), 15.0)
+        driven = simulate(FREE, at(0.0), constant_inputs(throttle=throttle), 15.0)
         for t in (2.0, 15.0):
             slow = min(t, switched)
             gained = 0.5 * (acceleration * slow) ** 2
@@ -376,7 +377,7 @@ class TestEnergy:
     def test_braking_distance(self, speed: float, friction: float) -> None:
         car = replace(FREE, friction=friction)
         deceleration = min(car.brake_deceleration, car.slip_control * car.grip * GRAVITY)
-        end = simulate(car, at(speed), held(brake=1.0), speed / deceleration + 2.0)[-1]
+        end = simulate(car, at(speed), constant_inputs(brake=1.0), speed / deceleration + 2.0)[-1]
         assert 0.0 <= end[SPEED] < 1e-6
         # Below the speed at which fading brakes are weaker than the tyres, the way doubles.
         fading = DRAG_FADE_SPEED * deceleration / car.brake_deceleration
@@ -390,7 +391,7 @@ class TestActuator:
         """At 0.4 rad/s until 0.4 rad/s times the lag is left, which then decays."""
         wanted = 0.3
         lag, rate = CAR.steering_lag, CAR.steering_rate
-        angles = simulate(CAR, at(5.0), held(wanted), 1.5)[:, STEERING]
+        angles = simulate(CAR, at(5.0), constant_inputs(wanted), 1.5)[:, STEERING]
         turn = (wanted - rate * lag) / rate
         for k, angle in enumerate(angles):
             t = k * DT
@@ -411,19 +412,19 @@ class TestStandstill:
     @pytest.mark.parametrize("brake", [0.0, 1.0])
     def test_a_car_at_rest_stays(self, brake: float) -> None:
         start = at(0.0, delta=0.3, heading=1.0)
-        end = simulate(CAR, start, held(0.3, 0.0, brake), 5.0)[-1]
+        end = simulate(CAR, start, constant_inputs(0.3, 0.0, brake), 5.0)[-1]
         assert np.array_equal(end, start)
 
     @pytest.mark.parametrize("speed", [0.3, 2.0, 10.0])
     @pytest.mark.parametrize("delta", [0.0, 0.2, 0.5])
     def test_braking_never_reverses(self, speed: float, delta: float) -> None:
-        driven = simulate(CAR, at(speed, delta=delta), held(delta, brake=1.0), 4.0)
+        driven = simulate(CAR, at(speed, delta=delta), constant_inputs(delta, brake=1.0), 4.0)
         assert (driven[:, SPEED] >= 0.0).all()
         assert np.abs(driven[-1, SPEED : YAW_RATE + 1]).max() < 1e-6
 
     def test_brakes_stop_a_backward_slide(self) -> None:
         """Less well than a forward drive: the load is at the rear, the brakes are in front."""
-        end = simulate(CAR, at(-10.0), held(brake=1.0), 4.0)[-1]
+        end = simulate(CAR, at(-10.0), constant_inputs(brake=1.0), 4.0)[-1]
         assert abs(end[SPEED]) < 1e-6
         best = 10.0**2 / (2.0 * CAR.brake_deceleration)
         assert -1.5 * best < end[X] < -best

@@ -48,8 +48,8 @@ class InPython(Planner):
 
 def way(drive: Trajectory) -> FloatArray:
     """Distance from the start on a straight road, in m."""
-    found: FloatArray = np.hypot(drive.x - drive.x[0], drive.y - drive.y[0])
-    return found
+    distances: FloatArray = np.hypot(drive.x - drive.x[0], drive.y - drive.y[0])
+    return distances
 
 
 def rows(simulator: EmbeddedSimulator, driver: Driver, road: Road = BEND) -> FloatArray:

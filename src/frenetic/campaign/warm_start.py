@@ -35,7 +35,7 @@ from frenetic.road.real_roads import fitting, step_of, stretches_of
 from frenetic.search.approach import nearest_square
 from frenetic.search.archive import places_of
 from frenetic.search.random_search import EARLIER, GIVEN
-from frenetic.search.records import Candidate, Evaluation, Origin, Source
+from frenetic.search.records import Candidate, Evaluation, Origin, SourceTest
 from frenetic.spec.terms import Setting
 
 _APART: Final = 1.0
@@ -237,7 +237,7 @@ def _taken(
         road.step,
         Origin(EARLIER),
         conditions=road.conditions,
-        source=Source(str(folder), road.id),
+        source=SourceTest(str(folder), road.id),
         **{name: getattr(road, name) for name in profile.NAMES},
     )
     return replace(

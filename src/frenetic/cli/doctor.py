@@ -15,7 +15,7 @@ from frenetic.cli.entries import entry_option
 from frenetic.cli.options import as_usage_error, json_option
 
 if TYPE_CHECKING:
-    from frenetic.simulators.checks import Check
+    from frenetic.simulators.checks import SimulatorCheck
     from frenetic.simulators.doctor import Examination
     from frenetic.spec import Spec
 
@@ -41,7 +41,7 @@ def doctor(simulator: Spec | None, as_json: bool) -> None:
     with announced_compilation(Log()) as compiled, as_usage_error():
         if name is not None:
 
-            def show(check: Check) -> None:
+            def show(check: SimulatorCheck) -> None:
                 compiled()
                 if not as_json:
                     _print(check)
@@ -64,8 +64,8 @@ def doctor(simulator: Spec | None, as_json: bool) -> None:
         raise click.exceptions.Exit(1)
 
 
-def _print(check: Check, indent: str = "") -> None:
-    echo(f"{indent}{'ok   ' if check.is_ok else 'WRONG'} {check.name}: {check.found}")
+def _print(check: SimulatorCheck, indent: str = "") -> None:
+    echo(f"{indent}{'ok   ' if check.is_ok else 'WRONG'} {check.name}: {check.state}")
     if check.remedy:
         echo(f"{indent}      {check.remedy}")
 

@@ -16,7 +16,7 @@ from frenetic.drivers.elastic_band import GRAVITY, MEMORY
 
 
 def limits_of(observation: Observation, setup: FloatArray) -> FloatArray:
-    """Speed limits at the points ahead, (n,) in m/s; the one at the start if none are observed."""
+    """Return speed limits at the points ahead, (n,) in m/s; if not observed, the start's."""
     rows = len(observation.curvature_ahead)
     if len(observation.speed_limit_ahead) >= rows:
         return np.array(observation.speed_limit_ahead)
@@ -32,22 +32,23 @@ class BuiltIn:
 
     def __post_init__(self) -> None:
         take_numpy_scalars(self)
-        check(vars(self), next(one for one in type(self).__mro__ if one.__module__ == __name__))
+        built_in = next(kind for kind in type(self).__mro__ if kind.__module__ == __name__)
+        check(vars(self), built_in)
 
     def parameters(self) -> FloatArray:
-        """The law's parameters in the order of `frenetic.drivers.laws`."""
+        """Return the law's parameters in the order of `frenetic.drivers.laws`."""
         raise NotImplementedError
 
     def reset(self, setup: DriveSetup) -> None:
-        """Prepares for the next drive."""
+        """Prepare for the next drive."""
         self._setup = laws.setup_array(setup)
         self._parameters = self.parameters()
         self._memory = np.zeros(MEMORY)
 
     def act(self, observation: Observation) -> Controls:
-        """The law's controls."""
+        """Return the law's controls."""
         o = observation
-        # Copies, as kernels are compiled for each kind of array: the rollout has compiled this one.
+        # Copies of the kind of array for which the rollout has compiled the kernels.
         ahead, curvature_ahead = np.array(o.ahead, order="C"), np.array(o.curvature_ahead)
         limit_ahead = limits_of(o, self._setup)
         steering, throttle, brake = laws.decide(
@@ -70,7 +71,7 @@ class BuiltIn:
 
 @dataclass
 class SpeedPlanner(BuiltIn):
-    """The speed plan that the built-in drivers share: a speed for the curves in view."""
+    """The speed plan that built-in drivers share: a speed for the curves in view."""
 
     aggression: Positive = 1.0
     """Scales both budgets; much more than 1 asks for more than the tyres can give."""
@@ -84,7 +85,7 @@ class SpeedPlanner(BuiltIn):
     """Acceleration per m/s of speed error, in 1/s."""
 
     def plan(self) -> list[float]:
-        """The parameters of the speed plan, the first of every law."""
+        """Return the parameters of the speed plan, the first of every law."""
         return [
             self.aggression * self.lateral_acceleration,
             self.aggression * self.braking,
@@ -112,13 +113,16 @@ class Planner(SpeedPlanner):
     """Lookahead distance at rest, in m."""
 
     def parameters(self) -> FloatArray:
-        """The parameters of `laws.planner`."""
+        """Return the parameters of `laws.planner`."""
         return np.array([*self.plan(), self.lookahead_time, self.lookahead_min])
 
 
 @dataclass
 class Stanley(SpeedPlanner):
-    """Plans its speed like `Planner` and steers by Stanley's law (Hoffmann et al., ACC 2007)."""
+    """A driver that plans its speed like `Planner` and steers by Stanley's law.
+
+    Source: Hoffmann et al., ACC 2007.
+    """
 
     law: ClassVar[int] = laws.STANLEY
     BEHAVIOUR: ClassVar[int] = 1
@@ -135,7 +139,7 @@ class Stanley(SpeedPlanner):
     """Gain of steering against yaw rate beyond the road's, in s."""
 
     def parameters(self) -> FloatArray:
-        """The parameters of `laws.stanley`."""
+        """Return the parameters of `laws.stanley`."""
         return np.array([*self.plan(), self.offset_gain, self.softening, self.yaw_damping])
 
 
@@ -154,8 +158,9 @@ class SpeedPlan:
     before them within another, and the speed limit.
 
     Args:
-        setup: what the driver was reset with.
-        driver: whose budgets count, such as ``Planner(aggression=0.8)``; by default `Planner`'s.
+        setup: The setup with which the driver was reset.
+        driver: Driver whose budgets count, such as ``Planner(aggression=0.8)``; by default
+            `Planner`.
     """
 
     def __init__(self, setup: DriveSetup, driver: SpeedPlanner | None = None) -> None:
@@ -163,7 +168,7 @@ class SpeedPlan:
         self._parameters = np.array((driver or Planner()).plan())
 
     def speed(self, observation: Observation) -> float:
-        """The speed planned for now, in m/s."""
+        """Return the speed planned for now, in m/s."""
         curvature_ahead = np.array(observation.curvature_ahead)
         wanted: float = laws.planned_speed(
             curvature_ahead,
@@ -176,7 +181,7 @@ class SpeedPlan:
         return wanted
 
     def controls(self, observation: Observation, steering: float) -> Controls:
-        """This steering in rad, with the pedals that bring the car to the planned speed."""
+        """Return this steering, in rad, with pedals that bring the car to the planned speed."""
         curvature_ahead = np.array(observation.curvature_ahead)
         throttle, brake = laws.planned_pedals(
             float(observation.speed),
@@ -204,14 +209,14 @@ class BeamngAi(BuiltIn):
     law: ClassVar[int] = laws.BEAMNG_AI
     BEHAVIOUR: ClassVar[int] = 2
     VEHICLE: ClassVar[str] = "etk800"
-    """The car that it brings to an embedded simulator for which none was chosen."""
+    """Car that the driver brings to an embedded simulator for which no car was chosen."""
 
     aggression: Positive = 0.7
-    """Share of grip that it uses in bends, as BeamNG.AI's; beyond `grip` it makes no difference."""
+    """Share of grip used in bends, as BeamNG.AI's option; values beyond `grip` count as `grip`."""
     grip: Positive = 1.0
     """Friction of the tyres, as far as the driver knows."""
     curve_speed: Positive = 1.0
-    """Lateral acceleration that it plans in bends, per min(aggression, grip) g."""
+    """Planned lateral acceleration in bends, per min(aggression, grip) g."""
     braking: Positive = 6.9
     """Deceleration planned before bends, in m/s^2."""
     node_spacing: Positive = 2.0
@@ -223,13 +228,13 @@ class BeamngAi(BuiltIn):
     clearance: Positive = 0.84
     """Distance of the plan from the edges of the lane, in car widths."""
     forgiveness: NotNegative = 0.87
-    """Share of the distance to its plan by which it moves the plan in a second, in 1/s."""
+    """Share of the distance to the plan by which the plan moves to the car in a second, in 1/s."""
     lookahead_time: NotNegative = 0.63
     """Driving time to the point that is steered for, in s."""
     lookahead_min: Positive = 4.5
-    """Least distance to it, in m."""
+    """Least distance to the point that is steered for, in m."""
     aiming_point: Positive = 4.7
-    """Place that is led to it, in m ahead of the rear axle: the front of the car."""
+    """Place of the car that is led to that point, in m ahead of the rear axle: its front."""
     steering_gain: Positive = 0.6
     """Angle of the front wheels per angle to the point that is steered for."""
     throttle_gain: Positive = 0.5
@@ -240,7 +245,7 @@ class BeamngAi(BuiltIn):
     """Brake per m/s too much, in s/m."""
 
     def parameters(self) -> FloatArray:
-        """The parameters of `frenetic.drivers.elastic_band`."""
-        # Its fields are in the order of the kernel's parameters.
+        """Return the parameters of `frenetic.drivers.elastic_band`."""
+        # The fields are in the order of the kernel's parameters.
         aggression, grip, curve_speed, *others = (getattr(self, item.name) for item in fields(self))
         return np.array([curve_speed * min(aggression, grip) * GRAVITY, *others])

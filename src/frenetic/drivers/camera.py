@@ -1,4 +1,4 @@
-"""A driver's camera: where it sits, and what ray of light each of its pixels gathers."""
+"""A driver's camera: where it sits, and in which direction each pixel looks."""
 
 from __future__ import annotations
 
@@ -21,17 +21,18 @@ Image: TypeAlias = "npt.NDArray[np.uint8]"
 
 
 class Renderer(Protocol):
-    """Draws what a camera sees along a road.
+    """A renderer: it draws what a camera sees along a road.
 
     A package offers one by an entry point in the group `RENDERERS`: a function of the road, the
     `Camera` and the `Scene`.
     """
 
     def draw(self, x: float, y: float, heading: float) -> Image:
-        """The picture with the car's centre of mass at a place in m, and its heading in rad."""
+        """Return the picture with the car's centre of mass at x, y in m, heading in rad."""
 
 
 RENDERERS: Final = "frenetic.renderers"
+"""Entry point group of renderers."""
 MOST_PIXELS: Final = 1 << 20
 """Pixels of the largest image."""
 
@@ -48,7 +49,7 @@ class Camera:
     front of the lens: x to the right, y down. f = width/2 / tan(field_of_view/2), in pixels.
 
     Raises:
-        ValueError: a value is out of range.
+        ValueError: A value is out of range.
     """
 
     width: _Pixels = 160
@@ -64,7 +65,7 @@ class Camera:
     up: Annotated[float, Meta(ge=0.1, le=20.0)] = 1.4
     """Height above the ground, in m."""
     pitch: Annotated[float, Meta(ge=-60.0, le=90.0)] = 10.0
-    """Angle by which it looks down, in degrees."""
+    """Angle by which the camera looks down, in degrees."""
     distortion: Annotated[float, Meta(ge=-1.0, le=1.0)] = 0.0
     """Radial distortion k of the lens: a point at distance r from the middle of the undistorted
     image plane appears at r (1 + k r^2). Negative is a barrel, positive a pincushion."""
@@ -103,16 +104,16 @@ class Camera:
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """Shape of its images."""
+        """Shape of the camera's images."""
         return self.height, self.width, 3
 
     def rays_through(self, rows: npt.ArrayLike, columns: npt.ArrayLike) -> FloatArray:
-        """Directions in which points of the image look, (..., 3) of length 1 in the car's frame.
+        """Return the directions of points of the image, (..., 3) of length 1 in the car's frame.
 
         x ahead, y to the left, z up.
 
         Args:
-            rows, columns: (...) row and column; a whole number is the middle of a pixel.
+            rows, columns: (...) rows and columns; a whole number is the middle of a pixel.
         """
         x = (np.asarray(columns, dtype=np.float64) + 0.5 - 0.5 * self.width) / self.focal_length
         y = (np.asarray(rows, dtype=np.float64) + 0.5 - 0.5 * self.height) / self.focal_length
@@ -124,7 +125,7 @@ class Camera:
         return unit
 
     def _undistorted(self, radius: FloatArray) -> FloatArray:
-        """Factor that takes points at this distance from the middle to where a pinhole has them."""
+        """Return the factor from distances from the middle to distances in a pinhole's image."""
         if self.distortion == 0.0:
             return np.ones_like(radius)
         r = radius.copy()
@@ -140,7 +141,7 @@ class Scene:
     """Appearance of the world that is drawn for a camera.
 
     Raises:
-        ValueError: a value is out of range.
+        ValueError: A value is out of range.
     """
 
     seed: Annotated[int, Meta(ge=0, lt=2**31)] = 0

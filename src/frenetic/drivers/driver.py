@@ -29,7 +29,7 @@ DRAG_FADE_SPEED: Final = 0.5
 """Rolling speed below which brakes and `DriveSetup.rolling_drag` fade out, in m/s, for a smooth
 stop."""
 PERIODS: Final = (0.01, 0.2)
-"""Shortest and longest `Driver` period of its own, in s."""
+"""Shortest and longest period that a driver may ask for, in s."""
 MOST_STEERING: Final = 1e9
 """Largest angle that a driver may ask for, in rad: a campaign's database holds it."""
 MOST_LANE_POINTS: Final = 100_000
@@ -38,12 +38,12 @@ MOST_LANE_POINTS: Final = 100_000
 
 @dataclass(frozen=True)
 class DriveSetup:
-    """The setup of a drive, as its driver gets it: the car, the lane and the limits."""
+    """The setup of a drive for its driver: the car, the lane and the limits."""
 
     speed_limit: float
-    """Speed limit at the start, in m/s; `Observation.speed_limit` is the one where the car is."""
+    """Speed limit at the start, in m/s; `Observation.speed_limit` holds where the car is."""
     lane_width: float
-    """m."""
+    """Width of the lane, in m."""
     period: float
     """Time between two calls of `act`, in s."""
     front_axle: float
@@ -51,11 +51,11 @@ class DriveSetup:
     rear_axle: float
     """Distance from the centre of mass to the rear axle, in m."""
     car_length: float
-    """m."""
+    """Length of the car, in m."""
     car_width: float
-    """m."""
+    """Width of the car, in m."""
     max_steering: float
-    """The front wheels' largest angle, in rad."""
+    """Largest angle of the front wheels, in rad."""
     max_acceleration: float
     """Acceleration at full throttle and low speed, in m/s^2."""
     max_deceleration: float
@@ -67,18 +67,18 @@ class DriveSetup:
     air_drag: float = 0.0
     """Further deceleration per square of the speed, in 1/m; 0 if the simulator does not know."""
     mass: float | None = None
-    """kg; None if the simulator does not know, as below."""
+    """Mass of the car, in kg; None, as in the fields below, if the simulator does not know."""
     yaw_inertia: float | None = None
     """Yaw inertia about the vertical axis, in kg m^2."""
     front_cornering_stiffness: float | None = None
     """Lateral force of the front axle per slip angle at small ones, under its load at rest, in
     N/rad: of a Pacejka tyre B C D times the load of both wheels, without its minus sign."""
     rear_cornering_stiffness: float | None = None
-    """The same of the rear axle."""
+    """Lateral force of the rear axle per slip angle, in N/rad."""
     steering_rate: float | None = None
     """Fastest change of the front wheels' angle, in rad/s."""
     steering_lag: float | None = None
-    """Time constant with which the front wheels follow what is asked, in s."""
+    """Time constant with which the front wheels follow the wanted angle, in s."""
 
     @property
     def wheelbase(self) -> float:
@@ -105,27 +105,27 @@ class Observation:
     ahead: FloatArray
     """The ego lane's centre line in the car's frame, (n, 2) in m: x ahead, y to the left.
 
-    The origin is the centre of mass. The first point is abreast of it, then one follows every 2 m
-    of road; beyond the road's end it goes on straight. n is at most 40; a limited view has
-    fewer."""
+    The origin is the centre of mass. The first point is abreast of it, the next points follow every
+    2 m of road; beyond the road's end they go on straight. n is at most 40; a limited view has
+    fewer points."""
     curvature_ahead: FloatArray
     """Curvature of the ego lane's centre line at the points of `ahead`, (n,) in 1/m."""
     distance: float = 0.0
     """Distance along the road, in m."""
     image: Image | None = None
-    """The camera's picture, (height, width, 3) RGB from 0 to 255, for a `CameraDriver`.
+    """The camera's picture, (height, width, 3) RGB from 0 to 255; None without a camera.
 
-    The first row is on top. None for every other driver."""
+    The first row is on top."""
     x: float = 0.0
     """Coordinate of the centre of mass on the map, in m."""
     y: float = 0.0
-    """m."""
+    """Coordinate of the centre of mass on the map, in m."""
     heading: float = 0.0
     """The car's heading on the map in rad, counter-clockwise from +x, unwrapped."""
     lateral_speed: float = 0.0
     """Speed across the car, in m/s, positive to the left."""
     view: float = math.inf
-    """Length of road ahead at which `lane` ends, in m: that of a limited view."""
+    """Length of road ahead at which `lane` ends, in m, where the view is limited."""
     speed_limit: float = math.inf
     """Speed limit where the car is, in m/s."""
     speed_limit_ahead: FloatArray = field(default_factory=lambda: np.empty(0))
@@ -133,10 +133,10 @@ class Observation:
     _road: Road | None = field(default=None, repr=False)
 
     def lane(self, spacing: float = 1.0, ahead: float = 100.0, behind: float = 0.0) -> Lane:
-        """The ego lane's centre line, at any spacing and length, also behind the car.
+        """Return the ego lane's centre line, at any spacing and length, also behind the car.
 
-        It follows from this observation's `distance`, `lateral_offset` and `heading_error`, so a
-        layer that changes these changes the lane, and one that limits the view ends it sooner.
+        The lane follows from this observation's `distance`, `lateral_offset` and `heading_error`,
+        so a layer that changes these changes the lane, and one that limits the view ends it sooner.
         Beyond both ends of the road the lane goes on straight, as `ahead` does.
 
         Args:
@@ -145,8 +145,8 @@ class Observation:
             behind: m of road behind it.
 
         Raises:
-            ValueError: a length is out of range.
-            FreneticError: the simulator does not say on which road this is.
+            ValueError: A length is out of range.
+            FreneticError: The simulator does not say on which road the car is.
         """
         from frenetic.drivers.lane import lane_of  # numba takes long, also where nobody drives
 
@@ -189,16 +189,16 @@ class Controls:
     def from_acceleration(
         cls, acceleration: float, steering: float, *, speed: float, setup: DriveSetup
     ) -> Controls:
-        """The controls that give a car an acceleration, as far as its engine and brakes do.
+        """Return controls for an acceleration, as far as the car's engine and brakes allow.
 
-        They hold against the drag that the setup knows. More or less than the car can do becomes a
-        full pedal.
+        The pedals make up for the drag that the setup knows. An acceleration beyond the car's
+        becomes a full pedal.
 
         Args:
             acceleration: m/s^2, negative to brake.
             steering: rad, positive to the left.
-            speed: the car's, in m/s, `Observation.speed`.
-            setup: what the driver was reset with.
+            speed: m/s, speed of the car, `Observation.speed`.
+            setup: The setup with which the driver was reset.
         """
         rolling = setup.rolling_drag * min(max(speed / DRAG_FADE_SPEED, -1.0), 1.0)
         wanted = acceleration + rolling + setup.air_drag * speed * abs(speed)
@@ -222,10 +222,10 @@ class Driver(Protocol):
     """
 
     def reset(self, setup: DriveSetup) -> None:
-        """Prepares for the next drive: forgets the last one."""
+        """Forget the last drive and prepare for the next."""
 
     def act(self, observation: Observation) -> Controls:
-        """The controls for the next period."""
+        """Return the controls for the next period."""
 
 
 @runtime_checkable
@@ -233,7 +233,7 @@ class SelectiveDriver(Driver, Protocol):
     """A driver that cannot drive in every simulator."""
 
     def check_simulator(self, simulator: Any) -> None:
-        """Raises a `DriverError` if it cannot drive in this one."""
+        """Raise a `DriverError` if the driver cannot drive in this simulator."""
 
 
 @runtime_checkable
@@ -241,7 +241,7 @@ class CameraDriver(Driver, Protocol):
     """A driver that sees through a camera: its observations have an `image`."""
 
     camera: Camera
-    """Its camera, the same in every drive."""
+    """The driver's camera, the same in every drive."""
 
 
 class OwnLayer:
@@ -252,46 +252,46 @@ class OwnLayer:
     """
 
     BEHAVIOUR: ClassVar[int] = 1
-    """Raised when its effect changes, as a driver's."""
+    """Raised when the layer's effect changes, as a driver's is."""
     place: ClassVar[int]
-    """Its place among the layers over a driver, from the outermost, 0."""
+    """Place among the layers over a driver, from the outermost, 0."""
 
     def __init__(self, driver: Driver) -> None:
         self.driver = driver
 
     def reset(self, setup: DriveSetup) -> None:
-        """Prepares for the next drive."""
+        """Prepare for the next drive."""
         self.driver.reset(setup)
 
     def act(self, observation: Observation) -> Controls:
-        """The driver's controls."""
+        """Return the driver's controls."""
         return self.driver.act(observation)
 
     def in_scene(self, scene: Scene) -> Scene:
-        """What a camera sees instead of a scene."""
+        """Return the scene that a camera sees in place of a scene."""
         return scene
 
     @property
     def options(self) -> dict[str, float]:
-        """Its options, which are its public attributes."""
+        """Options of the layer, which are its public attributes."""
         return {k: v for k, v in vars(self).items() if k != "driver" and not k.startswith("_")}
 
 
 def under_layers(driver: Driver) -> Driver:
-    """The driver itself, without layers of ours over it."""
+    """Return the driver itself, without layers of ours over it."""
     while isinstance(driver, OwnLayer):
         driver = driver.driver
     return driver
 
 
 def inner_driver(driver: object) -> Driver | None:
-    """The driver under a layer; None if it is none."""
+    """Return the driver under a layer; None if the object is no layer."""
     inner = getattr(driver, "driver", None)
     return inner if inner is not None and isinstance(inner, Driver) else None
 
 
 def stack_of(driver: Driver) -> Iterator[Driver]:
-    """A driver and those under it, the outermost first."""
+    """Yield a driver and the drivers under it, the outermost first."""
     under: Driver | None = driver
     while under is not None:
         yield under
@@ -299,13 +299,13 @@ def stack_of(driver: Driver) -> Iterator[Driver]:
 
 
 def camera_of(driver: Driver) -> Camera | None:
-    """The camera of a driver or of the one under its layers; None if it has none.
+    """Return the camera of a driver or of the driver under its layers; None without a camera.
 
     Raises:
-        DriverError: its ``camera`` is something else.
+        DriverError: The attribute ``camera`` is not a `Camera`.
     """
-    for asked in stack_of(driver):
-        camera = getattr(asked, "camera", None)
+    for part in stack_of(driver):
+        camera = getattr(part, "camera", None)
         if isinstance(camera, Camera):
             return camera
         if camera is not None:
@@ -316,17 +316,17 @@ def camera_of(driver: Driver) -> Camera | None:
 
 
 def period_of(driver: Driver, step: float | None) -> float | None:
-    """The period that a driver or the one under its layers asks for, in s; None if it does not.
+    """Return the period that a driver or the driver under its layers asks for, in s, or None.
 
     Args:
-        driver: any.
-        step: s of which a simulator allows multiples; None if it has a period of its own.
+        driver: Any driver.
+        step: s of which a simulator allows multiples; None if its period is fixed.
 
     Raises:
-        DriverError: its ``period`` is none, or the simulator cannot keep it.
+        DriverError: The ``period`` is not 0.01 to 0.2 s, or the simulator cannot keep it.
     """
-    asked = (getattr(one, "period", None) for one in stack_of(driver))
-    period = next((one for one in asked if one is not None), None)
+    periods = (getattr(part, "period", None) for part in stack_of(driver))
+    period = next((value for value in periods if value is not None), None)
     if period is None:
         return None
     low, high = PERIODS
@@ -347,7 +347,7 @@ def period_of(driver: Driver, step: float | None) -> float | None:
 
 
 def scene_of(driver: Driver) -> Scene:
-    """The scene that a driver's layers ask for."""
+    """Return the scene that a driver's layers ask for."""
     scene = Scene()
     for layer in stack_of(driver):
         if isinstance(layer, OwnLayer):
@@ -356,14 +356,14 @@ def scene_of(driver: Driver) -> Scene:
 
 
 def check_other_world(driver: Driver, world: str) -> None:
-    """Refuses what a simulator lacks that draws a world of its own, with a lens of its own.
+    """Refuse a driver whose camera or scene a simulator with a world of its own cannot draw.
 
     Args:
-        driver: the driver; one without a camera is accepted.
-        world: the simulator's name.
+        driver: The driver; without a camera it is accepted.
+        world: Name of the simulator.
 
     Raises:
-        DriverError: the camera's lens is distorted, or a layer changes the scene.
+        DriverError: The camera's lens is distorted, or a layer changes the scene.
     """
     camera = camera_of(driver)
     if camera is None:
@@ -382,7 +382,7 @@ def check_other_world(driver: Driver, world: str) -> None:
 
 @contextmanager
 def blaming_driver() -> Iterator[None]:
-    """Turns an error of a driver into a `DriverError` that says where in its code it was raised.
+    """Turn an error of a driver into a `DriverError` that says where in its code it was raised.
 
     A `KeyboardInterrupt` stays one where it may be Ctrl-C.
     """
@@ -398,21 +398,21 @@ def blaming_driver() -> Iterator[None]:
 
 
 def is_of_driver(error: BaseException, driver: Driver) -> bool:
-    """Whether an error came out of a call of the driver, or of one under its layers."""
+    """Return whether a call of the driver, or of a driver under its layers, raised an error."""
     codes = {
-        getattr(getattr(type(one), name, None), "__code__", None)
-        for one in stack_of(driver)
+        getattr(getattr(type(part), name, None), "__code__", None)
+        for part in stack_of(driver)
         for name in ("reset", "act")
     }
     return any(frame.f_code in codes for frame, _ in traceback.walk_tb(error.__traceback__))
 
 
 def checked_controls(controls: Any) -> tuple[float, float, float]:
-    """(steering, throttle, brake) of what a driver returned, pedals cut to 0..1.
+    """Return steering, throttle and brake of a driver's answer, pedals cut to 0..1.
 
     Raises:
-        ControlsError: it is not `Controls`, a value is not a finite number, or the steering is more
-            than `MOST_STEERING`.
+        ControlsError: The answer is not `Controls`, a value is not a finite number, or the steering
+            is more than `MOST_STEERING`.
     """
     if not isinstance(controls, Controls):
         raise ControlsError(
@@ -429,7 +429,7 @@ def checked_controls(controls: Any) -> tuple[float, float, float]:
 
 
 def _short_repr(value: object) -> str:
-    """The beginning of a value's repr, or its class where it has none."""
+    """Return the beginning of a value's repr, or its class where the repr fails."""
     try:
         return repr(value)[:40]
     except Exception:  # a whole number may be too long, and foreign code may raise anything

@@ -3,11 +3,11 @@
 The driver lays plan nodes along the lane, ``spacing`` metres apart and one in the middle of each
 gap, on the straight line between them. A node is drawn to the inside of the turn that the plan
 takes there, at ``strength * (1 - cos(angle))`` m/s, less ``recoil`` times the draws of its
-neighbours; it moves along its normal and stays within the lane. So the plan cuts corners. What the
-car is off the plan is taken into the plan, which forgives it. The speed follows from the
+neighbours; it moves along its normal and stays within the lane. So the plan cuts corners. Where the
+car is off the plan, the plan moves to the car and forgives the error. The speed follows from the
 plan's curvature, and the front of the car steers for a point ahead on the smoothed plan.
 
-``memory`` is all that the driver keeps between two calls: the nodes' lateral offsets from the
+``memory`` is the driver's state between two calls: the nodes' lateral offsets from the
 middle of the lane, in m to the left, node ``j`` (at ``j * spacing / 2`` m of road) in place
 ``j % NODES``, and one more than the number of the last node. It starts as zeros.
 
@@ -26,6 +26,7 @@ from frenetic._support.compiled import njit
 from frenetic.drivers.driver import AHEAD_SPACING
 
 GRAVITY: Final = 9.81
+"""Acceleration of gravity, in m/s^2."""
 HORIZON: Final = 48.0
 """Length of road that is planned ahead of the car at most, in m."""
 MOST_SPEED: Final = 6.0
@@ -33,9 +34,11 @@ MOST_SPEED: Final = 6.0
 FORGIVEN: Final = 20.0
 """Distance ahead of the car over which forgiving its error fades out, in m."""
 NODES: Final = 64
+"""Number of nodes that the memory holds."""
 MEMORY: Final = NODES + 1
+"""Number of values in the memory."""
 
-# parameters
+# Indices of the parameters.
 (
     LATERAL,
     BRAKING,
@@ -62,7 +65,7 @@ def lane_at(
     curvature_ahead: FloatArray,
     rows: int,
 ) -> tuple[float, float]:
-    """Point of the lane's middle ``u`` m of road ahead of the car, in the car's frame in m.
+    """Return the point of the lane's middle ``u`` m of road ahead, in the car's frame in m.
 
     Within the view, the line between two of its points is an arc. Behind the car the lane goes on
     as a clothoid, beyond the view straight on.
@@ -89,49 +92,26 @@ def lane_at(
 
 @njit()
 def square_of_limit(limit_ahead: FloatArray, u: float) -> float:
-    """Square of the speed limit ``u`` m of road ahead of the car, in m^2/s^2."""
+    """Return the square of the speed limit ``u`` m of road ahead of the car, in m^2/s^2."""
     limit: float = limit_ahead[min(max(int(u / AHEAD_SPACING), 0), len(limit_ahead) - 1)]
     return limit * limit
 
 
 @njit()
-def drive_along_band(
-    speed: float,
+def _lay_nodes(
+    first: int,
+    count: int,
+    spacing: float,
     distance: float,
     heading_error: float,
     ahead: FloatArray,
     curvature_ahead: FloatArray,
-    limit_ahead: FloatArray,
     rows: int,
-    parameters: FloatArray,
-    lane_width: float,
-    car_width: float,
-    rear_axle: float,
-    period: float,
-    memory: FloatArray,
-) -> tuple[float, float, float]:
-    """(angle of the front wheels in rad, throttle, brake); ``memory`` is brought up to date.
+) -> tuple[FloatArray, FloatArray]:
+    """Return the lane's middle at 2 `count` - 1 nodes and its normals there, (n, 2) each.
 
-    Args:
-        speed: m/s.
-        distance: m along the road.
-        heading_error: rad.
-        ahead, curvature_ahead, limit_ahead, rows: the view, see
-            `frenetic.drivers.driver.Observation`.
-        parameters: see `frenetic.drivers.builtin.BeamngAi.parameters`.
-        lane_width, car_width, rear_axle: m.
-        period: s between two calls.
-        memory: (MEMORY,), see the module's text.
+    Nodes lie at every `spacing` m of road, from number `first` on, and in the middle of each gap.
     """
-    p = parameters
-    spacing = p[SPACING] * lane_width
-    bound = max(0.5 * lane_width - p[CLEARANCE] * car_width, 0.0)
-    view = min((rows - 1) * AHEAD_SPACING, HORIZON)
-
-    # Map nodes on the lane's middle, from two behind the car to the end of the view, and the
-    # directions of the lane there.
-    first = math.floor(distance / spacing) - 1
-    count = min(max(int((distance + view) / spacing) - first + 1, 5), NODES // 2 - 2)
     line = np.empty((count + 2, 2))
     for i in range(count + 2):
         x, y = lane_at(
@@ -158,31 +138,51 @@ def drive_along_band(
             normal[2 * i - 1, 1] = x / length
             middle[2 * i - 1, 0] = 0.5 * (line[i, 0] + line[i + 1, 0])
             middle[2 * i - 1, 1] = 0.5 * (line[i, 1] + line[i + 1, 1])
+    return middle, normal
 
-    # The plan as it was left; nodes that come into view lie in the middle of the lane.
-    number = 2 * first
+
+@njit()
+def _recall(memory: FloatArray, number: int, nodes: int) -> FloatArray:
+    """Return the offsets of nodes from number `number` on as they were left, (nodes,) in m.
+
+    Nodes that come into view lie in the middle of the lane.
+    """
     end = number + nodes
     for j in range(int(memory[NODES]), end):
         memory[j % NODES] = 0.0
     memory[NODES] = max(memory[NODES], float(end))
     offset = np.empty(nodes)
-    plan = np.empty((nodes, 2))
     for i in range(nodes):
         offset[i] = memory[(number + i) % NODES]
-        plan[i, 0] = middle[i, 0] + offset[i] * normal[i, 0]
-        plan[i, 1] = middle[i, 1] + offset[i] * normal[i, 1]
+    return offset
 
-    # The gap between nodes in which the front of the car is.
-    front = p[AIMING_POINT] - rear_axle
+
+@njit()
+def _gap_of(plan: FloatArray, front: float) -> int:
+    """Return the number of the gap between nodes in which the front of the car is."""
     here = 0
-    for i in range(nodes - 2):
+    for i in range(len(plan) - 2):
         x = plan[i + 1, 0] - plan[i, 0]
         y = plan[i + 1, 1] - plan[i, 1]
         if (front - plan[i, 0]) * x - plan[i, 1] * y < x * x + y * y:
             break
         here = i + 1
+    return here
 
-    # The band moves.
+
+@njit()
+def _move_band(
+    plan: FloatArray,
+    offset: FloatArray,
+    middle: FloatArray,
+    normal: FloatArray,
+    here: int,
+    bound: float,
+    p: FloatArray,
+    period: float,
+) -> None:
+    """Draw the nodes beyond gap `here` to the inside of their turns."""
+    nodes = len(plan)
     draw = np.zeros(nodes)
     strength = p[STRENGTH] * period
     most = MOST_SPEED * period
@@ -205,13 +205,20 @@ def drive_along_band(
         plan[i, 0] = middle[i, 0] + offset[i] * normal[i, 0]
         plan[i, 1] = middle[i, 1] + offset[i] * normal[i, 1]
 
-    # The place on the plan; the car's error goes into the nodes ahead.
-    x = plan[here + 1, 0] - plan[here, 0]
-    y = plan[here + 1, 1] - plan[here, 1]
-    gap = math.hypot(x, y)
-    along = min(max(((front - plan[here, 0]) * x - plan[here, 1] * y) / gap, 0.0), gap)
-    error = (-plan[here, 1] * x - (front - plan[here, 0]) * y) / gap
-    share = p[FORGIVENESS] * period * error
+
+@njit()
+def _forgive(
+    plan: FloatArray,
+    offset: FloatArray,
+    middle: FloatArray,
+    normal: FloatArray,
+    here: int,
+    bound: float,
+    share: float,
+    spacing: float,
+) -> None:
+    """Move the nodes beyond gap `here` by a share of the car's error, in m, that fades out."""
+    nodes = len(plan)
     for i in range(here + 1, nodes):
         fading = 1.0 - 0.5 * spacing * (i - here - 1) / FORGIVEN
         if fading <= 0.0:
@@ -219,10 +226,23 @@ def drive_along_band(
         offset[i] = min(max(offset[i] + share * fading, -bound), bound)
         plan[i, 0] = middle[i, 0] + offset[i] * normal[i, 0]
         plan[i, 1] = middle[i, 1] + offset[i] * normal[i, 1]
-    for i in range(nodes):
-        memory[(number + i) % NODES] = offset[i]
 
-    # Speed: squares allowed at the nodes by their bends and by braking for what follows.
+
+@njit()
+def _speed_square(
+    plan: FloatArray,
+    limit_ahead: FloatArray,
+    here: int,
+    number: int,
+    spacing: float,
+    distance: float,
+    p: FloatArray,
+) -> float:
+    """Return the square of the speed allowed at the node behind gap `here`, in m^2/s^2.
+
+    Squares are allowed at the nodes by their bends and by braking for what follows.
+    """
+    nodes = len(plan)
     square = square_of_limit(limit_ahead, (number + nodes - 1) * 0.5 * spacing - distance)
     for i in range(nodes - 2, here, -1):
         limit = square_of_limit(limit_ahead, (number + i) * 0.5 * spacing - distance)
@@ -236,14 +256,16 @@ def drive_along_band(
         square = min(square + 2.0 * p[BRAKING] * b, limit)
         if bend * square > p[LATERAL] * chords:
             square = p[LATERAL] * chords / bend
-    limit = square_of_limit(limit_ahead, 0.0)
-    wanted = math.sqrt(min(square + 2.0 * p[BRAKING] * (gap - along), limit))
-    missing = wanted - speed
-    throttle = min(max(p[THROTTLE_GAIN] * (missing - p[SPEED_SLACK]), 0.0), 1.0)
-    brake = min(max(-p[BRAKE_GAIN] * missing, 0.0), 1.0)
+    return square
 
-    # Steering: for a point ahead on the plan, whose corners are rounded by a quadratic B-spline.
-    rest = along + max(p[LOOKAHEAD_TIME] * speed, p[LOOKAHEAD_MIN])
+
+@njit()
+def _point_on_plan(plan: FloatArray, here: int, gap: float, rest: float) -> tuple[float, float]:
+    """Return the point `rest` m behind the beginning of gap `here`, which is `gap` m long.
+
+    The corners of the plan are rounded by a quadratic B-spline.
+    """
+    nodes = len(plan)
     i = here
     while rest > gap and i < nodes - 2:
         rest -= gap
@@ -260,6 +282,82 @@ def drive_along_band(
     else:
         x = plan[i, 0] + t * (plan[i + 1, 0] - plan[i, 0])
         y = plan[i, 1] + t * (plan[i + 1, 1] - plan[i, 1])
+    return x, y
+
+
+@njit()
+def drive_along_band(
+    speed: float,
+    distance: float,
+    heading_error: float,
+    ahead: FloatArray,
+    curvature_ahead: FloatArray,
+    limit_ahead: FloatArray,
+    rows: int,
+    parameters: FloatArray,
+    lane_width: float,
+    car_width: float,
+    rear_axle: float,
+    period: float,
+    memory: FloatArray,
+) -> tuple[float, float, float]:
+    """Return the angle of the front wheels in rad, throttle and brake; update ``memory``.
+
+    Args:
+        speed: m/s.
+        distance: m along the road.
+        heading_error: rad.
+        ahead, curvature_ahead, limit_ahead, rows: The view, see
+            `frenetic.drivers.driver.Observation`.
+        parameters: See `frenetic.drivers.builtin.BeamngAi.parameters`.
+        lane_width, car_width, rear_axle: m.
+        period: s between two calls.
+        memory: (MEMORY,), see the module's text.
+    """
+    p = parameters
+    spacing = p[SPACING] * lane_width
+    bound = max(0.5 * lane_width - p[CLEARANCE] * car_width, 0.0)
+    view = min((rows - 1) * AHEAD_SPACING, HORIZON)
+
+    # Map nodes on the lane's middle, from two behind the car to the end of the view.
+    first = math.floor(distance / spacing) - 1
+    count = min(max(int((distance + view) / spacing) - first + 1, 5), NODES // 2 - 2)
+    middle, normal = _lay_nodes(
+        first, count, spacing, distance, heading_error, ahead, curvature_ahead, rows
+    )
+    nodes = len(middle)
+    number = 2 * first
+    offset = _recall(memory, number, nodes)
+    plan = np.empty((nodes, 2))
+    for i in range(nodes):
+        plan[i, 0] = middle[i, 0] + offset[i] * normal[i, 0]
+        plan[i, 1] = middle[i, 1] + offset[i] * normal[i, 1]
+    front = p[AIMING_POINT] - rear_axle
+    here = _gap_of(plan, front)
+    _move_band(plan, offset, middle, normal, here, bound, p, period)
+
+    # The place on the plan; the car's error goes into the nodes ahead.
+    x = plan[here + 1, 0] - plan[here, 0]
+    y = plan[here + 1, 1] - plan[here, 1]
+    gap = math.hypot(x, y)
+    along = min(max(((front - plan[here, 0]) * x - plan[here, 1] * y) / gap, 0.0), gap)
+    error = (-plan[here, 1] * x - (front - plan[here, 0]) * y) / gap
+    share = p[FORGIVENESS] * period * error
+    _forgive(plan, offset, middle, normal, here, bound, share, spacing)
+    for i in range(nodes):
+        memory[(number + i) % NODES] = offset[i]
+
+    # Pedals: for the planned speed.
+    square = _speed_square(plan, limit_ahead, here, number, spacing, distance, p)
+    limit = square_of_limit(limit_ahead, 0.0)
+    wanted = math.sqrt(min(square + 2.0 * p[BRAKING] * (gap - along), limit))
+    missing = wanted - speed
+    throttle = min(max(p[THROTTLE_GAIN] * (missing - p[SPEED_SLACK]), 0.0), 1.0)
+    brake = min(max(-p[BRAKE_GAIN] * missing, 0.0), 1.0)
+
+    # Steering: for a point ahead on the plan.
+    rest = along + max(p[LOOKAHEAD_TIME] * speed, p[LOOKAHEAD_MIN])
+    x, y = _point_on_plan(plan, here, gap, rest)
     x -= front
     turned = math.asin(y / math.hypot(x, y)) if x > 0.0 else math.copysign(1.0, y)
     return p[STEERING_GAIN] * min(max(turned, -1.0), 1.0), throttle, brake

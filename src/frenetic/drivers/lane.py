@@ -39,7 +39,7 @@ def lane_of(
     heading_error: float,
     distances: FloatArray,
 ) -> Lane:
-    """The lane of a road for a car at the given place in it, see `Observation`."""
+    """Return the lane of a road for a car at a place in it, see `Observation`."""
     points, headings, curvatures = _lane(
         road.table,
         road.sub_step,
@@ -68,9 +68,9 @@ def _lane(
     turned: float,
     distances: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Points, headings and curvatures of a parallel of the centre line, ``offset`` m left of it.
+    """Return points, headings and curvatures of a line ``offset`` m left of the centre line.
 
-    The car is at ``s``, ``left`` m left of the parallel and turned by ``turned`` rad.
+    The car is at ``s``, ``left`` m left of that line and turned by ``turned`` rad.
     """
     n = len(distances)
     points, headings, curvatures = np.empty((n, 2)), np.empty(n), np.empty(n)

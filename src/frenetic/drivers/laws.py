@@ -18,7 +18,7 @@ from frenetic.drivers.elastic_band import drive_along_band
 
 PLANNER, STANLEY, BEAMNG_AI = range(3)
 
-# setup
+# Indices of the setup.
 (
     SPEED_LIMIT,
     FRONT_AXLE,
@@ -30,18 +30,18 @@ PLANNER, STANLEY, BEAMNG_AI = range(3)
     CAR_WIDTH,
     PERIOD,
 ) = range(9)
-# parameters of the speed plan, the first of every law
+# Indices of the parameters of the speed plan, the first of every law.
 LATERAL, BRAKING, SPEED_GAIN, SMOOTHING = range(4)
-# parameters of pure pursuit
+# Indices of the parameters of pure pursuit.
 LOOKAHEAD_TIME, LOOKAHEAD_MIN = 4, 5
-# parameters of Stanley
+# Indices of the parameters of Stanley's law.
 OFFSET_GAIN, SOFTENING, YAW_DAMPING = 4, 5, 6
 
 SPACING = AHEAD_SPACING
 
 
 def setup_array(setup: DriveSetup) -> FloatArray:
-    """A `DriveSetup` as the laws take it."""
+    """Return a `DriveSetup` as the laws take it."""
     return np.array(
         [
             setup.speed_limit,
@@ -66,12 +66,12 @@ def planned_speed(
     braking: float,
     smoothing: int,
 ) -> float:
-    """Speed in m/s now that lets the car keep every limit and curve in view within its budgets.
+    """Return the speed, in m/s, that keeps every limit and curve in view within the budgets.
 
     Each curve allows sqrt(lateral / |kappa|), where kappa is the mean curvature over a window of
     ``smoothing`` rows on each side; braking steadily from here, v^2 = v_curve^2 + 2 braking
-    distance. So does a lower limit ahead. At the end of the view the road is taken to go on as it
-    is. ``limit_ahead`` has a row for each point of the view, or one that holds for all.
+    distance. So does a lower limit ahead. Beyond the view, the road is assumed to go on unchanged.
+    ``limit_ahead`` has a row for each point of the view, or one row for all points.
     """
     # The sums slide along, so that the cost does not depend on the window.
     total = 0.0
@@ -101,7 +101,7 @@ def planned_pedals(
     parameters: FloatArray,
     setup: FloatArray,
 ) -> tuple[float, float]:
-    """(throttle, brake) that bring the speed towards the planned one at the law's gain."""
+    """Return throttle and brake that bring the speed to the planned speed at the law's gain."""
     wanted = planned_speed(
         curvature_ahead,
         limit_ahead,
@@ -126,7 +126,7 @@ def planner(
     parameters: FloatArray,
     setup: FloatArray,
 ) -> tuple[float, float, float]:
-    """(steering, throttle, brake): speed from the road ahead, pure-pursuit steering.
+    """Return steering, throttle and brake: speed from the road ahead, pure-pursuit steering.
 
     Pure pursuit (R. C. Coulter, CMU-RI-TR-92-01): the front wheels take the arc that leads the
     rear axle through the lane's centre a lookahead distance away.
@@ -158,7 +158,7 @@ def stanley(
     parameters: FloatArray,
     setup: FloatArray,
 ) -> tuple[float, float, float]:
-    """(steering, throttle, brake): the same speed plan, Stanley's steering law.
+    """Return steering, throttle and brake: `planner`'s speed plan, Stanley's steering law.
 
     Hoffmann et al., "Autonomous Automobile Trajectory Tracking for Off-Road Driving", ACC 2007:
     heading error plus the angle that takes the front axle back to the line, the lane's own
@@ -194,10 +194,10 @@ def decide(
     setup: FloatArray,
     memory: FloatArray,
 ) -> tuple[float, float, float]:
-    """(steering, throttle, brake) by the law with the given number.
+    """Return steering, throttle and brake by the law with a number.
 
-    ``memory`` is what a law keeps from call to call within a drive: (`elastic_band.MEMORY`,), zeros
-    at its start.
+    ``memory``, (`elastic_band.MEMORY`,), is a law's state from call to call within a drive; it
+    starts as zeros.
     """
     if law == PLANNER:
         return planner(speed, ahead, curvature_ahead, limit_ahead, rows, parameters, setup)

@@ -16,31 +16,32 @@ from frenetic.parts.registry import DRIVERS
 def load_driver(
     spec: str, options: Mapping[str, Any] | None = None, **layers: float | None
 ) -> Driver:
-    """The driver of a name, ``package.module:Class`` or ``file.py:Class``.
+    """Return the driver of a name, of ``package.module:Class`` or of ``file.py:Class``.
 
     Args:
-        spec: which driver.
-        options: passed to its class.
-        layers: amounts of quantities of the driver, see `under`.
+        spec: Name of the driver.
+        options: Options that are passed to its class.
+        layers: Amounts of quantities of the driver, see `under`.
 
     Raises:
-        FreneticError: it cannot be loaded or made, or an amount is out of range.
+        FreneticError: The driver cannot be loaded or made, or an amount is out of range.
     """
     driver: Driver = DRIVERS.make(spec, **(options or {}))
     return under({name: value for name, value in layers.items() if value is not None}, driver)
 
 
 def under(amounts: Mapping[str, float], driver: Driver) -> Driver:
-    """A driver under layers, each in place of its own of that kind.
+    """Return a driver under layers; each replaces the driver's layer of that kind.
 
     Args:
-        amounts: name of a quantity of `frenetic.conditions` -> its amount; what is no layer is
-            skipped. ``noise`` is that of a `Noisy` layer, whose heading error is a tenth of it in
-            rad per m. `frenetic.conditions.condition.SEED` is the seed of the random ones.
-        driver: any.
+        amounts: Name of a quantity of `frenetic.conditions` -> its amount; quantities that are not
+            layers are skipped. ``noise`` is the lateral error of a `Noisy` layer, whose heading
+            error is 0.1 rad per m of it. `frenetic.conditions.condition.SEED` is the seed of random
+            layers.
+        driver: Any driver.
 
     Raises:
-        FreneticError: there is no such quantity, or an amount is out of range.
+        FreneticError: There is no such quantity, or an amount is out of range.
     """
     seed = {"seed": int(amounts[SEED])} if SEED in amounts else {}
     for row in [quantity(name) for name in amounts if name != SEED]:
@@ -56,14 +57,14 @@ def under(amounts: Mapping[str, float], driver: Driver) -> Driver:
 
 
 def _without(kind: type[Any], driver: Driver) -> Driver:
-    """The driver without its layers of a kind."""
+    """Return the driver without its layers of a kind."""
     if isinstance(driver, kind):
         return _without(kind, driver.driver)
     return _over(driver, _without(kind, driver.driver)) if isinstance(driver, OwnLayer) else driver
 
 
 def _laid(kind: type[Any], driver: Driver, amount: float, seed: Mapping[str, int]) -> Driver:
-    """The driver under a layer, which is in its place among the others; a foreign one is inside."""
+    """Return the driver under a layer in its place among others; a foreign layer is innermost."""
     if isinstance(driver, OwnLayer) and driver.place < getattr(kind, "place", math.inf):
         return _over(driver, _laid(kind, driver.driver, amount, seed))
     layered: Driver = kind.over(driver, amount, **seed)
@@ -71,7 +72,7 @@ def _laid(kind: type[Any], driver: Driver, amount: float, seed: Mapping[str, int
 
 
 def _over(layer: OwnLayer, driver: Driver) -> OwnLayer:
-    """The same layer over another driver."""
+    """Return a copy of a layer over another driver."""
     layer = copy.copy(layer)
     layer.driver = driver
     return layer

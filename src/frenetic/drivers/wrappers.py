@@ -32,12 +32,12 @@ from frenetic.drivers.driver import (
 HEADING_PER_OFFSET: Final = 0.1
 """Heading error per lateral error, in rad per m, where only the lateral error is given."""
 
-_BLOCK = 256
+_BLOCK = 256  # errors that are drawn at once
 
 
 @njit()
 def disturb(ahead: FloatArray, rows: int, offset: float, heading: float) -> None:
-    """Moves the view ahead, in place, as it looks to a car that errs about its place.
+    """Move the view ahead, in place, as it looks to a car that errs about its place.
 
     A car that believes itself ``offset`` m further left and turned by ``heading`` rad sees every
     point further right, turned the other way.
@@ -88,21 +88,21 @@ class Noisy(OwnLayer):
 
     @classmethod
     def over(cls, driver: Driver, amount: float, *, seed: int = 0) -> Noisy:
-        """A driver whose lateral error has this standard deviation in m, the heading's follows."""
+        """Return a driver whose lateral error has this standard deviation, in m."""
         return cls(driver, offset=amount, heading=HEADING_PER_OFFSET * amount, seed=seed)
 
     def errors(self, period: float) -> ErrorSequence:
-        """The errors of one drive with the given control period in s."""
+        """Return the errors of one drive with a control period in s."""
         return ErrorSequence(self.offset, self.heading, self.correlation_time, self.seed, period)
 
     def reset(self, setup: DriveSetup) -> None:
-        """Starts the errors anew."""
+        """Start the errors anew."""
         super().reset(setup)
         self._errors = self.errors(setup.period)
         self._calls = 0
 
     def act(self, observation: Observation) -> Controls:
-        """The driver's controls for the disturbed observation."""
+        """Return the driver's controls for the disturbed observation."""
         offset, heading = self._errors.upto(self._calls + 1)[self._calls]
         self._calls += 1
         ahead = observation.ahead.copy()
@@ -133,7 +133,7 @@ class ErrorSequence:
         self._rows = np.empty((0, 2))
 
     def upto(self, n: int) -> FloatArray:
-        """Errors, (m, 2) in m and rad, m >= n; the same rows in every call."""
+        """Return errors, (m, 2) in m and rad, m >= n; the same rows in every call."""
         while len(self._rows) < n:
             fresh = self._rng.standard_normal((_BLOCK, 2))
             last = self._rows[-1] if len(self._rows) else self._rng.standard_normal(2)
@@ -144,7 +144,7 @@ class ErrorSequence:
 
 @njit()
 def _autoregress(fresh: FloatArray, last: FloatArray, keep: float) -> FloatArray:
-    """Standard normal rows made to depend on the row before, the variance kept at 1."""
+    """Return standard normal rows that depend on the row before, with a variance of 1."""
     out = np.empty_like(fresh)
     gain = math.sqrt(1.0 - keep * keep)
     a, b = last[0], last[1]
@@ -177,20 +177,20 @@ class Delayed(OwnLayer):
 
     @classmethod
     def over(cls, driver: Driver, amount: float) -> Delayed:
-        """A driver whose controls arrive this many s late."""
+        """Return a driver whose controls arrive this many s late."""
         return cls(driver, seconds=amount)
 
     def periods(self, period: float) -> int:
-        """The delay in control periods of ``period`` s."""
+        """Return the delay in control periods of ``period`` s."""
         return round(self.seconds / period)
 
     def reset(self, setup: DriveSetup) -> None:
-        """Forgets what is on its way."""
+        """Forget the controls that are on their way."""
         super().reset(setup)
         self._waiting = deque([Controls(0.0)] * self.periods(setup.period))
 
     def act(self, observation: Observation) -> Controls:
-        """The controls that the driver chose some time ago."""
+        """Return the controls that the driver chose some time ago."""
         self._waiting.append(self.driver.act(observation))
         return self._waiting.popleft()
 
@@ -213,16 +213,16 @@ class LimitedView(OwnLayer):
 
     @classmethod
     def over(cls, driver: Driver, amount: float) -> LimitedView:
-        """A driver that sees this many m ahead."""
+        """Return a driver that sees this many m ahead."""
         return cls(driver, distance=amount)
 
     @property
     def rows(self) -> int:
-        """Points that remain of a full view."""
+        """Number of points that remain of a full view."""
         return min(max(int(self.distance / AHEAD_SPACING) + 1, 2), AHEAD_POINTS)
 
     def act(self, observation: Observation) -> Controls:
-        """The driver's controls for what it can see."""
+        """Return the driver's controls for the road in view."""
         return self.driver.act(
             replace(
                 observation,
@@ -251,15 +251,15 @@ class Hasty(OwnLayer):
 
     @classmethod
     def over(cls, driver: Driver, amount: float) -> Hasty:
-        """A driver that drives so many km/h over the limit."""
+        """Return a driver that drives so many km/h over the limit."""
         return cls(driver, excess=amount)
 
     def reset(self, setup: DriveSetup) -> None:
-        """Prepares for the next drive."""
+        """Prepare for the next drive."""
         super().reset(replace(setup, speed_limit=setup.speed_limit + self.excess / 3.6))
 
     def act(self, observation: Observation) -> Controls:
-        """The driver's controls for higher limits."""
+        """Return the driver's controls for higher limits."""
         excess = self.excess / 3.6
         return self.driver.act(
             replace(
@@ -277,26 +277,26 @@ class Compiled:
     law: int
     parameters: FloatArray
     rows: int
-    """Points of the view."""
+    """Number of points of the view."""
     delay: int
-    """Control periods."""
+    """Delay, in control periods."""
     errors: ErrorSequence | None
     excess: float
-    """m/s above the speed limit that it takes for it."""
+    """Excess over the speed limit, in m/s."""
 
 
 def compiled_form(driver: Driver, period: float) -> Compiled | None:
-    """The driver for the compiled rollout, or None if it has to be called from Python.
+    """Return the driver for the compiled rollout, or None if it has to be called from Python.
 
     Only the built-in classes themselves qualify, under at most one layer of each kind: a subclass
     may do anything in `act`.
     """
     rows, delay, errors, excess = AHEAD_POINTS, 0, None, 0.0
-    seen = set()
+    kinds = set()
     while isinstance(driver, OwnLayer) and type(driver) in (Noisy, Delayed, LimitedView, Hasty):
-        if type(driver) in seen:
+        if type(driver) in kinds:
             return None
-        seen.add(type(driver))
+        kinds.add(type(driver))
         if isinstance(driver, Noisy):
             errors = driver.errors(period)
         elif isinstance(driver, Delayed):
@@ -308,6 +308,6 @@ def compiled_form(driver: Driver, period: float) -> Compiled | None:
         driver = driver.driver
     if not (isinstance(driver, BuiltIn) and type(driver).__module__ == BuiltIn.__module__):
         return None
-    if hasattr(driver, "period"):  # its own
+    if hasattr(driver, "period"):  # the rollout has a fixed period
         return None
     return Compiled(driver.law, driver.parameters(), rows, delay, errors, excess / 3.6)

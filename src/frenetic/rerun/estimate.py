@@ -455,7 +455,7 @@ class Draws(Strategy):
         roads = self._roads
         numbers = _uniform(self._rng.standard_normal(roads.numbers))
         rng = np.random.default_rng(int(self._rng.integers(2**62)))
-        values = roads.made(rng, numbers)
+        values = roads.draw_once(rng, numbers)
         amounts = self._domain.at(_uniform(conditions), (len(values) - 1) * roads.step)
         grade = roads.grade(rng, values)
         return Candidate(1, values, roads.step, Origin(RANDOM), conditions=amounts, grade=grade)

@@ -12,7 +12,7 @@ from frenetic.campaign.store import CampaignStore
 from frenetic.conditions.condition import without
 from frenetic.errors import CampaignError
 from frenetic.road import profile
-from frenetic.search.records import Candidate, Evaluation, Origin, Source
+from frenetic.search.records import Candidate, Evaluation, Origin, SourceTest
 from frenetic.search.strategy import Ledger, SearchEnded, Strategy
 from frenetic.simulators.conditions import check_conditions
 
@@ -97,7 +97,7 @@ class Again(Strategy):
             road.points,
             conditions=conditions,
             repeat=repeat,
-            source=Source(self._campaign, road.id),
+            source=SourceTest(self._campaign, road.id),
             **{name: getattr(road, name) for name in profile.NAMES},
         )
 

@@ -1,7 +1,7 @@
-"""The approach to a place of a road: what of a drive decides whether two problems are the same.
+"""The approach to a place of a road: the part of a drive by which failures are told apart.
 
-Two drives are laid over each other so that a place of each and the road's directions there
-coincide. Their *difference*, in metres, is
+Two drives are compared after they are moved and turned so that a place of each and the road's
+directions there coincide. Their *difference*, in metres, is
 
     sqrt(mean |p - p'|^2 + mean (d - d')^2 + mean ((v - v') * 1 s)^2)
 
@@ -37,7 +37,7 @@ BEHIND = 30.0
 ALIKE = 2.0
 """Largest difference of two drives with the same problem, in m: half a lane."""
 AHEAD = 15.0
-"""Length of road after it, in m."""
+"""Length of road after the place, in m."""
 
 _BEFORE = np.arange(-BEHIND, 0.5 * SPACING, SPACING)
 STATES = len(_BEFORE)
@@ -54,7 +54,7 @@ SIZE = ROAD_SIZE + 2 * STATES
 
 @njit()
 def road_around(table: FloatArray, ds: float, place: float) -> FloatArray:
-    """Centre line around a place, (19, 2) in m: x ahead of the place, y to the left of it.
+    """Return the centre line around a place, (19, 2) in m: x ahead of the place, y to its left.
 
     Every 2.5 m from 30 m before the place to 15 m after it; straight beyond the road's ends.
     """
@@ -68,7 +68,7 @@ def road_around(table: FloatArray, ds: float, place: float) -> FloatArray:
 
 
 def states_before(trace: Trace | None, place: float) -> tuple[FloatArray, FloatArray]:
-    """Lateral offsets, (13,) in m, and speeds, (13,) in m/s, over the 30 m before a place.
+    """Return lateral offsets, (13,) in m, and speeds, (13,) in m/s, over the 30 m before a place.
 
     Without a trace they are zeros.
     """
@@ -81,7 +81,7 @@ def states_before(trace: Trace | None, place: float) -> tuple[FloatArray, FloatA
 
 
 def as_vector(road: FloatArray, offsets: FloatArray, speeds: FloatArray) -> FloatArray:
-    """The approach, (64,) in m, of a road around a place and the states before it."""
+    """Return the approach, (64,) in m, of a road around a place and the states before it."""
     return np.concatenate(
         (road.ravel() * _POINT_SCALE, offsets * STATE_SCALE, speeds * STATE_SCALE)
     )
@@ -91,7 +91,7 @@ def as_vector(road: FloatArray, offsets: FloatArray, speeds: FloatArray) -> Floa
 def table_around(
     curvatures: FloatArray, step: float, low: float, high: float
 ) -> tuple[FloatArray, float, float]:
-    """Table of the road around the places from `low` to `high`, its spacing and where it begins."""
+    """Return a table of the road around `low` to `high` m, its spacing and its beginning in m."""
     last = len(curvatures) - 1
     first = min(max(int((low - BEHIND) / step), 0), last - 1)
     end = max(min(int((high + AHEAD) / step) + 1, last), first + 1)
@@ -110,12 +110,12 @@ def lay_road(vector: FloatArray, table: FloatArray, ds: float, place: float) -> 
 
 
 @njit()
-def _square(one: FloatArray, other: FloatArray, most: float) -> float:
-    """Square of the difference of two approaches; some value of at least `most` if it is that."""
+def _square(first: FloatArray, second: FloatArray, most: float) -> float:
+    """Return the squared difference of two approaches, or, from `most` on, any value >= `most`."""
     square = 0.0
     # From the place backwards the speeds tell most pairs apart at once.
     for i in range(SIZE - 1, -1, -1):
-        change = one[i] - other[i]
+        change = first[i] - second[i]
         square += change * change
         if square >= most:
             break
@@ -124,7 +124,7 @@ def _square(one: FloatArray, other: FloatArray, most: float) -> float:
 
 @njit()
 def nearest_square(vectors: FloatArray, vector: FloatArray, most: float) -> float:
-    """Least square of the differences of an approach from (n, 64) others, at most `most`."""
+    """Return the least squared difference of an approach from (n, 64) others, at most `most`."""
     least = most
     for i in range(len(vectors)):
         least = min(least, _square(vectors[i], vector, least))
@@ -133,7 +133,7 @@ def nearest_square(vectors: FloatArray, vector: FloatArray, most: float) -> floa
 
 @njit()
 def is_near(vectors: FloatArray, vector: FloatArray, square: float) -> bool:
-    """Whether the difference of an approach from one of (n, 64) others has a lesser square."""
+    """Return whether an approach's squared difference from any of (n, 64) others is smaller."""
     for i in range(len(vectors)):  # noqa: SIM110 - compiled code knows no generators
         if _square(vectors[i], vector, square) < square:
             return True
@@ -144,10 +144,10 @@ def is_near(vectors: FloatArray, vector: FloatArray, square: float) -> bool:
 def alike_before(
     vectors: FloatArray, vector: FloatArray, most: float, rows: IntArray, squares: FloatArray
 ) -> int:
-    """Number of (n, 64) approaches whose states differ from another one's by a lesser square.
+    """Return how many of (n, 64) approaches have states that differ by less than `most`, in m².
 
-    Fill `rows` with their numbers and `squares` with these squares. A road adds to them, so the
-    others are not near, wherever on it the place is.
+    Fill `rows` with the numbers of these approaches and `squares` with the squared differences. The
+    road can only add to a difference, so the other approaches are not near, whatever the place.
     """
     count = 0
     for i in range(len(vectors)):
@@ -174,9 +174,9 @@ def is_near_at(
     place: float,
     most: float,
 ) -> bool:
-    """As `is_near` after `lay_road`, of the rows that `alike_before` has found.
+    """Return what `is_near` would after `lay_road`, for the rows that `alike_before` has filled.
 
-    No more of the road is laid than it takes to tell them all apart.
+    Points of the road are laid only until all approaches are told apart.
     """
     x0, y0, cosine, sine, _ = frame_at(table, ds, place)
     left, sums = rows.copy(), squares.copy()
@@ -185,17 +185,17 @@ def is_near_at(
         x, y, _, _, _ = frame_at(table, ds, place - BEHIND + i * SPACING)
         ahead = ((x - x0) * cosine + (y - y0) * sine) * _POINT_SCALE
         aside = ((y - y0) * cosine - (x - x0) * sine) * _POINT_SCALE
-        kept = 0
+        near = 0
         for k in range(count):
             change = vectors[left[k], 2 * i + 1] - aside
             square = sums[k] + change * change
             change = vectors[left[k], 2 * i] - ahead
             square += change * change
             if square < most:
-                left[kept] = left[k]
-                sums[kept] = square
-                kept += 1
-        count = kept
+                left[near] = left[k]
+                sums[near] = square
+                near += 1
+        count = near
         if count == 0:
             return False
     return True
@@ -205,7 +205,7 @@ def is_near_at(
 def lower_squares(
     squares: FloatArray, sides: IntArray, vectors: FloatArray, side: int, vector: FloatArray
 ) -> None:
-    """Lower each of (n,) squares on a side to that of the difference from another approach."""
+    """Lower (n,) squared differences on a side to the difference from another approach, if less."""
     for i in range(len(squares)):
         if sides[i] == side:
             squares[i] = min(squares[i], _square(vectors[i], vector, squares[i]))

@@ -26,21 +26,21 @@ if TYPE_CHECKING:
 FAR = 4.0
 """Difference beyond which two approaches count as equally different, in m."""
 NEAR_MISS = 1.3
-"""Oob distance below which a further peak of a drive is kept, in m."""
+"""Oob distance below which a further peak of a drive is added to an archive, in m."""
 APART = 25.0
-"""Least distance along the road between two kept places of a drive, in m."""
+"""Least distance along the road between two places of a drive in an archive, in m."""
 
 LEFT, RIGHT, NEITHER = 0, 1, 2
 SIDES = {"left": LEFT, "right": RIGHT, None: NEITHER}
-"""Side of a departure -> its number."""
-_HALF_LANE = 2.0  # [m]
+"""Side of a departure -> number of the side."""
+_HALF_LANE = 2.0  # [m] of the competition's lanes
 _PLACE = np.dtype(
     [
         ("distance", np.float64),  # along the road, in m
         ("side", np.int64),  # LEFT, RIGHT or NEITHER
         ("severity", np.float64),  # what the search minimises
         ("has_failed", np.bool_),
-        ("cost", np.float64),  # of its use as a parent
+        ("cost", np.float64),  # of the place's use as a parent
     ]
 )
 
@@ -53,11 +53,11 @@ class Place(NamedTuple):
     side: int
     """LEFT, RIGHT or NEITHER."""
     severity: float
-    """What the search minimises."""
+    """Value that the search minimises."""
     has_failed: bool
-    """Whether the drive failed there."""
+    """Whether the drive failed at the place."""
     vector: FloatArray
-    """The approach to it, (64,) in m."""
+    """Approach to the place, (64,) in m."""
 
 
 class Archive:
@@ -94,7 +94,7 @@ class Archive:
     def failures(self, side: int) -> FloatArray:
         """Approaches of the known failures on a side, then of the expected ones, (n, 64) in m.
 
-        It is a view, which holds until something is added.
+        The array is a view, which holds until something is added.
         """
         end = self._counts[side]
         for other, vector in self._expected.values():
@@ -105,7 +105,7 @@ class Archive:
         return self._failures[side][:end]
 
     def expect(self, candidate: int, side: int, vector: FloatArray) -> None:
-        """Count a candidate, by its id, as failing on a side, until it is told."""
+        """Count a candidate, by its id, as failing on a side, until it is settled."""
         self._expected[candidate] = side, vector
 
     def settle(self, candidate: int) -> None:
@@ -140,17 +140,19 @@ class Archive:
 
 
 def _with_room(rows: npt.NDArray[Any], used: int) -> npt.NDArray[Any]:
-    """The same rows, with more room if all are used."""
+    """Return the rows, with more room if all are used."""
     return rows if used < len(rows) else np.concatenate((rows, np.empty_like(rows)))
 
 
 def places_of(evaluation: Evaluation, candidate: Candidate, severity: float) -> list[Place]:
-    """The critical places of a driven road, the first the one where it failed if it did.
+    """Return the critical places of a driven road; where the drive failed comes first.
 
-    The second is the next peak of the lateral offset, if the car came near the lane's edge there.
+    The second place is the next peak of the lateral offset, if the car came near the lane's edge
+    there.
 
     Args:
-        evaluation: Of a driven road; without a trace, the car counts as standing in its lane.
+        evaluation: Result of a driven road; without a trace, the car counts as standing in its
+            lane.
         candidate: The road.
         severity: What the search minimises.
 
@@ -177,14 +179,14 @@ def places_of(evaluation: Evaluation, candidate: Candidate, severity: float) -> 
     peak = int(np.argmax(away))
     distance = float(trace.distance[peak]) if evaluation.place is None else evaluation.place
     side = left_on if has_failed else _side(trace, peak)
-    found = [place_at(distance, side, severity, has_failed)]
+    places = [place_at(distance, side, severity, has_failed)]
     apart = np.where(np.abs(trace.distance - distance) > APART, away, 0.0)
     second = int(np.argmax(apart))
     oob_distance = _HALF_LANE - float(apart[second])
     if oob_distance < NEAR_MISS:
         there = float(trace.distance[second])
-        found.append(place_at(there, _side(trace, second), oob_distance, False))
-    return found
+        places.append(place_at(there, _side(trace, second), oob_distance, False))
+    return places
 
 
 def _side(trace: Trace, record: int) -> int:

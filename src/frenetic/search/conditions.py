@@ -14,20 +14,22 @@ if TYPE_CHECKING:
     from frenetic.conditions.domain import Domain
     from frenetic.search.records import Candidate
 
-_LITTLE: Final = 0.08
-"""Standard deviation of a little change, in shares of the domain's drives."""
-_MUCH: Final = 0.25
-_AHEAD: Final = 15.0  # m
-_CHANGED: Final = 0.4
-"""Share of children on another road whose conditions change a little, too."""
+CONDITIONS: Final = "conditions"
+"""The operator of a road in other conditions."""
+
+# All values are ours.
+_SMALL_DEVIATION: Final = 0.08  # of a small change, in shares of the domain's drives
+_LARGE_DEVIATION: Final = 0.25  # of a large change, in shares of the domain's drives
+_AHEAD: Final = 15.0  # [m], mean and deviation of the way from a moved stretch to the place
+_SMALL_CHANGE_SHARE: Final = 0.4  # of children on another road whose conditions change, too
 
 
 def drawn(
     rng: np.random.Generator, domain: Domain | None, length: float, *, is_blind: bool = False
 ) -> dict[str, float]:
-    """Conditions from the domain's distribution, on a road of ``length`` m; {} without a domain.
+    """Draw conditions from the domain, on a road of ``length`` m; {} without a domain.
 
-    While no failure is known (``is_blind``), what few drives have is there in half of them.
+    While no failure is known (``is_blind``), half of the drives have a condition that few have.
     """
     if domain is None:
         return {}
@@ -45,39 +47,39 @@ def inherited(
     length: float,
     moved: float,
 ) -> Mapping[str, float]:
-    """A parent's conditions on a child's road of ``length`` m, along which all is moved.
+    """Return a parent's conditions on a child's road of ``length`` m, ``moved`` m further along it.
 
     Now and then one amount changes a little.
     """
     if domain is None:
         return parent.conditions
     shares = domain.shares_of(moved_along(parent.conditions, moved), length)
-    if rng.random() < _CHANGED:
-        _step(rng, domain, shares, int(rng.integers(len(shares))), _LITTLE)
+    if rng.random() < _SMALL_CHANGE_SHARE:
+        _step(rng, domain, shares, int(rng.integers(len(shares))), _SMALL_DEVIATION)
     return domain.at(shares, length)
 
 
 def changed(
     rng: np.random.Generator, domain: Domain, parent: Candidate, mate: Candidate, place: float
 ) -> dict[str, float]:
-    """Other conditions on a parent's road, which came near failing ``place`` m along it.
+    """Return other conditions for a parent's road, which came near failing ``place`` m along it.
 
-    One amount is drawn anew, or some change much, or some are a mate's, or what lies on the road
-    comes to lie before the place.
+    One amount is drawn anew, or some change much, or some are a mate's, or a stretch of the road
+    with a condition, such as a wet one, is moved to shortly before the place.
     """
     length = parent.length
     shares = domain.shares_of(parent.conditions, length)
-    way, which = rng.random(), rng.random(len(shares)) < 0.5
+    way, is_chosen = rng.random(), rng.random(len(shares)) < 0.5
     if way < 0.25:
         i = int(rng.integers(len(shares)))
         shares[i] = _often(domain, i, rng.random())
     elif way < 0.5:
-        for i in np.flatnonzero(which).tolist():
-            _step(rng, domain, shares, i, _MUCH)
+        for i in np.flatnonzero(is_chosen).tolist():
+            _step(rng, domain, shares, i, _LARGE_DEVIATION)
     elif way < 0.75:
-        shares[which] = domain.shares_of(mate.conditions, length)[which]
+        shares[is_chosen] = domain.shares_of(mate.conditions, length)[is_chosen]
     else:
-        _step(rng, domain, shares, int(rng.integers(len(shares))), _MUCH)
+        _step(rng, domain, shares, int(rng.integers(len(shares))), _LARGE_DEVIATION)
         for i, axis in enumerate(domain.axes):
             if axis != SEED and quantity(axis).place_of:
                 there = place + rng.normal(-_AHEAD, _AHEAD)
@@ -86,18 +88,18 @@ def changed(
 
 
 def moved_along(conditions: Mapping[str, float], way: float) -> dict[str, float]:
-    """Conditions on a road that begins ``way`` m earlier, without what lies before its start."""
-    found = dict(conditions)
+    """Return conditions on a road that begins ``way`` m earlier, none of them before its start."""
+    moved = dict(conditions)
     for name in conditions:
-        if name != SEED and (of := quantity(name).place_of):
-            found[name] = conditions[name] + way
-            if found[name] < 0.0:
-                found = without(found, of)
-    return found
+        if name != SEED and (condition := quantity(name).place_of):
+            moved[name] = conditions[name] + way
+            if moved[name] < 0.0:
+                moved = without(moved, condition)
+    return moved
 
 
 def _often(domain: Domain, i: int, share: float) -> float:
-    """A share of the domain's drives, even in 0..1, as one of which half have the amount."""
+    """Return a share of the domain's drives, uniform in 0..1, as if half of them had the amount."""
     axis = domain.axes[i]
     chance = domain.conditions[axis].chance if axis in domain.conditions else 1.0
     if chance >= 0.5:
@@ -108,7 +110,7 @@ def _often(domain: Domain, i: int, share: float) -> float:
 def _step(
     rng: np.random.Generator, domain: Domain, shares: FloatArray, i: int, deviation: float
 ) -> None:
-    """Moves one share; an amount that a drive has by chance alone stays there."""
+    """Move one share; a drive without an amount that only some drives have stays without it."""
     axis = domain.axes[i]
     least = 1.0 - domain.conditions[axis].chance if axis in domain.conditions else 0.0
     if shares[i] < least:

@@ -14,13 +14,14 @@ from frenetic.road import profile
 if TYPE_CHECKING:
     from frenetic.road.classes import RoadClass
 
+# All values are ours.
 _STRAIGHT = 0.15  # share of straights among the elements
 _OTHER_SIDE = 0.75  # share of bends that turn the other way than the one before
 _GENTLEST = 0.2  # curvature of the gentlest bend, as a share of the sharpest's
 _SLOWEST = 0.5  # change of curvature along the longest clothoid, as a share of the quickest
 _LONGEST = 4.0  # length of the longest arc, as a multiple of the shortest
 _NUMBERS = 4  # uniform random numbers that an element takes
-_GRADE_LENGTHS = (100.0, 500.0)  # m from one grade to the next
+_GRADE_LENGTHS = (100.0, 500.0)  # [m] from one grade to the next
 
 
 @njit()
@@ -36,13 +37,13 @@ def draw_elements(
     """Draw values first..end-1, 1/m, as clothoids and arcs that continue from a curvature.
 
     Args:
-        values: room.
-        first: index of the first value.
-        end: index behind the last one.
-        previous: 1/m, the value before them.
-        u: uniform random numbers, from `offset` on one for each value.
-        offset: see there.
-        limits: (4,) see `frenetic.road.classes.RoadClass.limits`.
+        values: Room for the values.
+        first: Index of the first value.
+        end: Index behind the last value.
+        previous: 1/m, the value before the first.
+        u: Uniform random numbers, from index `offset` on one for each value.
+        offset: Index of the first number.
+        limits: (4,), see `frenetic.road.classes.RoadClass.limits`.
     """
     bound, change, arc = limits[0], limits[1], limits[2]
     i = first
@@ -68,7 +69,7 @@ def draw_elements(
 def random_grade(
     rng: np.random.Generator, road_class: RoadClass, length: float
 ) -> FloatArray | None:
-    """The profile, (k, 2), of a random grade along ``length`` m; None in a class of flat roads."""
+    """Return a random grade along ``length`` m, (k, 2); None in a class of flat roads."""
     if road_class.max_grade == 0.0:
         return None
     step = road_class.step
@@ -78,5 +79,5 @@ def random_grade(
         count = max(int(rng.uniform(*_GRADE_LENGTHS) / step), 1)
         grades[i : i + count] = rng.uniform(-1.0, 1.0) * road_class.max_grade
         i += count
-    kept = road_class.conformed_grades(grades, step)
-    return profile.thinned(np.column_stack([np.arange(len(kept)) * step, kept]))
+    conformed = road_class.conformed_grades(grades, step)
+    return profile.thinned(np.column_stack([np.arange(len(conformed)) * step, conformed]))

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice
-from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -18,11 +17,16 @@ from frenetic.errors import Fault
 from frenetic.oracle.outcome import Outcome
 from frenetic.road import profile
 from frenetic.road.classes import RoadClass
-from frenetic.search.approach import SIZE, lower_squares, nearest_square
-from frenetic.search.archive import FAR, LEFT, RIGHT, Archive, places_of
-from frenetic.search.conditions import changed, drawn, inherited
+from frenetic.search.approach import SIZE
+from frenetic.search.archive import LEFT, RIGHT, Archive, places_of
+from frenetic.search.conditions import CONDITIONS, changed, drawn, inherited
+from frenetic.search.earlier_roads import EarlierRoads
 from frenetic.search.failing import FailureModel
+from frenetic.search.operator_choice import OperatorChoice
 from frenetic.search.operators import MIN_VALUES
+from frenetic.search.parents import ParentPool
+from frenetic.search.prediction import Foresight, ForesightTrial, promise_of
+from frenetic.search.proposed import ProposedRoads
 from frenetic.search.random_search import (
     EARLIER,
     GIVEN,
@@ -39,75 +43,45 @@ from frenetic.search.random_search import (
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.speed_model import SpeedModel
 from frenetic.search.strategy import Ledger, Strategy, options_of
-from frenetic.search.variation import MIRROR, OF_FAILURES, OPERATORS, PARAMETERS, SPLICE, draw_child
+from frenetic.search.variation import MIRROR, OPERATORS, PARAMETERS, SPLICE, draw_child
 
-_ROAD_PER_MAP = 1.45  # m of road for each m of the map's side
-_MORE_VALUES = 6  # than the longest random road has
-_POOL_AGE = 20  # drives for which a pool of parents serves
-_RECENT = 1500  # drives from which the threshold is taken
-_QUANTILE = 0.2
-_CLOSING_QUANTILE = 0.03  # while no failure is known
-_LEAST_POOL = 5  # parents then
-_NEAR = -0.3  # [m]; a MOOBD below this is a near miss for any driver
-_TOURNAMENT = 24
-_FAILURE, _NEAR_MISS = 3.0, 1.5  # worth of a failure and, at most, of a near miss
-_USE, _SUCCESS = 0.3, 0.15  # cost of a child, less what a new failure gives back
-_KNOWN = 0.6  # cost of a known failure's first child
+# All values are ours; research/search.md measures `_FRESH_SHARE` and `_RUN_UP_TIME`.
+_ROAD_PER_MAP = 1.45  # [m] of road for each m of the map's side
+_MORE_VALUES = 6  # that a child may have beyond the longest random road
+_USE_COST = 0.3  # of a child, for its parent
+_SUCCESS_REFUND = 0.15  # of that cost, for a child with a new failure
+_KNOWN_FAILURE_COST = 0.6  # of the first child of a failure that was known already
 _LIKELY_OF = 6  # children of which the one is taken that most likely fails
-_LOOKS = 40  # drives that foresight may take for one road
-_TRIED_LAST = 50  # children by which chosen with and without foresight are compared
-_TRUST = 3.0  # power of the shares of new failures among them
-_LEAST_CONTROLS = 0.05  # share of children that are chosen without foresight, and with it
-_NOTHING_NEW, _NEW = 1.0, 2.0  # [m] of difference from the known failures
-_POWER = 2.5  # of an operator's success
-_TRIED = 2.0  # earlier roads that count as driven, with a new failure each, before the first is
-_LEAST_SHARE = 0.5  # of earlier roads among the first ones
-_NEW_GRADE = 0.25  # share of children with a grade of their own, in a road class
+_FORESEEN_OF = 40  # children that foresight may look at for one road
+_NOTHING_NEW = 1.0  # [m] of difference from the known failures, up to which nothing is new
+_NEW = 2.0  # [m] of difference from the known failures, from which a failure is new
+_NEW_GRADE_SHARE = 0.25  # of children with a grade of their own, in a road class
 _RANDOM_SHARE = 0.05  # of random roads after the first ones
-_BLIND_SHARE = 0.5  # of them in a domain while no failure is known: conditions give no sign
-_SAME = 1.6  # [m] least difference that a child is expected to have from the known failures
+_BLIND_SHARE = 0.5  # of random roads while no failure tells which conditions matter
+_LEAST_DIFFERENCE = 1.6  # [m] from the known failures that a child is expected to have
 _REDRAWS = 36  # of a road or child that is refused
 _PARENTS = 8  # that are tried before a random road is proposed
-_FRESH = 0.45  # share of children of failures whose road is new but for what leads to the place
-_RUN_UP = 4.6  # s of driving at the design speed that lead to it
-_IN_OTHERS = 0.5  # share of children of a near miss that are its road in other conditions
-
-CONDITIONS = "conditions"
-"""The operator of a road in other conditions."""
-
-
-@runtime_checkable
-class Foresight(Protocol):
-    """Tells what the driver under test will do on a road that it has not driven."""
-
-    @property
-    def is_ready(self) -> bool:
-        """Whether it can tell."""
-
-    def learn(self, candidate: Candidate, evaluation: Evaluation) -> None:
-        """Learn from a drive."""
-
-    def foresee(self, candidate: Candidate) -> Evaluation | None:
-        """What the driver will do; None where nothing would be driven."""
-
-    def facts(self) -> Mapping[str, Any]:
-        """What it has to tell of itself, see `Strategy.facts`."""
+_FRESH_SHARE = 0.45  # of children of failures with a new road but for the run-up to the place
+_RUN_UP = 90.0  # [m] of road before the place that such a child keeps
+_RUN_UP_TIME = 4.6  # [s] of driving at the design speed that it keeps in a road class
+_OTHER_CONDITIONS_SHARE = 0.5  # of a near miss's children that are its road in other conditions
 
 
 class _Child(NamedTuple):
-    """A road that is proposed if nothing speaks against it."""
+    """A road that may be proposed."""
 
     row: int
-    """Of its parent's place in the archive."""
+    """Row of the parent's place in the archive."""
     operator: int | None
-    """Its number; None for the parent's road in other conditions."""
+    """Number of the operator; None for the parent's road in other conditions."""
     curvatures: FloatArray
-    own: Mapping[str, Any]
-    """Grade and conditions."""
+    """Curvatures, (n,) in 1/m."""
+    fields: Mapping[str, Any]
+    """Further fields of the `Candidate`, such as grade and conditions."""
     side: int
-    """Side on which it is expected to fail."""
+    """Side on which the car is expected to leave its lane."""
     vector: FloatArray | None
-    """The approach with which it is expected to; None if it is not told."""
+    """Approach with which the car is expected to fail; None in other conditions."""
 
 
 class Frenetic(Strategy):
@@ -122,18 +96,18 @@ class Frenetic(Strategy):
        24 is taken: near failing, far from the known failures, and seldom used.
     4. *Child*: an operator of `variation` changes the road around that place. Each is chosen in
        proportion to a power of the share of new failures that it has brought, counted apart for
-       parents that failed and others.
-    5. *Refusal*: where the child is expected to fail as a known failure did, another one is drawn,
-       up to 36 times, then another parent taken. Expected are the child's own road, the
-       parent's offsets, and the parent's speeds with the change that a `SpeedModel` predicts, from
-       5 m before the parent's place to 15 m after it. Until a child is told, it counts as failing
-       where it is expected to.
-    6. *Foresight*, if there is any: children are looked at, up to 40 of them, until one will fail
-       2 m from all known failures. How often it chooses follows from what it has brought in the
-       last drives, against choice without it.
+       parents that failed and for others.
+    5. *Refusal*: a child that is expected to fail as a known failure did is drawn again, up to 36
+       times; then another parent is taken. The expectation combines the child's road, the parent's
+       offsets, and the parent's speeds with the change that a `SpeedModel` predicts, from 5 m
+       before the parent's place to 15 m after it. Until the result of a child is known, the child
+       counts as failing there.
+    6. *Foresight*, if there is any, looks at up to 40 children until it expects one to fail 2 m
+       from all known failures. The more new failures it has brought in the last drives, compared
+       with choice without it, the more often it chooses.
 
-    Of a failure's children, nearly half have a new road but for the 90 m before the place and 30 m
-    after it, in a road class 4.6 s of driving and a third of that.
+    Nearly half of a failure's children keep their parent's road only from 90 m before the place to
+    30 m after it (in a road class 4.6 s of driving, and a third of that), and are new elsewhere.
 
     A failure is new if it differs from all known ones by 2 m, in part if it does by 1 m.
 
@@ -142,8 +116,8 @@ class Frenetic(Strategy):
 
     *Warm start* (`start_from`): for `random_budget` of the budget, roads of earlier campaigns are
     driven again, severe and unlike each other first, each with a chance that is the share of new
-    failures among those before it, and at least one half in place of the first random roads. What
-    they do now counts, not what they did. The speed model learns from their earlier drives.
+    failures among those before it, and at least one half in place of the first random roads. Only
+    their new drives count as results. The speed model learns from the earlier drives, too.
 
     *Real roads* (`start_from`, too): stretches of them are driven first, as they are.
 
@@ -158,8 +132,8 @@ class Frenetic(Strategy):
         random_budget: Share of the budget that the first random roads may take, 0..1, and those
             of earlier campaigns.
         random_roads: Number of the first random roads.
-        likely: Whether failures are parents first, and of six children the one is driven that will
-            most likely fail: for those who count failures, alike or not.
+        likely: Whether failures are parents first, and the likeliest to fail of six children is
+            driven: for users who count failures, alike or not.
         step: m between two curvature values.
         max_length: Largest usual number of values of a road; it has up to five more or fewer.
         is_valid: Refuses roads that are not worth a test; by default those that do not fit the map
@@ -167,9 +141,9 @@ class Frenetic(Strategy):
         road_class: Class of the roads, see `Strategy.road_class`; it takes the place of step and
             lengths.
         domain: Domain of roads and conditions, see `Strategy.domain`: then a child has its parent's
-            conditions, and of one that did not fail another one is the same road in others. Until
+            conditions, and half of a near miss's children are its road in other conditions. Until
             the first failure, half of the random roads have a condition that few drives have.
-        foresight: Tells what the driver will do on a child's road.
+        foresight: Expects what the driver will do on a child's road.
 
     Raises:
         ValueError: An option is out of range; the message says which and what is allowed.
@@ -214,32 +188,24 @@ class Frenetic(Strategy):
             max_redraws=_REDRAWS,
             road_class=road_class,
         )
-        # 90 m on the competition's roads, for which nobody says how fast they are driven:
-        self._run_up = 90.0 if road_class is None else road_class.design_speed / 3.6 * _RUN_UP
+        self._run_up = _RUN_UP  # nobody says how fast the competition's roads are driven
+        if road_class is not None:
+            self._run_up = road_class.design_speed / 3.6 * _RUN_UP_TIME
         self._room = np.empty(self._usual_length + LENGTH_JITTER + _MORE_VALUES)
-        self._ledger = Ledger()
-        self._rests = Rests(road_class)
+        self._ledger, self._rests = Ledger(), Rests(road_class)
         self._archive = Archive()
         self._model = SpeedModel(self._rng)
         self._faults: set[Fault] = set()  # of the driver
-        self._proposed: set[bytes] = set()  # fingerprints
+        self._proposed = ProposedRoads()
         self._budget_spent = 0.0
-        self._severities: list[float] = []  # of the drives
-        self._lowest = math.inf  # of them
-        self._is_moobd = True  # what is minimised
-        self._pool = np.empty(0, dtype=np.int64)  # rows of the archive
-        self._pool_end = 0  # number of drives after which it is too old
-        self._origin, self._spread = 0.0, 1.0  # of the severities
-        # By whether the parent had failed, and operator:
-        self._used = np.zeros((2, len(OPERATORS)))
-        self._brought = np.zeros((2, len(OPERATORS)))
+        # In a domain most near misses are far from failing: their conditions are as usual.
+        failures_first = domain is not None or likely
+        self._parents = ParentPool(self._archive, self._rng, failures_first=failures_first)
+        self._operators = OperatorChoice()
         self._children: dict[int, tuple[_Child, bool]] = {}  # outstanding, and whether foreseen
-        # Without foresight and with it, of each child: how new its failure was.
-        self._brought_by: tuple[list[float], list[float]] = [], []
-        self._earlier = Archive()  # of earlier campaigns, none of it believed
-        self._earlier_left = 0  # roads of it that were not proposed
-        self._driven_again, self._brought_again = 0, 0.0
-        self._given: deque[Candidate] = deque()  # stretches of real roads
+        self._trial = ForesightTrial()
+        self._earlier = EarlierRoads()
+        self._real_roads: deque[Candidate] = deque()  # stretches that were not proposed
 
     def keep_margin(self, margin: float) -> None:
         """Take only roads for valid that keep so many m from the map's edge.
@@ -257,36 +223,30 @@ class Frenetic(Strategy):
         for evaluation in earlier:
             candidate, severity = evaluation.candidate, evaluation.severity
             if evaluation.outcome is Outcome.DROPPED:
-                self._given.append(candidate)
+                self._real_roads.append(candidate)
             if not evaluation.outcome.is_driven or severity is None:
                 continue
-            worst = places_of(evaluation, candidate, severity)[0]
-            self._earlier.add(candidate, worst._replace(has_failed=False))
+            self._earlier.add(evaluation, severity)
             if evaluation.trace is not None:
                 self._model.learn(candidate.curvatures, candidate.step, evaluation.trace)
-        self._earlier_left = len(self._earlier)
-        roads = [*self._earlier.candidates, *self._given]
-        longest = max((len(road.curvatures) for road in roads), default=0)
-        self._room = np.empty(max(len(self._room), longest))
+        longest_real = max((len(road.curvatures) for road in self._real_roads), default=0)
+        self._room = np.empty(max(len(self._room), self._earlier.longest, longest_real))
 
     def ask(self) -> Candidate:
         """Return the next road to try."""
         rest = self._rests.issue(self._ledger)
         if rest is not None:
             return rest
-        if self._given:
-            return self._given_road(self._given.popleft())
-        if self._earlier_left and self._spent_when_told < self._random_budget:
-            share = (self._brought_again + _TRIED) / (self._driven_again + _TRIED)
-            if self._in_random_phase:
-                share = max(share, _LEAST_SHARE)
+        if self._real_roads:
+            return self._real_road(self._real_roads.popleft())
+        if self._earlier and self._spent_when_told < self._random_budget:
+            share = self._earlier.share(is_random_phase=self._in_random_phase)
             if self._rng.random() < share:
                 return self._earlier_road()
         share = _BLIND_SHARE if self._is_blind else _RANDOM_SHARE
         if self._in_random_phase or self._rng.random() < share:
             return self._random_road()
-        if len(self._severities) >= self._pool_end:
-            self._choose_pool()
+        self._parents.refresh()
         return self._child() or self._random_road()
 
     def tell(self, evaluation: Evaluation) -> None:
@@ -303,9 +263,7 @@ class Frenetic(Strategy):
         self._budget_spent = max(self._budget_spent, evaluation.budget_spent)
         severity = evaluation.severity
         if severity is not None and evaluation.outcome.is_driven:
-            self._severities.append(severity)
-            self._lowest = min(self._lowest, severity)
-            self._is_moobd = evaluation.objective is None
+            self._parents.learn(severity, is_moobd=evaluation.objective is None)
         elif evaluation.outcome is not Outcome.FAIL:
             return
         brought, fault = 0.0, evaluation.fault
@@ -316,8 +274,7 @@ class Frenetic(Strategy):
         if evaluation.trace is not None:
             self._model.learn(candidate.curvatures, candidate.step, evaluation.trace)
         if candidate.origin.operator == EARLIER:
-            self._driven_again += 1
-            self._brought_again += brought
+            self._earlier.learn(brought)
         if self._foresight is not None:
             self._foresight.learn(candidate, evaluation)
         if asked is not None:
@@ -325,45 +282,39 @@ class Frenetic(Strategy):
             if self._failing is not None:
                 has_failed = evaluation.outcome is Outcome.FAIL
                 self._failing.learn(self._features(child), has_failed=has_failed)
-            self._brought_by[is_foreseen].append(brought)
+            self._trial.learn(brought, is_foreseen=is_foreseen)
             if child.operator is None:
                 return
-            had_failed = int(self._archive.places["has_failed"][child.row])
-            self._used[had_failed, child.operator] += 1.0
-            self._brought[had_failed, child.operator] += brought
-            self._archive.places["cost"][child.row] -= _SUCCESS * brought
+            parent_failed = int(self._archive.places["has_failed"][child.row])
+            self._operators.learn(child.operator, brought, parent_failed=parent_failed)
+            self._archive.places["cost"][child.row] -= _SUCCESS_REFUND * brought
 
     def _keep(self, evaluation: Evaluation, candidate: Candidate, severity: float) -> float:
-        """Keep the places of a drive; return how new the failure is there, 0 to 1."""
+        """Add the places of a drive; return how new its failure is, 0 to 1."""
         row = len(self._archive)
         worst, *others = places_of(evaluation, candidate, severity)
         difference = self._archive.add(candidate, worst)
-        if self._is_moobd:
+        if self._parents.is_moobd:
             for place in others:
                 self._archive.add(candidate, place)
         if evaluation.outcome is not Outcome.FAIL:
             return 0.0
         brought = min(max((difference - _NOTHING_NEW) / (_NEW - _NOTHING_NEW), 0.0), 1.0)
-        self._archive.places["cost"][row] = _KNOWN * (1.0 - brought)
+        self._archive.places["cost"][row] = _KNOWN_FAILURE_COST * (1.0 - brought)
         return brought
 
     def facts(self) -> Mapping[str, Any]:
-        """Return what foresight came to; nothing without it."""
+        """Return what foresight has brought; nothing without it."""
         if self._foresight is None:
             return {}
-        counts = {
-            f"{what} {how} foresight": number
-            for how, brought in zip(("without", "with"), self._brought_by, strict=True)
-            for what, number in (("children", len(brought)), ("new failures", round(sum(brought))))
-        }
-        return {**self._foresight.facts(), **counts}
+        return {**self._foresight.facts(), **self._trial.facts()}
 
     @property
     def notice(self) -> str | None:
-        """Why the search is not what its user expects, None if it is."""
-        if not self._severities or self._in_random_phase or self._archive.has_failures:
+        """Warning that no road has come near failing, or None."""
+        if not self._parents.drives or self._in_random_phase or self._archive.has_failures:
             return None
-        if not self._is_moobd or self._lowest < 0.0:
+        if not self._parents.is_moobd or self._parents.lowest < 0.0:
             return None
         return (
             "nothing close to failing yet: the search follows the roads on which the car comes"
@@ -372,7 +323,7 @@ class Frenetic(Strategy):
 
     @property
     def _in_random_phase(self) -> bool:
-        driven = len(self._severities)
+        driven = self._parents.drives
         return driven == 0 or (
             driven + len(self._ledger) < self._first_roads
             and self._spent_when_told < self._random_budget
@@ -380,152 +331,90 @@ class Frenetic(Strategy):
 
     @property
     def _spent_when_told(self) -> float:
-        """Share of the budget that will be spent when what is out is told; 0 before a drive."""
-        driven = len(self._severities)
+        """Share of the budget spent once all outstanding roads are driven; 0 before a drive."""
+        driven = self._parents.drives
         return self._budget_spent * (driven + len(self._ledger)) / driven if driven else 0.0
 
     def _random_road(self) -> Candidate:
         road = self._roads.issue(self._rng, self._ledger, self.domain, is_blind=self._is_blind)
-        self._proposed.add(fingerprint(road.curvatures))
+        self._proposed.add(road.curvatures)
         return road
 
     @property
     def _is_blind(self) -> bool:
-        """Whether it searches conditions, and no failure says which."""
+        """Whether the search varies conditions and knows no failure that tells which matter."""
         return self.domain is not None and not self._archive.has_failures
 
-    def _given_road(self, road: Candidate) -> Candidate:
-        """A stretch of a real road, as it is."""
-        self._proposed.add(fingerprint(road.curvatures))
-        own = {name: getattr(road, name) for name in ("notes", *profile.NAMES)}
+    def _real_road(self, road: Candidate) -> Candidate:
+        """Propose a stretch of a real road, as it is."""
+        self._proposed.add(road.curvatures)
+        fields = {name: getattr(road, name) for name in ("notes", *profile.NAMES)}
         is_blind = self._is_blind
-        own["conditions"] = drawn(self._rng, self.domain, road.length, is_blind=is_blind)
-        return self._ledger.issue(road.curvatures, road.step, Origin(GIVEN), **own)
+        fields["conditions"] = drawn(self._rng, self.domain, road.length, is_blind=is_blind)
+        return self._ledger.issue(road.curvatures, road.step, Origin(GIVEN), **fields)
 
     def _earlier_road(self) -> Candidate:
-        """The best road of earlier campaigns that was not proposed: severe, and unlike others."""
-        places, squares = self._earlier.places, self._earlier.squares
-        worth = np.minimum(-places["severity"], _NEAR_MISS) + np.sqrt(squares) - places["cost"]
-        row = int(np.argmax(worth))
-        places["cost"][row] = math.inf
-        self._earlier_left -= 1
-        side = int(places["side"][row])
-        vectors = self._earlier.vectors
-        lower_squares(squares, places["side"], vectors, side, vectors[row])
-        road = self._earlier.candidates[row]
-        self._proposed.add(fingerprint(road.curvatures))
-        own = {name: getattr(road, name) for name in ("conditions", *profile.NAMES)}
-        return self._ledger.issue(road.curvatures, self._roads.step, Origin(EARLIER), **own)
-
-    def _choose_pool(self) -> None:
-        """Choose the places that may become parents until the next choice."""
-        self._pool_end = len(self._severities) + _POOL_AGE
-        recent = np.array(self._severities[-_RECENT:])
-        usual, middle = (float(q) for q in np.quantile(recent, (_QUANTILE, 0.5)))
-        if not self._is_moobd:
-            self._origin, self._spread = usual, max(middle - usual, 1e-9)
-        if not self._archive.has_failures:
-            share = max(_CLOSING_QUANTILE, min(_LEAST_POOL / len(recent), 1.0))
-            threshold = float(np.quantile(recent, share))
-        else:
-            threshold = max(usual, _NEAR) if self._is_moobd else usual
-        places = self._archive.places
-        self._pool = np.flatnonzero(places["has_failed"] | (places["severity"] <= threshold))
-
-    def _choose_parent(self) -> int:
-        """Choose the best of a few places of the pool, by its row."""
-        rows = self._pool[self._rng.integers(0, len(self._pool), _TOURNAMENT)]
-        places = self._archive.places[rows]
-        worth = np.minimum((self._origin - places["severity"]) / self._spread, _NEAR_MISS)
-        if self._archive.has_failures:
-            worth += np.sqrt(self._archive.squares[rows])
-        # In a domain most that did not fail is far from it: its conditions are as usual.
-        comes_first = self.domain is not None or self._failing is not None
-        worth[places["has_failed"]] = _FAILURE + FAR if comes_first else _FAILURE
-        return int(rows[np.argmax(worth - places["cost"])])
+        """Propose the best road of earlier campaigns that was not proposed."""
+        road = self._earlier.pop()
+        self._proposed.add(road.curvatures)
+        fields = {name: getattr(road, name) for name in ("conditions", *profile.NAMES)}
+        return self._ledger.issue(road.curvatures, self._roads.step, Origin(EARLIER), **fields)
 
     def _child(self) -> Candidate | None:
-        """A child of a place of the archive, None if all draws were refused."""
+        """Propose a child of a place of the archive; return None if all draws were refused."""
         children = (
             child
-            for _ in range(_PARENTS if len(self._pool) else 0)
-            for child in self._children_of(self._choose_parent())
+            for _ in range(_PARENTS if len(self._parents.rows) else 0)
+            for child in self._children_of(self._parents.choose())
         )
-        if self._looks_ahead():
-            return self._foreseen(children)
-        tried = 1 if self._failing is None or not self._failing.is_ready else _LIKELY_OF
-        child = max(islice(children, tried), key=self._chance, default=None)
+        foresight = self._foresight
+        if foresight is not None and foresight.is_ready and self._trial.chooses(self._rng):
+            return self._foreseen(children, foresight)
+        count = 1 if self._failing is None or not self._failing.is_ready else _LIKELY_OF
+        child = max(islice(children, count), key=self._chance, default=None)
         return None if child is None else self._issue(child)
 
-    def _foreseen(self, children: Iterator[_Child]) -> Candidate | None:
-        """The first child that will fail as no known failure does, or the most promising one."""
+    def _foreseen(self, children: Iterator[_Child], foresight: Foresight) -> Candidate | None:
+        """Propose the first child that fails as no known failure does, or the most promising one.
+
+        None if there is no child.
+        """
         best, most = None, -math.inf
-        for child in islice(children, _LOOKS):
-            worth, seen = self._promise_of(child)
-            if best is None or worth > most:
-                best, most = seen, worth
-            if worth >= _NEW:
+        for child in islice(children, _FORESEEN_OF):
+            candidate = Candidate(0, child.curvatures, self._roads.step, Origin(""), **child.fields)
+            promise, place = promise_of(candidate, foresight, self._archive)
+            if best is None or promise > most:
+                best, most = child, promise
+                if place is not None:
+                    best = child._replace(side=place.side, vector=place.vector)
+            if promise >= _NEW:
                 break
         return None if best is None else self._issue(best, is_foreseen=True)
 
     def _chance(self, child: _Child) -> float:
-        """The chance that a child fails; 0 if nobody asks for it."""
+        """Return the chance that a child fails; 0 without a model of failures."""
         return 0.0 if self._failing is None else self._failing.chance(self._features(child))
 
     def _features(self, child: _Child) -> FloatArray:
-        """What the chance follows from, see `FailureModel`."""
+        """Return the features of a child, see `FailureModel.features`."""
         assert self._failing is not None
         vector = self._archive.vectors[child.row] if child.vector is None else child.vector
         severity = float(self._archive.places["severity"][child.row])
         return self._failing.features(vector, child.side, child.operator, severity)
 
-    def _looks_ahead(self) -> bool:
-        """Whether foresight chooses the next child: the more surely, the more it has brought."""
-        if self._foresight is None or not self._foresight.is_ready:
-            return False
-        last = (brought[-_TRIED_LAST:] for brought in self._brought_by)
-        without, with_it = (((sum(one) + 1.0) / (len(one) + 2.0)) ** _TRUST for one in last)
-        share = with_it / (without + with_it)
-        share = min(max(share, _LEAST_CONTROLS), 1.0 - _LEAST_CONTROLS)
-        return bool(self._rng.random() < share)
-
-    def _promise_of(self, child: _Child) -> tuple[float, _Child]:
-        """How new a failure a child promises by foresight, in m, and the child as foreseen.
-
-        Below 0 it will not fail: then it is by how much.
-        """
-        assert self._foresight is not None
-        candidate = Candidate(0, child.curvatures, self._roads.step, Origin(""), **child.own)
-        seen = self._foresight.foresee(candidate)
-        if seen is None or seen.severity is None:
-            return -math.inf, child
-        place = places_of(seen, candidate, seen.severity)[0]
-        child = child._replace(side=place.side, vector=place.vector)
-        if not place.has_failed:
-            return min(-place.severity, -0.0), child
-        known = self._archive.failures(place.side)
-        return math.sqrt(nearest_square(known, place.vector, FAR * FAR)), child
-
     def _children_of(self, row: int) -> Iterator[_Child]:
-        """Children of a place of the archive, which are expected to fail as no known failure."""
+        """Yield children of a place of the archive that may fail as no known failure does."""
         archive, rng, draws, step = self._archive, self._rng, 1 + _REDRAWS, self._roads.step
         place, parent = archive.places[row], archive.candidates[row]
-        had_failed, side = int(place["has_failed"]), int(place["side"])
-        if self.domain is not None and not had_failed and rng.random() < _IN_OTHERS:
+        parent_failed, side = int(place["has_failed"]), int(place["side"])
+        if self.domain is not None and not parent_failed and rng.random() < _OTHER_CONDITIONS_SHARE:
             yield self._in_other_conditions(row)
             return
-        operators = np.searchsorted(self._shares(had_failed), rng.random(draws), side="right")
+        operators = self._operators.draw(rng, draws, parent_failed=parent_failed)
         u = rng.random((draws, PARAMETERS + 2 * len(self._room)))
-        kept = np.where(rng.random(draws) < had_failed * _FRESH, self._run_up, 0.0)
+        run_ups = np.where(rng.random(draws) < parent_failed * _FRESH_SHARE, self._run_up, 0.0)
         lengths = self._usual_length + rng.integers(-LENGTH_JITTER, LENGTH_JITTER + 1, draws)
-        others = np.zeros((draws, len(self._room)))
-        sizes, sites = np.zeros(draws, dtype=np.int64), np.zeros(draws, dtype=np.int64)
-        mates = self._pool[rng.integers(0, len(self._pool), draws)]
-        for k in np.flatnonzero(operators == SPLICE).tolist():
-            mate = archive.candidates[mates[k]]
-            sizes[k] = len(mate.curvatures)
-            others[k, : sizes[k]] = mate.curvatures
-            sites[k] = int(archive.places["distance"][mates[k]] / mate.step)
+        others, sizes, sites = self._parents.draw_mates(operators == SPLICE, len(self._room))
         opposite = {LEFT: RIGHT, RIGHT: LEFT}.get(side, side)
         known = archive.failures(side), archive.failures(opposite)
         # A class's bends look much alike: without a failure, what is out forbids too many.
@@ -547,8 +436,8 @@ class Frenetic(Strategy):
                 lengths[first:],
                 self._roads.limits,
                 *known,
-                _SAME,
-                kept[first:],
+                _LEAST_DIFFERENCE,
+                run_ups[first:],
                 self._model.weights if self._model.is_ready else np.empty(0),
                 self._room,
                 expected,
@@ -556,18 +445,18 @@ class Frenetic(Strategy):
             if k < 0:
                 return
             curvatures, operator = self._room[:n].copy(), int(operators[first + k])
-            if fingerprint(curvatures) not in self._proposed and self._is_valid(curvatures, step):
-                inherited_values = self._inherited(parent, curvatures, moved * step)
-                there = opposite if operator == MIRROR else side
-                yield _Child(row, operator, curvatures, inherited_values, there, expected.copy())
+            if curvatures not in self._proposed and self._is_valid(curvatures, step):
+                fields = self._inherited(parent, curvatures, moved * step)
+                child_side = opposite if operator == MIRROR else side
+                yield _Child(row, operator, curvatures, fields, child_side, expected.copy())
             first += k + 1
 
     def _inherited(
         self, parent: Candidate, curvatures: FloatArray, moved: float
     ) -> Mapping[str, Any]:
-        """Grade, limits and conditions of a child whose place lies ``moved`` m further along it."""
+        """Return grade, limits and conditions of a child whose place moved so many m along it."""
         grade, limits = parent.grade, parent.speed_limits
-        if self.road_class is not None and self._rng.random() < _NEW_GRADE:
+        if self.road_class is not None and self._rng.random() < _NEW_GRADE_SHARE:
             grade = self._roads.grade(self._rng, curvatures)
         elif grade is not None and len(grade):
             grade = np.column_stack([grade[:, 0] + moved, grade[:, 1]])
@@ -579,15 +468,15 @@ class Frenetic(Strategy):
         return values
 
     def _in_other_conditions(self, row: int) -> _Child:
-        """The road of a place of the archive in other conditions."""
+        """Return the road of a place of the archive in other conditions."""
         assert self.domain is not None
         archive, parent = self._archive, self._archive.candidates[row]
-        mate = archive.candidates[int(self._rng.choice(self._pool))]
+        mate = archive.candidates[int(self._rng.choice(self._parents.rows))]
         place = archive.places[row]
-        own: dict[str, Any] = {name: getattr(parent, name) for name in profile.NAMES}
-        there = float(place["distance"])
-        own["conditions"] = changed(self._rng, self.domain, parent, mate, there)
-        return _Child(row, None, parent.curvatures, own, int(place["side"]), None)
+        fields: dict[str, Any] = {name: getattr(parent, name) for name in profile.NAMES}
+        distance = float(place["distance"])
+        fields["conditions"] = changed(self._rng, self.domain, parent, mate, distance)
+        return _Child(row, None, parent.curvatures, fields, int(place["side"]), None)
 
     def _issue(self, child: _Child, *, is_foreseen: bool = False) -> Candidate:
         """Propose a child."""
@@ -595,24 +484,10 @@ class Frenetic(Strategy):
         parent = self._archive.candidates[row]
         name = CONDITIONS if operator is None else OPERATORS[operator]
         origin = Origin(name, (parent.id,), parent.origin.generation + 1)
-        issued = self._ledger.issue(child.curvatures, self._roads.step, origin, **child.own)
-        self._proposed.add(fingerprint(child.curvatures))
-        self._archive.places["cost"][row] += _USE
+        issued = self._ledger.issue(child.curvatures, self._roads.step, origin, **child.fields)
+        self._proposed.add(child.curvatures)
+        self._archive.places["cost"][row] += _USE_COST
         self._children[issued.id] = child, is_foreseen
         if child.vector is not None:
             self._archive.expect(issued.id, child.side, child.vector)
         return issued
-
-    def _shares(self, had_failed: int) -> FloatArray:
-        """Running sum of the shares of the operators, (k,), the last 1."""
-        count = OF_FAILURES if had_failed else len(OPERATORS)
-        brought, used = self._brought[had_failed, :count], self._used[had_failed, :count]
-        sums = np.cumsum(((brought + 1.0) / (used + 6.0)) ** _POWER)
-        shares: FloatArray = sums / sums[-1]
-        return shares
-
-
-def fingerprint(curvatures: FloatArray) -> bytes:
-    """16 bytes that no two different roads share."""
-    values = np.ascontiguousarray(curvatures, dtype="<f8") + 0.0  # no negative zeros
-    return hashlib.blake2b(values.tobytes(), digest_size=16).digest()

@@ -87,7 +87,7 @@ class Frenetic2021(Strategy):
     - Two different candidates are the parents of a child.
     - P6 has one factor for all values.
     - The first value of a random road is drawn relative to 0.
-    - A road that was tested before may be proposed again; `frenetic.campaign.counts` tells it.
+    - A road that was tested before may be proposed again; `frenetic.campaign.counts` counts it.
 
     Where the paper leaves room, ours:
 
@@ -97,7 +97,7 @@ class Frenetic2021(Strategy):
     - Removing leaves at least two values; a parent of two values skips P2, P3 and P4.
     - Where the value before a new one lies further than `max_change` outside the bound, because it
       was scaled, P1 and P5 put the new one on the bound.
-    - F3, which the paper tells among the mutations that undo themselves, does so for an even number
+    - F3, which the paper lists among the mutations that undo themselves, does so for an even number
       of values only. Its mutants are visited from the start for any number.
 
     With several candidates outstanding, each decision follows from the results told by then: a
@@ -211,7 +211,7 @@ class Frenetic2021(Strategy):
         self._tests_since_crossover = 0
         self._unvisited: list[_Scored] = []  # a heap
         self._best: list[_Scored] = []  # sorted, at most cross_num
-        # Those siblings of each outstanding mutant that failed, a list for all of them:
+        # Id of an outstanding mutant -> the siblings that failed; siblings share one list.
         self._failed_siblings: dict[int, list[int]] = {}
         self._proposals = self._listing_1()
 
@@ -282,7 +282,7 @@ class Frenetic2021(Strategy):
         del self._best[self._cross_num :]
 
     def _listing_1(self) -> Iterator[Candidate]:
-        # Each yield ends an ask; what is told before the next ask is known where it resumes.
+        # Each yield ends an ask; results told before the next ask are known where it resumes.
         while self._in_random_phase:
             yield self._roads.issue(self._rng, self._ledger)
         while True:
@@ -308,7 +308,7 @@ class Frenetic2021(Strategy):
         road = parent.candidate.curvatures
         if parent.outcome is Outcome.FAIL:
             for name, vary in FAIL_OPERATORS.items():
-                yield name, self._roads.kept(vary(road))
+                yield name, self._roads.conformed(vary(road))
             return
         for name, mutate in PASS_OPERATORS.items():
             mutant = self._roads.redrawn(partial(self._mutant, mutate, road))
@@ -316,8 +316,8 @@ class Frenetic2021(Strategy):
                 yield name, mutant
 
     def _mutant(self, mutate: PassOperator, road: FloatArray) -> FloatArray | None:
-        made = mutate(self._rng, road, self._options)
-        return None if made is None else self._roads.kept(made)
+        mutant = mutate(self._rng, road, self._options)
+        return None if mutant is None else self._roads.conformed(mutant)
 
     def _crossover(self) -> Iterator[Candidate]:
         pool = self._best.copy()
@@ -350,8 +350,8 @@ class Frenetic2021(Strategy):
         i, j = self._rng.choice(len(pool), size=2, replace=False).tolist()
         first, second = pool[i].candidate.curvatures, pool[j].candidate.curvatures
         if self._rng.random() < 0.5:
-            return _MIX, (pool[i], pool[j]), [self._roads.kept(mix(self._rng, first, second))]
-        children = [self._roads.kept(child) for child in splice(first, second)]
+            return _MIX, (pool[i], pool[j]), [self._roads.conformed(mix(self._rng, first, second))]
+        children = [self._roads.conformed(child) for child in splice(first, second)]
         return _SPLICE, (pool[i], pool[j]), children
 
     def _issue(self, curvatures: FloatArray, name: str, *parents: _Scored) -> Candidate:

@@ -1,8 +1,8 @@
 """Operators that draw, mutate and cross roads: pure functions on curvature values.
 
 They are the operators of Section I-B in Castellano et al., "Frenetic at the SBST 2021 Tool
-Competition"; `DOES` lists the names that an `Origin` carries, and what each operator does, those
-of `frenetic.search.variation` too.
+Competition". `DOES` lists the names that an `Origin` carries, and what each operator does,
+including the operators of `frenetic.search.variation`.
 
 Roads are (N,) float64 arrays of curvatures κ in 1/m with N >= 2; nothing is modified in place, and
 no result shares memory with an argument. Whether a road is valid is judged elsewhere: P6 may leave
@@ -31,7 +31,7 @@ MIN_VALUES = 2  # fewer do not describe a road
 
 @dataclass(frozen=True)
 class MutationOptions:
-    """Strength of the mutations P1 .. P6; the defaults are those of the paper's Section I-B."""
+    """Strength of the mutations P1 .. P6; the defaults are from the paper's Section I-B."""
 
     bound: float = CURVATURE_BOUND
     """1/m; new values lie within ± this."""
@@ -97,9 +97,9 @@ def remove_random(
     count = _removable(rng, curvatures, options)
     if count == 0:
         return None
-    kept = np.ones(len(curvatures), dtype=np.bool_)
-    kept[rng.choice(len(curvatures), size=count, replace=False)] = False
-    return curvatures[kept]
+    remains = np.ones(len(curvatures), dtype=np.bool_)
+    remains[rng.choice(len(curvatures), size=count, replace=False)] = False
+    return curvatures[remains]
 
 
 def remove_front(

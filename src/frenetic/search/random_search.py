@@ -31,32 +31,34 @@ STEP = 10.0  # [m] between two values, the paper's Section I-B
 LENGTH_JITTER = 5  # values, the paper's Section I-B
 MAX_LENGTH = 30  # values, before the jitter, the paper's Section I-B
 MAX_REDRAWS = 10  # ours
-_MOST_REFUSED = 1000  # roads in a row
+_MOST_REFUSED = 1000  # roads in a row that may not fit into the map; ours
 _PROBES = 300
-"""Random roads of which `_LEAST_VALID` have to be valid. A search draws a refused road ten times
-again: where fewer than one in 150 is valid, it proposes hardly anything that can be driven."""
-_LEAST_VALID = 2
-_ENOUGH_VALID = 10  # of as many, for a length that is recommended; ours
+"""Number of random roads of which `_LEAST_VALID` have to be valid; both are ours.
+
+A search draws a refused road again ten times: where fewer than one in 150 is valid, it proposes
+hardly any road that can be driven."""
+_LEAST_VALID = 2  # roads of `_PROBES`
+_ENOUGH_VALID = 10  # roads of `_PROBES`, for a length that is recommended; ours
 _SHORTEST = 50.0  # [m], shortest length that is recommended; ours
 TO_GO_ON = 10.0
-"""s of driving at the design speed that the rest of a road has to last."""
-_STRAIGHTEST = 10  # values of the longest straight at the start of a class's road
+"""Driving time at the design speed that the rest of a road has to last, in s; ours."""
+_STRAIGHTEST = 10  # values of the longest straight at the start of a class's road; ours
 
 _NUMBERS = re.compile(r"\d+(?:\.\d+)?")
 
 RANDOM = "random"
 """The operator that a random road's origin names."""
 REST = "rest"
-"""The operator of what is left of a road behind the place where the car left its lane."""
+"""The operator of the rest of a road behind the place where the car left its lane."""
 EARLIER = "earlier"
 """The operator of a road that an earlier campaign drove."""
 GIVEN = "given"
 """The operator of a stretch of a real road, from which the search starts."""
 
 RoadCheck: TypeAlias = Callable[[FloatArray, float], bool]
-"""Says whether a road is valid, from its curvatures, (N,) 1/m, and its step, m.
+"""A function that returns whether a road is valid, from curvatures, (N,) 1/m, and step, m.
 
-It must depend on nothing else, or a campaign cannot be replayed.
+The answer must depend on nothing else, or a campaign cannot be replayed.
 """
 Size: TypeAlias = Annotated[int, Meta(ge=MIN_VALUES, le=10**6)]
 """Number of values of a road."""
@@ -66,12 +68,12 @@ _Draw = TypeVar("_Draw", "FloatArray", "FloatArray | None")
 
 
 class MapCheck:
-    """A `RoadCheck` whether a road fits the map in some pose and is valid there by the rules.
+    """A `RoadCheck`: whether a road fits the map in some pose and is valid there by the rules.
 
     Args:
         map_size: m, side of the square map.
-        is_valid: A check of the user's own, which takes the place of all this.
-        road_class: Roads keep its rules already; that they fit the map is left to check.
+        is_valid: A user's check, which replaces this one.
+        road_class: Class whose rules the roads keep already; then only the map is checked.
 
     """
 
@@ -89,7 +91,7 @@ class MapCheck:
 
     @property
     def rules(self) -> MapCheck | None:
-        """The innermost check, by map and rules; None if that is a user's own."""
+        """The innermost check, by map and rules; None if a user's check replaces it."""
         if isinstance(self._is_valid, MapCheck):
             return self._is_valid.rules
         return self if self._is_valid is None else None
@@ -184,14 +186,15 @@ class RandomRoads:
         self._max_redraws = max_redraws
 
     def keep_margin(self, margin: float) -> None:
-        """Check roads with a margin of so many m, unless an `is_valid` was given."""
+        """Check roads with a margin of so many m, unless an `is_valid` replaces the check."""
         self._is_valid.keep_margin(margin)
 
     def require_valid_roads(self) -> None:
         """Refuse options with which hardly a random road is valid; a user's check is not asked.
 
         Raises:
-            ValueError: Fewer than 2 of 300 are; the message says why, and what is allowed.
+            ValueError: Fewer than 2 of 300 random roads are valid; the message says why, and
+                what is allowed.
 
         """
         rules = self._is_valid.rules
@@ -235,19 +238,19 @@ class RandomRoads:
 
     @staticmethod
     def _probes(roads: RandomRoads) -> Iterator[FloatArray]:
-        """`_PROBES` random roads, always the same."""
+        """Return `_PROBES` random roads, always the same."""
         rng = np.random.default_rng(0)  # the search's own draws stay as they are
-        return (roads.made(rng) for _ in range(_PROBES))
+        return (roads.draw_once(rng) for _ in range(_PROBES))
 
     def draw(self, rng: np.random.Generator) -> FloatArray:
         """Return the curvatures of a random road, (N,) 1/m."""
-        return self.redrawn(lambda: self.made(rng))
+        return self.redrawn(lambda: self.draw_once(rng))
 
     def valid(self, rng: np.random.Generator) -> Iterator[Road]:
         """Draw roads, fit them into the map, and yield those that are valid there.
 
         Raises:
-            ValueError: None of 1000 in a row fits.
+            ValueError: 1000 roads in a row do not fit.
 
         """
         refused = 0
@@ -278,14 +281,14 @@ class RandomRoads:
         """Return whether a road of these curvatures, (N,) 1/m, is worth a test."""
         return self._max_redraws == 0 or self._is_valid(curvatures, self.step)
 
-    def kept(self, curvatures: FloatArray) -> FloatArray:
-        """Return the values, (N,) 1/m, as far as they keep the rules of the road class."""
+    def conformed(self, curvatures: FloatArray) -> FloatArray:
+        """Return the values, (N,) 1/m, bent to keep the rules of the road class."""
         if self._road_class is None:
             return curvatures
         return self._road_class.conformed(curvatures, self.step)
 
     def grade(self, rng: np.random.Generator, curvatures: FloatArray) -> FloatArray | None:
-        """Return a random grade, (k, 2), for a road of (N,) curvatures; None of a flat one."""
+        """Return a random grade, (k, 2), for a road of (N,) curvatures; None for a flat road."""
         if self._road_class is None:
             return None
         return random_grade(rng, self._road_class, (len(curvatures) - 1) * self.step)
@@ -307,17 +310,17 @@ class RandomRoads:
 
     @property
     def numbers(self) -> int:
-        """The most uniform numbers that `made` takes for a road; 0 for one without a class."""
+        """Largest number of uniform numbers that `draw_once` takes; 0 without a road class."""
         if self._road_class is None:
             return 0
         return self._usual_length + self._length_jitter + _STRAIGHTEST
 
-    def made(self, rng: np.random.Generator, u: FloatArray | None = None) -> FloatArray:
-        """Return a random road as it is drawn, (N,) 1/m, which may be invalid.
+    def draw_once(self, rng: np.random.Generator, u: FloatArray | None = None) -> FloatArray:
+        """Return a random road, (N,) 1/m, which may be invalid.
 
         Args:
-            rng: draws.
-            u: uniform numbers of a class's road, see `numbers`; drawn by default.
+            rng: Generator that draws the road.
+            u: Uniform numbers for a road of a class, see `numbers`; drawn by default.
         """
         jitter = int(rng.integers(-self._length_jitter, self._length_jitter, endpoint=True))
         count = max(MIN_VALUES, self._usual_length + jitter)
@@ -350,10 +353,10 @@ def most_frequent(reasons: Counter[str], most: int = 3) -> str:
 def size_and_step(
     map_size: float | None, step: float | None, road_class: RoadClass | None
 ) -> tuple[float, float]:
-    """Return the side of the map and the step in m: as given, the class's or the usual ones.
+    """Return the side of the map and the step in m, by default the class's or the usual values.
 
     Raises:
-        ValueError: Another step than the class's is given.
+        ValueError: The step differs from the class's.
     """
     if road_class is None:
         return MAP_SIZE if map_size is None else map_size, STEP if step is None else step
@@ -370,14 +373,13 @@ def usual_length(road_class: RoadClass) -> int:
 
 
 class Rests:
-    """What is left of long roads behind the place where the car left its lane.
+    """Continue roads behind the place where the car left its lane.
 
-    In a road class a drive goes on there as a test of its own: the car is put back on the lane, at
-    rest, at the road's next value. So one long road shows several failing places, each on a road of
-    its own that begins there.
+    In a road class the rest of such a road becomes a test of its own: the car is put back on the
+    lane, at rest, at the road's next value. So one long road shows several failing places.
 
     Args:
-        road_class: None: nothing is left of the competition's roads.
+        road_class: Class of the roads; None: the competition's roads are not continued.
 
     """
 
@@ -386,11 +388,11 @@ class Rests:
         self._waiting: deque[tuple[Candidate, int]] = deque()
 
     def see(self, candidate: Candidate, evaluation: Evaluation) -> None:
-        """Keep what is left of a road that was told, if it is long enough to drive fast on it."""
+        """Remember the rest of a driven road, if it is long enough to drive fast on it."""
         finding = evaluation.finding
         if self._road_class is None or finding is None or finding.side is None:
             return
-        if finding.criterion != LANE:  # others do not end a drive
+        if finding.criterion != LANE:  # other criteria do not end a drive
             return
         first = max(math.ceil(finding.distance / candidate.step), 1)
         left = (len(candidate.curvatures) - 1 - first) * candidate.step
@@ -398,7 +400,7 @@ class Rests:
             self._waiting.append((candidate, first))
 
     def issue(self, ledger: Ledger) -> Candidate | None:
-        """Issue what is left of the road that has waited longest, None if none waits."""
+        """Issue the rest of the road that has waited longest; return None if no road waits."""
         if not self._waiting:
             return None
         road, first = self._waiting.popleft()
@@ -410,15 +412,18 @@ class Rests:
         }
         origin = Origin(REST, (road.id,), road.origin.generation)
         notes = {REST: {"of": road.id, "from": start}}
-        own: dict[str, Any] = {"notes": notes, "conditions": moved_along(road.conditions, -start)}
-        return ledger.issue(road.curvatures[first:], road.step, origin, **own, **profiles)
+        fields: dict[str, Any] = {
+            "notes": notes,
+            "conditions": moved_along(road.conditions, -start),
+        }
+        return ledger.issue(road.curvatures[first:], road.step, origin, **fields, **profiles)
 
 
 class RandomSearch(Strategy):
     """A `Strategy` that proposes random roads and learns nothing.
 
-    Its roads are those of `RandomRoads`: 187 m long in the mean on the map of 200 m. With the same
-    seed they are those of the random phase of ``Frenetic2021(max_redraws=10)``. The random roads of
+    `RandomRoads` draws its roads: 187 m long in the mean on the map of 200 m. With the same seed,
+    the random phase of ``Frenetic2021(max_redraws=10)`` has the same roads. The random roads of
     `Frenetic` are longer, 275 m in the mean. In a road class the search goes on with the `Rests` of
     failing roads.
 
@@ -484,7 +489,7 @@ class RandomSearch(Strategy):
         return rest or self._roads.issue(self._rng, self._ledger, self.domain)
 
     def tell(self, evaluation: Evaluation) -> None:
-        """Strike the candidate off; nothing is learnt.
+        """Settle the candidate; nothing is learnt.
 
         Raises:
             ValueError: See `Ledger.settle`.

@@ -24,20 +24,21 @@ class Origin:
     """Origin of a candidate."""
 
     operator: str
-    """Name of the operator that made it, as in Listing 1: ``random``, ``P1`` .. ``C2``."""
+    """Name of the operator that made the road, as in Listing 1: ``random``, ``P1`` .. ``C2``."""
     parents: tuple[int, ...] = ()
-    """Ids of its parents."""
+    """Ids of the candidate's parents."""
     generation: int = 0
     """Generation: 0 for a random road, otherwise one more than its youngest parent's."""
 
 
 @dataclass(frozen=True)
-class Source:
+class SourceTest:
     """Test of another campaign whose road is driven again."""
 
     campaign: str
-    """Its folder."""
+    """Folder of the campaign."""
     test: int
+    """Number of the test."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,25 +55,26 @@ class Candidate:
     points: FloatArray | None = None
     """Points of the road on the map, (N, 2) in m, read-only, if it was proposed as points.
 
-    Then these are judged and driven where they lie, and the curvatures follow from them; there are
-    none if no road passes through the points.
+    Then the points are judged and driven where they lie, and the curvatures follow from them;
+    curvatures are empty if no road passes through the points.
     """
     conditions: Mapping[str, int | float] = field(default_factory=dict)
-    """Name of a condition -> its value, as far as they differ from the campaign's; seeds are whole
+    """Name of a condition -> its amount, where it differs from the campaign's; seeds are whole
     numbers."""
     repeat: int = 0
-    """Number from 0 of this drive among those of the same road in the same conditions."""
-    source: Source | None = None
-    """Test whose road it is; None if the strategy made it."""
+    """Number from 0 of this drive among the drives of one road in the same conditions."""
+    source: SourceTest | None = None
+    """Test that the road comes from; None if the strategy made the road."""
     notes: Mapping[str, Any] = field(default_factory=dict)
-    """What the strategy says of it, as JSON; stored, and read by nobody else."""
+    """Notes of the strategy, as JSON; stored, and read by nobody else."""
     superelevation: FloatArray | None = None
-    """Profile of the road, (k, 2), see `frenetic.road.Road`; None for a level road, or for that of
-    the campaign's road class."""
+    """Superelevation, (k, 2), see `frenetic.road.Road`; None for a level road, or for the profile
+    of the campaign's road class."""
     grade: FloatArray | None = None
-    """Likewise, (k, 2); None for a road that neither rises nor falls."""
+    """Grade, (k, 2); None for a road that neither rises nor falls."""
     widening: FloatArray | None = None
-    """Likewise, (k, 2); None for lanes of one width, or as the campaign's road class has it."""
+    """Widening of the lanes, (k, 2); None for lanes of one width, or as the campaign's road class
+    widens them."""
     speed_limits: FloatArray | None = None
     """Speed limits of the road, (k, 2) in m and km/h, each from its station on; None for a road
     without a limit of its own."""
@@ -85,7 +87,7 @@ class Candidate:
 
     @property
     def length(self) -> float:
-        """Length of its road, in m."""
+        """Length of the road, in m."""
         return (len(self.curvatures) - 1) * self.step
 
     def road(
@@ -94,15 +96,15 @@ class Candidate:
         pose: Pose | None = None,
         road_class: RoadClass | None = None,
     ) -> Road:
-        """The road of its curvatures and profiles, at a pose or at the usual place.
+        """Return the road of the curvatures and profiles, at a pose or at the usual place.
 
         Args:
             lane_width: m.
-            pose: of its start.
-            road_class: says how the road leans and widens where the candidate does not.
+            pose: Pose of the road's start.
+            road_class: Class by which the road leans and widens where the candidate does not say.
 
         Raises:
-            RoadError: they make none.
+            RoadError: Curvatures or profiles make no road.
         """
         from frenetic.road import profile  # a strategy's records need no compiled code
         from frenetic.road.road import START, Road
@@ -111,8 +113,8 @@ class Candidate:
         if road_class is not None:
             profiles = road_class.profiles(self.curvatures, self.step)
         for name in profile.NAMES:
-            if (own := getattr(self, name)) is not None:
-                profiles[name] = own
+            if (values := getattr(self, name)) is not None:
+                profiles[name] = values
         return Road(
             self.curvatures,
             self.step,
@@ -134,7 +136,7 @@ def _read_only(values: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """A drive seen from its road, record by record, up to the one that ended it."""
+    """A drive relative to its road, record by record, up to the record that ended it."""
 
     distance: FloatArray
     """Distance along the road, (n,) in m, n >= 1."""
@@ -145,9 +147,9 @@ class Trace:
 
     @classmethod
     def along(cls, road: Road, path: FloatArray, speed: FloatArray) -> Trace:
-        """The trace of a path, (n, 2) in m on the map, with its speeds, (n,) in m/s."""
-        seen = road.track(path)
-        return cls(seen[:, 0], seen[:, 1] + 0.5 * road.lane_width, speed)
+        """Return the trace of a path, (n, 2) in m on the map, with its speeds, (n,) in m/s."""
+        track = road.track(path)
+        return cls(track[:, 0], track[:, 1] + 0.5 * road.lane_width, speed)
 
 
 def _no_trace() -> Trace | None:
@@ -158,11 +160,10 @@ def _no_trace() -> Trace | None:
 class Evaluation:
     """Result of a candidate, as a strategy is told it.
 
-    Whoever tells may leave out what has a default. A campaign tells the same when it is resumed,
-    bit for bit.
+    Fields with a default may be left out. A resumed campaign tells the same results, bit for bit.
 
     Raises:
-        ValueError: there is no such outcome.
+        ValueError: There is no such outcome.
     """
 
     candidate: Candidate
@@ -198,7 +199,7 @@ class Evaluation:
 
     @property
     def severity(self) -> float | None:
-        """What the campaign minimises, lower is worse for the driver; None unless PASS or FAIL."""
+        """Value to be minimised, lower is worse for the driver; None unless PASS or FAIL."""
         return self.moobd if self.objective is None else self.objective
 
     @cached_property

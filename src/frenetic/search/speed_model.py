@@ -1,8 +1,8 @@
 """A model of the driver's speed, learnt from the campaign's drives: a small neural network.
 
-Where a road differs from one that was driven, the driver will be faster or slower than it was
-there. One hidden layer on the curvatures from 60 m behind a place to 60 m ahead of it tells by how
-much, to better than 1 m/s after 30 drives. Problems are told apart by speed as much as by shape.
+Where a road differs from a driven one, the driver will be faster or slower. One hidden layer on the
+curvatures from 60 m behind a place to 60 m ahead of it predicts by how much, to better than 1 m/s
+after 30 drives. Failures are told apart by speed as much as by shape.
 
 =============  ========  =========================================================================
 symbol         shape     meaning
@@ -30,25 +30,27 @@ if TYPE_CHECKING:
 
     from frenetic.search.records import Trace
 
-_AROUND = 6  # samples in either direction
-_SPACING = 10.0  # [m]
+# All values are ours.
+_AROUND = 6  # curvatures in either direction
+_SPACING = 10.0  # [m] between two curvatures
 _INPUTS = 2 * _AROUND + 3
-_HIDDEN = 16
+_HIDDEN = 16  # neurons of the hidden layer
+# Indices of the weights:
 _BIASES = _INPUTS * _HIDDEN
 _OUTPUT = _BIASES + _HIDDEN
 _OFFSET = _OUTPUT + _HIDDEN
 _SIZE = _OFFSET + 1
 
-_USUAL, _SPREAD = 14.0, 4.0  # [m/s] of the output
-_SHARP = 0.04  # [1/m] that makes an input 1
+_USUAL_SPEED, _SPEED_SPREAD = 14.0, 4.0  # [m/s], by which the output is scaled
+_SHARP = 0.04  # [1/m], curvature that makes an input 1
 
 _SAMPLED = 5.0  # [m] of road between two samples of a drive
-_ROOM = 16_384  # samples kept
-_BATCH = 32
-_STEPS = 6  # per drive
-_FIRST_STEPS = 300
+_ROOM = 16_384  # last samples that are learnt from
+_BATCH = 32  # samples in a step
+_STEPS = 6  # of training after each drive
+_FIRST_STEPS = 300  # of training before the first use
 _FIRST = 20  # drives before the first use
-_RATE, _DECAY, _SQUARE_DECAY = 3e-3, 0.9, 0.999
+_RATE, _DECAY, _SQUARE_DECAY = 3e-3, 0.9, 0.999  # of Adam
 
 
 @njit()
@@ -68,7 +70,7 @@ def _inputs(curvatures: FloatArray, step: float, s: float, x: FloatArray) -> Non
 
 @njit()
 def _hidden(weights: FloatArray, x: FloatArray, h: FloatArray) -> float:
-    """The output, with the activations in `h`."""
+    """Return the output; fill `h` with the activations."""
     for j in range(_HIDDEN):
         h[j] = weights[_BIASES + j]
     for i in range(_INPUTS):
@@ -90,7 +92,7 @@ def predict(
     x, h = np.empty(_INPUTS), np.empty(_HIDDEN)
     for k in range(len(out)):
         _inputs(curvatures, step, first + 2.5 * k, x)
-        out[k] = _USUAL + _SPREAD * _hidden(weights, x, h)
+        out[k] = _USUAL_SPEED + _SPEED_SPREAD * _hidden(weights, x, h)
 
 
 @njit()
@@ -112,7 +114,9 @@ def _sample(
         share = (s - along[i]) / (along[i + 1] - along[i])
         row = count % _ROOM
         _inputs(curvatures, step, s, inputs[row])
-        targets[row] = (speeds[i] + share * (speeds[i + 1] - speeds[i]) - _USUAL) / _SPREAD
+        targets[row] = (
+            speeds[i] + share * (speeds[i + 1] - speeds[i]) - _USUAL_SPEED
+        ) / _SPEED_SPREAD
         count += 1
         s += _SAMPLED
     return count
@@ -154,7 +158,7 @@ def _train(
 
 
 class SpeedModel:
-    """The model of a driver's speed on roads.
+    """A model of a driver's speed on roads.
 
     Args:
         rng: Draws the first weights and the samples that are learnt from.
@@ -164,7 +168,7 @@ class SpeedModel:
     def __init__(self, rng: np.random.Generator) -> None:
         self._rng = rng
         self.weights = np.zeros(_SIZE)
-        """See the table above."""
+        """Weights of the network, (273,), see the module's table."""
         self.weights[:_BIASES] = rng.uniform(-1.0, 1.0, _BIASES) * math.sqrt(3.0 / _INPUTS)
         self.weights[_OUTPUT:_OFFSET] = rng.uniform(-1.0, 1.0, _HIDDEN) * math.sqrt(3.0 / _HIDDEN)
         self._moments = np.zeros((2, _SIZE))
@@ -175,7 +179,7 @@ class SpeedModel:
 
     @property
     def is_ready(self) -> bool:
-        """Whether it has learnt enough to be of use."""
+        """Whether the model has learnt enough to be of use."""
         return self._drives >= _FIRST
 
     def learn(self, curvatures: FloatArray, step: float, trace: Trace) -> None:
@@ -190,6 +194,6 @@ class SpeedModel:
         if self._drives < _FIRST or self._samples < _BATCH:
             return
         steps = _FIRST_STEPS if self._drives == _FIRST else _STEPS
-        kept = min(self._samples, _ROOM)
-        batches = self._rng.integers(0, kept, (steps, _BATCH))
+        count = min(self._samples, _ROOM)
+        batches = self._rng.integers(0, count, (steps, _BATCH))
         _train(self.weights, self._moments, self._powers, self._inputs, self._targets, batches)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class SearchEnded(Exception):  # noqa: N818 - it is no error
-    """A strategy has nothing left to propose; the message says why, in a few words.
+    """The end of a search that has nothing left to propose; the message says why, in a few words.
 
     `ask` raises it, and the campaign ends when the running drives are finished.
     """
@@ -49,20 +49,20 @@ class Strategy(ABC):
     """
 
     usual_lookahead: ClassVar[int | None] = None
-    """Candidates outstanding of `frenetic run`; None for its default."""
+    """Candidates that `frenetic run` keeps outstanding; None for its default."""
     expects_failures: ClassVar[bool] = False
-    """Whether its roads are known to fail: no failure is driven a second time, and a driver that
-    breaks on every road is no reason to give up."""
+    """Whether the roads are known to fail: no failure is driven a second time, and a driver that
+    breaks on every road does not end the campaign."""
 
     road_class: RoadClass | None = None
-    """Class whose rules its roads keep; None for the competition's. A campaign with a class gives
-    it to a strategy whose ``__init__`` has an argument of this name; any other one's roads that
-    do not keep a rule are INVALID."""
+    """Class whose rules the roads keep; None for the competition's rules. A campaign with a class
+    gives it to a strategy whose ``__init__`` has an argument of this name. Roads of another
+    strategy that break a rule are INVALID."""
 
     domain: Domain | None = None
-    """Domain whose conditions its candidates have; None for the usual ones. A campaign with a
-    domain gives it to a strategy whose ``__init__`` has an argument of this name, and no other
-    strategy can search it."""
+    """Domain whose conditions the candidates have; None for the usual conditions. A campaign with a
+    domain gives it to a strategy whose ``__init__`` has an argument of this name; no other
+    strategy can search a domain."""
 
     @abstractmethod
     def ask(self) -> Candidate | None:
@@ -79,14 +79,14 @@ class Strategy(ABC):
 
     @property
     def notice(self) -> str | None:
-        """What a user does not expect of the search: a sentence without a full stop, or None.
+        """Warning about the search for its user: a sentence without a full stop, or None.
 
-        It changes nothing, and depends only on what was asked and told.
+        It depends only on what was asked and told.
         """
         return None
 
     def facts(self) -> Mapping[str, Any]:
-        """Return what else the search has to tell: a few names in words -> plain values.
+        """Return further facts about the search: a few names in words -> plain values.
 
         The campaign stores them; reports and `frenetic show` print them as they are.
         """
@@ -114,7 +114,7 @@ class Strategy(ABC):
         A campaign that starts from nothing calls it once, before it makes its folder.
 
         Raises:
-            ValueError: There is no such road; the message says why, and what is allowed.
+            ValueError: No road is valid; the message says why, and what is allowed.
 
         """
 
@@ -122,23 +122,23 @@ class Strategy(ABC):
         """Learn which roads failed in earlier campaigns, or came near failing.
 
         A campaign calls it once, before it asks for a road, also when it is resumed. The results
-        are those of another driver, or of another version of it: what a road does now has to be
-        seen again. Stretches of real roads, which nobody has driven, come first and are DROPPED.
+        come from another driver, or from another version of it: what a road does now takes a new
+        drive. Stretches of real roads, which nobody has driven, come first and are DROPPED.
         All roads fit the map and have the step of the strategy's option ``step``, if there is one.
-        The candidates are none that the strategy asked.
+        The strategy has asked none of these candidates.
         """
         raise NotImplementedError(f"{type(self).__name__} starts from no earlier campaign")
 
 
 def has_own(strategy: Strategy, name: str) -> bool:
-    """Whether a strategy has a method of its own in place of the default of `Strategy`."""
+    """Return whether a strategy overrides a method of `Strategy`."""
     return getattr(type(strategy), name) is not getattr(Strategy, name)
 
 
 class Ledger:
-    """Numbers the candidates of a strategy and knows which of them wait to be told.
+    """The numbered candidates of a strategy: which of them wait to be told.
 
-    It remembers only candidates that were asked and not yet told.
+    A ledger remembers only candidates that were asked and not yet told.
     """
 
     def __init__(self) -> None:
@@ -151,7 +151,7 @@ class Ledger:
 
     @property
     def issued(self) -> int:
-        """The number of candidates that were asked so far."""
+        """Number of candidates that were asked so far."""
         return self._last_id
 
     def issue(
@@ -169,7 +169,7 @@ class Ledger:
             step: m between two curvature samples.
             origin: How the road was made.
             points: (N, 2) m, where it lies on the map, if it is to stay there; copied.
-            more: other fields of a `Candidate`.
+            more: Other fields of the `Candidate`.
 
         """
         candidate = Candidate(self._last_id + 1, curvatures, step, origin, points, **more)
@@ -178,14 +178,14 @@ class Ledger:
         return candidate
 
     def settle(self, evaluation: Evaluation) -> Candidate:
-        """Return the candidate as it was issued, and strike it off.
+        """Return the candidate as it was issued; it is no longer outstanding.
 
-        The evaluation's candidate serves only by its id, so it may have been rebuilt from a log.
+        Only the id of the evaluation's candidate counts, so it may have been rebuilt from a log.
 
         Raises:
-            ValueError: The candidate was never issued or was settled already; its MOOBD is no
-                finite number; or the budget spent is not a finite number of at least 0. The
-                candidate, if there is one, still waits then.
+            ValueError: The candidate was never issued or was settled already, the MOOBD is not a
+                finite number, or the budget spent is not a finite number of at least 0. A candidate
+                that was outstanding stays outstanding.
 
         """
         candidate_id = evaluation.candidate.id
@@ -213,13 +213,13 @@ class Ledger:
 def options_of(
     arguments: Mapping[str, Any], init: Callable[..., None]
 ) -> dict[str, int | float | str | bool]:
-    """The plain options among the arguments of an ``__init__``, for a campaign's record.
+    """Return the plain options among the arguments of an ``__init__``, for a campaign's record.
 
     Raises:
-        ValueError: One is not what its hint says.
+        ValueError: An option is not what its hint says.
 
     """
-    own = {name: without_numpy(value) for name, value in arguments.items()}
-    plain = {k: value for k, value in own.items() if isinstance(value, (bool, int, float, str))}
+    values = {name: without_numpy(value) for name, value in arguments.items()}
+    plain = {k: value for k, value in values.items() if isinstance(value, (bool, int, float, str))}
     check(plain, init)
     return plain

@@ -77,14 +77,14 @@ AFTER = 1.0 / 3.0
 """Length of road after the place that a child with a fresh road keeps, per length before it."""
 WAYS = (0.0, -5.0, 5.0, 10.0, 15.0)
 """Ways from the parent's place to those where a child may fail, in m, the likeliest first."""
-_MIN_VALUES = 5
+_MIN_VALUES = 5  # of a child, ours
 
 
 @njit()
 def _whole(u: float, low: float, high: float) -> int:
-    """A whole number from `low` to `high`, whole too, from a uniform random one.
+    """Return a whole number from `low` to `high`, both whole, from a uniform random number.
 
-    They are floats, because numba compiles a form for every literal of an int.
+    The bounds are floats, because numba compiles a form for every literal of an int.
     """
     return int(low) + int(u * (high - low + 1.0))
 
@@ -125,6 +125,52 @@ def _draw(
 
 
 @njit()
+def _change_values(
+    operator: int,
+    u: FloatArray,
+    parent: FloatArray,
+    site: int,
+    limits: FloatArray,
+    child: FloatArray,
+) -> None:
+    """Change values of a child, which has its parent's, by an operator that keeps their number.
+
+    The arguments have the meaning that they have for `vary`.
+    """
+    n = len(child)
+    size = limits[0] / CURVATURE_BOUND  # of changes
+    if operator == SHIFT:  # 1 to 3 values just after the place
+        first = min(site + _whole(u[0], 0.0, 1.0), n - 1)
+        by = _between(u[1], 0.02, 0.06) * size
+        by = by if u[2] < 0.5 else -by
+        for i in range(first, min(first + _whole(u[3], 1.0, 3.0), n)):
+            child[i] += by
+    elif operator == JITTER:
+        width = _between(u[0], 0.005, 0.035) * size
+        k = 0
+        for i in range(n):
+            # In a class an arc changes as a whole.
+            k = k if len(limits) > 2 and i > 0 and parent[i] == parent[i - 1] else i
+            child[i] += width * (2.0 * u[PARAMETERS + k] - 1.0)
+    elif operator == LOCAL:  # 1 to 3 values around the place
+        for k in range(_whole(u[0], 1.0, 3.0)):
+            i = min(max(site + _whole(u[1 + 2 * k], -5.0, 3.0), 0), n - 1)
+            child[i] += _between(u[2 + 2 * k], -0.05, 0.05) * size
+    elif operator == APPROACH:  # 3 to 6 values before the place
+        end = max(site - _whole(u[0], 0.0, 2.0), 1)
+        start = max(end - _whole(u[1], 3.0, 6.0), 0)
+        _draw(child, start, end, child[start - 1] if start > 0 else 0.0, u, limits)
+    elif operator == SCALE:
+        _scale(child, 0, n, _between(u[0], 0.8, 1.25))
+    elif operator == AMPLIFY:  # the bend
+        _scale(child, max(site - 3, 0), min(site + 3, n), _between(u[0], 1.1, 1.6))
+    elif operator == FLATTEN:  # the approach, which makes it faster
+        _scale(child, max(site - 9, 0), max(site - 2, 0), _between(u[0], 0.2, 0.8))
+    elif operator == MIRROR:
+        _scale(child, 0, n, -1.0)
+
+
+@njit()
 def vary(
     operator: int,
     u: FloatArray,
@@ -136,15 +182,17 @@ def vary(
     limits: FloatArray,
     child: FloatArray,
 ) -> tuple[int, int]:
-    """Make a child; return its number of values, 0 if it has too few or many, and the place's move.
+    """Make a child; return its number of values and by how many of them the place has moved.
+
+    The number is 0 if it has too few or too many values.
 
     Args:
-        operator: Its number.
+        operator: Number of the operator.
         u: Uniform random numbers, `PARAMETERS` and one for each value of `child`.
         parent: (N,) 1/m.
         site: Index of the value before the place.
         other: (M,) 1/m, another road of the archive.
-        other_site: Likewise.
+        other_site: Index of the value before the other road's place.
         length: Usual number of values of a road, for those that get new ends.
         limits: Bound and largest change of new values, both in 1/m; or a road class's `limits`,
             whose rules the child then keeps.
@@ -154,7 +202,6 @@ def vary(
     most = len(child)
     n, moved = len(parent), 0
     bound = limits[0]
-    size = bound / CURVATURE_BOUND  # of changes
     if operator == REDRAW:  # the road after the place, or from shortly before it
         keep = max(site + 1 - _whole(u[0], 0.0, 2.0), 2)
         n = max(length, keep + MIN_REST)
@@ -187,35 +234,7 @@ def vary(
             _copy(parent, start, child, start + moved, n)
     elif n <= most:
         _copy(parent, 0, child, 0, n)
-        if operator == SHIFT:  # 1 to 3 values just after the place
-            first = min(site + _whole(u[0], 0.0, 1.0), n - 1)
-            by = _between(u[1], 0.02, 0.06) * size
-            by = by if u[2] < 0.5 else -by
-            for i in range(first, min(first + _whole(u[3], 1.0, 3.0), n)):
-                child[i] += by
-        elif operator == JITTER:
-            width = _between(u[0], 0.005, 0.035) * size
-            k = 0
-            for i in range(n):
-                # In a class an arc changes as a whole.
-                k = k if len(limits) > 2 and i > 0 and parent[i] == parent[i - 1] else i
-                child[i] += width * (2.0 * u[PARAMETERS + k] - 1.0)
-        elif operator == LOCAL:  # 1 to 3 values around the place
-            for k in range(_whole(u[0], 1.0, 3.0)):
-                i = min(max(site + _whole(u[1 + 2 * k], -5.0, 3.0), 0), n - 1)
-                child[i] += _between(u[2 + 2 * k], -0.05, 0.05) * size
-        elif operator == APPROACH:  # 3 to 6 values before the place
-            end = max(site - _whole(u[0], 0.0, 2.0), 1)
-            start = max(end - _whole(u[1], 3.0, 6.0), 0)
-            _draw(child, start, end, child[start - 1] if start > 0 else 0.0, u, limits)
-        elif operator == SCALE:
-            _scale(child, 0, n, _between(u[0], 0.8, 1.25))
-        elif operator == AMPLIFY:  # the bend
-            _scale(child, max(site - 3, 0), min(site + 3, n), _between(u[0], 1.1, 1.6))
-        elif operator == FLATTEN:  # the approach, which makes it faster
-            _scale(child, max(site - 9, 0), max(site - 2, 0), _between(u[0], 0.2, 0.8))
-        elif operator == MIRROR:
-            _scale(child, 0, n, -1.0)
+        _change_values(operator, u, parent, site, limits, child[:n])
     if not _MIN_VALUES <= n <= most:
         return 0, 0
     for i in range(n):
@@ -223,6 +242,49 @@ def vary(
     if len(limits) > 2:
         conform(child[:n], limits, np.empty(n))
     return n, moved
+
+
+@njit()
+def _draw_fresh_ends(
+    child: FloatArray,
+    step: float,
+    place: float,
+    run_up: float,
+    u: FloatArray,
+    limits: FloatArray,
+) -> None:
+    """Draw a child's values anew but for `run_up` m before the place and `AFTER` as much behind."""
+    n = len(child)
+    first = max(int((place - run_up) / step), 0)
+    end = min(int((place + AFTER * run_up) / step) + 1, n)
+    _draw(child, 0, first, 0.0, u, limits)
+    _draw(child, end, n, child[end - 1], u[first:], limits)
+    if len(limits) > 2:
+        conform(child, limits, np.empty(n))
+
+
+@njit()
+def _is_new(
+    failures: FloatArray,
+    expected: FloatArray,
+    square: float,
+    table: FloatArray,
+    ds: float,
+    place: float,
+    rows: IntArray,
+    squares: FloatArray,
+) -> bool:
+    """Return whether the squared difference from each failure is at least `square`, in m².
+
+    The place may be at any of the `WAYS` from `place`. The contents of `rows` and `squares` are
+    overwritten.
+    """
+    count = alike_before(failures, expected, square, rows, squares)
+    if count > 0:
+        for way in WAYS:
+            if is_near_at(failures, rows[:count], squares[:count], table, ds, place + way, square):
+                return False
+    return True
 
 
 @njit()
@@ -240,19 +302,19 @@ def draw_child(
     limits: FloatArray,
     known: FloatArray,
     opposite: FloatArray,
-    same: float,
-    kept: FloatArray,
+    least: float,
+    run_ups: FloatArray,
     weights: FloatArray,
     child: FloatArray,
     expected: FloatArray,
 ) -> tuple[int, int, int]:
-    """Draw children until one will fail as no known failure does.
+    """Draw children until one is expected to fail as no known failure does.
 
-    Return its draw, its size and by how many values the place has moved.
+    Return the number of its draw, its size and by how many values the place has moved; the draw is
+    -1 if all are refused.
 
-    Where a child will fail, the parent's offsets are expected, its speeds with the change that the
-    model predicts, and the place at one of the `WAYS` from the parent's. The draw is -1 if all are
-    refused.
+    A child is expected to fail with the parent's offsets, and with the parent's speeds and the
+    change that the model predicts, at one of the `WAYS` from the parent's place.
 
     Args:
         operators: (k,) numbers of the operators of each draw.
@@ -267,19 +329,19 @@ def draw_child(
         lengths: (k,) usual numbers of values.
         limits: See `vary`.
         known: (., 64) approaches of known failures on the parent's side, in m.
-        opposite: (., 64) likewise, of the other side, which a mirrored child would be on.
-        same: m, least difference from all of them.
-        kept: (k,) m of road before the place that a child has from its parent, and `AFTER` times as
-            much behind it; what is beyond is drawn anew. 0: it keeps all of it.
+        opposite: (., 64) approaches of known failures on the other side, for a mirrored child.
+        least: m, least difference from these failures.
+        run_ups: (k,) m of road before the place that a child keeps from its parent, and `AFTER`
+            times as much behind it; the rest is drawn anew. 0: the child keeps all of it.
         weights: See `SpeedModel.weights`; empty if no speeds are predicted.
         child: Room for the child's values.
         expected: (64,) m, room for the approach with which the child is expected to fail.
 
     """
     before, after, most = np.empty(STATES), np.empty(STATES), len(child)
-    own = parent.copy()  # may be written to, like `child`: kernels are compiled for such alone
+    road = parent.copy()  # writable like `child`: kernels are compiled for writable arrays alone
     if len(weights):
-        predict(weights, own, step, place - BEHIND, before)
+        predict(weights, road, step, place - BEHIND, before)
     site = min(int(place / step), len(parent) - 1)
     rows = np.empty(max(len(known), len(opposite)), np.int64)
     squares = np.empty(len(rows))
@@ -287,7 +349,7 @@ def draw_child(
         n, moved = vary(
             operators[k],
             u[k],
-            own,
+            road,
             site,
             others[k, : other_sizes[k]],
             other_sites[k],
@@ -299,13 +361,8 @@ def draw_child(
             continue
         _copy(vector, 0, expected, 0, len(vector))
         there = place + moved * step
-        if kept[k] > 0.0:
-            first = max(int((there - kept[k]) / step), 0)
-            end = min(int((there + AFTER * kept[k]) / step) + 1, n)
-            _draw(child, 0, first, 0.0, u[k][most:], limits)
-            _draw(child, end, n, child[end - 1], u[k][most + first :], limits)
-            if len(limits) > 2:
-                conform(child[:n], limits, np.empty(n))
+        if run_ups[k] > 0.0:
+            _draw_fresh_ends(child[:n], step, there, run_ups[k], u[k][most:], limits)
         failures = known
         if operators[k] == MIRROR:
             _scale(expected, ROAD_SIZE, ROAD_SIZE + STATES, -1.0)
@@ -316,16 +373,7 @@ def draw_child(
                 expected[ROAD_SIZE + STATES + i] += (after[i] - before[i]) * STATE_SCALE
         table, ds, start = table_around(child[:n], step, there + min(WAYS), there + max(WAYS))
         there -= start
-        count = alike_before(failures, expected, same * same, rows, squares)
-        is_new = True
-        if count > 0:
-            for way in WAYS:
-                if is_near_at(
-                    failures, rows[:count], squares[:count], table, ds, there + way, same * same
-                ):
-                    is_new = False
-                    break
-        if is_new:
+        if _is_new(failures, expected, least * least, table, ds, there, rows, squares):
             lay_road(expected, table, ds, there)
             return k, n, moved
     return -1, 0, 0

@@ -49,7 +49,7 @@ class Blame:
 
     @classmethod
     def of(cls, simulator: Simulator, driver: Driver) -> Self:
-        """The driver's doings in the process of a simulator."""
+        """Return which losses of a simulator's process are the driver's doing."""
         home = type(simulator).__module__
         if all(_is_ours(part) for part in stack_of(driver)) or not home.startswith("frenetic."):
             return cls(frozenset())
@@ -58,7 +58,7 @@ class Blame:
         return cls(frozenset({Loss.BROKE_PROTOCOL}))
 
     def fault(self, error: LostWorkerError) -> Fault | None:
-        """The driver's fault, if the process was lost by what the driver did."""
+        """Return the driver's fault if the driver lost the process, None otherwise."""
         kind = _FAULTS.get(error.loss)
         was_asked = error.is_drivers_turn and error.loss is not Loss.BROKE_PROTOCOL
         is_drivers = was_asked or error.loss in self.losses

@@ -1,7 +1,7 @@
 """Capabilities of a simulator beyond the methods of the protocol.
 
-It declares each by an attribute or method of that name; undeclared ones have their defaults. Only
-this module looks for them.
+A simulator declares a capability by an attribute or method of that name; an undeclared one has its
+default. Only this module looks for them.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from frenetic.conditions.condition import Quantity, attributes
 from frenetic.drivers.driver import Driver, SelectiveDriver, camera_of, period_of, stack_of
 from frenetic.errors import DriverError, FreneticError, RoadError
 from frenetic.road import Road
-from frenetic.simulators.checks import Check
+from frenetic.simulators.checks import SimulatorCheck
 from frenetic.simulators.simulator import Simulator
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ _REMEDY: Final = "leave superelevation, grade and widening out"
 
 
 def _accept(_: Driver) -> None:
-    """Lets every driver drive."""
+    """Accept every driver."""
 
 
 @dataclass(frozen=True)
@@ -35,29 +35,29 @@ class Usual:
     """Capabilities that a simulator's class declares before one is made."""
 
     needs: tuple[str, ...] = ()
-    """Modules without which it is not installed."""
+    """Modules without which the simulator is not installed."""
     preloads: tuple[str, ...] = ()
-    """Modules that its processes have from the start where they are forked: they do before the
-    fork what takes long, and raise nothing."""
+    """Modules that are imported before its processes are forked, so that what takes long is done
+    once; importing them raises nothing."""
     usual_wall_limit: Positive = 60.0
     """Wall time that a drive may take unless another limit is given, in s."""
     usual_workers: Count | None = None
     """Number of workers unless another is given; None: one per processor core."""
 
     place_options: tuple[str, ...] = ()
-    """Names of its options that say where it is and change no drive: a campaign may be resumed
-    with others, and a road's file never gives them."""
+    """Names of options that say where the simulator is and change no drive: a campaign may be
+    resumed with other values, and a road's file never gives them."""
     variable: frozenset[str] = frozenset()
-    """Attributes of it that `frenetic.conditions` names: they may be set between two drives. A
-    `steering_lag` of None is that of its ``vehicle``."""
+    """Attributes of the simulator that `frenetic.conditions` names: they may be set between two
+    drives. With a `steering_lag` of None, its ``vehicle`` has one."""
 
     @property
     def missing(self) -> list[str]:
-        """Those of `needs` that are not installed."""
+        """Modules of `needs` that are not installed."""
         return [module for module in self.needs if find_spec(module) is None]
 
     def lays(self, row: Quantity) -> bool:
-        """Whether it lays a quantity: by an attribute, or as a layer over the driver."""
+        """Return whether the simulator lays a quantity, as an attribute or over the driver."""
         return not row.attribute or row.attribute in self.variable
 
 
@@ -66,22 +66,22 @@ class Capabilities(Usual):
     """Capabilities of a simulator."""
 
     wall_limit: Positive = 60.0
-    """Wall time in s after which it ends a drive itself."""
+    """Wall time after which the simulator ends a drive itself, in s."""
     workers_at_most: Count | None = None
-    """Number of workers that can use it at once; None if there is no limit."""
+    """Number of workers that can use the simulator at once; None if there is no limit."""
     prepare: Callable[[], None] = lambda: None
-    """Finds out its `car` where that takes starting it; called before a campaign."""
+    """Finds out the `car` of a simulator that has to start for it; called before a campaign."""
     check_driver: Callable[[Driver], None] = _accept
-    """Raises a `DriverError` if a driver cannot drive in it; called before anything is made."""
-    checks: Callable[[], Iterable[Check]] = tuple
-    """Gives what 'frenetic doctor' checks, once it is entered, beside two drives."""
+    """Raises a `DriverError` if a driver cannot drive in the simulator; called first of all."""
+    checks: Callable[[], Iterable[SimulatorCheck]] = tuple
+    """Gives the checks of 'frenetic doctor' beside two drives; called once it is entered."""
     drives_compiled: Callable[[Driver], bool] = lambda _: False
     """Whether a driver's drives are compiled code of ours alone, which needs no process of its
     own."""
     period_step: Positive | None = None
-    """A driver's own period may be any multiple of it, in s; None: it cannot have one."""
+    """Period of which a driver's own period may be a multiple, in s; None: it cannot have one."""
     draws: bool = False
-    """Whether it gives a driver with a camera its picture."""
+    """Whether the simulator draws pictures for a driver with a camera."""
     lays_slopes: bool = False
     """Whether its roads lean, rise and widen as `Road` says; others are not driven in it."""
 
@@ -92,38 +92,38 @@ class Capabilities(Usual):
 
 
 def usual(factory: Callable[..., Any]) -> Usual:
-    """The capabilities that a simulator's class declares.
+    """Return the capabilities that a simulator's class declares.
 
     Raises:
-        FreneticError: a declared value is invalid.
+        FreneticError: A declared value is invalid.
     """
     return Usual(**_declared(factory, Usual) | {"variable": _variable(factory) | {"rules"}})
 
 
 def capabilities(simulator: Simulator) -> Capabilities:
-    """The capabilities of a simulator.
+    """Return the capabilities of a simulator.
 
     Raises:
-        FreneticError: a declared value is invalid.
+        FreneticError: A declared value is invalid.
     """
-    found = _declared(simulator, Capabilities)
-    return Capabilities(**found | {"variable": _variable(simulator)})
+    declared = _declared(simulator, Capabilities)
+    return Capabilities(**declared | {"variable": _variable(simulator)})
 
 
 def _variable(part: object) -> frozenset[str]:
-    """The attributes with amounts that a simulator or its class has."""
+    """Return the attributes with amounts that a simulator or its class has."""
     return frozenset(name for name in attributes() if hasattr(part, name))
 
 
 def check_pair(simulator: Simulator, driver: Driver) -> None:
-    """Checks whether a driver can drive in a simulator, before anything is driven.
+    """Check whether a driver can drive in a simulator, before anything is driven.
 
     It looks at the driver's period and camera, and asks the driver and those under its layers (see
     `SelectiveDriver`), and the simulator's ``check_driver``.
 
     Raises:
-        DriverError: one of them refuses, the simulator cannot keep the driver's period, or the
-            driver has a camera and the simulator draws nothing.
+        DriverError: Driver or simulator refuses, the simulator cannot keep the driver's period, or
+            the driver has a camera and the simulator draws nothing.
     """
     declared = capabilities(simulator)
     period_of(driver, declared.period_step)
@@ -132,17 +132,17 @@ def check_pair(simulator: Simulator, driver: Driver) -> None:
             f"{type(simulator).__name__} draws nothing, and the driver has a camera: use the"
             " embedded simulator, or a driver without a camera"
         )
-    for one in stack_of(driver):
-        if isinstance(one, SelectiveDriver):
-            one.check_simulator(simulator)
+    for part in stack_of(driver):
+        if isinstance(part, SelectiveDriver):
+            part.check_simulator(simulator)
     declared.check_driver(driver)
 
 
 def check_road(simulator: Simulator, driver: Driver, road: Road) -> None:
-    """Checks whether a simulator drives this road with this driver, rather than another one.
+    """Check whether a simulator can drive this road with this driver.
 
     Raises:
-        RoadError: the road leans, rises or widens, and the simulator lays none that does, or the
+        RoadError: The road leans, rises or widens, and the simulator lays only flat roads, or the
             driver has a camera.
     """
     if not road.is_plain and (reason := _lays_only(simulator, driver)):
@@ -150,10 +150,10 @@ def check_road(simulator: Simulator, driver: Driver, road: Road) -> None:
 
 
 def check_class(simulator: Simulator, driver: Driver, road_class: RoadClass) -> None:
-    """Checks whether a simulator drives the roads of a class with this driver.
+    """Check whether a simulator can drive the roads of a class with this driver.
 
     Raises:
-        FreneticError: they lean, rise or widen, and `check_road` refuses such roads.
+        FreneticError: The roads lean, rise or widen, and `check_road` refuses such roads.
     """
     if road_class.plain and (reason := _lays_only(simulator, driver)):
         other = "simulator" if not capabilities(simulator).lays_slopes else "driver"
@@ -163,34 +163,34 @@ def check_class(simulator: Simulator, driver: Driver, road_class: RoadClass) -> 
 
 
 def _lays_only(simulator: Simulator, driver: Driver) -> str:
-    """What a simulator with this driver is limited to, in words; empty if it lays every road."""
+    """Return the limits of a simulator with this driver in words; empty if it lays every road."""
     if not capabilities(simulator).lays_slopes:
         return f"{type(simulator).__name__} drives {_FLAT}"
     return f"A camera sees {_FLAT}" if camera_of(driver) is not None else ""
 
 
 def check_drawn(road: Road) -> None:
-    """Checks whether a road can be drawn for a camera.
+    """Check whether a road can be drawn for a camera.
 
     Raises:
-        RoadError: it leans, rises or widens.
+        RoadError: The road leans, rises or widens.
     """
     if not road.is_plain:
         raise RoadError(f"A camera sees {_FLAT}: {_REMEDY}")
 
 
 def _declared(part: object, kind: type[Usual]) -> dict[str, Any]:
-    """The capabilities of a kind that a simulator or its class declares."""
+    """Return the capabilities of a kind that a simulator or its class declares."""
     values = {item.name: getattr(part, item.name, None) for item in fields(kind)}
-    # A property of a class says it of one that is made.
-    found = {
+    # On a class, a property says nothing before there is an instance.
+    declared = {
         name: value
         for name, value in values.items()
         if value is not None and not isinstance(value, property)
     }
     try:
-        check(found, kind)
+        check(declared, kind)
     except ValueError as error:
         name = part.__name__ if isinstance(part, type) else type(part).__name__
         raise FreneticError(f"{name}.{error}") from None
-    return found
+    return declared

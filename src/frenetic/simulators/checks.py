@@ -1,4 +1,4 @@
-"""Checks of a simulator: its own, and those that every simulator must pass."""
+"""Checks of a simulator, and two drives that every simulator must pass."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from frenetic.simulators.simulator import Simulator
 
 
 @dataclass(frozen=True)
-class Check:
-    """One thing that was checked."""
+class SimulatorCheck:
+    """One check of a simulator with its result."""
 
     name: str
     is_ok: bool
-    found: str
-    """Its state, or what is wrong with it."""
+    state: str
+    """State of the checked thing, or what is wrong with it."""
     remedy: str = ""
-    """What to do; empty if nothing is wrong."""
+    """Advice for the user; empty if nothing is wrong."""
 
 
-def broken(name: str, error: Exception, remedy: str) -> Check:
-    """A check that ended in an error; our own errors say what to do."""
-    return Check(name, False, reason_of(error), remedy)
+def broken(name: str, error: Exception, remedy: str) -> SimulatorCheck:
+    """Return a check that ended in an error."""
+    return SimulatorCheck(name, False, reason_of(error), remedy)
 
 
 # Roads that every driver can follow
@@ -45,13 +45,13 @@ CURVE: Final = Road(
 
 def drive_checks(
     simulator: Simulator, driver: Driver | None = None, *, who: str = "Stanley"
-) -> Iterator[Check]:
-    """Checks that a driver stays in its lane on a straight road and in a curve.
+) -> Iterator[SimulatorCheck]:
+    """Check that a driver stays in its lane on a straight road and in a curve.
 
     Args:
-        simulator: entered.
-        driver: Stanley if None.
-        who: name of the driver.
+        simulator: An entered simulator.
+        driver: A driver; None for `Stanley`.
+        who: Name of the driver.
     """
     for name, road in (("straight road", STRAIGHT), ("curve", CURVE)):
         name = f"{name}, {who}"
@@ -63,7 +63,7 @@ def drive_checks(
         result = judge(road, drive)
         if result.outcome is not Outcome.PASS or result.moobd is None or result.moobd <= 0.0:
             remedy = "draw it; is the car or the road as it should be?"
-            yield Check(name, False, result.reason, remedy)
+            yield SimulatorCheck(name, False, result.reason, remedy)
         else:
-            found = f"{road.length:.0f} m in {result.duration:.1f} s, MOOBD {result.moobd:.2f} m"
-            yield Check(name, True, found)
+            state = f"{road.length:.0f} m in {result.duration:.1f} s, MOOBD {result.moobd:.2f} m"
+            yield SimulatorCheck(name, True, state)

@@ -1,8 +1,8 @@
 """Conditions that differ from those in which a road was driven.
 
-A simulator offers those of `frenetic.conditions` that it can vary as attributes that may be set
-between two drives (`frenetic.simulators.capabilities`): ``rules``, which every simulator has, and
-``friction``, ``start_offset`` and so on if it can. The others are layers over the driver.
+A simulator offers the conditions that it can vary as attributes that may be set between two drives
+(`frenetic.simulators.capabilities`): ``rules``, which every simulator has, and ``friction``,
+``start_offset`` and so on if it can. The other conditions are layers over the driver.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ random, as `frenetic.conditions.condition.SEED`."""
 
 
 def check_conditions(values: Conditions) -> None:
-    """Checks conditions from elsewhere.
+    """Check conditions that come from a file or a user.
 
     Raises:
-        ValueError: there is no such condition, or a value is no finite number.
+        ValueError: A name is no condition, or a value is not a finite number.
     """
     if unknown := sorted(values.keys() - {*quantities(), SEED}):
         raise ValueError(
@@ -41,14 +41,14 @@ def check_conditions(values: Conditions) -> None:
 
 
 def check_can_vary(simulator: Simulator, names: Iterable[str]) -> None:
-    """Refuses quantities that a simulator cannot vary.
+    """Refuse quantities that a simulator cannot vary.
 
     Raises:
-        FreneticError: the simulator cannot vary one of them.
+        FreneticError: The simulator cannot vary a quantity.
     """
-    able = capabilities(simulator)
+    declared = capabilities(simulator)
     for row in map(quantity, names):
-        if not able.lays(row):
+        if not declared.lays(row):
             raise FreneticError(
                 f"{type(simulator).__name__} cannot vary {row.name}: it has no attribute"
                 f" {row.attribute!r}; leave it out, or use another simulator, such as the embedded"
@@ -57,7 +57,7 @@ def check_can_vary(simulator: Simulator, names: Iterable[str]) -> None:
 
 
 def own_amount(simulator: Simulator, name: str) -> float | None:
-    """A simulator's own amount of a quantity that is an attribute of it; None if it has none."""
+    """Return a simulator's amount of a quantity that is its attribute; None if there is none."""
     value: Any = getattr(simulator, quantity(name).attribute)
     if value is None:  # it is the vehicle's
         value = getattr(getattr(simulator, "vehicle", None), quantity(name).attribute, None)
@@ -65,21 +65,21 @@ def own_amount(simulator: Simulator, name: str) -> float | None:
 
 
 def usual_conditions(conditions: Conditions, simulator: Simulator) -> dict[str, float]:
-    """What is usual of the quantities of some conditions: without effect, or the simulator's own.
+    """Return the usual amounts of some conditions: without effect, or the simulator's.
 
     A place on the road has no usual amount.
     """
-    found: dict[str, float] = {}
+    amounts: dict[str, float] = {}
     for name in named(conditions):
         usual = quantity(name).nothing
         usual = own_amount(simulator, name) if usual is None else usual
         if usual is not None:
-            found[name] = usual
-    return found
+            amounts[name] = usual
+    return amounts
 
 
 def rules_in(conditions: Conditions, rules: Rules) -> Rules:
-    """The rules of a drive in some conditions of a campaign with these rules."""
+    """Return the rules of a drive in some conditions, in a campaign with these rules."""
     for name in named(conditions):
         if quantity(name).attribute == "rules":
             rules = rules.with_speed(conditions[name])
@@ -88,10 +88,10 @@ def rules_in(conditions: Conditions, rules: Rules) -> Rules:
 
 @contextmanager
 def in_conditions(conditions: Conditions, simulator: Simulator, driver: Driver) -> Iterator[Driver]:
-    """Puts a simulator into some conditions for a while; gives the driver for these.
+    """Put a simulator into some conditions for a while; yield the driver for them.
 
     Raises:
-        FreneticError: the simulator cannot be put into them.
+        FreneticError: The simulator cannot be put into the conditions.
     """
     values: dict[str, object] = {}
     names = [name for name in conditions if name != SEED]
@@ -111,10 +111,10 @@ def in_conditions(conditions: Conditions, simulator: Simulator, driver: Driver) 
 
 
 def check_pair_in(conditions: Conditions, simulator: Simulator, driver: Driver) -> None:
-    """Checks whether a driver can drive in a simulator in some conditions, as `check_pair` does.
+    """Check whether a driver can drive in a simulator in some conditions, as `check_pair` does.
 
     Raises:
-        FreneticError: the simulator cannot be put into them, or the driver cannot have them.
+        FreneticError: The simulator or the driver cannot have the conditions.
     """
     with in_conditions(conditions, simulator, driver) as layered:
         check_pair(simulator, layered)

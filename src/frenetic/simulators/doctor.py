@@ -1,7 +1,7 @@
 """Checks of the simulators on this machine: what is wrong and what to do.
 
 Every simulator has to start and to pass `drive_checks`. It may offer a method ``checks``, which
-gives a `Check` for each further thing. A class attribute ``needs`` names the modules without which
+gives further checks. A class attribute ``needs`` names the modules without which
 the simulator is not installed.
 """
 
@@ -16,7 +16,7 @@ from frenetic._support.words import pip_install
 from frenetic.errors import FreneticError
 from frenetic.parts.registry import SIMULATORS
 from frenetic.simulators.capabilities import capabilities, usual
-from frenetic.simulators.checks import Check, broken, drive_checks
+from frenetic.simulators.checks import SimulatorCheck, broken, drive_checks
 from frenetic.simulators.simulator import Simulator
 
 
@@ -26,7 +26,7 @@ class Health(StrEnum):
     OK = "ok"
     BROKEN = "something is wrong"
     NOT_SET_UP = "not set up"
-    """It is installed, but needs an option."""
+    """The simulator is installed, but needs an option."""
     NOT_INSTALLED = "not installed"
 
 
@@ -36,13 +36,13 @@ class Examination:
 
     simulator: str
     health: Health
-    checks: tuple[Check, ...]
+    checks: tuple[SimulatorCheck, ...]
     note: str = ""
-    """Reason why nothing was checked; empty if something was."""
+    """Reason why nothing was checked; empty if the simulator was checked."""
 
     @property
-    def failed(self) -> tuple[Check, ...]:
-        """The checks that found something wrong."""
+    def failed(self) -> tuple[SimulatorCheck, ...]:
+        """Checks that failed."""
         return tuple(check for check in self.checks if not check.is_ok)
 
 
@@ -50,30 +50,30 @@ def examine(
     name: str,
     options: Mapping[str, Any] | None = None,
     *,
-    on_check: Callable[[Check], None] | None = None,
+    on_check: Callable[[SimulatorCheck], None] | None = None,
 ) -> Examination:
-    """Checks one simulator.
+    """Check one simulator.
 
     Args:
-        name: as on the command line.
-        options: the simulator is made with.
-        on_check: called with each finished check.
+        name: Name of the simulator, as on the command line.
+        options: Options with which it is made.
+        on_check: Called with each finished check.
 
     Raises:
-        FreneticError: there is no such simulator, or its options do not suit.
+        FreneticError: There is no such simulator, or an option does not suit it.
     """
     simulator: Simulator = SIMULATORS.make(name, **(options or {}))
-    done = []
+    checks = []
     for check in _checks(simulator):
-        done.append(check)
+        checks.append(check)
         if on_check is not None:
             on_check(check)
-    health = Health.OK if all(check.is_ok for check in done) else Health.BROKEN
-    return Examination(name, health, tuple(done))
+    health = Health.OK if all(check.is_ok for check in checks) else Health.BROKEN
+    return Examination(name, health, tuple(checks))
 
 
 def examine_all() -> Iterator[Examination]:
-    """Checks all installed simulators, each made without options."""
+    """Check all installed simulators, each made without options."""
     for entry in SIMULATORS.entries():
         try:
             factory = SIMULATORS.load(entry.name)
@@ -85,10 +85,10 @@ def examine_all() -> Iterator[Examination]:
             yield Examination(entry.name, Health.NOT_SET_UP, (), str(error))
 
 
-def _checks(simulator: Simulator) -> Iterator[Check]:
+def _checks(simulator: Simulator) -> Iterator[SimulatorCheck]:
     try:
         with simulator:
-            yield Check("start", True, "it starts")
+            yield SimulatorCheck("start", True, "it starts")
             yield from capabilities(simulator).checks()
             yield from drive_checks(simulator)
     except Exception as error:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @njit()
 def wrap(angle: float) -> float:
-    """The same angle in -pi..pi."""
+    """Return the angle less whole turns, in -pi..pi."""
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
 
 
@@ -42,7 +42,7 @@ def look_ahead(
     ahead: FloatArray,
     curvature_ahead: FloatArray,
 ) -> None:
-    """Writes the ego lane ahead of a car at ``s`` into ``ahead`` and ``curvature_ahead``.
+    """Write the ego lane ahead of a car at ``s`` into ``ahead`` and ``curvature_ahead``.
 
     Between a table's rows the centre line is the arc of the nearest row, exact to a millimetre.
     """
@@ -92,14 +92,14 @@ def observe(
     ahead: FloatArray,
     curvature_ahead: FloatArray,
 ) -> tuple[int, float, float, float, float]:
-    """(end, s, lateral offset from the ego lane's centre, heading error, oob share) at ``i``.
+    """Return end, s, offset from the ego lane's centre, heading error and oob share at ``i``.
 
     Args:
         table, ds, lane_width, rules, car, heading, s, least: see
         `frenetic.oracle.verdict.assess_record`.
-        records: times, xs and ys of the records, its first three rows.
-        i: number of the record.
-        ahead, curvature_ahead: written, as many points of the lane ahead as they have room for.
+        records: (3, n) times, xs and ys of the records, or more rows.
+        i: Number of the record.
+        ahead, curvature_ahead: Room, which is filled with points of the lane ahead.
     """
     end, s, d, road_heading, share = assess_record(
         table, ds, lane_width, rules, car, records[0], records[1], records[2], heading, i, s, least
@@ -111,7 +111,7 @@ def observe(
 
 @njit()
 def limit_at(limits: FloatArray, s: float) -> float:
-    """The limit ``s`` m along the road, in the unit of ``limits``."""
+    """Return the limit ``s`` m along the road, in the unit of ``limits``."""
     k = 0
     while k < len(limits) - 1 and limits[k + 1, 0] <= s:
         k += 1
@@ -126,7 +126,7 @@ def look_for_limits(limits: FloatArray, s: float, rows: int, limit_ahead: FloatA
     Args:
         limits: (k, 2), k >= 1; each holds from its station in m on.
         s: m along the road.
-        rows: points ahead.
+        rows: Number of points ahead.
         limit_ahead: (rows,), in the unit of ``limits``.
     """
     last = len(limits) - 1
@@ -143,7 +143,7 @@ def look_for_limits(limits: FloatArray, s: float, rows: int, limit_ahead: FloatA
 
 
 def in_metres_per_second(limits: FloatArray) -> FloatArray:
-    """Speed limits, (k, 2) in m and km/h, in m and m/s."""
+    """Return speed limits, given as (k, 2) in m and km/h, in m and m/s."""
     return np.column_stack([limits[:, 0], limits[:, 1] / 3.6])
 
 
@@ -151,8 +151,8 @@ class LimitsAhead:
     """The speed limits that a car meets along a road.
 
     Args:
-        road: the road under the car.
-        rules: of the drive, which keep, scale or ignore the road's limits.
+        road: The road under the car.
+        rules: Rules of the drive, which keep, scale or ignore the road's limits.
     """
 
     def __init__(self, road: Road, rules: Rules) -> None:
@@ -162,17 +162,17 @@ class LimitsAhead:
         self._look(0.0)
 
     def at(self, s: float) -> tuple[float, FloatArray]:
-        """The limit ``s`` m along the road, and those at the points ahead, in m/s."""
+        """Return the limit ``s`` m along the road and the limits at the points ahead, in m/s."""
         if not self.is_one:
             self._look(s)
         return self._limit, self._ahead
 
     def speed_at(self, s: float, deceleration: float) -> float:
-        """Highest speed from which a car can brake to every limit ahead, in m/s.
+        """Return the highest speed from which a car can brake to every limit ahead, in m/s.
 
         Args:
             s: m along the road.
-            deceleration: with which it brakes, in m/s^2.
+            deceleration: Deceleration of the car, in m/s^2.
         """
         limit, ahead = self.at(s)
         if self.is_one:
@@ -188,16 +188,16 @@ class LimitsAhead:
 
 
 class Observer:
-    """Follows one drive of a car that a simulator moves.
+    """An observer of one drive of a car that a simulator moves.
 
     Call `see` for every record, in order; while it says that the drive goes on, `observation` gives
     the driver's view, also at a place between two records after `glance`.
 
     Args:
-        road: the road under the car.
-        rules: when the drive ends.
-        car: the box that the car covers.
-        records: an upper bound of the number of records.
+        road: The road under the car.
+        rules: Rules by which the drive ends.
+        car: The box that the car covers.
+        records: Largest number of records.
     """
 
     def __init__(self, road: Road, rules: Rules, car: CarBody, records: int) -> None:
@@ -207,16 +207,16 @@ class Observer:
         self._car = car.to_array()
         self._tolerance = rules.oob_tolerance
         self._places = np.empty((3, records))
-        self._seen = 0
+        self._count = 0
         self._s = 0.0  # at the last record
         self._now = (0.0,) * 7  # time, x, y, heading, s, lateral offset, heading error
         self._ahead = self._curvature_ahead = np.empty(0)
         self._limits = LimitsAhead(road, rules)
 
     def see(self, time: float, x: float, y: float, heading: float) -> bool:
-        """Takes in a record (s, m, m, rad); says whether the drive goes on."""
+        """Take in a record (s, m, m, rad); return whether the drive goes on."""
         self._ahead, self._curvature_ahead = np.empty((AHEAD_POINTS, 2)), np.empty(AHEAD_POINTS)
-        places, i = self._places, self._seen
+        places, i = self._places, self._count
         places[0, i], places[1, i], places[2, i] = time, x, y
         end, self._s, offset, heading_error, _ = observe(
             *self._line,
@@ -230,21 +230,21 @@ class Observer:
             self._ahead,
             self._curvature_ahead,
         )
-        self._seen += 1
+        self._count += 1
         self._now = time, x, y, heading, self._s, offset, heading_error
         return bool(end == RUNNING)
 
     def glance(self, time: float, x: float, y: float, heading: float) -> None:
-        """Takes in a place between two records, which ends no drive."""
+        """Take in a place between two records, which ends no drive."""
         table, ds, lane_width = self._line
-        _, before_x, before_y = (float(value) for value in self._places[:, self._seen - 1])
+        _, before_x, before_y = (float(value) for value in self._places[:, self._count - 1])
         reach = reach_of(math.hypot(x - before_x, y - before_y))
         s, d = project_near(table, ds, float(x), float(y), self._s, reach)
         error = wrap(heading - heading_at(table, ds, s))
         self._now = time, x, y, heading, s, d + 0.5 * lane_width, error
         self._ahead, self._curvature_ahead = np.empty((AHEAD_POINTS, 2)), np.empty(AHEAD_POINTS)
-        seen = self._ahead, self._curvature_ahead
-        look_ahead(*self._line, float(x), float(y), float(heading), s, AHEAD_POINTS, *seen)
+        views = self._ahead, self._curvature_ahead
+        look_ahead(*self._line, float(x), float(y), float(heading), s, AHEAD_POINTS, *views)
 
     def observation(
         self,
@@ -255,9 +255,9 @@ class Observer:
         *,
         lateral_speed: float = 0.0,
     ) -> Observation:
-        """The driver's view at the last place (m/s, rad/s, rad), with its camera's picture.
+        """Return the driver's view at the last place (m/s, rad/s, rad), with its camera's picture.
 
-        Its arrays become read-only.
+        The arrays of the view become read-only.
         """
         time, x, y, heading, s, lateral_offset, heading_error = self._now
         self._ahead.setflags(write=False)
@@ -265,8 +265,9 @@ class Observer:
         speed_limit, speed_limit_ahead = self._limits.at(s)
         if image is not None:
             image.setflags(write=False)
-        seen = object.__new__(Observation)  # a frozen one sets each attribute by a call
-        seen.__dict__.update(
+        # Faster than the constructor, which sets each attribute of a frozen class by a call.
+        observation = object.__new__(Observation)
+        observation.__dict__.update(
             time=float(time),
             speed=float(speed),
             yaw_rate=float(yaw_rate),
@@ -286,4 +287,4 @@ class Observer:
             speed_limit_ahead=speed_limit_ahead,
             _road=self._road,
         )
-        return seen
+        return observation

@@ -14,7 +14,7 @@ from frenetic.road import Road
 
 @runtime_checkable
 class Simulator(Protocol):
-    """Drives a driver along roads, one after the other.
+    """A simulator: it drives a driver along roads, one after the other.
 
     It is a context manager: entering starts its parts, leaving ends them in every case. It is made
     with ``rules=Rules(...)`` and puts them into every `Drive`.
@@ -31,7 +31,7 @@ class Simulator(Protocol):
     """The box that the car covers, the same in every drive."""
 
     def __enter__(self) -> Self:
-        """Starts the simulator."""
+        """Start the simulator."""
 
     def __exit__(
         self,
@@ -39,17 +39,17 @@ class Simulator(Protocol):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Ends the simulator."""
+        """End the simulator."""
 
     def drive(self, road: Road, driver: Driver) -> Drive:
-        """One drive of the driver along the road."""
+        """Drive along the road."""
 
 
 class Ready:
     """Base of simulators that start and end nothing."""
 
     def __enter__(self) -> Self:
-        """Starts nothing."""
+        """Start nothing."""
         return self
 
     def __exit__(
@@ -58,7 +58,7 @@ class Ready:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Ends nothing."""
+        """End nothing."""
 
 
 T = TypeVar("T", float, float | None)
@@ -68,8 +68,8 @@ class Amount(Generic[T]):
     """An attribute of a simulator with the amount of a quantity, checked when it is set.
 
     Args:
-        name: of the quantity.
-        usual: amount that holds until another is set; it need not be in the quantity's range.
+        name: Name of the quantity.
+        usual: Amount that holds until another is set; it need not be in the quantity's range.
     """
 
     def __init__(self, name: str, usual: T) -> None:
@@ -96,7 +96,7 @@ class Amount(Generic[T]):
 
 
 def unusual_amounts(simulator: object) -> dict[str, Any]:
-    """Name of an `Amount` of a simulator -> its value, where it is not the usual one."""
+    """Return the unusual values of a simulator's `Amount`s, by their names."""
     return {
         name: value
         for kind in reversed(type(simulator).__mro__)

@@ -22,7 +22,7 @@ class Motion(NamedTuple):
     x: float
     """Coordinate of the centre of mass, in m."""
     y: float
-    """m."""
+    """Coordinate of the centre of mass, in m."""
     heading: float
     """Heading in rad, counter-clockwise from +x; whole turns do not matter."""
     speed: float = 0.0
@@ -59,7 +59,7 @@ class SteppedSimulator(StartingPlace, Ready):
     rear_axle: ClassVar[float] = 1.42
     """Distance from the centre of mass to the rear axle, in m."""
     max_steering: ClassVar[float] = 0.6
-    """The front wheels' largest angle, in rad."""
+    """Largest angle of the front wheels, in rad."""
     max_acceleration: ClassVar[float] = 4.0
     """Acceleration at full throttle and low speed, in m/s^2."""
     max_deceleration: ClassVar[float] = 9.0
@@ -82,34 +82,34 @@ class SteppedSimulator(StartingPlace, Ready):
         self.start_heading = start_heading
 
     def start(self, road: Road, pose: Pose, setup: DriveSetup) -> Motion:
-        """Puts the car at rest on the road.
+        """Put the car at rest on the road.
 
         Args:
-            road: under it; the last drive's is over.
-            pose: of its centre of mass.
-            setup: what the driver is told.
+            road: Road under the car; the last drive is over.
+            pose: Pose of the car's centre of mass.
+            setup: Setup that the driver gets.
 
         Returns:
-            Its motion, ``Motion(*pose)`` if it stands there.
+            Motion of the car, ``Motion(*pose)`` if it stands there.
         """
         raise NotImplementedError
 
     def step(self, steering: float, throttle: float, brake: float, seconds: float) -> Motion:
-        """Moves the car on.
+        """Move the car on.
 
         Args:
             steering: rad, asked of the front wheels, within `max_steering`.
             throttle: 0..1.
             brake: 0..1.
-            seconds: of simulated time.
+            seconds: s of simulated time.
 
         Returns:
-            Its motion then.
+            Motion of the car afterwards.
         """
         raise NotImplementedError
 
     def setup(self, road: Road) -> DriveSetup:
-        """The setup of a drive along the road for its driver."""
+        """Return the setup of a drive along the road, for its driver."""
         body = _body(self)
         return DriveSetup(
             speed_limit=self.rules.start_limit_on(road),
@@ -125,18 +125,20 @@ class SteppedSimulator(StartingPlace, Ready):
         )
 
     def drive(self, road: Road, driver: Driver) -> Drive:
-        """One drive of the driver along the road.
+        """Drive along the road.
 
         Raises:
-            RoadError: the road leans or rises, and the simulator lays flat ones.
-            ArithmeticError: the car's motion is no longer finite.
-            TypeError: `car` is no longer a box.
+            RoadError: The road leans, rises or widens, and the simulator lays only flat roads.
+            ArithmeticError: The car's motion is no longer finite.
+            TypeError: `car` is not a `CarBody`.
         """
         check_road(self, driver, road)
         setup = self.setup(road)
         place = start_state(road.table, road.lane_width, self.start_offset, self.start_heading)
         pose = Pose(*place[:3].tolist())
-        car = _Car(self, self.start(road, pose, setup), road.pose.heading, setup.max_steering)
+        car = _SteppedCar(
+            self, self.start(road, pose, setup), road.pose.heading, setup.max_steering
+        )
         return follow(
             car,
             road,
@@ -159,7 +161,7 @@ def _body(simulator: SteppedSimulator) -> CarBody:
     return body
 
 
-class _Car:
+class _SteppedCar:
     """The car of one drive."""
 
     def __init__(
@@ -178,13 +180,13 @@ class _Car:
         self._motion = motion._replace(heading=self._heading)
 
     def motion(self) -> Motion:
-        """The car's motion, with the heading unwrapped."""
+        """Return the car's motion, with the heading unwrapped."""
         return self._motion
 
     def picture(self) -> None:
-        """None: it draws nothing."""
+        """Return None: the simulator draws nothing."""
 
     def advance(self, steering: float, throttle: float, brake: float, seconds: float) -> None:
-        """Moves it on."""
+        """Move the car on."""
         steering = min(max(steering, -self._max_steering), self._max_steering)
         self._take(self._simulator.step(steering, throttle, brake, seconds))

@@ -37,7 +37,7 @@ import numpy as np
 
 from frenetic.simulators import Vehicle
 from frenetic.simulators.embedded.rollout import STEP
-from frenetic.simulators.embedded.vehicle import (
+from frenetic.simulators.embedded.single_track import (
     HEADING,
     LATERAL_SPEED,
     SPEED,

@@ -432,4 +432,4 @@ def test_doctor_finds_nothing_wrong_but_a_missing_licence(stand_in: StandIn) -> 
         "straight road, Stanley",
         "curve, Stanley",
     ]
-    assert "BeamNG.tech 0.39" in examination.checks[2].found
+    assert "BeamNG.tech 0.39" in examination.checks[2].state

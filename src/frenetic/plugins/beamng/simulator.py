@@ -22,7 +22,7 @@ from frenetic.plugins.beamng.link import STEPS_PER_SECOND, BeamngError, CarState
 from frenetic.road import Pose, Road
 from frenetic.road.geometry import project_near, reach_of
 from frenetic.simulators.capabilities import check_road
-from frenetic.simulators.checks import Check, drive_checks
+from frenetic.simulators.checks import SimulatorCheck, drive_checks
 from frenetic.simulators.drive_loop import RECORD_PERIOD, follow
 from frenetic.simulators.observer import LimitsAhead, wrap
 
@@ -285,14 +285,14 @@ class BeamngSimulator:
             logger.info("BeamNG.tech is entered again before the next drive: %s", trouble)
             self._is_worn = True
 
-    def checks(self) -> Iterator[Check]:
+    def checks(self) -> Iterator[SimulatorCheck]:
         """Checks of the licence, and two drives of BeamNG.AI."""
         link, car = self.link, self.measured
         remedy = f"put tech.key into its user folder ({link.user_folder})"
         found = "found" if link.is_licensed else "not found"
-        yield Check("licence", link.is_licensed, found, "" if link.is_licensed else remedy)
+        yield SimulatorCheck("licence", link.is_licensed, found, "" if link.is_licensed else remedy)
         size = f"{car.length:g} by {car.width:g} m, steers by {abs(car.steering):.2f} rad"
-        yield Check("car", True, f"{self.vehicle} in BeamNG.tech {link.version}, {size}")
+        yield SimulatorCheck("car", True, f"{self.vehicle} in BeamNG.tech {link.version}, {size}")
         yield from drive_checks(self, BeamngAi(), who="BeamNG.AI")
 
     def check_driver(self, driver: Driver) -> None:

@@ -36,13 +36,7 @@ from frenetic.simulators.embedded.rollout import (
     start_state,
     write_record,
 )
-from frenetic.simulators.embedded.vehicle import (
-    HEADING,
-    SPEED,
-    STATE_SIZE,
-    STEERING,
-    YAW_RATE,
-)
+from frenetic.simulators.embedded.single_track import HEADING, SPEED, STATE_SIZE, STEERING, YAW_RATE
 from frenetic.simulators.observer import in_metres_per_second, limit_at, observe
 
 Seen: TypeAlias = npt.NDArray[np.float32] | dict[str, npt.NDArray[Any]]

@@ -128,7 +128,7 @@ class ForesightSearch(Frenetic):
 
 
 class OnlineTwin:
-    """A twin that is fitted while it foresees, see `frenetic.search.frenetic.Foresight`.
+    """A twin that is fitted while it foresees, see `frenetic.search.prediction.Foresight`.
 
     Of some models, each a law and a car, the one that follows the drives best foresees.
 

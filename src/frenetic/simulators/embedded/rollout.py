@@ -13,8 +13,7 @@ from frenetic.drivers.elastic_band import MEMORY
 from frenetic.drivers.laws import decide
 from frenetic.drivers.wrappers import disturb
 from frenetic.oracle.verdict import RUNNING
-from frenetic.simulators.embedded.slopes import lay
-from frenetic.simulators.embedded.vehicle import (
+from frenetic.simulators.embedded.single_track import (
     HEADING,
     LATERAL_SPEED,
     SPEED,
@@ -24,6 +23,7 @@ from frenetic.simulators.embedded.vehicle import (
     Y,
     advance,
 )
+from frenetic.simulators.embedded.slopes import lay
 from frenetic.simulators.embedded.weather import grip_at, in_gust, place_of
 from frenetic.simulators.observer import look_for_limits, observe
 
@@ -40,7 +40,7 @@ TIME, RX, RY, RHEADING, RSPEED, RLATERAL, RYAW, RSTEERING, RINPUT, RTHROTTLE, RB
 
 @njit()
 def start_state(table: FloatArray, lane_width: float, left: float, turned: float) -> FloatArray:
-    """State of the car at rest in the ego lane at the road's first point, (7,).
+    """Return the state of a car at rest in the ego lane at the road's first point, (7,).
 
     It stands ``left`` m left of the lane's centre and points ``turned`` rad left of its direction.
     """
@@ -61,7 +61,7 @@ def write_record(
     throttle: float,
     brake: float,
 ) -> None:
-    """Writes record ``i``: the state and the controls chosen at it."""
+    """Write record ``i``: the state and the controls chosen at it."""
     records[TIME, i] = i * PERIOD
     records[RX, i] = state[X]
     records[RY, i] = state[Y]
@@ -89,7 +89,7 @@ def advance_period(
     weather: FloatArray,
     steps: int = STEPS_PER_PERIOD,
 ) -> float:
-    """Moves the car on by one period, or another number of steps, in place.
+    """Move the car on by one period, or another number of steps, in place.
 
     Args:
         state, steering, throttle, brake: see `advance`.
@@ -98,10 +98,10 @@ def advance_period(
         slopes: `Road.slopes`.
         s: m, a place of the car at most a few periods ago, which matters on slopes and in weather.
         weather: see `frenetic.simulators.embedded.weather`.
-        steps: of the integration.
+        steps: Number of integration steps.
 
     Returns:
-        Its place before it moved, on slopes and in weather.
+        m, the car's place before it moved, on slopes and in weather; `s` otherwise.
     """
     ground = vehicle
     if len(weather):
@@ -136,7 +136,7 @@ def rollout(
     weather: FloatArray,
     limits: FloatArray,
 ) -> int:
-    """Drives a built-in driver until the drive ends; returns the number of records written.
+    """Drive a built-in driver until the drive ends; return the number of records written.
 
     Args:
         table, ds: the road, see `frenetic.road.geometry`.
@@ -145,10 +145,10 @@ def rollout(
         rules, car: see `frenetic.oracle.verdict.assess_record`.
         vehicle: `Vehicle.to_array()`.
         law, parameters, setup: see `frenetic.drivers.laws`.
-        rows: points of the driver's view.
-        delay: periods that controls take to arrive.
+        rows: Number of points of the driver's view.
+        delay: Number of periods that controls take to arrive.
         errors: (m, 2) m and rad by which the driver errs, m >= the records' number, or (0, 2).
-        state: (7,) the car at the start; it becomes that at the end.
+        state: (7,) state at the start; it becomes the state at the end.
         records: (11, m), room for the columns of a `Trajectory`.
         weather: see `frenetic.simulators.embedded.weather`.
         limits: (k, 2) m and m/s, the speed limits as the driver takes them, each from its station

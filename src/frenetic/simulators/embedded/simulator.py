@@ -38,10 +38,11 @@ from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import judge, rules_array
 from frenetic.road import Road
 from frenetic.simulators.capabilities import check_road
-from frenetic.simulators.checks import Check
+from frenetic.simulators.checks import SimulatorCheck
 from frenetic.simulators.drive_loop import follow
 from frenetic.simulators.embedded import rollout as kernels
-from frenetic.simulators.embedded.vehicle import HEADING, Vehicle, X, Y
+from frenetic.simulators.embedded.single_track import HEADING, X, Y
+from frenetic.simulators.embedded.vehicle import Vehicle
 from frenetic.simulators.embedded.weather import weather_array
 from frenetic.simulators.observer import in_metres_per_second
 from frenetic.simulators.simulator import Amount, Ready, StartingPlace, unusual_amounts
@@ -74,7 +75,7 @@ class EmbeddedSimulator(StartingPlace, Ready):
     All but `wall_limit` may be set between two drives; they hold from the next one on.
 
     Raises:
-        ValueError: an option is out of range.
+        ValueError: An option is out of range.
     """
 
     load = Amount[float]("load", 0.0)
@@ -125,7 +126,7 @@ class EmbeddedSimulator(StartingPlace, Ready):
 
     @property
     def options(self) -> dict[str, Any]:
-        """Its options beside the rules; of conditions only unusual ones."""
+        """Options of the simulator beside the rules; of conditions only unusual ones."""
         unusual = unusual_amounts(self)
         if self.steering_lag is not None:
             unusual["steering_lag"] = self.steering_lag
@@ -171,35 +172,35 @@ class EmbeddedSimulator(StartingPlace, Ready):
         self._take(self.vehicle)
 
     def check_driver(self, driver: Driver) -> None:
-        """Takes the car that the driver brings, unless one was chosen."""
+        """Take the car that the driver brings, unless a car was chosen."""
         brought = getattr(under_layers(driver), "VEHICLE", "default")
         if self._brought not in (None, brought):
             self._brought = brought
             self._take(replace(Vehicle.named(brought), friction=self.friction))
 
     def __enter__(self) -> Self:
-        """Compiles kernels that are not compiled yet."""
+        """Compile kernels that are not compiled yet."""
         compile_kernels()
         return self
 
-    def checks(self) -> Iterator[Check]:
-        """Whether compiled kernels are kept."""
+    def checks(self) -> Iterator[SimulatorCheck]:
+        """Yield whether compiled kernels are cached."""
         yield _cache_check()
 
     def drives_compiled(self, driver: Driver) -> bool:
-        """Whether the driver's drives are compiled code alone."""
+        """Return whether the driver's drives are compiled code alone."""
         is_ours = type(self) is EmbeddedSimulator
         return is_ours and compiled_form(driver, kernels.PERIOD) is not None
 
     def setup(self, road: Road) -> DriveSetup:
-        """The setup of a drive along the road for its driver."""
+        """Return the setup of a drive along the road, for its driver."""
         return self._steered.setup(self.rules, road, kernels.PERIOD)
 
     def drive(self, road: Road, driver: Driver) -> Drive:
-        """One drive of the driver along the road.
+        """Drive along the road.
 
         Raises:
-            RoadError: the road leans or rises, and the driver has a camera, which sees flat ones.
+            RoadError: The road leans, rises or widens, and the driver has a camera.
         """
         self.check_driver(driver)
         setup = self.setup(road)
@@ -237,7 +238,7 @@ class EmbeddedSimulator(StartingPlace, Ready):
         return Drive(Trajectory(*room[:, :n]), self.car, self.rules, road)
 
     def _drive_python(self, road: Road, driver: Driver, setup: DriveSetup) -> Drive:
-        """The compiled rollout's loop with calls of the driver in between."""
+        """Drive with the compiled rollout's kernels and calls of the driver in between."""
         check_road(self, driver, road)
         if not isinstance(under_layers(driver), _Rehearsing):
             rehearse()  # not on the driver's time
@@ -247,8 +248,8 @@ class EmbeddedSimulator(StartingPlace, Ready):
         except DriverError as error:
             return Drive(Trajectory.empty(), self.car, self.rules, road, Trouble.of(error))
         if renderer is not None:
-            renderer.draw(*road.pose)  # likewise
-        car = _Car(self._start(road), *self._conditions(road), road, renderer)
+            renderer.draw(*road.pose)  # nor this
+        car = _EmbeddedCar(self._start(road), *self._conditions(road), road, renderer)
         return follow(
             car,
             road,
@@ -261,7 +262,7 @@ class EmbeddedSimulator(StartingPlace, Ready):
         )
 
     def _conditions(self, road: Road) -> tuple[FloatArray, FloatArray]:
-        """The car's parameters on this road, and its weather, as the kernels take them."""
+        """Return the car's parameters on this road, and its weather, as the kernels take them."""
         car, parameters = self._steered, self._parameters
         if self.load:
             car = car.loaded(self.load)
@@ -275,7 +276,7 @@ class EmbeddedSimulator(StartingPlace, Ready):
         )
 
 
-class _Car:
+class _EmbeddedCar:
     """A car that is moved for a driver in Python."""
 
     def __init__(
@@ -293,19 +294,19 @@ class _Car:
         self._renderer = renderer
 
     def motion(self) -> list[float]:
-        """The state, whose order is that of a trajectory's columns."""
+        """Return the state, whose order is the order of a trajectory's columns."""
         values: list[float] = self._state.tolist()
         return values
 
     def picture(self) -> Image | None:
-        """What the camera sees."""
+        """Return what the camera sees; None without a camera."""
         state = self._state
         if self._renderer is None:
             return None
         return self._renderer.draw(state[X], state[Y], state[HEADING])
 
     def advance(self, steering: float, throttle: float, brake: float, seconds: float) -> None:
-        """Moves it on."""
+        """Move the car on."""
         steps = round(seconds / kernels.STEP)
         self._s = kernels.advance_period(
             self._state,
@@ -320,10 +321,10 @@ class _Car:
 
 
 def _renderer(road: Road, camera: Camera, scene: Scene) -> Renderer:
-    """What draws for a camera: the first that is installed.
+    """Return a renderer for a camera, the first that is installed.
 
     Raises:
-        DriverError: none is.
+        DriverError: No renderer is installed.
     """
     for entry in installed(RENDERERS):
         renderer: Renderer = imported(entry.target)(road, camera, scene)
@@ -335,7 +336,7 @@ def _renderer(road: Road, camera: Camera, scene: Scene) -> Renderer:
 
 @cache
 def compile_kernels() -> None:
-    """Fits, validates, drives and judges one road, so that every kernel is ready afterwards.
+    """Fit, validate, drive and judge one road, so that every kernel is ready afterwards.
 
     The first time on a machine this compiles for some seconds; the result is cached on disk, and
     then it takes a fraction of a second.
@@ -352,7 +353,7 @@ def compile_kernels() -> None:
 
 @contextmanager
 def _driving_elsewhere() -> Iterator[None]:
-    """Has another process compile a drive's kernels meanwhile, where none is on disk yet."""
+    """Have another process compile a drive's kernels meanwhile, where none is on disk yet."""
     folder = cache_folder(kernels.rollout)
     if folder is None or next(folder.glob("rollout.*.nbi"), None) or not sys.executable:
         yield
@@ -371,28 +372,28 @@ class _Rehearsing(Planner):
     """The planner as a driver in Python, which looks at the lane, too."""
 
     def act(self, observation: Observation) -> Controls:
-        """The planner's controls."""
+        """Return the planner's controls."""
         observation.lane()
         return super().act(observation)
 
 
 @cache
 def rehearse() -> None:
-    """Drives as a driver in Python does, which needs more kernels, so that these are ready, too."""
+    """Drive as a driver in Python does, which needs more kernels, so that they are ready."""
     compile_kernels()
     EmbeddedSimulator().drive(Road([0.0] * 5), Noisy(_Rehearsing()))
 
 
-def _cache_check() -> Check:
-    """Whether compiled kernels can be kept."""
+def _cache_check() -> SimulatorCheck:
+    """Return whether compiled kernels can be cached."""
     folder = cache_folder(kernels.rollout)
     if folder is None or not folder.is_dir():
-        return Check("cache", False, "kernels are not cached", "unset NUMBA_DISABLE_JIT")
+        return SimulatorCheck("cache", False, "kernels are not cached", "unset NUMBA_DISABLE_JIT")
     if not os.access(folder, os.W_OK):
-        return Check(
+        return SimulatorCheck(
             "cache",
             False,
             f"{folder} cannot be written: kernels are compiled anew after every change",
             f"make it writable, or set {VARIABLE} to a folder that is",
         )
-    return Check("cache", True, f"{folder} can be written")
+    return SimulatorCheck("cache", True, f"{folder} can be written")

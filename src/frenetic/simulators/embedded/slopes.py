@@ -1,6 +1,6 @@
 """The road's plane under the car: how it is tilted, and what of gravity acts in it and across it.
 
-Height over the map is that of the centre line, and rises by the superelevation e to the left of it.
+The road's height over the map is its centre line's; to the left it rises by the superelevation e.
 A car lies in the plane that touches the road under its centre of mass. With the height's gradient
 there, p ahead of the car and q to the left, its second derivatives H, S = sqrt(1 + p²),
 N = sqrt(1 + p² + q²), the speeds v_x, v_y and the yaw rate r in the plane and the velocity u on the
@@ -22,13 +22,20 @@ from typing import Final
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
 from frenetic.road.geometry import CURVATURE, frame_at, heading_at, project_near, reach_of
+from frenetic.simulators.embedded.single_track import (
+    HEADING,
+    LATERAL_SPEED,
+    SPEED,
+    YAW_RATE,
+    X,
+    Y,
+    on_map,
+)
 from frenetic.simulators.embedded.vehicle import (
     ACROSS,
     AHEAD,
     GRAVITY,
-    HEADING,
     IS_TILTED,
-    LATERAL_SPEED,
     LEAST_ACCELERATION,
     LEFT,
     MOST_ACCELERATION,
@@ -36,17 +43,46 @@ from frenetic.simulators.embedded.vehicle import (
     PULL_LEFT,
     ROLLING_DRAG,
     SKEW,
-    SPEED,
     TURN,
     TWIST,
-    YAW_RATE,
-    X,
-    Y,
-    on_map,
 )
 
 LEAST_LOAD: Final = 1e-6
-"""Least load per weight: that of a car that would take off, which stays on the road."""
+"""Least load per weight, on a crest where a car would take off; here it stays on the road."""
+
+
+@njit(error_model="numpy")
+def _height_at(
+    table: FloatArray, ds: float, slopes: FloatArray, s: float, d: float
+) -> tuple[float, float, float, float]:
+    """Return the height's derivatives along the road (s) and across it (d): z_s, z_d, z_ss, z_sd.
+
+    Args:
+        table, ds: The road, see `frenetic.road.geometry`.
+        slopes: `Road.slopes`.
+        s: m along the road.
+        d: m to the left of the centre line.
+
+    """
+    # The road there, and its rates along it; beyond its ends nothing changes.
+    last = len(slopes) - 1
+    i = min(max(int(s / ds), 0), last - 1)
+    t = min(max(s / ds - i, 0.0), 1.0)
+    e_rate = (slopes[i + 1, 0] - slopes[i, 0]) / ds
+    grade_rate = (slopes[i + 1, 1] - slopes[i, 1]) / ds
+    kappa_rate = (table[i + 1, CURVATURE] - table[i, CURVATURE]) / ds
+    e = slopes[i, 0] + t * ds * e_rate
+    grade = slopes[i, 1] + t * ds * grade_rate
+    kappa = table[i, CURVATURE] + t * ds * kappa_rate
+    if not 0.0 <= s <= last * ds:
+        e_rate = grade_rate = kappa_rate = kappa = 0.0
+
+    # Gradient and second derivatives of the height at d.
+    shrunk = max(1.0 - kappa * d, 0.05)  # of a metre of centre line
+    grade = (grade + e_rate * d) / shrunk
+    z_ss = ((grade_rate + grade * kappa_rate * d) / shrunk - e * kappa) / shrunk
+    z_sd = (e_rate + grade * kappa) / shrunk
+    return grade, e, z_ss, z_sd
 
 
 @njit(error_model="numpy")
@@ -59,15 +95,15 @@ def lay(
     s: float,
     seconds: float,
 ) -> tuple[FloatArray, float]:
-    """Return a car's parameters on the road under it, held for some time, and its place there.
+    """Return a car's parameters on the road under it, and its place along the road in m.
 
     Args:
         p: `Vehicle.to_array()`.
-        table, ds: the road, see `frenetic.road.geometry`.
+        table, ds: The road, see `frenetic.road.geometry`.
         slopes: `Road.slopes`, not of a flat road.
         state: (7,).
         s: m, a place of the car some time ago.
-        seconds: that the parameters hold; slopes are those in their middle.
+        seconds: s for which the parameters hold; slopes are taken in the middle of them.
 
     """
     v_x, v_y = state[SPEED], state[LATERAL_SPEED]
@@ -75,7 +111,7 @@ def lay(
     s, d = project_near(table, ds, state[X], state[Y], s, reach)
     turned = state[HEADING] - heading_at(table, ds, s)
 
-    # Where it will be when half the time has passed.
+    # Place and direction of the car when half the time has passed.
     half = 0.5 * seconds
     kappa = frame_at(table, ds, s)[4]
     along = v_x * math.cos(turned) - v_y * math.sin(turned)
@@ -85,26 +121,9 @@ def lay(
     turned += half * (state[YAW_RATE] - kappa * along)
     c, w = math.cos(turned), math.sin(turned)
 
-    # The road there, and its rates along it; beyond its ends nothing changes.
-    last = len(slopes) - 1
-    i = min(max(int(middle / ds), 0), last - 1)
-    t = min(max(middle / ds - i, 0.0), 1.0)
-    e_rate = (slopes[i + 1, 0] - slopes[i, 0]) / ds
-    grade_rate = (slopes[i + 1, 1] - slopes[i, 1]) / ds
-    kappa_rate = (table[i + 1, CURVATURE] - table[i, CURVATURE]) / ds
-    e = slopes[i, 0] + t * ds * e_rate
-    grade = slopes[i, 1] + t * ds * grade_rate
-    kappa = table[i, CURVATURE] + t * ds * kappa_rate
-    if not 0.0 <= middle <= last * ds:
-        e_rate = grade_rate = kappa_rate = kappa = 0.0
+    grade, e, z_ss, z_sd = _height_at(table, ds, slopes, middle, d)
 
-    # Gradient and second derivatives of the height at d, along the road (s) and across it (d).
-    shrunk = max(1.0 - kappa * d, 0.05)  # of a metre of centre line
-    grade = (grade + e_rate * d) / shrunk
-    z_ss = ((grade_rate + grade * kappa_rate * d) / shrunk - e * kappa) / shrunk
-    z_sd = (e_rate + grade * kappa) / shrunk
-
-    # In the car's.
+    # Gradient in the car's frame, and gravity's pull.
     ahead, left = grade * c + e * w, e * c - grade * w
     length, norm = math.sqrt(1.0 + ahead * ahead), math.sqrt(1.0 + ahead * ahead + left * left)
     ground = p.copy()

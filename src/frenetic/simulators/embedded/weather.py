@@ -21,19 +21,16 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
 from frenetic.road.geometry import project_near, reach_of
+from frenetic.simulators.embedded.single_track import LATERAL_SPEED, SPEED, X, Y
 from frenetic.simulators.embedded.vehicle import (
     AHEAD,
     AIR_DENSITY,
     IS_TILTED,
-    LATERAL_SPEED,
     LEFT,
     MASS,
     PULL_LEFT,
-    SPEED,
     TURN,
     Vehicle,
-    X,
-    Y,
 )
 
 WET_LENGTH: Final = 40.0
@@ -44,20 +41,20 @@ SIDE_AREA: Final = 5.0
 """Side-force coefficient times frontal area, in m²; our choice, a family car's in wind tunnels."""
 _WET_AT, _GUST_AT, _GUST, _VEHICLE = range(4)
 NONE: Final = np.empty(0)
-"""The array of neither."""
+"""Array of the weather without a wet stretch and without a gust."""
 
 
 def weather_array(
     vehicle: Vehicle, wet: float, gust: float, wet_at: float, gust_at: float
 ) -> FloatArray:
-    """The weather as the kernels take it.
+    """Return the weather as the kernels take it.
 
     Args:
-        vehicle: the car.
-        wet: friction on the wet stretch, as a share of the road's; 1 for none.
+        vehicle: The car.
+        wet: Friction on the wet stretch, as a share of the road's; 1 for none.
         gust: m/s, to the left; 0 for none.
         wet_at: m along the road, the stretch's middle.
-        gust_at: m along the road, the gust's.
+        gust_at: m along the road, the gust's middle.
     """
     if wet == 1.0 and gust == 0.0:
         return NONE
@@ -67,7 +64,7 @@ def weather_array(
 
 @njit(error_model="numpy")
 def place_of(table: FloatArray, ds: float, state: FloatArray, s: float) -> float:
-    """The car's place along the road in m, which was at ``s`` a short time ago."""
+    """Return the place along the road, in m, of a car that was at ``s`` a short time ago."""
     reach = reach_of(0.1 * math.hypot(state[SPEED], state[LATERAL_SPEED]))
     now: float = project_near(table, ds, state[X], state[Y], s, reach)[0]
     return now
@@ -75,7 +72,7 @@ def place_of(table: FloatArray, ds: float, state: FloatArray, s: float) -> float
 
 @njit(error_model="numpy")
 def grip_at(weather: FloatArray, vehicle: FloatArray, s: float) -> FloatArray:
-    """The car's parameters at a place along the road, by the wet stretch."""
+    """Return the car's parameters at a place along the road, wet or not."""
     if abs(s - weather[_WET_AT]) <= 0.5 * WET_LENGTH:
         wet: FloatArray = weather[_VEHICLE:]
         return wet
@@ -84,7 +81,7 @@ def grip_at(weather: FloatArray, vehicle: FloatArray, s: float) -> FloatArray:
 
 @njit(error_model="numpy")
 def in_gust(weather: FloatArray, ground: FloatArray, state: FloatArray, s: float) -> FloatArray:
-    """The car's parameters at a place along the road, pushed by the gust."""
+    """Return the car's parameters at a place along the road, pushed by the gust."""
     away = abs(s - weather[_GUST_AT]) / GUST_LENGTH
     if weather[_GUST] == 0.0 or away >= 0.5:
         return ground
