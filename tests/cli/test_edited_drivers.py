@@ -170,9 +170,9 @@ def test_the_process_of_the_old_version_does_not_look_beside_the_new_one(tmp_pat
         RoadTester.of(spec)
         assert str(tmp_path) in sys.path
         with as_recorded("old", spec) as old:
-            assert old.place is not None
+            assert old.sources is not None
             old.start()
-            assert sys.path[0] == str(old.place)
+            assert sys.path[0] == str(old.sources)
             assert str(tmp_path) not in sys.path
 
 

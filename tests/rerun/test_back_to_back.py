@@ -180,7 +180,7 @@ def test_two_versions_of_a_helper_never_meet_in_one_process(tmp_path: Path) -> N
     assert {version for _, version in imported} == {"1", "2"}
     assert len({process for process, _ in imported}) == len(imported)
     assert found["fresh"]["judged"] == 4
-    for place in tmp_path.glob("c/again/*"):
+    for place in tmp_path.glob("c/rerun/*"):
         for test in driven_in(place):
             assert test.result.fault is None, test.reason
 

@@ -19,7 +19,7 @@ from frenetic.drivers import Driver, Planner
 from frenetic.errors import FreneticError
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import judge
-from frenetic.rerun.minimise import GUARD, Ending, FailureReason, Minimised, minimise
+from frenetic.rerun.minimise import GUARD, FailureReason, Minimised, StopReason, minimise
 from frenetic.rerun.shrinker import Shape
 from frenetic.road import Road
 from frenetic.search import Candidate, Frenetic2021
@@ -134,7 +134,7 @@ def test_failures_become_half_as_long_and_stay_the_same_failure(failures: list[R
         assert judge(smallest.road, drive) == smallest.result
         assert minimised.difference == pytest.approx(difference(original, smallest), abs=1e-3)
         assert minimised.difference <= 2.0
-        assert (minimised.ending, minimised.trouble) == (Ending.MINIMAL, None)
+        assert (minimised.stop_reason, minimised.error) == (StopReason.MINIMAL, None)
         before, after = minimised.shapes
         assert before.values == tuple(road.curvatures)
         assert Shape(tuple(smallest.road.curvatures), smallest.road.step) == after
@@ -178,7 +178,7 @@ def test_no_drive_is_one_too_many(failures: list[Road], max_drives: int) -> None
     how = {"max_drives": max_drives, "on_event": on_test(seen.append)}
     minimised = minimised_by(simulator, failures[1], **how)
     assert len(simulator.driven) == minimised.drives == max_drives
-    assert minimised.ending is Ending.SPENT
+    assert minimised.stop_reason is StopReason.SPENT
     lengths = [test.candidate.notes["length"] for test in seen[1:]]
     assert lengths == sorted(lengths, reverse=True)
     if max_drives == 1:  # which finds out that it fails
@@ -211,7 +211,7 @@ STRAIGHT = Road([0.0] * 15)
         (STRAIGHT, {}, "PASS: Car reached the end"),
         (Road([0.07] * 15), {}, "INVALID: .*self-intersecting"),
         (STRAIGHT, {"max_drives": 0}, "max_drives is 0"),
-        (Road([0.0] * 15, lane_width=5.0), {}, "are 5 m wide, those of the tester 4 m"),
+        (Road([0.0] * 15, lane_width=5.0), {}, "are 5 m wide, the tester's 4 m"),
     ],
 )
 def test_what_cannot_be_minimised_is_refused(
@@ -234,8 +234,8 @@ def test_simulator_that_breaks_for_good_leaves_the_smallest_road(
     simulator = Watched(breaks_after=40, starts_again=starts_again)
     with simulator:
         minimised = minimised_by(simulator, failures[0])
-    assert (minimised.ending, minimised.drives) == (Ending.STOPPED, drives)
-    assert words in (minimised.trouble or "")
+    assert (minimised.stop_reason, minimised.drives) == (StopReason.STOPPED, drives)
+    assert words in (minimised.error or "")
     assert minimised.road.length < failures[0].length
 
 
@@ -255,13 +255,13 @@ def test_an_interrupted_one_goes_on_and_a_complete_one_is_shown(
     for drives in (5, 20):
         press = on_result(press_at(drives))
         found = minimised_by(simulator, road, folder=tmp_path, on_event=press)
-        assert (found.ending, found.drives) == (Ending.STOPPED, drives)
+        assert (found.stop_reason, found.drives) == (StopReason.STOPPED, drives)
         assert len(simulator.driven) == drives
     assert found.road.length < road.length
     for most in (40, 500, 500):
         found = minimised_by(simulator, road, max_drives=most, folder=tmp_path)
         assert len(simulator.driven) == found.drives == min(most, whole.drives)
     assert found.smallest.result == whole.smallest.result
-    assert (found.ending, found.is_guarded) == (whole.ending, whole.is_guarded)
-    (folder,) = (tmp_path / "again").iterdir()
+    assert (found.stop_reason, found.is_guarded) == (whole.stop_reason, whole.is_guarded)
+    (folder,) = (tmp_path / "rerun").iterdir()
     assert not check_campaign(folder).findings

@@ -29,11 +29,11 @@ from frenetic.rerun.campaigns import FOLDER
 from frenetic.rerun.rerun import (
     Rerun,
     drive_tests,
-    elsewhere,
-    name_of,
+    in_other_simulators,
     own_repeats,
     read_reruns,
     rerun,
+    rerun_name,
     rerun_with,
 )
 from frenetic.rerun.stability import Change
@@ -252,7 +252,7 @@ def test_the_most_telling_repeats_of_each_test_with_the_own_parts_count(
 
 def there(campaign: Path) -> list[Rerun]:
     with CampaignStore.open(campaign) as store:
-        return elsewhere(read_reruns(campaign), store.config)
+        return in_other_simulators(read_reruns(campaign), store.config)
 
 
 def test_another_simulator_is_added_and_other_tests_are_put_together(campaign: Path) -> None:
@@ -291,7 +291,7 @@ def test_a_rerun_is_named_after_its_simulator_and_conditions(tmp_path: Path) -> 
     ):
         tester = RoadTester(EmbeddedSimulator(friction=0.8), Planner(), terms)
         run = rerun_with(tmp_path, tester, tests=[test.id])
-        assert name_of(run, config) == f"embedded,friction=0.8{words}"
+        assert rerun_name(run, config) == f"embedded,friction=0.8{words}"
 
 
 def test_each_thing_to_drive_has_a_folder_and_is_driven_once(campaign: Path) -> None:

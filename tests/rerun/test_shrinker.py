@@ -10,7 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from frenetic.rerun.shrinker import Answer, Improvement, Shape, Shrinker, decimals, rounded_away
+from frenetic.rerun.shrinker import (
+    Improvement,
+    Shape,
+    Shrinker,
+    TrialResult,
+    decimals,
+    rounded_away,
+)
 
 ENOUGH = 20_000
 
@@ -31,7 +38,7 @@ class Shrunk:
 
 def shrink(
     start: Shape,
-    ask: Callable[[Shape], Answer],
+    ask: Callable[[Shape], TrialResult],
     *,
     max_trials: int,
     neighbours: Callable[[Shape], Iterable[Shape]] = lambda shape: (),
@@ -50,18 +57,18 @@ def shrink(
     return Shrunk(shrinker.best, found, shrinker.trials, is_minimal, shrinker.is_guarded)
 
 
-def when(holds: Callable[[Shape], bool]) -> Callable[[Shape], Answer]:
-    return lambda shape: Answer.YES if holds(shape) else Answer.NO
+def when(holds: Callable[[Shape], bool]) -> Callable[[Shape], TrialResult]:
+    return lambda shape: TrialResult.YES if holds(shape) else TrialResult.NO
 
 
-def at_random(seed: int, *, refusing: bool = False) -> Callable[[Shape], Answer]:
+def at_random(seed: int, *, refusing: bool = False) -> Callable[[Shape], TrialResult]:
     """Answers that follow no rule, but always the same to the same shape."""
 
-    def ask(shape: Shape) -> Answer:
+    def ask(shape: Shape) -> TrialResult:
         number = zlib.crc32(repr((seed, shape.values, shape.step)).encode())
         if refusing and number % 5 == 0:
-            return Answer.REFUSED
-        return Answer.YES if number % 3 == 0 else Answer.NO
+            return TrialResult.REFUSED
+        return TrialResult.YES if number % 3 == 0 else TrialResult.NO
 
     return ask
 
@@ -142,27 +149,27 @@ def test_whatever_the_property_it_improves_until_nothing_can_be_left_out(
     ask = at_random(seed, refusing=refusing)
     asked: list[Shape] = []
 
-    def counting(shape: Shape) -> Answer:
+    def counting(shape: Shape) -> TrialResult:
         asked.append(shape)
         return ask(shape)
 
     shrunk = shrink(start, counting, max_trials=ENOUGH)
     assert len({start, *asked}) == 1 + len(asked)
-    assert shrunk.trials == sum(ask(shape) is not Answer.REFUSED for shape in asked)
+    assert shrunk.trials == sum(ask(shape) is not TrialResult.REFUSED for shape in asked)
     assert shrunk.is_minimal
     found = [improvement.shape for improvement in shrunk.improvements]
     ranks = [shape.rank for shape in (start, *found)]
     assert all(after < before for before, after in pairwise(ranks))
-    assert all(ask(shape) is Answer.YES for shape in found)
+    assert all(ask(shape) is TrialResult.YES for shape in found)
     trials = [improvement.trials for improvement in shrunk.improvements]
     assert trials == sorted(trials)
     best = shrunk.shape
     assert best == (start, *found)[-1]
     for i in range(len(best)):
         shorter = best.replaced(i, i + 1, ())
-        assert len(shorter) < 2 or shorter == start or ask(shorter) is not Answer.YES
+        assert len(shorter) < 2 or shorter == start or ask(shorter) is not TrialResult.YES
         straighter = best.replaced(i, i + 1, [0.0])
-        assert straighter.rank >= best.rank or ask(straighter) is not Answer.YES
+        assert straighter.rank >= best.rank or ask(straighter) is not TrialResult.YES
     part = shrink(start, ask, max_trials=few)  # fewer trials get a part of the way
     assert part.improvements == shrunk.improvements[: len(part.improvements)]
     assert part.trials == few or part == shrunk
@@ -224,9 +231,15 @@ def test_samples_that_are_denser_than_10_m_are_thinned_out_first() -> None:
 
 
 def test_neighbours_have_to_have_the_property_too() -> None:
-    def ask(shape: Shape) -> Answer:
+    def ask(shape: Shape) -> TrialResult:
         most = max(map(abs, shape.values))
-        return Answer.REFUSED if most > 0.06 else Answer.YES if most >= 0.03 else Answer.NO
+        return (
+            TrialResult.REFUSED
+            if most > 0.06
+            else TrialResult.YES
+            if most >= 0.03
+            else TrialResult.NO
+        )
 
     def neighbours(shape: Shape) -> list[Shape]:
         return [shape.scaled(0.9), shape.scaled(1.1)]

@@ -134,7 +134,7 @@ def test_what_the_parts_say_instead_wins_and_is_another_drive(campaign: Path) ->
 def test_a_simulator_that_lays_none_of_them_is_refused_before_a_drive(campaign: Path) -> None:
     with pytest.raises(FreneticError, match="DummySimulator cannot vary friction"):
         rerun(campaign, DummySimulator(), Planner())
-    assert not (campaign / "again").exists()
+    assert not (campaign / "rerun").exists()
 
 
 # Two versions of a driver

@@ -76,7 +76,7 @@ def variation(asked: AskedRange, tester: RoadTester) -> Variation:
     "--out",
     type=click.Path(path_type=Path),
     metavar="FOLDER",
-    help="Campaign that drives them. [default: a folder in again/ of the CAMPAIGN]",
+    help="Campaign that drives them. [default: a folder in rerun/ of the CAMPAIGN]",
 )
 @file_option("--junit", "Write the results as JUnit XML, one test case per road.", type=NewFile())
 @fail_on_failure_option

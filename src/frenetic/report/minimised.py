@@ -111,7 +111,7 @@ def minimised_document(
             "campaign": minimised.folder,
             "test": smallest.id,
             "is_guarded": minimised.is_guarded,
-            "ending": str(minimised.ending),
+            "ending": str(minimised.stop_reason),
             **({"passes": dict(minimised.passes)} if minimised.passes else {}),
         },
         **road_entries(smallest.road),

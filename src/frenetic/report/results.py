@@ -173,7 +173,7 @@ def shorten_causes(campaign: Campaign, findings: Findings, summary: Summary) -> 
         except FreneticError as error:
             yield str(error)
             return
-        if answer.ending == "stopped" and answer.trouble is None:
+        if answer.stop_reason == "stopped" and answer.error is None:
             yield f"shortening was interrupted; go on: {_minimise_command(campaign)}"
 
 

@@ -1,9 +1,9 @@
 """Two versions of a driver on the same roads: which is better, and what each does wrong.
 
-Both drive on fresh random roads, on which the verdict rests: a campaign of random search with the
-old version, in the folder ``again`` of its campaign, and a rerun of it with the new one. The roads
-on which the old version failed, which the new one drives, too, are shown beside: they were found by
-searching against the old version, so it looks worse on them than it is (regression to the mean).
+Both drive on fresh random roads: the old version in a campaign of random search, the new version in
+a rerun of that campaign. The verdict rests on these roads. The new version also drives the roads on
+which the old version's campaign failed. They are only shown: the search looked for failures of the
+old version, so it looks worse on them than it is (regression to the mean).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from frenetic._support.json_value import JSONValue
 from frenetic._support.words import counted, part_word
 from frenetic.analysis.causes import in_words
 from frenetic.analysis.failures import Failure
-from frenetic.analysis.statistics import Estimate, median_estimate, paired_share_difference
+from frenetic.analysis.statistics import ValueWithInterval, median_estimate, paired_share_difference
 from frenetic.campaign.configuration import with_budget
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.record import Test
@@ -44,7 +44,13 @@ from frenetic.parts.trust import NOT_DRIVING, REGISTRIES
 from frenetic.parts.versions import comparison_key, sources_named
 from frenetic.processes.interrupt import catch_interrupt
 from frenetic.processes.worker import LostWorkerError, Worker, pack, ready, report
-from frenetic.rerun.campaigns import How, campaign_again, complete, say_complete
+from frenetic.rerun.campaigns import (
+    RerunOptions,
+    RerunPlan,
+    drive_missing,
+    report_complete,
+    rerun_campaign,
+)
 from frenetic.rerun.rerun import drive_tests
 from frenetic.rerun.stability import Change
 from frenetic.search import RandomSearch
@@ -55,21 +61,21 @@ from frenetic.spec.part_record import part_text
 FRESH: Final = 200
 """Default number of fresh roads."""
 SLOWER: Final = 0.01
-"""Least share of the time by which a version counts as slower."""
+"""Least relative increase of the median time at which a version counts as slower; ours."""
 BETTER: Final = "new is better"
 WORSE: Final = "new is worse"
-_POLL: Final = 0.2  # s between two looks whether Ctrl-C was pressed
+_POLL: Final = 0.2  # [s] between two checks whether Ctrl-C was pressed; ours
 
 
 class Pair(NamedTuple):
-    """The drives of both versions on a road."""
+    """Drives of both versions on one road."""
 
     old: Test
     new: Test
 
     @property
     def change(self) -> Change:
-        """From the old version to the new."""
+        """Change of the outcome from the old version to the new one."""
         if not (self.old.outcome.is_driven and self.new.outcome.is_driven):
             return Change.NOT_JUDGED
         return Change.of(*(test.outcome is Outcome.FAIL for test in self))
@@ -77,7 +83,7 @@ class Pair(NamedTuple):
 
 @dataclass(frozen=True)
 class PairedRoads:
-    """The drives of both versions on several roads."""
+    """Drives of both versions on several roads."""
 
     folder: Path
     """Folder of the campaign that holds the roads, and the old version's drives."""
@@ -95,12 +101,12 @@ class PairedRoads:
 
     @property
     def failing(self) -> tuple[int, int]:
-        """Judged roads on which the old version fails, and the new."""
+        """Numbers of judged roads on which the old and the new version fail."""
         old, new = (sum(pair[i].outcome is Outcome.FAIL for pair in self.judged) for i in range(2))
         return old, new
 
     def as_json(self) -> dict[str, JSONValue]:
-        """Its counts."""
+        """Return the counts as a JSON object."""
         old, new = self.failing
         return {
             "campaign": str(self.folder),
@@ -112,31 +118,32 @@ class PairedRoads:
 
 @dataclass(frozen=True)
 class BackToBack:
-    """Two versions of a driver, driven on the same roads."""
+    """Comparison of two versions of a driver that drove on the same roads."""
 
     old: Mapping[str, JSONValue]
-    """Driver as a campaign describes it."""
+    """Old version, as `frenetic.spec.part_record.describe` records it."""
     new: Mapping[str, JSONValue]
+    """New version, as `frenetic.spec.part_record.describe` records it."""
     simulator: Mapping[str, JSONValue]
     seed: int
     """Seed of the fresh roads."""
     fresh: PairedRoads
-    """The fresh roads, on which the verdict rests."""
+    """Fresh roads, on which the verdict rests."""
     known: PairedRoads
-    """Those on which the old version failed in its campaign."""
+    """Roads on which the old version failed in its campaign."""
     domain: Domain | None = None
     """Domain of the roads and their conditions; None for the usual conditions."""
     missing: int = 0
     """Number of drives that Ctrl-C prevented."""
 
     @cached_property
-    def difference(self) -> Estimate | None:
-        """Failure rate of the new version minus that of the old, -1..1; None without pairs."""
-        return _difference(self.fresh.judged)
+    def difference(self) -> ValueWithInterval | None:
+        """Failure rate of the new version minus the old one's, -1..1; None without pairs."""
+        return _failure_difference(self.fresh.judged)
 
     @cached_property
-    def time_difference(self) -> Estimate | None:
-        """Median of the new version's time over the old one's, minus 1, where both passed."""
+    def time_difference(self) -> ValueWithInterval | None:
+        """Median relative increase of the time from old to new, on roads that both passed."""
         ratios = [
             new.result.duration / old.result.duration - 1.0
             for old, new in self.fresh.judged
@@ -148,30 +155,29 @@ class BackToBack:
 
     @property
     def verdict(self) -> str:
-        """The verdict: the whole interval of the difference lies on one side of 0.
+        """Verdict: better or worse if the whole interval of the difference lies on one side of 0.
 
-        It has to do so whether errors of the simulator are left out or count as failures.
+        It must do so both without the simulator's errors and with these counted as failures.
         """
-        broken_too = [
+        with_errors = [
             pair
             for pair in self.fresh.pairs
             if all(test.outcome.is_driven or test.outcome is Outcome.ERROR for test in pair)
         ]
-        signs = {
-            0 if one is None else one.sign for one in (self.difference, _difference(broken_too))
-        }
+        differences = (self.difference, _failure_difference(with_errors))
+        signs = {0 if difference is None else difference.sign for difference in differences}
         if len(signs) > 1 or self.difference is None:
             return "cannot tell"
         return {-1: BETTER, 0: "no difference shown", 1: WORSE}[signs.pop()]
 
     @property
     def answer(self) -> str:
-        """The answer in one line."""
+        """Answer in one line."""
         difference, verdict = self.difference, self.verdict
         if difference is None:
             return "cannot tell which is better: no fresh road was judged with both"
         old, new = self.fresh.failing
-        value, low, high = (_points(one) for one in asdict(difference).values())
+        value, low, high = (_points(share) for share in asdict(difference).values())
         rates = f"(difference {value} points, 95 % interval {low} to {high})"
         roads = f"of {counted(len(self.fresh.judged), 'fresh road')}"
         if verdict not in (BETTER, WORSE):
@@ -186,15 +192,15 @@ class BackToBack:
 
     @cached_property
     def causes(self) -> dict[str, tuple[int, int]]:
-        """What the drivers do wrong -> on how many of all roads the old and the new version do."""
-        found: tuple[Counter[str], ...] = Counter(), Counter()
+        """Cause in words -> numbers of all roads on which old and new version fail by it."""
+        counts: tuple[Counter[str], ...] = Counter(), Counter()
         for pair in (*self.fresh.judged, *self.known.judged):
-            for causes, test in zip(found, pair, strict=True):
+            for causes, test in zip(counts, pair, strict=True):
                 if (failure := Failure.of_test(test)) is not None:
                     cause = failure.cause
                     words = "" if cause is None else in_words(cause.kind, None, cause.criterion)
                     causes[words or str(failure.fault)] += 1
-        old, new = found
+        old, new = counts
         names = sorted({*old, *new}, key=lambda name: (-max(old[name], new[name]), name))
         return {name: (old[name], new[name]) for name in names}
 
@@ -211,7 +217,8 @@ class BackToBack:
             )
         for i, version in enumerate(("old", "new")):
             pairs = (*self.fresh.pairs, *self.known.pairs)
-            reasons = Counter(one[i].reason for one in pairs if one[i].outcome is Outcome.ERROR)
+            tests = [pair[i] for pair in pairs]
+            reasons = Counter(test.reason for test in tests if test.outcome is Outcome.ERROR)
             for reason, _ in reasons.most_common(1):
                 yield (
                     f"the simulator broke in {counted(reasons.total(), 'drive')} with {version},"
@@ -222,7 +229,7 @@ class BackToBack:
             yield f"four times as many fresh roads, {more}, halve the interval"
 
     def as_json(self) -> dict[str, JSONValue]:
-        """The result for JSON."""
+        """Return the comparison as a JSON object."""
         return {
             "answer": self.answer,
             "verdict": self.verdict,
@@ -232,16 +239,16 @@ class BackToBack:
             "simulator": dict(self.simulator),
             "seed": self.seed,
             "domain": None if self.domain is None else self.domain.entries(),
-            "difference": _interval(self.difference),
-            "time_difference": _interval(self.time_difference),
+            "difference": _interval_json(self.difference),
+            "time_difference": _interval_json(self.time_difference),
             "fresh": self.fresh.as_json(),
             "known": self.known.as_json(),
             "causes": {cause: list(roads) for cause, roads in self.causes.items()},
         }
 
 
-def _difference(pairs: Sequence[Pair]) -> Estimate | None:
-    """The difference of the failure rates; errors of the simulator count as failures."""
+def _failure_difference(pairs: Sequence[Pair]) -> ValueWithInterval | None:
+    """Return the difference of the failure rates, None without pairs; an error is a failure."""
     if not pairs:
         return None
     old, new = ([pair[i].outcome is not Outcome.PASS for pair in pairs] for i in range(2))
@@ -249,15 +256,15 @@ def _difference(pairs: Sequence[Pair]) -> Estimate | None:
 
 
 def _points(share: float) -> str:
-    """A difference of shares in percentage points, with its sign but for 0."""
+    """Return a difference of shares in percentage points, with a sign unless it is 0."""
     text = f"{100.0 * share:+.1f}"
     return text[1:] if float(text) == 0.0 else text
 
 
-def _interval(value: Estimate | None) -> dict[str, JSONValue] | None:
+def _interval_json(value: ValueWithInterval | None) -> dict[str, JSONValue] | None:
     if value is None:
         return None
-    return {name: v if math.isfinite(v) else None for name, v in asdict(value).items()}
+    return {name: end if math.isfinite(end) else None for name, end in asdict(value).items()}
 
 
 # Driving
@@ -265,45 +272,47 @@ def _interval(value: Estimate | None) -> dict[str, JSONValue] | None:
 
 @dataclass(frozen=True)
 class FreshRoads:
-    """Fresh random roads, driven by the old version."""
+    """Fresh random roads that the old version has driven."""
 
     campaign: Path
-    """Folder of the campaign of the old version."""
+    """Folder of the old version's campaign."""
     folder: Path
-    """Folder of the campaign of random search with these roads."""
+    """Folder of the campaign of random search that drove these roads."""
     count: int
+    """Number of planned roads."""
     seed: int
+    """Seed of the random search."""
     driver: Mapping[str, JSONValue]
-    """The old version as a campaign describes it."""
+    """Old version, as `frenetic.spec.part_record.describe` records it."""
     tests: tuple[int, ...]
-    """Ids of the roads' tests there; Ctrl-C leaves fewer."""
+    """Ids of the driven tests in `folder`; Ctrl-C leaves fewer than `count`."""
 
 
 def fresh_roads(
-    campaign: Path | str, tester: RoadTester, *, fresh: int = FRESH, **how: Unpack[How]
+    campaign: Path | str,
+    tester: RoadTester,
+    *,
+    fresh: int = FRESH,
+    strategy_name: str | None = "random",
+    **options: Unpack[RerunOptions],
 ) -> FreshRoads:
-    """Lets the old version drive on fresh random roads, as far as these drives are not stored.
+    """Return fresh random roads that the old version has driven; missing drives are made.
 
-    The seed is the least that is not the campaign's.
+    The seed is the least one that is not the campaign's.
 
     Args:
         campaign: folder of a campaign of the old version.
         tester: drives with the old version on the campaign's terms.
         fresh: number of roads.
-        how: see `How`.
+        strategy_name: name of the strategy in the record; None leaves a record without a spec,
+            which is not signed.
+        options: see `RerunOptions`.
 
     Raises:
-        CampaignError: there is no such campaign, or as for
-            `frenetic.rerun.campaigns.campaign_again`.
+        CampaignError: the campaign does not exist, or see
+            `frenetic.rerun.campaigns.rerun_campaign`.
         ValueError: an option is out of range.
     """
-    return _drive_fresh(campaign, tester, fresh, how, named="random")
-
-
-def _drive_fresh(
-    campaign: Path | str, tester: RoadTester, fresh: int, how: How, *, named: str | None
-) -> FreshRoads:
-    """`fresh_roads`, by a strategy of that name; without one, its record has no spec to sign."""
     require_count("fresh", fresh)
     with CampaignStore.open(campaign) as store:
         seed = _fresh_seed(store)
@@ -313,43 +322,41 @@ def _drive_fresh(
     )
     if tester.spec is not None:
         tester = replace(tester, spec=with_budget(structs.replace(tester.spec, seed=seed), budget))
-    driving = campaign_again(
-        campaign,
+    plan = RerunPlan(
         strategy,
-        tester,
         budget,
-        what=["fresh", seed],
-        terms={"fresh": True},
-        how=how,
-        named=named,
+        identity=["fresh", seed],
+        purpose={"fresh": True},
+        strategy_name=strategy_name,
     )
-    tests = _driven(driving.folder)
+    driving, on_event = rerun_campaign(campaign, plan, tester, options), options.get("on_event")
+    tests = _driven_tests(driving.folder)
     if len(tests) < fresh:
-        complete(driving, how)
+        drive_missing(driving, on_event)
     else:
         outcomes = Counter(test.outcome for test in tests[:fresh])
-        say_complete(driving.folder, Counts.of(outcomes), how.get("on_event"))
-    described = tester.described["driver"]
-    return _fresh_roads(Path(campaign), driving.folder, fresh, seed, described)
+        report_complete(driving.folder, Counts.of(outcomes), on_event)
+    driver = tester.described["driver"]
+    return _read_fresh_roads(Path(campaign), driving.folder, fresh, seed, driver)
 
 
 def recorded_driver(store: CampaignStore) -> Mapping[str, JSONValue]:
-    """The driver of a campaign, as it describes it."""
-    described = store.config["driver"]
-    return described if isinstance(described, Mapping) else {}
+    """Return the driver of a campaign as the campaign records it."""
+    driver = store.config["driver"]
+    return driver if isinstance(driver, Mapping) else {}
 
 
 def _fresh_seed(store: CampaignStore) -> int:
-    """The least seed that is not a campaign's."""
+    """Return the least seed that is not a campaign's."""
     taken = store.config.get("seed")
     return next(number for number in count() if number != taken)
 
 
-def _fresh_roads(
+def _read_fresh_roads(
     campaign: Path, folder: Path, fresh: int, seed: int, driver: Mapping[str, JSONValue]
 ) -> FreshRoads:
-    """The fresh roads in a folder, as far as they were driven."""
-    ids = tuple(test.id for test in _driven(folder)[:fresh])
+    """Return the fresh roads in a folder that were driven, at most ``fresh`` of them."""
+    ids = tuple(test.id for test in _driven_tests(folder)[:fresh])
     return FreshRoads(campaign, folder, fresh, seed, driver, ids)
 
 
@@ -359,36 +366,36 @@ def fresh_roads_as_recorded(
     *,
     fresh: int = FRESH,
     is_trusted: bool = False,
-    **how: Unpack[How],
+    **options: Unpack[RerunOptions],
 ) -> FreshRoads:
-    """`fresh_roads` with the driver of a campaign as it was then.
+    """Return fresh random roads that a campaign's driver has driven, in its recorded version.
 
-    A driver of the user's own is made in a process of its own, from the source that the campaign
-    keeps if it was edited since: two versions of one module never meet in one process.
+    A user's driver is made in a separate process, from the source that the campaign keeps if the
+    file was edited since: two versions of one module never meet in one process.
 
     Args:
-        campaign: its folder.
-        spec: its spec.
+        campaign: folder of the campaign.
+        spec: spec of the campaign.
         fresh: number of roads.
-        is_trusted: as for `as_recorded`.
-        how: see `How`.
+        is_trusted: whether the user trusts the campaign, with the sources that it keeps.
+        options: see `RerunOptions`.
 
     Raises:
-        CampaignError: the source was edited and the campaign keeps none, or as for `fresh_roads`.
-        FreneticError: it is code that this user has not trusted, see `frenetic.parts.trust`.
+        CampaignError: the source was edited and the campaign keeps none, or see `fresh_roads`.
+        FreneticError: the user has not trusted the code, see `frenetic.parts.trust`.
     """
     with as_recorded(campaign, spec, is_trusted=is_trusted) as old:
         recorded = old.spec
         if not DRIVERS.is_own(recorded.part("driver").name):
-            return fresh_roads(campaign, old.tester(), fresh=fresh, **how)
-        return _in_process(old, fresh, how)
+            return fresh_roads(campaign, old.tester(), fresh=fresh, **options)
+        return _drive_in_process(old, fresh, options)
 
 
-def _in_process(old: OldVersion, fresh: int, how: How) -> FreshRoads:
-    """The fresh roads of an old version, driven in a process of its own; Ctrl-C ends that."""
-    on_event = how.get("on_event") or (lambda _: None)
+def _drive_in_process(old: OldVersion, fresh: int, options: RerunOptions) -> FreshRoads:
+    """Let an old version drive fresh roads in a separate process, which Ctrl-C ends."""
+    on_event = options.get("on_event") or (lambda _: None)
     with CampaignStore.open(old.campaign) as store:
-        seed, described = _fresh_seed(store), recorded_driver(store)
+        seed, driver = _fresh_seed(store), recorded_driver(store)
     now, folder = Summary(), old.campaign
     worker = Worker("the old version", pack(old), files=())
 
@@ -398,7 +405,7 @@ def _in_process(old: OldVersion, fresh: int, how: How) -> FreshRoads:
     with catch_interrupt(on_interrupt) as interrupt:
         try:
             worker.start()
-            workers, isolate = how.get("workers", 1), how.get("isolate", False)
+            workers, isolate = options.get("workers", 1), options.get("isolate", False)
             worker.send(
                 *("drive", fresh, workers, isolate),
                 limit=math.inf,
@@ -419,49 +426,58 @@ def _in_process(old: OldVersion, fresh: int, how: How) -> FreshRoads:
             raise CampaignError(f"the old version did not drive: {error}") from None
         finally:
             worker.kill()
-    return _fresh_roads(old.campaign, folder, fresh, seed, described)
+    return _read_fresh_roads(old.campaign, folder, fresh, seed, driver)
 
 
 @dataclass(frozen=True)
 class OldVersion:
-    """The driver of a campaign as it was then, which a process makes and lets drive."""
+    """Recorded version of a campaign's driver, which a process makes and lets drive."""
 
     campaign: Path
+    """Folder of the campaign."""
     spec: Spec
-    folder: Path
-    """From which the campaign's code is loaded."""
-    place: Path | None
-    """Folder with its source as it was then; None if that is where it was."""
+    """Spec of the campaign, whose parts lie in `sources` if that is set."""
+    code_folder: Path
+    """Folder from which the campaign's code is loaded."""
+    sources: Path | None
+    """Temporary folder with the recorded sources; None if the code was not edited."""
     others: frozenset[str] = field(default_factory=user_folders)
-    """Folders of other versions' modules, which its process does not look into."""
+    """Folders of other versions' modules, which the process must not search."""
 
     def start(self) -> None:
-        """Finds its source before any other."""
-        path = [place for place in sys.path if place not in self.others]
-        sys.path[:] = path if self.place is None else [str(self.place), *path]
+        """Put the recorded sources before all other folders of `sys.path`."""
+        path = [folder for folder in sys.path if folder not in self.others]
+        sys.path[:] = path if self.sources is None else [str(self.sources), *path]
 
     def tester(self) -> RoadTester:
-        """Drives with it on the campaign's terms; unlike `campaign_tester`, it warns of nothing."""
-        with CampaignStore.open(self.campaign) as store, chdir(self.place or self.folder):
+        """Return a tester with the old version on the campaign's terms, without warnings."""
+        with CampaignStore.open(self.campaign) as store, chdir(self.sources or self.code_folder):
             return RoadTester.of(self.spec, store.setting.terms)
 
     def drive(self, fresh: int, workers: int, isolate: bool) -> str:
-        """Lets it drive on fresh roads, and reports events; returns the folder of its campaign."""
+        """Drive fresh roads and report events; return the folder of the campaign that drove."""
 
         def on_event(event: Event) -> None:
             report((event.kind, Progress.of_summary(event.summary)))
 
-        how: How = {"workers": workers, "isolate": isolate, "on_event": on_event}
-        # A source that lies in a temporary folder gets no signature, which would outlive that.
-        named = "random" if self.place is None else None
-        return str(_drive_fresh(self.campaign, self.tester(), fresh, how, named=named).folder)
+        # A signature would outlive sources in a temporary folder, so these get none.
+        roads = fresh_roads(
+            self.campaign,
+            self.tester(),
+            fresh=fresh,
+            strategy_name="random" if self.sources is None else None,
+            workers=workers,
+            isolate=isolate,
+            on_event=on_event,
+        )
+        return str(roads.folder)
 
     def close(self) -> None:
-        """Has nothing to close."""
+        """Do nothing: an old version holds nothing open."""
 
 
-def _driven(folder: Path) -> list[Test]:
-    """Return the tests of a campaign that were driven, by their ids; none without a campaign."""
+def _driven_tests(folder: Path) -> list[Test]:
+    """Return the driven tests of a campaign by their ids; an empty list without a campaign."""
     if not (folder / DATABASE).exists():
         return []
     with CampaignStore.open(folder) as store:
@@ -469,20 +485,22 @@ def _driven(folder: Path) -> list[Test]:
         return sorted(driven, key=lambda test: test.id)
 
 
-def compare_versions(roads: FreshRoads, tester: RoadTester, **how: Unpack[How]) -> BackToBack:
-    """Lets a new version drive on the same roads, and compares it with the old one.
+def compare_versions(
+    roads: FreshRoads, tester: RoadTester, **options: Unpack[RerunOptions]
+) -> BackToBack:
+    """Let a new version drive the roads that the old version drove, and compare both.
 
     Args:
-        roads: as the old version drove them.
+        roads: roads that the old version has driven.
         tester: drives with the new version on the campaign's terms.
-        how: see `How`.
+        options: see `RerunOptions`.
 
     Raises:
-        CampaignError: both versions are the same, or as for
-            `frenetic.rerun.campaigns.campaign_again`.
+        CampaignError: both versions are the same, or see
+            `frenetic.rerun.campaigns.rerun_campaign`.
     """
-    described = tester.described
-    check_differ(roads.driver, described["driver"])
+    new, simulator = tester.described["driver"], tester.described["simulator"]
+    check_differ(roads.driver, new)
     with CampaignStore.open(roads.campaign) as store:
         domain = store.setting.domain
         failed = store.tests(Outcome.FAIL, with_repeats=False)
@@ -490,19 +508,19 @@ def compare_versions(roads: FreshRoads, tester: RoadTester, **how: Unpack[How]) 
     missing = roads.count - len(roads.tests)
     sets: list[PairedRoads] = []
     for folder, ids in ((roads.folder, roads.tests), (roads.campaign, failing)):
-        again = () if missing else drive_tests(folder, tester, ids, how=how).tests
-        sets.append(PairedRoads(folder, tuple(Pair(t.recorded, t.drives[0].test) for t in again)))
-        missing += len(ids) - len(again)
+        repeats = () if missing else drive_tests(folder, tester, ids, options=options).tests
+        pairs = tuple(Pair(test.recorded, test.drives[0].test) for test in repeats)
+        sets.append(PairedRoads(folder, pairs))
+        missing += len(ids) - len(repeats)
     fresh, known = sets
-    new, simulator = described["driver"], described["simulator"]
     return BackToBack(roads.driver, new, simulator, roads.seed, fresh, known, domain, missing)
 
 
 def check_differ(old: Mapping[str, JSONValue], new: Mapping[str, JSONValue]) -> None:
-    """Refuses two versions, as `frenetic.spec.part_record.describe` gives them, that are the same.
+    """Refuse two equal versions, in the form of `frenetic.spec.part_record.describe`.
 
     Raises:
-        CampaignError: they are.
+        CampaignError: both versions are the same.
     """
     if comparison_key(old) == comparison_key(new):
         raise CampaignError(
@@ -520,18 +538,18 @@ def back_to_back(
     fresh: int = FRESH,
     workers: int = 1,
 ) -> BackToBack:
-    """Compares two versions of a driver on fresh random roads and on those on which one failed.
+    """Compare two versions of a driver on fresh random roads and on the old version's failures.
 
     Args:
-        campaign: folder of the campaign of the old version.
-        simulator: any, not yet entered.
-        old: the version of the campaign.
-        new: the other version.
+        campaign: folder of the old version's campaign.
+        simulator: any simulator, not yet entered.
+        old: the old version, which drove in the campaign.
+        new: the new version.
         fresh: number of random roads.
         workers: roads driven at once.
 
     Raises:
-        CampaignError: both versions are the same, or as for `fresh_roads`.
+        CampaignError: both versions are the same, or see `fresh_roads`.
         ValueError: an option is out of range.
     """
     with CampaignStore.open(campaign) as store:
@@ -546,32 +564,32 @@ def back_to_back(
 def as_recorded(
     folder: Path | str, spec: Spec, *, is_trusted: bool = False
 ) -> Iterator[OldVersion]:
-    """A campaign's driver as it was then.
+    """Yield a campaign's driver in its recorded version.
 
-    If its source was edited since, the one that the campaign keeps lies in a temporary folder
-    meanwhile.
+    If the source was edited since, the one that the campaign keeps lies in a temporary folder
+    until the context ends.
 
     Args:
-        folder: of the campaign.
-        spec: of the campaign.
+        folder: folder of the campaign.
+        spec: spec of the campaign.
         is_trusted: whether the user trusts the campaign, with the sources that it keeps.
 
     Raises:
         CampaignError: the source was edited, and the campaign keeps none.
-        FreneticError: it is code that this user has not trusted, see `frenetic.parts.trust`.
+        FreneticError: the user has not trusted the code, see `frenetic.parts.trust`.
     """
     with CampaignStore.open(folder) as store:
         sources: Any = store.fact(SOURCES)
-        made = {kind: part for kind, part in spec.parts.items() if kind not in NOT_DRIVING}
+        driving = {kind: part for kind, part in spec.parts.items() if kind not in NOT_DRIVING}
         code_folder = signed_spec(store).require_trusted(
-            folder, made=made, sources=sources, is_trusted=is_trusted, optional=()
+            folder, made=driving, sources=sources, is_trusted=is_trusted, optional=()
         )
     sources = sources if isinstance(sources, Mapping) else {}
     driver = spec.part("driver")
     with chdir(code_folder):
         present = sources_named(driver.name)
-    is_other = not sources.items() >= present.items() or bool(sources and not present)
-    if not (is_other and DRIVERS.is_own(driver.name)):
+    is_edited = not sources.items() >= present.items() or bool(sources and not present)
+    if not (is_edited and DRIVERS.is_own(driver.name)):
         yield OldVersion(Path(folder), spec, code_folder, None)
         return
     if not sources:
@@ -591,22 +609,22 @@ def as_recorded(
         yield OldVersion(Path(folder), restored, code_folder, temporary)
 
 
-def _with_sources_in(place: Path, spec: Spec, folder: Path) -> Spec:
-    """A spec for that place, whose driver and simulator of the user's own have their sources there.
+def _with_sources_in(sources: Path, spec: Spec, code_folder: Path) -> Spec:
+    """Return a spec that loads a user's driver and simulator from recorded sources.
 
     Args:
-        place: with sources by the names under which a campaign keeps them.
-        spec: of the campaign.
-        folder: from which other files of the parts go.
+        sources: folder with the recorded sources, by the names in the campaign.
+        spec: spec of the campaign.
+        code_folder: folder to which the other paths of the parts are relative.
     """
     words = {}
     for kind in ("driver", "simulator"):
         (name, options), registry = spec.part(kind), REGISTRIES[kind]
         module, _, attribute = name.rpartition(":")
         if not (module and registry.is_own(name)):
-            words[kind] = part_word(*registry.absolute(name, options, folder))
+            words[kind] = part_word(*registry.absolute(name, options, code_folder))
             continue
         if module.endswith(".py"):
-            name = f"{place / Path(module).name}:{attribute}"
-        words[kind] = part_word(name, absolute_files(options, folder))
+            name = f"{sources / Path(module).name}:{attribute}"
+        words[kind] = part_word(name, absolute_files(options, code_folder))
     return structs.replace(spec, **words)

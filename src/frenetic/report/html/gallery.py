@@ -11,7 +11,7 @@ from frenetic.analysis.failures import Clusters
 from frenetic.campaign.counts import Counts
 from frenetic.report.html.page import Part, Section, Table
 from frenetic.report.html.tests import TestSummary
-from frenetic.rerun.rerun import Rerun, name_of
+from frenetic.rerun.rerun import Rerun, rerun_name
 from frenetic.rerun.stability import Repeats
 
 
@@ -73,7 +73,7 @@ def gallery_section(
     elsewhere = [
         {
             "test": test.id,
-            "where": name_of(rerun, config),
+            "where": rerun_name(rerun, config),
             "text": f"{test.verdict}: {test.drives[0].reason}",
         }
         for rerun in there
