@@ -15,7 +15,8 @@ from frenetic.campaign import CampaignStore, RoadTester
 from frenetic.drivers import Controls, Observation, Planner
 from frenetic.errors import Fault
 from frenetic.oracle.outcome import Outcome
-from frenetic.rerun.minimise import FailureReason, minimise
+from frenetic.rerun.minimise import minimise
+from frenetic.rerun.minimising_strategy import FailureReason
 from frenetic.road import Road
 from frenetic.search import Evaluation, Frenetic
 from frenetic.simulators import EmbeddedSimulator

@@ -17,7 +17,7 @@ from user_modules import own_modules
 from frenetic.campaign import CampaignStore, RoadTester
 from frenetic.campaign.status import signed_spec
 from frenetic.parts.versions import short_version
-from frenetic.rerun.back_to_back import as_recorded
+from frenetic.rerun.old_version import as_recorded
 from frenetic.spec import Spec
 
 if TYPE_CHECKING:

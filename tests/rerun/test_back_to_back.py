@@ -25,8 +25,8 @@ from frenetic.rerun.back_to_back import (
     PairedRoads,
     back_to_back,
     compare_versions,
-    fresh_roads,
 )
+from frenetic.rerun.old_version import fresh_roads
 from frenetic.rerun.stability import Change
 from frenetic.search import Frenetic
 from frenetic.simulators import EmbeddedSimulator, Simulator

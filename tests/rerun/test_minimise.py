@@ -19,7 +19,8 @@ from frenetic.drivers import Driver, Planner
 from frenetic.errors import FreneticError
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import judge
-from frenetic.rerun.minimise import GUARD, FailureReason, Minimised, StopReason, minimise
+from frenetic.rerun.minimise import Minimised, StopReason, minimise
+from frenetic.rerun.minimising_strategy import GUARD, FailureReason
 from frenetic.rerun.shrinker import Shape
 from frenetic.road import Road
 from frenetic.search import Candidate, Frenetic2021
