@@ -15,7 +15,8 @@ from made_drives import departing
 
 from frenetic.analysis import Clusters, Failure, cluster_failures, nearest_misses, segments_of
 from frenetic.analysis import failures as module
-from frenetic.analysis.failures import describe, distinct_failures, representative_failures
+from frenetic.analysis.clusters import distinct_failures, representative_failures
+from frenetic.analysis.failures import describe
 from frenetic.campaign import Campaign, CampaignStore
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Side

@@ -10,7 +10,8 @@ import pytest
 from made_campaigns import search
 
 from frenetic.analysis import measure_campaign
-from frenetic.analysis.failures import caution, distinct_failures
+from frenetic.analysis.caution import caution
+from frenetic.analysis.clusters import distinct_failures
 from frenetic.campaign import CampaignStore, RoadTester
 from frenetic.drivers import Controls, Observation, Planner
 from frenetic.errors import Fault

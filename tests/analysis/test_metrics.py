@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 from made_campaigns import search, store_of
 
-from frenetic.analysis.failures import cluster_failures, failures_of
+from frenetic.analysis.clusters import cluster_failures
+from frenetic.analysis.failures import failures_of
 from frenetic.analysis.features import FEATURES, features_of
 from frenetic.analysis.metrics import MEASURES, CampaignMeasures, measure_campaign
 from frenetic.analysis.segments import segments_of

@@ -12,14 +12,14 @@ from made_campaigns import search
 
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis import features_of, segments_of
-from frenetic.analysis.criteria import criteria_in_words
-from frenetic.analysis.failures import (
+from frenetic.analysis.caution import caution
+from frenetic.analysis.clusters import (
     Clusters,
-    caution,
     distinct_failures,
     nearest_misses,
     representative_failures,
 )
+from frenetic.analysis.criteria import criteria_in_words
 from frenetic.analysis.metrics import MEASURES, measure_campaign
 from frenetic.campaign import CampaignStore
 from frenetic.campaign.counts import Counts, FirstTests

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from frenetic.analysis.failures import representative_failures
+from frenetic.analysis.clusters import representative_failures
 from frenetic.campaign import CampaignStore
 from frenetic.oracle.outcome import Outcome
 from frenetic.road import Road, check_validity

@@ -21,7 +21,7 @@ import pytest
 from click.testing import CliRunner
 from html_campaigns import HOSTILE, make_empty, make_hostile, make_refused
 
-from frenetic.analysis.failures import Cluster, Clusters, distinct_failures, nearest_misses
+from frenetic.analysis.clusters import Cluster, Clusters, distinct_failures, nearest_misses
 from frenetic.analysis.features import FEATURES, features_of
 from frenetic.analysis.segments import place_in_words, segments_of
 from frenetic.analysis.statistics import proportion_interval

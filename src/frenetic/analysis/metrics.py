@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import evenly
-from frenetic.analysis.failures import Failure, cluster_failures
+from frenetic.analysis.clusters import cluster_failures
+from frenetic.analysis.failures import Failure
 from frenetic.analysis.features import FEATURES, features_of
 from frenetic.analysis.official_segment import failure_segment
 from frenetic.analysis.segments import segment_of_test

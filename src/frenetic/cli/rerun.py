@@ -162,7 +162,7 @@ def _driven_tests(store: CampaignStore) -> list[int]:
 
 
 def _print(found: Rerun, times: int, *, is_as_before: bool, with_rows: bool) -> None:
-    from frenetic.analysis.failures import LISTED
+    from frenetic.analysis.clusters import LISTED
     from frenetic.rerun.stability import Stability, matches_text
 
     tests, drives = found.tests, found.drives

@@ -198,9 +198,10 @@ def _finite(value: float | None) -> float | None:
 
 
 def _show_campaign(store: CampaignStore, as_json: bool) -> None:
+    from frenetic.analysis.caution import caution
+    from frenetic.analysis.clusters import LISTED, distinct_failures, nearest_misses
     from frenetic.analysis.coverage import domain_coverage
     from frenetic.analysis.criteria import criteria_in_words
-    from frenetic.analysis.failures import LISTED, caution, distinct_failures, nearest_misses
     from frenetic.campaign.configuration import earlier_of
     from frenetic.campaign.guarded_strategy import FACTS
     from frenetic.campaign.objective import in_words

@@ -12,8 +12,8 @@ from typing import Final
 import matplotlib as mpl
 
 from frenetic._support.words import capitalised, counted, format_duration, oob_words
+from frenetic.analysis.clusters import distinct_failures, nearest_misses
 from frenetic.analysis.comparison import Comparison
-from frenetic.analysis.failures import distinct_failures, nearest_misses
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore

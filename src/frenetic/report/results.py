@@ -25,7 +25,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final, Literal, TypeAlias
 
-from frenetic.analysis.failures import Clusters, caution, representative_failures
+from frenetic.analysis.caution import caution
+from frenetic.analysis.clusters import Clusters, representative_failures
 from frenetic.campaign import Campaign, CampaignStore, Event, Summary, Test
 from frenetic.campaign.counts import Counts
 from frenetic.errors import CampaignError, FreneticError

@@ -19,7 +19,8 @@ import numpy as np
 
 from frenetic._support.bounds import require_count
 from frenetic.analysis.causes import kind_number
-from frenetic.analysis.failures import CauseGroup, Failure
+from frenetic.analysis.clusters import CauseGroup
+from frenetic.analysis.failures import Failure
 from frenetic.campaign.guarded_strategy import replay
 from frenetic.campaign.objective import Objective
 from frenetic.campaign.record import Test

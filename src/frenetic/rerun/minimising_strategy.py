@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Final, NamedTuple
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic.analysis.failures import THRESHOLD
+from frenetic.analysis.clusters import THRESHOLD
 from frenetic.conditions.condition import named, without
 from frenetic.criteria.criterion import LANE
 from frenetic.errors import (

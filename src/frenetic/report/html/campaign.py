@@ -24,16 +24,11 @@ from frenetic._support.words import (
     rate_words,
     signed,
 )
+from frenetic.analysis.caution import caution
+from frenetic.analysis.clusters import COMPARED, Clusters, distinct_among, nearest_misses
 from frenetic.analysis.coverage import domain_coverage, varied_axes
 from frenetic.analysis.criteria import criteria_in_words
-from frenetic.analysis.failures import (
-    COMPARED,
-    Clusters,
-    Failure,
-    caution,
-    distinct_among,
-    nearest_misses,
-)
+from frenetic.analysis.failures import Failure
 from frenetic.analysis.features import Features, features_of
 from frenetic.analysis.segments import Segment, segment_of_test
 from frenetic.campaign.configuration import SPEC, earlier_of

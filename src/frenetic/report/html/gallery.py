@@ -7,7 +7,7 @@ from typing import Any
 
 from frenetic._support.words import capitalised, counted
 from frenetic.analysis.causes import in_words
-from frenetic.analysis.failures import Clusters
+from frenetic.analysis.clusters import Clusters
 from frenetic.campaign.counts import Counts
 from frenetic.report.html.page import Part, Section, Table
 from frenetic.report.html.tests import TestSummary
