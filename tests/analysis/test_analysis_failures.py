@@ -14,7 +14,7 @@ from made_campaigns import search
 from made_drives import departing
 
 from frenetic.analysis import Clusters, Failure, cluster_failures, nearest_misses, segments_of
-from frenetic.analysis import failures as module
+from frenetic.analysis import clusters as module
 from frenetic.analysis.clusters import distinct_failures, representative_failures
 from frenetic.analysis.failures import describe
 from frenetic.campaign import Campaign, CampaignStore
