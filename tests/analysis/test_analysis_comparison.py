@@ -53,7 +53,7 @@ def test_frenetic_finds_more_than_chance(comparison: Comparison) -> None:
     assert pair.magnitude == "large"
     assert pair.p == pair.p_corrected < 0.05
     assert pair.verdict == "the first is better"
-    assert comparison.by("failures").said(pair) == "frenetic has more than random"
+    assert comparison.by("failures").pair_text(pair) == "frenetic has more than random"
 
 
 def test_all_measures_are_compared(comparison: Comparison) -> None:
@@ -90,7 +90,7 @@ def test_more_failures_are_better_and_a_later_first_one_is_worse() -> None:
     by = turned.by("simulations_to_failure")
     ((_, said, a12, *_),) = pair_rows([by])
     assert (said, a12) == ("quick has less than slow", "1.00"), "of the group named first"
-    assert by.said(pair) == "quick has less than slow"
+    assert by.pair_text(pair) == "quick has less than slow"
     assert by.places == {"slow": 2, "quick": 1}
 
 
@@ -101,7 +101,7 @@ def test_nothing_is_claimed_of_fewer_than_five_repeats(repeats: int) -> None:
     )
     assert found.pairs[0].a12 == 1.0
     assert found.pairs[0].better is None
-    assert found.said(found.pairs[0]) == "a and b: too few repeats to tell"
+    assert found.pair_text(found.pairs[0]) == "a and b: too few repeats to tell"
 
 
 def test_several_groups_are_corrected_for_being_several() -> None:

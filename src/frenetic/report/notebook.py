@@ -114,7 +114,7 @@ def _comparison(comparison: Comparison) -> str:
     ]
     titles = ("group", "campaigns", *(by.measure.heading for by in shown))
     by = comparison.headline
-    said = "".join(f"<li>{html.escape(by.said(pair))}</li>" for pair in by.pairs)
+    said = "".join(f"<li>{html.escape(by.pair_text(pair))}</li>" for pair in by.pairs)
     notes = "".join(f"<p>Note: {html.escape(note)}</p>" for note in comparison.notes)
     head, *body = (_row(cells, tag) for cells, tag in [(titles, "th"), *((r, "td") for r in rows)])
     table = f"<table><thead>{head}</thead><tbody>{''.join(body)}</tbody></table>"
