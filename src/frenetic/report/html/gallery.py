@@ -65,7 +65,7 @@ def gallery_section(
             "share": one.share,
             "low": round(one.interval[0], 4),
             "high": round(one.interval[1], 4),
-            "text": f"{one}; {one.what_varied}",
+            "text": f"{one}; {one.variations_text}",
         }
         for one in again
         if one.stability is not None
