@@ -91,7 +91,7 @@ def test_more_failures_are_better_and_a_later_first_one_is_worse() -> None:
     ((_, said, a12, *_),) = pair_rows([by])
     assert (said, a12) == ("quick has less than slow", "1.00"), "of the group named first"
     assert by.pair_text(pair) == "quick has less than slow"
-    assert by.places == {"slow": 2, "quick": 1}
+    assert by.positions == {"slow": 2, "quick": 1}
 
 
 @pytest.mark.parametrize("repeats", [1, 4])
@@ -134,15 +134,15 @@ def test_what_never_happened_is_worse_than_any_number() -> None:
 def test_a_group_is_placed_by_its_median_and_equal_ones_by_mean_rank() -> None:
     found = compare_measured({"c": group(1, 2), "a": group(9, 7), "b": group(8, 7)}).by("failures")
     # 9 8 7 7 2 1 have the ranks 1 2 3.5 3.5 5 6.
-    assert found.places == {"c": 3, "a": 1, "b": 2}
+    assert found.positions == {"c": 3, "a": 1, "b": 2}
     assert found.order == ("a", "b", "c")
     # The medians are 6 and 5 and 5, the mean ranks 6 and 4.67 and 5.67.
     groups = {"a": group(6, 6, 1), "b": group(5, 9, 5), "c": group(5, 8, 2)}
     found = compare_measured(groups).by("failures")
     assert found.order == ("a", "b", "c")
-    assert found.places == {"a": 1, "b": 2, "c": 3}
+    assert found.positions == {"a": 1, "b": 2, "c": 3}
     alike = compare_measured({"a": group(3, 4), "b": group(4, 3), "c": group(1, 1)}).by("failures")
-    assert list(alike.places.values()) == [1, 1, 3]
+    assert list(alike.positions.values()) == [1, 1, 3]
 
 
 @pytest.mark.parametrize("groups", range(2, 9))

@@ -56,14 +56,14 @@ def again(
     *,
     simulator: Simulator | None = None,
     driver: Driver | None = None,
-    **how: Any,
+    **options: Any,
 ) -> Rerun:
     with CampaignStore.open(folder) as store:
         parts = simulator or EmbeddedSimulator(), driver or Planner()
         tester = RoadTester(*parts, store.setting.terms)
     tests = driven_in(folder)[:6] if tests is None else tests
     ids = [test.id for test in tests]
-    return drive_tests(folder, tester, ids, conditions, how=how)  # type: ignore[arg-type]
+    return drive_tests(folder, tester, ids, conditions, options=options)  # type: ignore[arg-type]
 
 
 def results_of(run: Rerun) -> list[Any]:

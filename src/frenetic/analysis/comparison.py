@@ -360,8 +360,8 @@ def _notes(
     most = max(campaign.failures for campaigns in measured.values() for campaign in campaigns)
     if most > MOST_COMPARED:
         notes.append(
-            f"the competition's sparseness of more than {MOST_COMPARED} failures is that of so"
-            " many, evenly spaced"
+            f"the competition's sparseness of more than {MOST_COMPARED} failures counts"
+            f" {MOST_COMPARED} of them, evenly spaced"
         )
     return notes
 

@@ -32,7 +32,7 @@ RADIUS: Final = "min_radius"
 GRADE: Final = "max_grade"
 """Name of the axis of a road's steepest grade, in %."""
 ROADS: Final = 500
-"""Random roads that stand for those of a domain."""
+"""Number of random roads that stand for a domain's roads."""
 DRAWN: Final = 10_000
 """Number of random drives that estimate the share of covered drives."""
 
