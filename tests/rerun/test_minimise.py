@@ -57,23 +57,23 @@ def failures(endurance: bool) -> list[Road]:
     roads: list[Road] = []
     searches, drives, each = (5, 300, 10) if endurance else (2, 100, 2)
     for seed in range(1, searches + 1):
-        found: list[Road] = []
+        failing: list[Road] = []
 
         def verdict(
-            candidate: Candidate, found: list[Road] = found
+            candidate: Candidate, failing: list[Road] = failing
         ) -> tuple[Outcome, float | None]:
             result = tester.test(candidate).result
             if result.outcome is Outcome.FAIL:
-                found.append(Road(candidate.curvatures, candidate.step))
+                failing.append(Road(candidate.curvatures, candidate.step))
             return result.outcome, result.moobd
 
         converse(Frenetic2021(seed=seed, max_redraws=10), verdict, drives)
-        roads += [found[i * len(found) // each] for i in range(each)]
+        roads += [failing[i * len(failing) // each] for i in range(each)]
     return roads
 
 
-def minimised_by(simulator: EmbeddedSimulator, road: Road, **how: Any) -> Minimised:
-    return minimise(road, RoadTester(simulator, Planner()), **how)
+def minimised_by(simulator: EmbeddedSimulator, road: Road, **options: Any) -> Minimised:
+    return minimise(road, RoadTester(simulator, Planner()), **options)
 
 
 def failure_reason(road: Road, drive: Drive) -> FailureReason | None:
@@ -110,10 +110,10 @@ def test_reason_is_the_side_or_the_rule_and_stays(
 # What is promised
 
 
-def difference(one: Test, other: Test) -> float:
+def difference(first: Test, second: Test) -> float:
     """The measure that clusters failures, from the drives."""
     vectors = []
-    for failed in (one, other):
+    for failed in (first, second):
         assert failed.drive is not None
         departure = judge(failed.road, failed.drive).departure
         segment = segment_of(failed.road, failed.drive, departure)
@@ -122,7 +122,7 @@ def difference(one: Test, other: Test) -> float:
 
 
 @pytest.mark.endurance
-def test_failures_become_half_as_long_and_stay_the_same_failure(failures: list[Road]) -> None:
+def test_roads_become_half_as_long_with_the_same_failure(failures: list[Road]) -> None:
     shares = []
     for road in failures:
         simulator = Watched()
@@ -174,13 +174,13 @@ def test_roads_whose_neighbours_pass_become_shorter_too(
 
 
 @pytest.mark.parametrize("max_drives", [1, 7, 60])
-def test_no_drive_is_one_too_many(failures: list[Road], max_drives: int) -> None:
-    simulator, seen = Watched(), list[Test]()
-    how = {"max_drives": max_drives, "on_event": on_test(seen.append)}
-    minimised = minimised_by(simulator, failures[1], **how)
+def test_no_more_drives_are_made_than_allowed(failures: list[Road], max_drives: int) -> None:
+    simulator, tests = Watched(), list[Test]()
+    options = {"max_drives": max_drives, "on_event": on_test(tests.append)}
+    minimised = minimised_by(simulator, failures[1], **options)
     assert len(simulator.driven) == minimised.drives == max_drives
     assert minimised.stop_reason is StopReason.SPENT
-    lengths = [test.candidate.notes["length"] for test in seen[1:]]
+    lengths = [test.candidate.notes["length"] for test in tests[1:]]
     assert lengths == sorted(lengths, reverse=True)
     if max_drives == 1:  # which finds out that it fails
         assert minimised.smallest.id == minimised.original.id == 1
@@ -215,7 +215,7 @@ STRAIGHT = Road([0.0] * 15)
         (Road([0.0] * 15, lane_width=5.0), {}, "are 5 m wide, the tester's 4 m"),
     ],
 )
-def test_what_cannot_be_minimised_is_refused(
+def test_roads_that_cannot_be_minimised_are_refused(
     road: Road, options: dict[str, Any], words: str
 ) -> None:
     with pytest.raises((FreneticError, ValueError), match=words):
@@ -248,21 +248,21 @@ def press_at(drives: int) -> Callable[[Summary], None]:
     return press
 
 
-def test_an_interrupted_one_goes_on_and_a_complete_one_is_shown(
+def test_an_interrupted_call_goes_on_and_a_complete_one_is_read(
     failures: list[Road], tmp_path: Path
 ) -> None:
     road, simulator = failures[0], Watched()
     whole = minimised_by(EmbeddedSimulator(), road)
     for drives in (5, 20):
         press = on_result(press_at(drives))
-        found = minimised_by(simulator, road, folder=tmp_path, on_event=press)
-        assert (found.stop_reason, found.drives) == (StopReason.STOPPED, drives)
+        result = minimised_by(simulator, road, folder=tmp_path, on_event=press)
+        assert (result.stop_reason, result.drives) == (StopReason.STOPPED, drives)
         assert len(simulator.driven) == drives
-    assert found.road.length < road.length
+    assert result.road.length < road.length
     for most in (40, 500, 500):
-        found = minimised_by(simulator, road, max_drives=most, folder=tmp_path)
-        assert len(simulator.driven) == found.drives == min(most, whole.drives)
-    assert found.smallest.result == whole.smallest.result
-    assert (found.stop_reason, found.is_guarded) == (whole.stop_reason, whole.is_guarded)
+        result = minimised_by(simulator, road, max_drives=most, folder=tmp_path)
+        assert len(simulator.driven) == result.drives == min(most, whole.drives)
+    assert result.smallest.result == whole.smallest.result
+    assert (result.stop_reason, result.is_guarded) == (whole.stop_reason, whole.is_guarded)
     (folder,) = (tmp_path / "rerun").iterdir()
     assert not check_campaign(folder).findings

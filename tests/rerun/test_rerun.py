@@ -192,7 +192,7 @@ def test_the_same_failure_is_at_the_same_place_with_the_same_mechanism(campaign:
     assert sum(document["matches"].values()) == document["changes"]["fails again"]
 
 
-def test_a_failure_that_hangs_on_friction_repeats_in_its_share_of_the_range(
+def test_a_failure_by_friction_repeats_in_its_share_of_the_range(
     campaign: Path,
 ) -> None:
     # Below 0.9 lies a quarter of 0.8 to 1.2, and the draws are even: exactly 5 of 20.
@@ -225,7 +225,7 @@ def test_a_stored_rerun_equals_the_returned_one(campaign: Path, tmp_path: Path) 
     assert read_reruns(tmp_path) == []
 
 
-def test_the_most_telling_repeats_of_each_test_with_the_own_parts_count(
+def test_the_most_informative_repeats_with_the_campaigns_parts_win(
     campaign: Path,
 ) -> None:
     first, second, *_ = (test.id for test in failures_in(campaign))
@@ -255,7 +255,7 @@ def there(campaign: Path) -> list[Rerun]:
         return in_other_simulators(read_reruns(campaign), store.config)
 
 
-def test_another_simulator_is_added_and_other_tests_are_put_together(campaign: Path) -> None:
+def test_reruns_in_another_simulator_are_merged(campaign: Path) -> None:
     ids = [test.id for test in failures_in(campaign)]
     rerun(campaign, EmbeddedSimulator(), Planner())
     assert there(campaign) == [], "that is its own"
@@ -407,7 +407,7 @@ def test_a_campaign_that_was_moved_goes_on(
     assert all(drive.is_same for drive in run.drives)
 
 
-def test_nothing_interrupted_comes_after_anything_complete(campaign: Path) -> None:
+def test_interrupted_reruns_are_read_before_complete_ones(campaign: Path) -> None:
     complete = rerun_tests(campaign, [*driven_in(campaign)[:2]])
     with suppress(CallbackError):
         rerun_tests(campaign, on_event=on_result(lambda _: raise_error()))
