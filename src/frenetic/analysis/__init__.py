@@ -1,4 +1,4 @@
-"""The meaning of a campaign's tests, one by one and together."""
+"""Analysis of a campaign: failures, causes, features, coverage, and comparison with others."""
 
 from frenetic.analysis.clusters import Cluster, Clusters, cluster_failures, nearest_misses
 from frenetic.analysis.comparison import Comparison, compare

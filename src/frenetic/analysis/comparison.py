@@ -82,7 +82,7 @@ class PairComparison:
 
     @property
     def better(self) -> str | None:
-        """The better group; None if no difference is shown."""
+        """Better group; None if no difference is shown."""
         if not self.has_enough_repeats or self.p_corrected >= SIGNIFICANT:
             return None
         return self.first if self.a12 > 0.5 else self.second

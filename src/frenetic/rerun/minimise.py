@@ -1,7 +1,7 @@
-"""The shortest and plainest road on which a driver still has the same failure.
+"""Minimise failing roads: find the shortest and plainest road with the same failure.
 
-The roads that are tried are a campaign of their own, so minimising goes on where it was
-interrupted. `frenetic.rerun.minimising_strategy` proposes them.
+The tried roads are a campaign, so minimising goes on where it was interrupted.
+`frenetic.rerun.minimising_strategy` proposes them.
 """
 
 from __future__ import annotations

@@ -68,7 +68,7 @@ class Rerun:
     planned: int
     """Number of planned drives; Ctrl-C leaves fewer."""
     tests: tuple[Repeats, ...]
-    """The tests in the order of choice."""
+    """Repeats of each test, in the order in which the tests were chosen."""
     variations: tuple[Variation, ...] = ()
     """Ranges from which the conditions were drawn."""
     conditions: Mapping[str, float] = field(default_factory=dict)
