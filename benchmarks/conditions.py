@@ -33,7 +33,7 @@ from frenetic.drivers.driver import stack_of
 from frenetic.drivers.wrappers import Delayed, Hasty, LimitedView
 from frenetic.oracle.drive import Drive
 from frenetic.plugins.vision.appearance import Worn
-from frenetic.rerun.estimate import Draws, Estimate, estimate
+from frenetic.rerun.estimate import Draws, FailureRate, estimate
 from frenetic.rerun.minimise import minimise_test
 from frenetic.road import Road
 from frenetic.search import Strategy
@@ -265,7 +265,7 @@ def _brute(seed: int, name: str) -> tuple[int, float]:
     return failures, math.fsum(lengths)
 
 
-def _estimated(seed: int, name: str, drives: int) -> Estimate:
+def _estimated(seed: int, name: str, drives: int) -> FailureRate:
     domain = Domain.from_entries(name, DOMAINS[name])
     with TemporaryDirectory() as folder:
         return estimate(_tester(domain), drives=drives, seed=seed, out=f"{folder}/drives")

@@ -21,7 +21,7 @@ from typing import Final
 
 import numpy as np
 
-from frenetic.analysis.failures import distinct_failures
+from frenetic.analysis.clusters import distinct_failures
 from frenetic.campaign import CampaignStore
 from frenetic.campaign.guarded_strategy import FACTS
 from frenetic.campaign.summary import facts_in_words

@@ -29,7 +29,8 @@ from pathlib import Path
 
 import numpy as np
 
-from frenetic.analysis.failures import THRESHOLD, Failure
+from frenetic.analysis.clusters import THRESHOLD
+from frenetic.analysis.failures import Failure
 from frenetic.analysis.segments import segment_of
 from frenetic.campaign import RoadTester
 from frenetic.drivers import Driver, Noisy
@@ -37,13 +38,8 @@ from frenetic.oracle.drive import Drive
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import judge
 from frenetic.parts.registry import DRIVERS
-from frenetic.rerun.minimise import (
-    MAX_DRIVES,
-    Ending,
-    FailureReason,
-    Minimised,
-    minimise,
-)
+from frenetic.rerun.minimise import MAX_DRIVES, Minimised, StopReason, minimise
+from frenetic.rerun.minimising_strategy import FailureReason
 from frenetic.road import Road
 from frenetic.search import Candidate, Frenetic2021
 from frenetic.simulators import EmbeddedSimulator, Rules
@@ -133,7 +129,7 @@ def measure(
         curves=Spread.of([shape.curves for shape in after]),
         drives=Spread.of([result.drives for result in results]),
         seconds=Spread.of(seconds),
-        minimal=float(np.mean([result.ending is Ending.MINIMAL for result in results])),
+        minimal=float(np.mean([result.stop_reason is StopReason.MINIMAL for result in results])),
         difference=Spread.of([result.difference for result in results]),
         different=len(set(after)),
     ), results

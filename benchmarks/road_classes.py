@@ -32,7 +32,7 @@ from frenetic import (
     Rules,
     Stanley,
 )
-from frenetic.analysis.failures import distinct_failures
+from frenetic.analysis.clusters import distinct_failures
 from frenetic.campaign import CampaignStore
 from frenetic.oracle.outcome import Outcome
 from frenetic.road import Road

@@ -19,7 +19,7 @@ from pathlib import Path
 from statistics import median
 from typing import Final
 
-from frenetic.analysis.failures import distinct_failures
+from frenetic.analysis.clusters import distinct_failures
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.drivers import Driver, Planner, Stanley
 from frenetic.oracle.outcome import Outcome

@@ -14,7 +14,7 @@ from pathlib import Path
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from frenetic import CampaignStore, EmbeddedSimulator, Planner
-from frenetic.analysis.failures import representative_failures
+from frenetic.analysis.clusters import representative_failures
 from frenetic.cli import cli
 from frenetic.report.html import write_report
 from frenetic.rerun.rerun import rerun

@@ -23,8 +23,9 @@ import numpy as np
 from frenetic import Campaign, CampaignStore
 from frenetic._support.words import part_word
 from frenetic.analysis import Comparison
+from frenetic.analysis.clusters import cluster_failures
 from frenetic.analysis.comparison import MeasureComparison, PairComparison, compare, p_text
-from frenetic.analysis.failures import Failure, cluster_failures, failures_of
+from frenetic.analysis.failures import Failure, failures_of
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.workers import available_cores
 from frenetic.plugins.bench import Entrant

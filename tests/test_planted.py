@@ -10,7 +10,9 @@ import pytest
 
 from frenetic import EmbeddedSimulator, Frenetic
 from frenetic.analysis.causes import Kind
-from frenetic.analysis.failures import Failure, caution, distinct_failures
+from frenetic.analysis.caution import caution
+from frenetic.analysis.clusters import distinct_failures
+from frenetic.analysis.failures import Failure
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.rerun.minimise import Minimised, minimise_causes
 

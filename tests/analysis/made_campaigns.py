@@ -27,7 +27,7 @@ def search(
     simulator: Simulator | None = None,
     driver: Driver | None = None,
 ) -> Path:
-    """A campaign that was really run."""
+    """Run a campaign and return its folder."""
     Campaign(
         strategy=strategy,
         simulator=simulator or EmbeddedSimulator(),
@@ -41,20 +41,20 @@ def search(
 def store_of(
     folder: Path, outcomes: Sequence[Outcome], elapsed: float = 0.0, **facts: JSONValue
 ) -> Path:
-    """A campaign with these outcomes on different roads, without trajectories."""
+    """Store a campaign with some outcomes on different roads, without trajectories."""
     config: dict[str, JSONValue] = {"seed": 1, "lane_width": 4.0, "rules": {}, "car": {}}
     with CampaignStore.create(folder, config) as store:
-        for told, outcome in enumerate(outcomes, start=1):
-            candidate = Candidate(told, np.full(5, 1e-4 * told), 10.0, Origin("random"))
+        for number, outcome in enumerate(outcomes, start=1):
+            candidate = Candidate(number, np.full(5, 1e-4 * number), 10.0, Origin("random"))
             store.add_candidate(candidate)
             store.add_result(
                 Test(
                     candidate=candidate,
                     result=Result(outcome, ""),
                     seconds=2.0,
-                    told=told,
+                    told=number,
                     budget_spent=0.0,
-                    elapsed=told * elapsed,
+                    elapsed=number * elapsed,
                 )
             )
         if facts:
@@ -71,7 +71,7 @@ def measures(
     min_moobd: float | None = None,
     sparseness: float = -math.inf,
 ) -> CampaignMeasures:
-    """Measures of a campaign with so many failures, one after the other, each unlike the others."""
+    """Return measures of a campaign whose failures follow each other and are all distinct."""
     curve = np.clip(np.arange(simulations + 1) - first + 1, 0, failures)
     return CampaignMeasures(
         folder=Path("made-up"),

@@ -21,7 +21,16 @@ def drive(
     *,
     period: float = 1.0,
 ) -> Drive:
-    """A record every ``period`` s: places in m along the road, offsets in m left of the lane."""
+    """Return a drive with a record every ``period`` s.
+
+    Args:
+        road: the road.
+        places: m along the road.
+        offsets: m to the left of the lane's centre.
+        speeds: m/s.
+        steering: rad.
+        period: s.
+    """
     n = len(places)
     poses = [road.pose_at(place) for place in places]
     heading = np.array([pose.heading for pose in poses])
@@ -52,12 +61,12 @@ def departing(
     speeds: tuple[float, float] = (15.0, 10.0),
     swing: float = 0.0,
 ) -> Segment:
-    """The segment of a drive that leaves the lane at a place, drifting off over the last 12 m.
+    """Return the segment of a drive that leaves the lane at a place, drifting over the last 12 m.
 
     Args:
         road: the road.
         place: m along the road.
-        side: of the lane.
+        side: side of the lane.
         speeds: m/s at the start and at the place, linear in between.
         swing: m to the left in the middle of the way.
     """
@@ -66,12 +75,12 @@ def departing(
     offsets = sign * 2.8 * np.clip((places - place + 12.0) / 12.0, 0.0, 1.0) ** 2
     offsets += swing * np.sin(np.pi * places / place)
     speed = np.linspace(*speeds, len(places)).tolist()
-    made = drive(road, places.tolist(), offsets.tolist(), speed, period=0.05)
-    time = float(made.trajectory.time[-1])
-    x, y = float(made.trajectory.x[-1]), float(made.trajectory.y[-1])
-    return segment_of(road, made, departure(time, place, x, y, side))
+    departing_drive = drive(road, places.tolist(), offsets.tolist(), speed, period=0.05)
+    time = float(departing_drive.trajectory.time[-1])
+    x, y = float(departing_drive.trajectory.x[-1]), float(departing_drive.trajectory.y[-1])
+    return segment_of(road, departing_drive, departure(time, place, x, y, side))
 
 
 def departure(time: float, distance: float, x: float, y: float, side: Side = "left") -> Finding:
-    """The finding of a car that leaves its lane."""
+    """Return the finding of a car that leaves its lane."""
     return Finding("lane", 0.6, 0.5, side, time, distance, x, y)

@@ -30,7 +30,7 @@ SIMULATIONS = 160
 
 @pytest.fixture(scope="module")
 def repeats(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with five campaigns of each of two strategies."""
+    """Return a folder with five campaigns of each of two strategies."""
     parent = tmp_path_factory.mktemp("repeats")
     for seed in range(5):
         search(parent / f"frenetic-{seed}", Frenetic2021(seed=seed, max_redraws=10), SIMULATIONS)
@@ -53,15 +53,15 @@ def test_frenetic_finds_more_than_chance(comparison: Comparison) -> None:
     assert pair.magnitude == "large"
     assert pair.p == pair.p_corrected < 0.05
     assert pair.verdict == "the first is better"
-    assert comparison.by("failures").said(pair) == "frenetic has more than random"
+    assert comparison.by("failures").pair_text(pair) == "frenetic has more than random"
 
 
 def test_all_measures_are_compared(comparison: Comparison) -> None:
-    assert [one.measure.name for one in comparison.measures] == list(MEASURES)
+    assert [by.measure.name for by in comparison.measures] == list(MEASURES)
     assert comparison.headline.measure.name == next(iter(MEASURES))
-    for one in comparison.measures:
-        for name, values in one.values.items():
-            assert one.quartiles(name).median == np.median(values)
+    for by in comparison.measures:
+        for name, values in by.values.items():
+            assert by.quartiles(name).median == np.median(values)
     assert comparison.notes == ()
     with pytest.raises(KeyError, match="no measure is called 'speed'"):
         comparison.by("speed")
@@ -77,9 +77,9 @@ def group(*failures: int) -> tuple[CampaignMeasures, ...]:
 def test_more_failures_are_better_and_a_later_first_one_is_worse() -> None:
     quick = tuple(measures(10 + i, first=2 + i) for i in range(5))
     slow = tuple(measures(1 + i, first=20 + i) for i in range(5))
-    found = compare_measured({"quick": quick, "slow": slow})
+    comparison = compare_measured({"quick": quick, "slow": slow})
     for name in ("failures", "simulations_to_failure"):
-        (pair,) = found.by(name).pairs
+        (pair,) = comparison.by(name).pairs
         assert pair.a12 == 1.0
         assert pair.p == pytest.approx(2 / 252)
         assert pair.verdict == "the first is better"
@@ -88,61 +88,64 @@ def test_more_failures_are_better_and_a_later_first_one_is_worse() -> None:
     assert pair.a12 == 0.0
     assert pair.verdict == "the second is better"
     by = turned.by("simulations_to_failure")
-    ((_, said, a12, *_),) = pair_rows([by])
-    assert (said, a12) == ("quick has less than slow", "1.00"), "of the group named first"
-    assert by.said(pair) == "quick has less than slow"
-    assert by.places == {"slow": 2, "quick": 1}
+    ((_, text, a12, *_),) = pair_rows([by])
+    assert (text, a12) == ("quick has less than slow", "1.00"), "of the group named first"
+    assert by.pair_text(pair) == "quick has less than slow"
+    assert by.positions == {"slow": 2, "quick": 1}
 
 
 @pytest.mark.parametrize("repeats", [1, 4])
 def test_nothing_is_claimed_of_fewer_than_five_repeats(repeats: int) -> None:
-    found = compare_measured({"a": group(*range(50, 50 + repeats)), "b": group(*range(10))}).by(
+    by = compare_measured({"a": group(*range(50, 50 + repeats)), "b": group(*range(10))}).by(
         "failures"
     )
-    assert found.pairs[0].a12 == 1.0
-    assert found.pairs[0].better is None
-    assert found.said(found.pairs[0]) == "a and b: too few repeats to tell"
+    assert by.pairs[0].a12 == 1.0
+    assert by.pairs[0].better is None
+    assert by.pair_text(by.pairs[0]) == "a and b: too few repeats to tell"
 
 
 def test_several_groups_are_corrected_for_being_several() -> None:
     groups = {"a": group(9, 8, 7, 9, 8), "b": group(5, 4, 6, 5, 4), "c": group(5, 4, 6, 5, 3)}
-    found = compare_measured(groups).by("failures")
-    assert [(pair.first, pair.second) for pair in found.pairs] == [
+    by = compare_measured(groups).by("failures")
+    assert [(pair.first, pair.second) for pair in by.pairs] == [
         ("a", "b"),
         ("a", "c"),
         ("b", "c"),
     ]
-    smallest = min(pair.p for pair in found.pairs)
-    assert found.pairs[0].p_corrected == pytest.approx(3 * smallest)
-    assert found.pairs[0].better == found.pairs[1].better == "a"
-    assert found.pairs[2].better is None
-    assert found.worse_than("a") == ("b", "c")
-    assert found.worse_than("b") == found.worse_than("c") == ()
+    smallest = min(pair.p for pair in by.pairs)
+    assert by.pairs[0].p_corrected == pytest.approx(3 * smallest)
+    assert by.pairs[0].better == by.pairs[1].better == "a"
+    assert by.pairs[2].better is None
+    assert by.worse_than("a") == ("b", "c")
+    assert by.worse_than("b") == by.worse_than("c") == ()
 
 
-def test_what_never_happened_is_worse_than_any_number() -> None:
+def test_an_event_that_never_happened_is_worse_than_any_number() -> None:
     some = tuple(measures(1, first=100, sparseness=10.0 * i, min_moobd=0.31) for i in range(5))
     never = tuple(measures(0) for _ in range(5))
-    found = compare_measured({"never": never, "some": some})
+    comparison = compare_measured({"never": never, "some": some})
     for name in ("simulations_to_failure", "competition_sparseness"):
-        assert (found.by(name).pairs[0].a12, found.by(name).pairs[0].better) == (0.0, "some")
-        assert found.by(name).text("never") == "none"
-    assert found.by("competition_sparseness").text("some") == "20.0 (10.0 to 30.0)"
-    assert all(one.measure.name != "min_moobd" for one in found.measures)  # not all have it
+        assert (comparison.by(name).pairs[0].a12, comparison.by(name).pairs[0].better) == (
+            0.0,
+            "some",
+        )
+        assert comparison.by(name).text("never") == "none"
+    assert comparison.by("competition_sparseness").text("some") == "20.0 (10.0 to 30.0)"
+    assert all(by.measure.name != "min_moobd" for by in comparison.measures)  # not all have it
 
 
-def test_a_group_is_placed_by_its_median_and_equal_ones_by_mean_rank() -> None:
-    found = compare_measured({"c": group(1, 2), "a": group(9, 7), "b": group(8, 7)}).by("failures")
+def test_groups_are_ordered_by_median_then_by_mean_rank() -> None:
+    by = compare_measured({"c": group(1, 2), "a": group(9, 7), "b": group(8, 7)}).by("failures")
     # 9 8 7 7 2 1 have the ranks 1 2 3.5 3.5 5 6.
-    assert found.places == {"c": 3, "a": 1, "b": 2}
-    assert found.order == ("a", "b", "c")
+    assert by.positions == {"c": 3, "a": 1, "b": 2}
+    assert by.order == ("a", "b", "c")
     # The medians are 6 and 5 and 5, the mean ranks 6 and 4.67 and 5.67.
     groups = {"a": group(6, 6, 1), "b": group(5, 9, 5), "c": group(5, 8, 2)}
-    found = compare_measured(groups).by("failures")
-    assert found.order == ("a", "b", "c")
-    assert found.places == {"a": 1, "b": 2, "c": 3}
+    by = compare_measured(groups).by("failures")
+    assert by.order == ("a", "b", "c")
+    assert by.positions == {"a": 1, "b": 2, "c": 3}
     alike = compare_measured({"a": group(3, 4), "b": group(4, 3), "c": group(1, 1)}).by("failures")
-    assert list(alike.places.values()) == [1, 1, 3]
+    assert list(alike.positions.values()) == [1, 1, 3]
 
 
 @pytest.mark.parametrize("groups", range(2, 9))
@@ -172,8 +175,8 @@ def test_campaigns_that_differ_in_the_seed_only_are_grouped_under_telling_names(
     assert len(groups["random"]) == 5
 
 
-def made(folder: Path, name: str, seed: int = 1, **options: object) -> Path:
-    """A tiny campaign in which something differs."""
+def tiny_campaign(folder: Path, name: str, seed: int = 1, **options: object) -> Path:
+    """Run a campaign of a few drives with some other parts."""
     parts: dict[str, object] = {
         "strategy": RandomSearch(seed=seed),
         "simulator": DummySimulator(),
@@ -187,11 +190,11 @@ def made(folder: Path, name: str, seed: int = 1, **options: object) -> Path:
 
 def test_names_say_what_differs_and_no_more(tmp_path: Path) -> None:
     folders = [
-        made(tmp_path, "a"),
-        made(tmp_path, "b", driver=Planner(aggression=0.5, braking=3.0)),
-        made(tmp_path, "c", driver=Delayed(Planner(), seconds=0.1)),
-        made(tmp_path, "d", driver=Delayed(Planner(), seconds=0.2)),
-        made(tmp_path, "e", driver=DummyDriver()),
+        tiny_campaign(tmp_path, "a"),
+        tiny_campaign(tmp_path, "b", driver=Planner(aggression=0.5, braking=3.0)),
+        tiny_campaign(tmp_path, "c", driver=Delayed(Planner(), seconds=0.1)),
+        tiny_campaign(tmp_path, "d", driver=Delayed(Planner(), seconds=0.2)),
+        tiny_campaign(tmp_path, "e", driver=DummyDriver()),
     ]
     assert list(group_campaigns(folders)) == [
         "planner,aggression=1,braking=2.2",
@@ -200,14 +203,16 @@ def test_names_say_what_differs_and_no_more(tmp_path: Path) -> None:
         "Delayed,seconds=0.2 over planner",
         "DummyDriver",
     ]
-    budgets = [folders[0], made(tmp_path, "f", budget=Budget(simulations=3))]
+    budgets = [folders[0], tiny_campaign(tmp_path, "f", budget=Budget(simulations=3))]
     assert list(group_campaigns(budgets)) == ["simulations=2", "simulations=3"]
     assert list(group_campaigns(folders[:1])) == ["all"]
 
 
-def test_places_hold_one_campaign_or_several(repeats: Path, tmp_path: Path) -> None:
-    one = repeats / "random-1"
-    assert find_campaigns(one) == [one]
+def test_campaigns_are_found_in_a_folder_of_one_or_of_several(
+    repeats: Path, tmp_path: Path
+) -> None:
+    campaign = repeats / "random-1"
+    assert find_campaigns(campaign) == [campaign]
     assert len(find_campaigns(repeats)) == 10
     with pytest.raises(CampaignError, match="holds no campaign"):
         find_campaigns(tmp_path)
@@ -228,12 +233,14 @@ def test_one_group_or_an_empty_one_is_refused(repeats: Path) -> None:
         {"a": ["random-1"], "b": ["random-1"]},
     ):
         with pytest.raises(FreneticError, match=r"random-1 is there twice"):
-            compare({name: [repeats / one for one in group] for name, group in groups.items()})
+            compare(
+                {name: [repeats / folder for folder in group] for name, group in groups.items()}
+            )
 
 
-def test_repeats_that_are_none_are_noted(tmp_path: Path) -> None:
-    first, same = made(tmp_path, "a"), made(tmp_path, "b")
-    other = made(tmp_path, "c", driver=DummyDriver(), seed=2)
+def test_campaigns_that_are_no_repeats_are_noted(tmp_path: Path) -> None:
+    first, same = tiny_campaign(tmp_path, "a"), tiny_campaign(tmp_path, "b")
+    other = tiny_campaign(tmp_path, "c", driver=DummyDriver(), seed=2)
     _, note = compare({"x": [first, same], "y": [other]}).notes
     assert note == "campaigns of x have the same seed: they are no repeats"
     (note,) = compare({"x": [first, other], "y": [same]}).notes
@@ -241,8 +248,8 @@ def test_repeats_that_are_none_are_noted(tmp_path: Path) -> None:
 
 
 def test_groups_that_differ_in_more_than_one_thing_are_noted(tmp_path: Path) -> None:
-    first = made(tmp_path, "a")
-    other = made(
+    first = tiny_campaign(tmp_path, "a")
+    other = tiny_campaign(
         tmp_path,
         "b",
         driver=DummyDriver(),
@@ -254,18 +261,18 @@ def test_groups_that_differ_in_more_than_one_thing_are_noted(tmp_path: Path) -> 
 
 
 def test_campaigns_in_other_conditions_are_no_repeats(tmp_path: Path) -> None:
-    noisy = made(tmp_path, "noisy", terms=Terms(conditions={"noise": 0.2}))
-    usual = made(tmp_path, "usual", seed=2)
+    noisy = tiny_campaign(tmp_path, "noisy", terms=Terms(conditions={"noise": 0.2}))
+    usual = tiny_campaign(tmp_path, "usual", seed=2)
     groups = group_campaigns([noisy, usual])
     assert groups == {"with noise 0.2 m": [noisy], "in the usual conditions": [usual]}
     assert compare(groups).shared["driver"] == "planner"
-    again = made(tmp_path, "again", seed=2, terms=Terms(conditions={"noise": 0.2}))
-    assert compare({"x": [noisy], "y": [again]}).shared["conditions"] == "noise 0.2 m"
+    noisy_repeat = tiny_campaign(tmp_path, "repeat", seed=2, terms=Terms(conditions={"noise": 0.2}))
+    assert compare({"x": [noisy], "y": [noisy_repeat]}).shared["conditions"] == "noise 0.2 m"
 
 
 def test_campaigns_of_other_lengths_or_without_an_end_are_noted(tmp_path: Path) -> None:
-    first = made(tmp_path, "a")
-    longer = made(tmp_path, "b", budget=Budget(simulations=4))
+    first = tiny_campaign(tmp_path, "a")
+    longer = tiny_campaign(tmp_path, "b", budget=Budget(simulations=4))
     notes = compare({"x": [first], "y": [longer]}).notes
     assert notes == (
         "the campaigns have from 2 to 4 simulations, and more find more: compare campaigns of equal"

@@ -14,8 +14,9 @@ from made_campaigns import search
 from made_drives import departing
 
 from frenetic.analysis import Clusters, Failure, cluster_failures, nearest_misses, segments_of
-from frenetic.analysis import failures as module
-from frenetic.analysis.failures import describe, distinct_failures, representative_failures
+from frenetic.analysis import clusters as module
+from frenetic.analysis.clusters import distinct_failures, representative_failures
+from frenetic.analysis.failures import describe
 from frenetic.campaign import Campaign, CampaignStore
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import Side
@@ -69,8 +70,8 @@ def members(clusters: Clusters) -> set[tuple[int, ...]]:
     return {cluster.ids for cluster in clusters}
 
 
-def difference(one: Failure, other: Failure) -> float:
-    return float(np.linalg.norm(one.vector() - other.vector()))
+def difference(first: Failure, second: Failure) -> float:
+    return float(np.linalg.norm(first.vector() - second.vector()))
 
 
 # What is compared
@@ -108,9 +109,9 @@ def test_moving_and_turning_a_road_makes_no_difference(x: float, y: float, headi
 
 
 def test_three_clearly_different_shapes_with_jitter_are_three_clusters() -> None:
-    found = cluster_failures(three_families())
-    assert members(found) == {tuple(range(k, k + 8)) for k in (1, 101, 201)}
-    assert found.failures == 24
+    clusters = cluster_failures(three_families())
+    assert members(clusters) == {tuple(range(k, k + 8)) for k in (1, 101, 201)}
+    assert clusters.failures == 24
 
 
 @pytest.mark.parametrize("batch", [3000, 1])
@@ -126,25 +127,29 @@ def test_failures_of_one_problem_differ_by_up_to_two_metres(
 
 def test_a_failure_without_departure_is_another_problem() -> None:
     stuck = replace(failure(STRAIGHT, "left"), side=None, id=2)
-    found = cluster_failures([failure(STRAIGHT, "left", id=1), stuck])
-    assert len(found) == 2
-    assert found.of(2).side is None
-    assert found.of(2).description.startswith("fails in its lane")
+    clusters = cluster_failures([failure(STRAIGHT, "left", id=1), stuck])
+    assert len(clusters) == 2
+    assert clusters.of(2).side is None
+    assert clusters.of(2).description.startswith("fails in its lane")
 
 
-def test_neither_order_nor_number_of_doubles_matters() -> None:
+def test_order_and_doubles_of_failures_do_not_matter() -> None:
     failures = three_families() + family([0.04] * 13, "right", 301, 5)
     expected = cluster_failures(failures)
     rng = np.random.default_rng(0)
     for _ in range(5):
         shuffled = [failures[i] for i in rng.permutation(len(failures))]
         assert cluster_failures(shuffled) == expected
-    doubles = [replace(one, id=10 * one.id + 1000 + k) for one in failures[:9] for k in range(4)]
+    doubles = [
+        replace(failure, id=10 * failure.id + 1000 + k)
+        for failure in failures[:9]
+        for k in range(4)
+    ]
     among = cluster_failures(failures + doubles)
     assert len(among) == len(expected)
-    for one in failures[:9]:
+    for failure in failures[:9]:
         for k in range(4):
-            assert among.of(10 * one.id + 1000 + k) is among.of(one.id)
+            assert among.of(10 * failure.id + 1000 + k) is among.of(failure.id)
 
 
 def test_failures_beyond_a_batch_join_or_are_linked_in_turn(
@@ -164,7 +169,7 @@ def test_threshold_has_to_be_a_length(threshold: float) -> None:
         cluster_failures([], threshold=threshold)
 
 
-def test_an_id_may_not_be_there_twice() -> None:
+def test_two_failures_with_the_same_id_are_refused() -> None:
     with pytest.raises(ValueError, match="failure 3 is there twice"):
         cluster_failures([failure(LEFT, id=3), failure(RIGHT, id=3)])
     clusters = cluster_failures([failure(LEFT, id=3)])
@@ -177,7 +182,7 @@ def test_an_id_may_not_be_there_twice() -> None:
 
 
 def test_clusters_come_most_severe_first_with_their_worst_and_their_typical_failure() -> None:
-    found = cluster_failures(
+    clusters = cluster_failures(
         [
             failure(LEFT, id=1, moobd=-1.0, speeds=(15.0, 10.0)),
             failure(LEFT, id=2, moobd=-1.6, speeds=(15.4, 10.4)),  # between the two others
@@ -185,25 +190,25 @@ def test_clusters_come_most_severe_first_with_their_worst_and_their_typical_fail
             failure(STRAIGHT, id=4, moobd=-2.5),
         ]
     )
-    assert [cluster.most_severe for cluster in found] == [4, 3]
-    assert [cluster.moobd for cluster in found] == [-2.5, -1.8]
-    assert found[1].typical == 2
-    assert found[1].ids == (1, 2, 3)
+    assert [cluster.most_severe for cluster in clusters] == [4, 3]
+    assert [cluster.moobd for cluster in clusters] == [-2.5, -1.8]
+    assert clusters[1].typical == 2
+    assert clusters[1].ids == (1, 2, 3)
     # Differences from the mean in speed: sqrt(mean of 0.4667^2, 0.0667^2, 0.5333^2) m.
-    assert found[1].spread == pytest.approx(
+    assert clusters[1].spread == pytest.approx(
         math.sqrt((0.4667**2 + 0.0667**2 + 0.5333**2) / 3), rel=0.01
     )
-    assert str(found[1]).endswith("km/h: 3 failures, at worst 1.80 m outside its lane")
-    assert str(found[0]).endswith("km/h: 1 failure, at worst 2.50 m outside its lane")
+    assert str(clusters[1]).endswith("km/h: 3 failures, at worst 1.80 m outside its lane")
+    assert str(clusters[0]).endswith("km/h: 1 failure, at worst 2.50 m outside its lane")
 
 
-def test_the_example_of_a_cause_has_it(tmp_path: Path) -> None:
+def test_the_example_of_a_cause_has_that_cause(tmp_path: Path) -> None:
     spec = Spec(strategy="frenetic", seed=3, simulations=120)
     Campaign.of(spec, folder=tmp_path / "night", workers=1).run()
     with CampaignStore.open(tmp_path / "night") as store:
-        found = distinct_failures(store)
-        assert len(found) > 5
-        for cluster in found:
+        clusters = distinct_failures(store)
+        assert len(clusters) > 5
+        for cluster in clusters:
             typical = Failure.of_test(store.test(cluster.typical))
             assert typical is not None
             assert typical.cause == cluster.cause
@@ -305,13 +310,17 @@ def test_nearest_misses_are_the_passing_tests_of_lowest_moobd_each_unlike_the_ot
         assert list(near) == list(all_of_them)[:5]
         assert all_of_them.failures == len(passed)
         moobds = {test.id: test.moobd or 0.0 for test in passed}
-        for one in near:
-            assert one.moobd == moobds[one.most_severe] == min(moobds[test] for test in one.ids)
+        for cluster in near:
+            assert (
+                cluster.moobd
+                == moobds[cluster.most_severe]
+                == min(moobds[test] for test in cluster.ids)
+            )
             # It is nearer than every test that is like none of the five.
             others = set(moobds) - {test for cluster in near for test in cluster.ids}
-            assert all(one.moobd <= moobds[test] for test in others)
+            assert all(cluster.moobd <= moobds[test] for test in others)
         listed = representative_failures(store, clusters=near)
-        assert [test.id for test in listed] == [one.most_severe for one in near]
+        assert [test.id for test in listed] == [cluster.most_severe for cluster in near]
 
 
 def test_a_near_miss_is_described_by_the_edge_that_it_came_nearest_to(unfailing: Path) -> None:
@@ -338,7 +347,7 @@ def test_more_passing_tests_are_read_until_there_are_enough_distinct_near_misses
         assert list(nearest_misses(store)) == list(expected)
 
 
-def test_it_is_the_mean_difference_that_puts_failures_together() -> None:
+def test_the_mean_difference_joins_failures() -> None:
     base = failure(STRAIGHT)
     # The mean square difference of the third from the first two is 3.8 m2, then 9 m2; the largest
     # and the least difference would say the opposite.

@@ -46,7 +46,7 @@ def test_a_bend_turns_ten_degrees_or_more(degrees: float, number: int) -> None:
     assert len(find_bends(np.array([0.0, 20.0]), kappa)) == number
 
 
-def test_a_gentle_bend_is_none_however_far_it_turns() -> None:
+def test_a_gentle_turn_is_no_bend_however_far_it_turns() -> None:
     assert find_bends(np.array([0.0, 400.0]), np.full(2, 0.0049)) == ()
 
 

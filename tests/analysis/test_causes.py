@@ -31,7 +31,7 @@ def driven(**columns: FloatArray) -> Drive:
     return replace(drive, trajectory=Trajectory(**rows))
 
 
-def test_a_cause_is_told_in_bends_to_its_side_or_to_either() -> None:
+def test_a_cause_names_the_side_of_its_bends() -> None:
     assert cause(driven()) == Cause(Kind.TOO_FAST, "left")
     assert in_words(*cause(driven())) == "takes left-hand bends too fast"
     assert in_words(Kind.TOO_FAST) == "takes bends too fast"
@@ -54,7 +54,7 @@ def test_a_driver_that_never_steers_holds_no_limit() -> None:
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 0.0])
-def test_columns_that_a_simulator_does_not_know_give_a_cause_all_the_same(value: float) -> None:
+def test_a_failure_with_unknown_columns_has_a_cause(value: float) -> None:
     n = len(driven().trajectory)
     names = set(Trajectory.names()) - {"time", "x", "y", "heading"}
     assert cause(driven(**{name: np.full(n, value) for name in names})).kind in Kind

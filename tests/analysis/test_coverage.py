@@ -1,4 +1,4 @@
-"""What of a domain was driven: hand-counted cells, and what holds for any drives."""
+"""Coverage of a domain: hand-counted cells, and properties of any drives."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from frenetic.analysis import coverage
+from frenetic.analysis import coverage as coverage_module
 from frenetic.analysis.coverage import (
     GRADE,
     RADIUS,
@@ -55,10 +55,10 @@ def setting_of(domain: Domain | None) -> Setting:
     )
 
 
-def made(
+def bend_test(
     outcome: Outcome, radius: float = math.inf, grade: float = 0.0, **conditions: float
 ) -> Test:
-    """A test of one bend in some conditions."""
+    """Return a test of a bend in some conditions."""
     candidate = Candidate(
         1,
         np.array([0.0, 1.0 / radius, 0.0]),
@@ -71,9 +71,9 @@ def made(
 
 
 def covered(domain: Domain, tests: Iterable[Test]) -> DomainCoverage:
-    found = domain_coverage(setting_of(domain), tests)
-    assert found is not None
-    return found
+    coverage = domain_coverage(setting_of(domain), tests)
+    assert coverage is not None
+    return coverage
 
 
 def counts(cells: Cells) -> list[str]:
@@ -82,23 +82,28 @@ def counts(cells: Cells) -> list[str]:
 
 
 def test_cells_counted_by_hand() -> None:
-    found = covered(
+    coverage = covered(
         GUSTY,
         [
-            made(Outcome.PASS, 14.3, gust=-10.0),
-            made(Outcome.FAIL, 17.9, gust=-5.0, delay=0.05),
-            made(Outcome.FAIL, 18.1, gust=4.0, delay=0.2),
-            made(Outcome.PASS, 70.0, delay=0.2),  # no gust is one of 0 m/s
-            made(Outcome.PASS, gust=10.0),
-            made(Outcome.PASS, 14.3, gust=11.0),
-            made(Outcome.FAIL, 14.3, gust=1.0, delay=0.3),
-            made(Outcome.FAIL, 9.0),
-            made(Outcome.INVALID, 14.3, gust=1.0),
-            made(Outcome.ERROR, 14.3, gust=1.0),
+            bend_test(Outcome.PASS, 14.3, gust=-10.0),
+            bend_test(Outcome.FAIL, 17.9, gust=-5.0, delay=0.05),
+            bend_test(Outcome.FAIL, 18.1, gust=4.0, delay=0.2),
+            bend_test(Outcome.PASS, 70.0, delay=0.2),  # no gust is one of 0 m/s
+            bend_test(Outcome.PASS, gust=10.0),
+            bend_test(Outcome.PASS, 14.3, gust=11.0),
+            bend_test(Outcome.FAIL, 14.3, gust=1.0, delay=0.3),
+            bend_test(Outcome.FAIL, 9.0),
+            bend_test(Outcome.INVALID, 14.3, gust=1.0),
+            bend_test(Outcome.ERROR, 14.3, gust=1.0),
         ],
     )
-    assert (found.name, found.drives, found.failures, found.outside) == ("gusty", 5, 2, 3)
-    gust, delay, radius = found.axes
+    assert (coverage.name, coverage.drives, coverage.failures, coverage.outside) == (
+        "gusty",
+        5,
+        2,
+        3,
+    )
+    gust, delay, radius = coverage.axes
     assert [gust.text(i) for i in range(gust.size)] == ["-10 to -5", "-5 to 0", "0 to 5", "5 to 10"]
     texts = ["as usual", "0 to 0.05", "0.05 to 0.1", "0.1 to 0.15", "0.15 to 0.2"]
     assert [delay.text(i) for i in range(delay.size)] == texts
@@ -106,20 +111,20 @@ def test_cells_counted_by_hand() -> None:
     assert delay.words(1) == "delay 0 to 0.05 s"
     texts = ["14.29 to 18", "18 to 24", "24 to 36", "36 to 71", "71 or more"]
     assert [radius.text(i) for i in range(radius.size)] == texts
-    assert [counts(one) for one in found.singles] == [
+    assert [counts(cells) for cells in coverage.singles] == [
         ["0/1", "1/1", "1/2", "0/1"],
         ["0/2", "0/0", "1/1", "0/0", "1/2"],
         ["1/2", "1/1", "0/0", "0/1", "0/1"],
     ]
-    assert found.singles[0].shares == pytest.approx([0.25] * 4)
-    assert found.singles[1].shares == pytest.approx([0.75] + [0.0625] * 4)
-    both = found.pairs[0]
+    assert coverage.singles[0].shares == pytest.approx([0.25] * 4)
+    assert coverage.singles[1].shares == pytest.approx([0.75] + [0.0625] * 4)
+    both = coverage.pairs[0]
     assert both.axes == (gust, delay)
     assert (both.count, both.driven, both.failed, both.never_reached) == (20, 4, 2, 16)
     # As usual from -10 to -5 and from 5 to 10; once each in two of the others.
     assert both.driven_share == pytest.approx(2 * 0.25 * 0.75 + 2 * 0.25 * 0.0625)
-    texts = [gap.in_words() for gap in found.gaps]
-    missing = found.gaps[texts.index("gust -5 to 0 m/s with delay as usual")]
+    texts = [gap.in_words() for gap in coverage.gaps]
+    missing = coverage.gaps[texts.index("gust -5 to 0 m/s with delay as usual")]
     assert missing.share == pytest.approx(0.25 * 0.75)
     assert missing.likelihood == "1 drive in 5"
     assert missing.as_json()["cells"] == {
@@ -129,7 +134,7 @@ def test_cells_counted_by_hand() -> None:
     # What lies in a cell that was never reached is not named again.
     assert texts.count("delay 0.1 to 0.15 s") == 1
     assert sum("delay 0.1 to 0.15 s" in text for text in texts) == 1
-    document = found.as_json()
+    document = coverage.as_json()
     assert document["axes"][1]["cells"][0] == {
         "low": None,
         "high": None,
@@ -140,33 +145,33 @@ def test_cells_counted_by_hand() -> None:
     assert document["axes"][2]["cells"][4]["high"] is None
 
 
-def test_a_repeated_road_counts_once_in_its_conditions() -> None:
+def test_a_repeated_road_counts_once_in_the_same_conditions() -> None:
     tests = [
-        made(Outcome.PASS, 14.3, gust=-10.0),
-        made(Outcome.FAIL, 17.9, gust=-5.0, delay=0.05),
-        made(Outcome.FAIL, 17.9, gust=4.0, delay=0.05),
-        made(Outcome.FAIL, 9.0),
+        bend_test(Outcome.PASS, 14.3, gust=-10.0),
+        bend_test(Outcome.FAIL, 17.9, gust=-5.0, delay=0.05),
+        bend_test(Outcome.FAIL, 17.9, gust=4.0, delay=0.05),
+        bend_test(Outcome.FAIL, 9.0),
     ]
-    found = covered(GUSTY, [*tests, *tests[1:], tests[1]])
-    assert (found.drives, found.failures, found.outside) == (3, 2, 1)
-    assert found.as_json() == covered(GUSTY, tests).as_json()
+    coverage = covered(GUSTY, [*tests, *tests[1:], tests[1]])
+    assert (coverage.drives, coverage.failures, coverage.outside) == (3, 2, 1)
+    assert coverage.as_json() == covered(GUSTY, tests).as_json()
 
 
-def test_roads_of_a_class_have_its_bounds() -> None:
+def test_road_axes_end_at_the_bounds_of_the_class() -> None:
     domain = Domain.from_entries("town", {"roads": "urban-50,length=400"})
-    found = covered(domain, [made(Outcome.FAIL, 86.0, grade=-0.08)])
-    radius, grade = found.singles
-    assert [one.axes[0].name for one in (radius, grade)] == [RADIUS, GRADE]
+    coverage = covered(domain, [bend_test(Outcome.FAIL, 86.0, grade=-0.08)])
+    radius, grade = coverage.singles
+    assert [cells.axes[0].name for cells in (radius, grade)] == [RADIUS, GRADE]
     assert radius.axes[0].edges == (86.0, 110.0, 140.0, 220.0, 430.0, math.inf)
     assert grade.axes[0].edges == (0.0, 2.0, 4.0, 6.0, 8.0)
     assert counts(radius) == ["1/1", "0/0", "0/0", "0/0", "0/0"]
     assert counts(grade) == ["0/0", "0/0", "0/0", "1/1"]
-    assert found.driven_share == pytest.approx(radius.shares[0] * grade.shares[3], abs=0.02)
+    assert coverage.driven_share == pytest.approx(radius.shares[0] * grade.shares[3], abs=0.02)
     flat = Domain.from_entries("flat", {"roads": "urban-50,max_grade=0"})
     assert [axis.name for axis in axes_of(flat)] == [RADIUS]
 
 
-def test_without_a_domain_there_is_no_table() -> None:
+def test_a_campaign_without_a_domain_has_no_coverage() -> None:
     assert domain_coverage(setting_of(None), []) is None
 
 
@@ -175,19 +180,21 @@ def test_shares_of_a_normal_distribution_and_of_a_fixed_amount() -> None:
     domain = Domain.from_entries(
         "x", {"conditions": {"gust": gust, "delay": {"low": 0.2, "high": 0.2, "chance": 0.1}}}
     )
-    found = covered(domain, [made(Outcome.PASS, gust=1.0), made(Outcome.PASS, delay=0.2)])
+    coverage = covered(
+        domain, [bend_test(Outcome.PASS, gust=1.0), bend_test(Outcome.PASS, delay=0.2)]
+    )
     # A normal distribution within two deviations: 0.4772 on each side, 0.3413 within one.
-    assert found.singles[0].shares == pytest.approx(
+    assert coverage.singles[0].shares == pytest.approx(
         [0.1359 / 0.9545, 0.3413 / 0.9545, 0.3413 / 0.9545, 0.1359 / 0.9545], abs=1e-4
     )
-    delay = found.axes[1]
+    delay = coverage.axes[1]
     assert [delay.text(i) for i in range(delay.size)] == ["as usual", "0.2"]
-    assert found.singles[1].shares == pytest.approx([0.9, 0.1])
-    assert counts(found.singles[1]) == ["0/1", "0/1"]
+    assert coverage.singles[1].shares == pytest.approx([0.9, 0.1])
+    assert counts(coverage.singles[1]) == ["0/1", "0/1"]
     assert delay.ticks == [(0.5, "usual"), (1.5, "0.2")]
 
 
-def test_what_varies_without_a_domain_has_axes() -> None:
+def test_varied_conditions_without_a_domain_have_axes() -> None:
     fog, noise = varied_axes(
         [{"fog": 30.0, "load": 100.0}, {"fog": 80.0, "load": 100.0, "noise": 0.1, "noise_seed": 3}]
     )
@@ -205,10 +212,10 @@ def domains(draw: Any) -> Domain:
     for name, most in (("friction", 1.4), ("gust", 40.0), ("noise", 9.0)):
         if draw(st.booleans()):
             a, b, mean = (most * draw(st.integers(1, 100)) / 100.0 for _ in range(3))
-            found = {"low": min(a, b), "high": max(a, b)}
+            entry = {"low": min(a, b), "high": max(a, b)}
             if draw(st.booleans()):
-                found |= {"mean": mean, "deviation": 0.3 * most}
-            conditions[name] = found | {"chance": draw(st.sampled_from([1.0, 0.3]))}
+                entry |= {"mean": mean, "deviation": 0.3 * most}
+            conditions[name] = entry | {"chance": draw(st.sampled_from([1.0, 0.3]))}
     return Domain.from_entries("drawn", {"conditions": conditions})
 
 
@@ -217,7 +224,7 @@ def domains(draw: Any) -> Domain:
 def test_cells_add_up(domain: Domain, number: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     tests = [
-        made(
+        bend_test(
             Outcome.FAIL if rng.random() < 0.3 else Outcome.PASS,
             15.0 / rng.random(),
             **domain.at(rng.random(domain.dimension), 200.0),
@@ -225,30 +232,34 @@ def test_cells_add_up(domain: Domain, number: int, seed: int) -> None:
         for _ in range(number)
     ]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(coverage, "ROADS", 20)
-        found = covered(domain, tests)
-    assert (found.drives, found.outside) == (number, 0)
-    assert found.failures == sum(test.outcome is Outcome.FAIL for test in tests)
-    for one in (*found.singles, *found.pairs):
-        assert one.driven + one.never_reached == one.count == math.prod(a.size for a in one.axes)
-        assert one.drives.sum() == number
-        assert one.failures.sum() == found.failures
-        assert (one.failures <= one.drives).all()
-        assert one.failed <= one.driven
-        assert one.shares.sum() == pytest.approx(1.0)
-        assert (one.shares >= -1e-12).all()
-        assert found.driven_share <= one.driven_share + 0.02
-    for pair in found.pairs:
+        patch.setattr(coverage_module, "ROADS", 20)
+        coverage = covered(domain, tests)
+    assert (coverage.drives, coverage.outside) == (number, 0)
+    assert coverage.failures == sum(test.outcome is Outcome.FAIL for test in tests)
+    for cells in (*coverage.singles, *coverage.pairs):
+        assert (
+            cells.driven + cells.never_reached
+            == cells.count
+            == math.prod(a.size for a in cells.axes)
+        )
+        assert cells.drives.sum() == number
+        assert cells.failures.sum() == coverage.failures
+        assert (cells.failures <= cells.drives).all()
+        assert cells.failed <= cells.driven
+        assert cells.shares.sum() == pytest.approx(1.0)
+        assert (cells.shares >= -1e-12).all()
+        assert coverage.driven_share <= cells.driven_share + 0.02
+    for pair in coverage.pairs:
         for k, axis in enumerate(pair.axes):
-            single = next(one for one in found.singles if one.axes == (axis,))
+            single = next(cells for cells in coverage.singles if cells.axes == (axis,))
             assert pair.drives.sum(axis=1 - k).tolist() == single.drives.tolist()
             assert pair.shares.sum(axis=1 - k) == pytest.approx(single.shares)
-    named = {gap.cells for gap in found.gaps}
-    assert len(named) == len(found.gaps)
-    assert len(named) <= sum(one.never_reached for one in (*found.singles, *found.pairs))
-    shares = [gap.share for gap in found.gaps]
+    named = {gap.cells for gap in coverage.gaps}
+    assert len(named) == len(coverage.gaps)
+    assert len(named) <= sum(cells.never_reached for cells in (*coverage.singles, *coverage.pairs))
+    shares = [gap.share for gap in coverage.gaps]
     assert shares == sorted(shares, reverse=True)
-    for axis in found.axes:
+    for axis in coverage.axes:
         assert list(axis.edges) == sorted(axis.edges)
         assert axis.size <= 8
         for test in tests:
@@ -261,8 +272,10 @@ def test_cells_add_up(domain: Domain, number: int, seed: int) -> None:
 
 def test_a_drive_in_each_pair_of_cells_covers_all() -> None:
     domain = replace(GUSTY, conditions={"gust": GUSTY.conditions["gust"]})
-    tests = [made(Outcome.PASS, r, gust=g) for r in (15, 20, 30, 50, 99) for g in (-8, -3, 3, 8)]
-    found = covered(domain, tests)
-    assert found.driven_share == 1.0
-    assert found.gaps == ()
-    assert found.pairs[0].never_reached == 0
+    tests = [
+        bend_test(Outcome.PASS, r, gust=g) for r in (15, 20, 30, 50, 99) for g in (-8, -3, 3, 8)
+    ]
+    coverage = covered(domain, tests)
+    assert coverage.driven_share == 1.0
+    assert coverage.gaps == ()
+    assert coverage.pairs[0].never_reached == 0

@@ -10,12 +10,14 @@ import pytest
 from made_campaigns import search
 
 from frenetic.analysis import measure_campaign
-from frenetic.analysis.failures import caution, distinct_failures
+from frenetic.analysis.caution import caution
+from frenetic.analysis.clusters import distinct_failures
 from frenetic.campaign import CampaignStore, RoadTester
 from frenetic.drivers import Controls, Observation, Planner
 from frenetic.errors import Fault
 from frenetic.oracle.outcome import Outcome
-from frenetic.rerun.minimise import FailureReason, minimise
+from frenetic.rerun.minimise import minimise
+from frenetic.rerun.minimising_strategy import FailureReason
 from frenetic.road import Road
 from frenetic.search import Evaluation, Frenetic
 from frenetic.simulators import EmbeddedSimulator
@@ -53,24 +55,26 @@ def test_a_line_that_raises_is_one_distinct_failure_and_comes_first(tmp_path: Pa
     assert first.fault is not None
     assert first.description == f"raises ValueError at {first.fault.file}:{first.fault.line}"
     assert others, "it leaves its lane, too"
-    assert all(one.fault is None for one in others)
+    assert all(cause.fault is None for cause in others)
     rare = replace(clusters, clusters=(*others, replace(first, ids=first.ids[:1])))
-    one, *causes = rare.causes
-    assert one.fault == first.fault
-    assert max(cause.failures for cause in causes) > one.failures == 1, "it is no matter of numbers"
+    cause, *causes = rare.causes
+    assert cause.fault == first.fault
+    assert max(cause.failures for cause in causes) > cause.failures == 1, (
+        "it is no matter of numbers"
+    )
 
 
-def test_its_road_is_minimised_as_long_as_the_same_line_raises() -> None:
+def test_a_road_with_a_fault_is_minimised_while_the_same_line_raises() -> None:
     road = Road([0.0, 0.02, 0.0, -0.03, -0.02, 0.0, 0.03, 0.065, 0.04, 0.0, -0.03, 0.0, 0.0])
-    found = minimise(road, RoadTester(EmbeddedSimulator(), Brittle()))
-    assert found.reason is FailureReason.DRIVER_BROKE
-    assert found.road.length <= 40.0 < road.length
-    before, after = found.original.result.fault, found.smallest.result.fault
+    minimised = minimise(road, RoadTester(EmbeddedSimulator(), Brittle()))
+    assert minimised.reason is FailureReason.DRIVER_BROKE
+    assert minimised.road.length <= 40.0 < road.length
+    before, after = minimised.original.result.fault, minimised.smallest.result.fault
     assert before == after != None  # noqa: E711
 
 
-@pytest.mark.parametrize("kept", [True, False])
-def test_the_search_goes_on_from_the_first_fault_of_a_line_only(kept: bool) -> None:
+@pytest.mark.parametrize("has_moobd", [True, False])
+def test_the_search_goes_on_from_the_first_fault_of_a_line_only(has_moobd: bool) -> None:
     """Also where the process is lost, with all that was driven."""
     fault = Fault("driver", "ValueError", "mine.py", 41)
     strategy = Frenetic(seed=1, random_roads=5)
@@ -79,21 +83,23 @@ def test_the_search_goes_on_from_the_first_fault_of_a_line_only(kept: bool) -> N
         candidate = strategy.ask()
         parents += candidate.origin.parents
         broke = number in (4, 5)
-        moobd = 1.5 if kept or not broke else None
+        moobd = 1.5 if has_moobd or not broke else None
         outcome = Outcome.FAIL if broke else Outcome.PASS
-        told = Evaluation(candidate, outcome, moobd, number / 200, fault=fault if broke else None)
-        strategy.tell(told)
+        evaluation = Evaluation(
+            candidate, outcome, moobd, number / 200, fault=fault if broke else None
+        )
+        strategy.tell(evaluation)
     assert parents.count(4) > 5 * parents.count(5)
 
 
-def test_where_nearly_every_random_road_fails_something_else_is_wrong(tmp_path: Path) -> None:
+def test_a_caution_warns_if_nearly_every_random_road_fails(tmp_path: Path) -> None:
     with searched(tmp_path / "c", SteersWrong()) as store:
         assert " random roads fail: it may be the car, the speed" in caution(store)
     with searched(tmp_path / "good", Planner()) as store:
         assert caution(store) == ""
 
 
-def test_where_nothing_fails_is_said_how_little_that_proves(tmp_path: Path) -> None:
+def test_a_caution_says_how_little_passing_roads_prove(tmp_path: Path) -> None:
     with searched(tmp_path / "c", Planner(aggression=0.5)) as store:
         assert not store.by_outcome()[Outcome.FAIL]
         said = re.fullmatch(

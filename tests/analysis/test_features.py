@@ -22,16 +22,16 @@ def whole(road: Road) -> Segment:
 
 def test_features_of_a_drive_worked_out_by_hand() -> None:
     # The largest offset is at 50 m, so the segment goes from 20 m to 80 m: records 2 to 8.
-    made = drive(
+    hand_drive = drive(
         STRAIGHT,
         places=np.arange(0.0, 91.0, 10.0).tolist(),
         offsets=[0.0, 0.0, 0.0, 0.2, 0.4, -1.1, 0.0, 0.0, -0.2, 0.0],
         speeds=[0.0, 5.0, 10.0, 10.0, 12.0, 12.0, 12.0, 14.0, 14.0, 99.0],
         steering=[9.0, 9.0, 0.1, -0.1, 0.1, -0.1, 0.1, -0.1, 0.0, 9.0],
     )
-    found = features_of(segment_of(STRAIGHT, made, None))
-    assert list(found) == list(FEATURES)
-    assert found == pytest.approx(
+    features = features_of(segment_of(STRAIGHT, hand_drive, None))
+    assert list(features) == list(FEATURES)
+    assert features == pytest.approx(
         {
             "length": 60.0,
             "max_curvature": 0.0,

@@ -38,8 +38,8 @@ def test_severity_is_the_order_of_moobd(drifting: Path) -> None:
         by_moobd = list(store.tests(order_by="moobd"))
         assert {test.outcome for test in records} >= {Outcome.PASS, Outcome.FAIL}
         assert [test.id for test in records] == [test.id for test in by_moobd]
-        told = [test.told for test, _ in list_tests(store, sort="tested")]
-        assert told == sorted(told)
+        orders = [test.told for test, _ in list_tests(store, sort="tested")]
+        assert orders == sorted(orders)
 
 
 def test_tests_are_chosen_by_outcome_and_feature_and_sorted_by_a_feature(drifting: Path) -> None:
@@ -61,7 +61,7 @@ def test_tests_are_chosen_by_outcome_and_feature_and_sorted_by_a_feature(driftin
         assert values == sorted(values, reverse=True)
 
 
-def test_unknown_names_and_ranges_that_hold_nothing_are_refused(drifting: Path) -> None:
+def test_unknown_names_and_reversed_ranges_are_refused(drifting: Path) -> None:
     with CampaignStore.open(drifting) as store:
         with pytest.raises(UnknownNameError, match=r"'bend'.*severity.*max_curvature"):
             list_tests(store, sort="bend")

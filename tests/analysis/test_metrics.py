@@ -1,4 +1,4 @@
-"""What a campaign came to: against its database, and against each measure's own code."""
+"""Measures of a campaign, checked against its database and each measure's code."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 from made_campaigns import search, store_of
 
-from frenetic.analysis.failures import cluster_failures, failures_of
+from frenetic.analysis.clusters import cluster_failures
+from frenetic.analysis.failures import failures_of
 from frenetic.analysis.features import FEATURES, features_of
 from frenetic.analysis.metrics import MEASURES, CampaignMeasures, measure_campaign
 from frenetic.analysis.segments import segments_of
@@ -36,7 +37,7 @@ def measured(searched: Path) -> CampaignMeasures:
     return measure_campaign(searched)
 
 
-def test_measures_are_what_the_database_says(searched: Path, measured: CampaignMeasures) -> None:
+def test_measures_agree_with_the_database(searched: Path, measured: CampaignMeasures) -> None:
     database = sqlite3.connect(searched / "campaign.sqlite")
 
     def ask(question: str) -> float:
@@ -68,7 +69,7 @@ def test_refused_and_dropped_roads_are_no_simulations(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("tests", [0, 3])
-def test_what_never_happened_is_worse_than_any_number(tests: int, tmp_path: Path) -> None:
+def test_a_failure_that_never_happened_is_infinitely_late(tests: int, tmp_path: Path) -> None:
     measured = measure_campaign(store_of(tmp_path / "c", (Outcome.PASS,) * tests))
     values = {name: measure.of(measured) for name, measure in MEASURES.items()}
     assert values.pop("simulations_to_failure") == math.inf
@@ -85,33 +86,31 @@ def test_curves_rise_with_what_is_new(searched: Path, measured: CampaignMeasures
         for place, cluster in enumerate(cluster_failures(failures_of(store))):
             clusters_of |= dict.fromkeys(cluster.ids, place)
         driven = [record for record in store.tests() if record.outcome.is_driven]
-    seen: set[int] = set()
+    clusters_so_far: set[int] = set()
     for number, record in enumerate(driven, start=1):
         if record.id in clusters_of:
-            seen.add(clusters_of[record.id])
-        assert measured.distinct_after[number] == len(seen)
-    assert measured.distinct_failures == len(seen)
+            clusters_so_far.add(clusters_of[record.id])
+        assert measured.distinct_after[number] == len(clusters_so_far)
+    assert measured.distinct_failures == len(clusters_so_far)
     assert len(measured.distinct_after) == SIMULATIONS + 1
 
 
-def test_cells_and_unlike_roads_are_those_of_the_failures(
-    searched: Path, measured: CampaignMeasures
-) -> None:
+def test_cells_and_unlike_roads_count_failures(searched: Path, measured: CampaignMeasures) -> None:
     axes = ("direction_coverage", "max_curvature", "std_steering", "mean_offset")
     with CampaignStore.open(searched) as store:
         failures = [segment for _, segment in segments_of(store, Outcome.FAIL)]
-    cells = {tuple(FEATURES[n].bin(features_of(one)[n]) for n in axes) for one in failures}
+    cells = {tuple(FEATURES[n].bin(features_of(test)[n]) for n in axes) for test in failures}
     assert measured.cells == len(cells) > 1
-    assert measured.unlike_roads == unlike_lines([one.road.sample(5.0) for one in failures]) > 1
+    assert measured.unlike_roads == unlike_lines([test.road.sample(5.0) for test in failures]) > 1
 
 
-def test_the_competitions_sparseness_is_that_of_an_exported_folder(tmp_path: Path) -> None:
+def test_the_competitions_sparseness_equals_an_exported_folders(tmp_path: Path) -> None:
     # Random roads: a repeated one would count in the folder, where every test is written.
     searched = search(tmp_path / "c", RandomSearch(seed=2), SIMULATIONS)
     measured = measure_campaign(searched)
     assert measured.failures > 2
-    export_campaign(searched, "competition", tmp_path / "theirs")
-    text = (tmp_path / "theirs" / "oob_stats.csv").read_text(encoding="utf-8")
+    export_campaign(searched, "competition", tmp_path / "competition")
+    text = (tmp_path / "competition" / "oob_stats.csv").read_text(encoding="utf-8")
     (row,) = csv.DictReader(text.splitlines())
     assert measured.competition_sparseness == pytest.approx(float(row["avg_sparseness"]), abs=1e-6)
 
@@ -126,7 +125,7 @@ def test_the_competitions_sparseness_is_that_of_an_exported_folder(tmp_path: Pat
         ({"bench": {"end": "crashed"}, "budget": {"simulations": 2}}, True),
     ],
 )
-def test_a_run_of_a_bench_that_ended_by_itself_has_not_finished(
+def test_a_bench_run_that_ended_early_has_not_finished(
     facts: dict[str, Any], is_finished: bool, tmp_path: Path
 ) -> None:
     folder = store_of(tmp_path / "c", (Outcome.PASS,) * 2, **{"interrupted": False, **facts})

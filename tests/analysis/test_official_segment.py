@@ -63,16 +63,16 @@ def test_there_is_no_segment_where_the_competition_breaks(
 
 def test_curvature_of_a_circle_is_too_large_where_the_segment_turns_back() -> None:
     points = circle(20.0, 170.0)
-    found = []
+    curvatures = []
     for degrees in np.linspace(80.0, 83.0, 13):  # about a metre further along in 12 steps
         way = math.radians(degrees)
         cut = competition_segment(points, (20.0 * math.cos(way) - 20.0, 20.0 * math.sin(way)))
         assert cut is not None
         steps = np.diff(cut, axis=0)
         turns_back = bool(((steps[1:] * steps[:-1]).sum(axis=1) < 0.0).any())
-        found.append((turns_back, 1.0 / min_radius(cut)))
-    assert {turns_back for turns_back, _ in found} == {False, True}
-    for turns_back, curvature in found:
+        curvatures.append((turns_back, 1.0 / min_radius(cut)))
+    assert {turns_back for turns_back, _ in curvatures} == {False, True}
+    for turns_back, curvature in curvatures:
         assert curvature >= 0.05 - 1e-3
         assert turns_back or curvature < 0.053
-    assert max(curvature for _, curvature in found) > 0.055
+    assert max(curvature for _, curvature in curvatures) > 0.055

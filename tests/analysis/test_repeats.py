@@ -12,14 +12,14 @@ from made_campaigns import search
 
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis import features_of, segments_of
-from frenetic.analysis.criteria import criteria_in_words
-from frenetic.analysis.failures import (
+from frenetic.analysis.caution import caution
+from frenetic.analysis.clusters import (
     Clusters,
-    caution,
     distinct_failures,
     nearest_misses,
     representative_failures,
 )
+from frenetic.analysis.criteria import criteria_in_words
 from frenetic.analysis.metrics import MEASURES, measure_campaign
 from frenetic.campaign import CampaignStore
 from frenetic.campaign.counts import Counts, FirstTests
@@ -88,7 +88,15 @@ def mixed(tmp_path_factory: pytest.TempPathFactory, roads: list[FloatArray]) -> 
 def sizes(clusters: Clusters) -> list[tuple[Any, ...]]:
     """Everything of distinct failures but the numbers of their tests."""
     return [
-        (len(one), one.moobd, one.side, one.spread, one.description, one.cause) for one in clusters
+        (
+            len(cluster),
+            cluster.moobd,
+            cluster.side,
+            cluster.spread,
+            cluster.description,
+            cluster.cause,
+        )
+        for cluster in clusters
     ]
 
 
@@ -107,7 +115,7 @@ def test_a_campaign_with_repeats_has_the_measures_of_one_without(
                 assert measure.of(measured) == measure.of(expected), name
 
 
-def test_distinct_failures_causes_and_near_misses_are_those_without_repeats(
+def test_repeats_do_not_change_distinct_failures_causes_and_near_misses(
     plain: Path, repeated: Path, mixed: Path
 ) -> None:
     with CampaignStore.open(plain) as store:
@@ -116,28 +124,30 @@ def test_distinct_failures_causes_and_near_misses_are_those_without_repeats(
     causes = [(cause.words, cause.failures, len(cause.clusters)) for cause in clusters.causes]
     for folder in (repeated, mixed):
         with CampaignStore.open(folder) as store:
-            found = distinct_failures(store)
-            assert sizes(found) == sizes(clusters)
+            distinct = distinct_failures(store)
+            assert sizes(distinct) == sizes(clusters)
             assert sizes(nearest_misses(store)) == sizes(misses)
-            assert causes == [(one.words, one.failures, len(one.clusters)) for one in found.causes]
+            assert causes == [
+                (cause.words, cause.failures, len(cause.clusters)) for cause in distinct.causes
+            ]
             if folder is repeated:
-                assert found == clusters
+                assert distinct == clusters
                 assert [test.id for test in representative_failures(store)] == examples
 
 
-def test_cautions_and_feature_maps_are_those_without_repeats(
+def test_repeats_do_not_change_cautions_and_feature_maps(
     plain: Path, repeated: Path, mixed: Path
 ) -> None:
-    def told(folder: Path) -> tuple[Any, ...]:
+    def words(folder: Path) -> tuple[Any, ...]:
         with CampaignStore.open(folder) as store:
             segments = segments_of(store, Outcome.FAIL, with_repeats=False)
             features = [features_of(segment) for _, segment in segments]
             return caution(store), features
 
-    assert told(plain) == told(repeated) == told(mixed)
+    assert words(plain) == words(repeated) == words(mixed)
 
 
-def test_what_criteria_say_was_driven_does_not_grow_with_repeats(
+def test_repeats_do_not_change_the_driven_time_of_criteria(
     tmp_path: Path, roads: list[FloatArray]
 ) -> None:
     simulator = EmbeddedSimulator(rules=Rules(criteria=profiles()["after-un-r157"]))
@@ -153,7 +163,7 @@ def test_what_criteria_say_was_driven_does_not_grow_with_repeats(
     assert texts[0] == texts[1]
 
 
-def test_the_report_shows_what_it_shows_without_repeats(plain: Path, repeated: Path) -> None:
+def test_repeats_do_not_change_the_report(plain: Path, repeated: Path) -> None:
     readings, sections, titles = [], [], []
     for folder in (plain, repeated):
         with CampaignStore.open(folder) as store:
@@ -162,10 +172,10 @@ def test_the_report_shows_what_it_shows_without_repeats(plain: Path, repeated: P
         readings.append(reading)
         sections.append({section.id: section for section in report.sections})
         titles.append(report.title.partition(" in ")[0])
-    one, other = readings
-    assert one.mapped.keys() == other.mapped.keys()
-    assert one.failures.keys() == other.failures.keys()
-    assert one.counts.failures == other.counts.failures
+    first, second = readings
+    assert first.mapped.keys() == second.mapped.keys()
+    assert first.failures.keys() == second.failures.keys()
+    assert first.counts.failures == second.counts.failures
     assert titles[0] == titles[1]
     for name in ("failures", "map"):
         assert sections[0][name].lead == sections[1][name].lead
@@ -188,7 +198,7 @@ def test_a_rerun_drives_each_failing_road_once(plain: Path, repeated: Path) -> N
     assert driven[0] == driven[1]
 
 
-def test_repeats_are_told_where_tests_are_counted(
+def test_repeats_are_named_where_tests_are_counted(
     plain: Path, repeated: Path, roads: list[FloatArray]
 ) -> None:
     with CampaignStore.open(plain) as store:

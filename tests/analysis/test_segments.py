@@ -19,25 +19,25 @@ STRAIGHT = Road(np.zeros(11))  # 100 m, northwards from the origin
 
 def test_segment_is_30_m_before_to_30_m_after_the_departure() -> None:
     places = np.arange(0.0, 71.0, 10.0).tolist()
-    made = drive(STRAIGHT, places, [0.0] * 5 + [0.2, 1.0, 4.0])
-    segment = segment_of(STRAIGHT, made, departure(7.0, 70.0, 2.0, 70.0))
+    departing_drive = drive(STRAIGHT, places, [0.0] * 5 + [0.2, 1.0, 4.0])
+    segment = segment_of(STRAIGHT, departing_drive, departure(7.0, 70.0, 2.0, 70.0))
     assert (segment.start, segment.place, segment.end) == (40.0, 70.0, 100.0)
     assert segment.side == "left"
     assert segment.lateral_offset == pytest.approx([0.0, 0.2, 1.0, 4.0])
 
 
-def test_a_car_that_never_left_is_looked_at_where_it_was_furthest_off() -> None:
+def test_a_segment_without_departure_lies_where_the_car_was_furthest_off() -> None:
     places = np.arange(0.0, 91.0, 10.0).tolist()
-    made = drive(STRAIGHT, places, [0.0, 0.1, 0.0, 0.0, 0.3, -1.5, 0.0, 0.0, 0.0, 0.0])
-    segment = segment_of(STRAIGHT, made, None)
+    lane_drive = drive(STRAIGHT, places, [0.0, 0.1, 0.0, 0.0, 0.3, -1.5, 0.0, 0.0, 0.0, 0.0])
+    segment = segment_of(STRAIGHT, lane_drive, None)
     assert (segment.start, segment.place, segment.end) == (20.0, 50.0, 80.0)
     assert segment.side is None
     assert len(segment.speed) == 7  # the records at 20, 30 .. 80 m
 
 
 def test_segment_ends_with_the_road() -> None:
-    made = drive(STRAIGHT, [0.0, 5.0, 10.0], [0.0, 1.0, 4.0])
-    segment = segment_of(STRAIGHT, made, departure(2.0, 10.0, 2.0, 10.0))
+    departing_drive = drive(STRAIGHT, [0.0, 5.0, 10.0], [0.0, 1.0, 4.0])
+    segment = segment_of(STRAIGHT, departing_drive, departure(2.0, 10.0, 2.0, 10.0))
     assert (segment.start, segment.end, segment.length) == (0.0, 40.0, 40.0)
     late = segment_of(STRAIGHT, drive(STRAIGHT, [85.0, 88.0, 91.0], [0.0, 0.0, 3.5]), None)
     assert (late.start, late.end) == (61.0, 100.0)
@@ -46,8 +46,8 @@ def test_segment_ends_with_the_road() -> None:
 def test_a_second_passage_does_not_count() -> None:
     """A car that went through the stretch before, turned and came again, is seen once."""
     places = [0.0, 25.0, 45.0, 25.0, 0.0, 25.0, 45.0]
-    made = drive(STRAIGHT, places, [0.0] * 6 + [1.0])
-    segment = segment_of(STRAIGHT, made, None)
+    turning_drive = drive(STRAIGHT, places, [0.0] * 6 + [1.0])
+    segment = segment_of(STRAIGHT, turning_drive, None)
     assert segment.first == 5
 
 
@@ -56,7 +56,7 @@ def test_a_drive_without_records_has_no_segment() -> None:
         segment_of(STRAIGHT, Drive(Trajectory.empty()), None)
 
 
-def test_segments_of_a_campaign_are_those_of_its_driven_tests(tmp_path: Path) -> None:
+def test_each_driven_test_of_a_campaign_has_a_segment(tmp_path: Path) -> None:
     Campaign(
         strategy=RandomSearch(seed=2, max_redraws=0),
         simulator=DummySimulator(lambda road: 4.0 if abs(road.curvatures).max() > 0.06 else 0.5),

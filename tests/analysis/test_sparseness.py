@@ -30,12 +30,12 @@ def ahead(number: int) -> list[tuple[float, float]]:
     return [(0.0, 1.0)] * number
 
 
-def edit_distance(one: FloatArray, other: FloatArray) -> float:
+def edit_distance(first: FloatArray, second: FloatArray) -> float:
     """Edits between two lines."""
-    return float(largest_distances([one, other])[0])
+    return float(largest_distances([first, second])[0])
 
 
-def reference(one: FloatArray, other: FloatArray) -> float:
+def reference(first: FloatArray, second: FloatArray) -> float:
     """The definition, letter by letter."""
 
     def word(points: FloatArray) -> list[tuple[float, float]]:
@@ -51,7 +51,7 @@ def reference(one: FloatArray, other: FloatArray) -> float:
             return 0.0
         return (angle / (1.0 + angle) + length / (1.0 + length)) / 2.0
 
-    s, t = word(one), word(other)
+    s, t = word(first), word(second)
     costs = np.zeros((len(s) + 1, len(t) + 1))
     costs[:, 0] = range(len(s) + 1)
     costs[0, :] = range(len(t) + 1)
@@ -71,7 +71,7 @@ LINES = st.lists(
 
 
 @pytest.mark.parametrize(
-    ("one", "other", "edits"),
+    ("first", "second", "edits"),
     [
         (ahead(2), ahead(2), 0.0),
         # The second step turns by 90 degrees: replacing it costs (90/91 + 0) / 2.
@@ -98,16 +98,16 @@ LINES = st.lists(
         ),
     ],
 )
-def test_edit_distance_worked_out_by_hand(one: Steps, other: Steps, edits: float) -> None:
-    assert edit_distance(line(one), line(other)) == pytest.approx(edits, abs=1e-9)
+def test_edit_distance_worked_out_by_hand(first: Steps, second: Steps, edits: float) -> None:
+    assert edit_distance(line(first), line(second)) == pytest.approx(edits, abs=1e-9)
     # The first turn is 0 whatever the direction in which a line begins.
-    assert edit_distance(line(one, 33.0), line(other, -170.0)) == pytest.approx(edits, abs=1e-9)
+    assert edit_distance(line(first, 33.0), line(second, -170.0)) == pytest.approx(edits, abs=1e-9)
 
 
 @settings(max_examples=80)
 @given(LINES, LINES)
-def test_edit_distance_is_that_of_the_definition(one: FloatArray, other: FloatArray) -> None:
-    assert edit_distance(one, other) == pytest.approx(reference(one, other), abs=1e-6)
+def test_edit_distance_follows_the_definition(first: FloatArray, second: FloatArray) -> None:
+    assert edit_distance(first, second) == pytest.approx(reference(first, second), abs=1e-6)
 
 
 # A straight of two steps, one that turns, a straight of four.
@@ -115,7 +115,7 @@ A, B, C = line(ahead(2)), line([(0.0, 1.0), (90.0, 1.0)]), line(ahead(4))
 AB, AC, BC = 45.0 / 91.0, 2.0, 2.0 + 45.0 / 91.0
 
 
-def test_the_largest_distance_is_that_to_those_that_come_after() -> None:
+def test_the_largest_distance_is_to_a_later_line() -> None:
     assert largest_distances([A, B, C]) == pytest.approx((max(AB, AC), BC))
     assert largest_distances([C, B, A]) == pytest.approx((max(BC, AC), AB))
     assert len(largest_distances([A])) == len(largest_distances([])) == 0
@@ -125,8 +125,8 @@ def test_the_largest_distance_is_that_to_those_that_come_after() -> None:
 @settings(max_examples=50)
 def test_the_largest_distance_misses_no_pair(lines: list[FloatArray]) -> None:
     expected = [
-        max(edit_distance(one, other) for other in lines[i + 1 :])
-        for i, one in enumerate(lines[:-1])
+        max(edit_distance(first, second) for second in lines[i + 1 :])
+        for i, first in enumerate(lines[:-1])
     ]
     assert largest_distances(lines).tolist() == expected
 
@@ -142,7 +142,7 @@ def test_lines_are_unlike_if_more_than_a_fifth_of_the_steps_needs_edits() -> Non
 
 @settings(max_examples=50)
 @given(st.lists(LINES, max_size=8))
-def test_unlike_lines_are_those_of_the_definition(lines: list[FloatArray]) -> None:
+def test_unlike_lines_follow_the_definition(lines: list[FloatArray]) -> None:
     counted: list[FloatArray] = []
     for new in lines:
         shares = [edit_distance(new, old) / (max(len(new), len(old)) - 1) for old in counted]

@@ -57,7 +57,7 @@ def test_quartiles_agree_with_numpy(values: list[float]) -> None:
         (lambda: spearman([1.0, 1.0, 1.0], [1.0, 2.0, 3.0]), "that vary"),
     ],
 )
-def test_what_is_no_sample_is_refused(ask: Callable[[], object], words: str) -> None:
+def test_invalid_samples_are_refused(ask: Callable[[], object], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         ask()
 
@@ -96,22 +96,22 @@ def table(both: int, first: int, second: int, neither: int) -> tuple[list[int], 
 def test_paired_difference_of_published_cases(
     counts: tuple[int, int, int, int], expected: tuple[float, float, float]
 ) -> None:
-    found = paired_share_difference(*table(*counts))
-    assert (found.value, found.low, found.high) == pytest.approx(expected, abs=6e-4)
+    difference = paired_share_difference(*table(*counts))
+    assert (difference.value, difference.low, difference.high) == pytest.approx(expected, abs=6e-4)
 
 
 # median_estimate
 
 
 @pytest.mark.parametrize("n", [6, 17, 40, 201])
-def test_the_interval_of_a_median_is_that_of_the_sign_test(n: int) -> None:
+def test_the_interval_of_a_median_follows_from_the_sign_test(n: int) -> None:
     values = np.arange(1.0, n + 1.0)
-    found = median_estimate(values)
+    median = median_estimate(values)
     inside = [m for m in values if stats.binomtest(int((values < m - 0.5).sum()), n).pvalue > 0.05]
-    outside = stats.binomtest(int((values < found.low - 0.5).sum()), n).pvalue
+    outside = stats.binomtest(int((values < median.low - 0.5).sum()), n).pvalue
     assert outside <= 0.05
-    assert min(inside) == found.low + 1.0
-    assert found.high == n + 1.0 - found.low
+    assert min(inside) == median.low + 1.0
+    assert median.high == n + 1.0 - median.low
 
 
 # a12
@@ -143,9 +143,9 @@ def by_dealing(x: list[float], y: list[float]) -> float:
     ranks = stats.rankdata(x + y)
     n, total = len(x), len(ranks)
     mean = n * (total + 1) / 2.0
-    seen = abs(ranks[:n].sum() - mean)
+    difference = abs(ranks[:n].sum() - mean)
     sums = [abs(sum(ranks[list(deal)]) - mean) for deal in combinations(range(total), n)]
-    return float(np.mean([s >= seen - 1e-9 for s in sums]))
+    return float(np.mean([s >= difference - 1e-9 for s in sums]))
 
 
 @given(few, few)
@@ -176,7 +176,9 @@ def test_spearman_of_few_pairs_is_exact(n: int, seed: int) -> None:
     if np.ptp(x) > 0.0 and np.ptp(y) > 0.0:
         rho, p = spearman(x, y)
         every = [abs(stats.spearmanr(x, order).statistic) for order in permutations(y)]
-        assert p == pytest.approx(np.mean([one >= abs(rho) - 1e-9 for one in every]))
+        assert p == pytest.approx(
+            np.mean([correlation >= abs(rho) - 1e-9 for correlation in every])
+        )
         assert rho == pytest.approx(stats.spearmanr(x, y).statistic)
 
 
@@ -211,7 +213,7 @@ def test_interval_of_a_rate_is_garwoods_and_two_sided_also_without_events(
     assert stats.poisson.cdf(events, 2.0 * high) == pytest.approx(tail)
 
 
-def test_interval_of_no_event_in_1000_drives_is_a_published_one() -> None:
+def test_interval_of_no_event_in_1000_drives_is_as_published() -> None:
     low, high = rate_interval(0, 1000.0)
     assert low == 0.0
     assert high == pytest.approx(3.689e-3, rel=1e-4)

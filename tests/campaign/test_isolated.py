@@ -35,7 +35,7 @@ from faulty import (
 from numba.core.registry import CPUDispatcher
 from pids import LIMIT, is_running, until_gone
 
-from frenetic.analysis.failures import distinct_failures
+from frenetic.analysis.clusters import distinct_failures
 from frenetic.campaign import CampaignStore, RoadTester
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.workers import DriveProcess, driving, is_isolable

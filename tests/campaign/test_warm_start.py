@@ -12,7 +12,7 @@ import pytest
 from campaigns import campaign, refused
 from contents import contents, execute, plain
 
-from frenetic.analysis.failures import distinct_failures
+from frenetic.analysis.clusters import distinct_failures
 from frenetic.campaign import Campaign, CampaignStore
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.configuration import earlier_of

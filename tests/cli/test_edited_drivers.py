@@ -17,7 +17,7 @@ from user_modules import own_modules
 from frenetic.campaign import CampaignStore, RoadTester
 from frenetic.campaign.status import signed_spec
 from frenetic.parts.versions import short_version
-from frenetic.rerun.back_to_back import as_recorded
+from frenetic.rerun.old_version import as_recorded
 from frenetic.spec import Spec
 
 if TYPE_CHECKING:
@@ -170,9 +170,9 @@ def test_the_process_of_the_old_version_does_not_look_beside_the_new_one(tmp_pat
         RoadTester.of(spec)
         assert str(tmp_path) in sys.path
         with as_recorded("old", spec) as old:
-            assert old.place is not None
+            assert old.sources is not None
             old.start()
-            assert sys.path[0] == str(old.place)
+            assert sys.path[0] == str(old.sources)
             assert str(tmp_path) not in sys.path
 
 

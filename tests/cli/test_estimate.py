@@ -33,7 +33,7 @@ from frenetic.conditions.domain import Domain
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import judge
-from frenetic.rerun.estimate import Draws, Estimate, estimate
+from frenetic.rerun.estimate import Draws, FailureRate, estimate
 from frenetic.road.classes import RoadClass
 from frenetic.search.random_search import RandomRoads
 from frenetic.search.records import Candidate, Evaluation
@@ -85,7 +85,7 @@ def estimate_of(
     drives: int,
     seed: int,
     order: Callable[[list[Candidate]], object] = lambda _: None,
-) -> Estimate:
+) -> FailureRate:
     """The estimate of drives that no campaign keeps, told in the order into which they are put."""
     draws, outstanding, metres = Draws(tester, drives, seed), list[Candidate](), 0.0
     while not draws.is_complete:
@@ -103,7 +103,7 @@ def estimate_of(
     return draws.estimate(metres / 1000.0)
 
 
-def per_1000_km(found: Estimate, share: float) -> float:
+def per_1000_km(found: FailureRate, share: float) -> float:
     return share / found.length * 1000.0
 
 
@@ -167,7 +167,7 @@ def test_it_says_what_it_cannot_know() -> None:
     found = estimate_of(known(0.0), drives=300, seed=1)
     assert found.rate is None
     assert found.low == 0.0
-    assert "give it more --drives" in found.note
+    assert "raise --drives" in found.note
     assert found.in_words().startswith("fewer than ")
     assert "two-sided" in found.in_words()
     assert (found.drives, found.failures, found.other_failures) == (300, 0, 0)
@@ -270,7 +270,7 @@ def embedded(simulator: EmbeddedSimulator | None = None) -> RoadTester:
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Estimate:
+def whole(tmp_path_factory: pytest.TempPathFactory) -> FailureRate:
     """The estimate of uninterrupted drives, with one worker."""
     found = estimate(embedded(), drives=100, out=tmp_path_factory.mktemp("whole") / "c")
     assert found.method == "importance sampling"
@@ -278,7 +278,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Estimate:
     return found
 
 
-def test_it_does_not_depend_on_the_workers(whole: Estimate, tmp_path: Path) -> None:
+def test_it_does_not_depend_on_the_workers(whole: FailureRate, tmp_path: Path) -> None:
     counts: list[int] = []
     count = on_result(lambda now: counts.append(now.simulations))
     out = tmp_path / "c"
@@ -287,12 +287,12 @@ def test_it_does_not_depend_on_the_workers(whole: Estimate, tmp_path: Path) -> N
     with CampaignStore.open(out) as store:
         assert store.counts().failed == whole.failures + whole.other_failures
         assert store.setting.domain == DOMAIN
-    assert Estimate.read(out) == whole
+    assert FailureRate.read(out) == whole
 
 
 @pytest.mark.parametrize("workers", [(1, 1), (1, 3), (3, 1)])
 def test_after_ctrl_c_the_same_call_goes_on(
-    whole: Estimate, tmp_path: Path, workers: tuple[int, int]
+    whole: FailureRate, tmp_path: Path, workers: tuple[int, int]
 ) -> None:
     def interrupt(event: Event) -> None:
         if event.kind == "result" and event.summary.simulations == 30:
@@ -302,7 +302,7 @@ def test_after_ctrl_c_the_same_call_goes_on(
     first, second = workers
     with pytest.raises(KeyboardInterrupt):
         estimate(embedded(), drives=100, workers=first, out=out, on_event=interrupt)
-    assert Estimate.read(out) is None
+    assert FailureRate.read(out) is None
     events: list[Event] = []
     assert (
         estimate(embedded(), drives=100, workers=second, out=out, on_event=events.append) == whole
@@ -312,7 +312,7 @@ def test_after_ctrl_c_the_same_call_goes_on(
 
 
 def test_a_complete_one_is_read_and_not_driven(
-    whole: Estimate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    whole: FailureRate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def drive(*_: object) -> Drive:
         raise AssertionError("it drives")
@@ -326,7 +326,7 @@ def test_a_complete_one_is_read_and_not_driven(
         events: list[Event] = []
         assert estimate(embedded(), drives=100, out=out, on_event=events.append) == whole
         assert [event.kind for event in events] == ["complete"]
-    assert Estimate.read(out) == whole
+    assert FailureRate.read(out) == whole
     with pytest.raises(CampaignError, match="holds another campaign"):
         estimate(embedded(), drives=101, out=out)
 
@@ -345,7 +345,7 @@ class Breaking(EmbeddedSimulator):
 
 
 def test_a_simulator_that_breaks_ends_it_and_the_same_call_goes_on(
-    whole: Estimate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    whole: FailureRate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Breaking, "drives", 0)
     out = tmp_path / "c"
@@ -395,7 +395,7 @@ import os, signal
 from unittest.mock import patch
 from frenetic.cli import main
 kill = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
-with patch("frenetic.rerun.estimate._Weighted.add", kill):
+with patch("frenetic.rerun.importance_sampling.WeightedDrives.add", kill):
     main(["estimate", "--odd", "town.toml", "--drives", "100", "--out", "c"])
 """
 """It is killed at the end of its first stage."""
@@ -442,11 +442,11 @@ def test_that_of_a_campaign_lies_in_it(frenetic: Frenetic, tmp_path: Path) -> No
     (tmp_path / "town.toml").write_text(TOWN, encoding="utf-8")
     search = ("--odd", "town.toml", "--simulations", "5", "--seed", "1", "--workers", "1")
     assert frenetic("run", *search, "--out", "c").code == 0
-    shortened = set(Path("c").glob("again/*"))
+    shortened = set(Path("c").glob("rerun/*"))
     words = ("estimate", "c", "--drives", "100")
     told = frenetic(*words)
-    (folder,) = set(Path("c/again").iterdir()) - shortened
+    (folder,) = set(Path("c/rerun").iterdir()) - shortened
     assert told.out.splitlines()[-1] == f"Kept in {folder}; to see it: frenetic report c"
-    assert Estimate.read(Path("c")) == Estimate.read(folder) is not None
+    assert FailureRate.read(Path("c")) == FailureRate.read(folder) is not None
     assert frenetic(*words, "--workers", "2").out == told.out
-    assert set(Path("c/again").iterdir()) == {folder, *shortened}
+    assert set(Path("c/rerun").iterdir()) == {folder, *shortened}

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from frenetic.analysis.failures import representative_failures
+from frenetic.analysis.clusters import representative_failures
 from frenetic.campaign import CampaignStore
 from frenetic.oracle.outcome import Outcome
 from frenetic.road import Road, check_validity
@@ -74,7 +74,7 @@ def test_a_failure_of_a_campaign(frenetic: Frenetic) -> None:
         "it is there"
     )
     assert f", 0 drives now, {item['drives']} before, " in frenetic(*one).out
-    assert len(list(Path("c/again").iterdir())) == 1
+    assert len(list(Path("c/rerun").iterdir())) == 1
 
 
 @pytest.mark.usefixtures("campaign")

@@ -67,7 +67,7 @@ def test_ctrl_c_exits_130_and_the_same_command_goes_on(
     ids = [str(number) for number in failures_of(copied)[:3]]
     how = ("--times", "2", "--junit", "rerun.xml", "--driver", stopping_driver(stop))
     again = ("rerun", copied, *ids, *how)
-    before = len(list(Path(copied).glob("again/*")))
+    before = len(list(Path(copied).glob("rerun/*")))
     answer = frenetic(*again)
     assert answer.code == (130 if stop < 6 else 0)
     assert "Finishing what runs" in answer.err
@@ -81,7 +81,7 @@ def test_ctrl_c_exits_130_and_the_same_command_goes_on(
     assert (whole.code, Path("rerun.xml").exists()) == (0, True)
     assert frenetic(*again) == whole
     assert [len(one["drives"]) for one in frenetic(*again, "--json").json["tests"]] == [2, 2, 2]
-    assert len(list(Path(copied).glob("again/*"))) == before + 1
+    assert len(list(Path(copied).glob("rerun/*"))) == before + 1
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="folders have no such permissions there")

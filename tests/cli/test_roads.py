@@ -75,7 +75,7 @@ def test_its_roads_are_driven_again_as_they_were(frenetic: Frenetic, slippery: P
     assert driven.json["outcome"] == "FAIL"
     assert frenetic("drive", str(road), "--dry").code == 0
     assert frenetic("rerun", str(slippery), str(worst), "--times", "1").code == 0
-    assert "again/" not in frenetic("check", str(slippery)).out
+    assert "rerun/" not in frenetic("check", str(slippery)).out
     assert frenetic("show", str(slippery)).code == 0
 
 

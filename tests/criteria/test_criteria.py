@@ -17,8 +17,8 @@ from shapely import LineString, Polygon
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.entry_points import RegisteredPart
+from frenetic.analysis.caution import caution
 from frenetic.analysis.criteria import criteria_in_words
-from frenetic.analysis.failures import caution
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.criteria.criterion import (
     DRIVER,

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from frenetic.analysis.failures import distinct_failures, representative_failures
+from frenetic.analysis.clusters import distinct_failures, representative_failures
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.counts import Counts
 from frenetic.cli.console import print_failures

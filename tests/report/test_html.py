@@ -21,7 +21,7 @@ import pytest
 from click.testing import CliRunner
 from html_campaigns import HOSTILE, make_empty, make_hostile, make_refused
 
-from frenetic.analysis.failures import Cluster, Clusters, distinct_failures, nearest_misses
+from frenetic.analysis.clusters import Cluster, Clusters, distinct_failures, nearest_misses
 from frenetic.analysis.features import FEATURES, features_of
 from frenetic.analysis.segments import place_in_words, segments_of
 from frenetic.analysis.statistics import proportion_interval
@@ -396,7 +396,7 @@ def test_the_telling_rerun_of_a_failure_is_shown(copied: tuple[Path, list[int]])
     (repeats,) = block_of(page_of(write_report(folder)).data, "gallery")["repeats"]
     assert (repeats["test"], repeats["stability"], repeats["share"]) == (first, "fragile", 0.0)
     assert "speed 30 km/h" in repeats["text"]
-    for path in folder.glob(f"again/*/{DATABASE}"):
+    for path in folder.glob(f"rerun/*/{DATABASE}"):
         with closing(sqlite3.connect(path)) as database, database:
             database.execute("UPDATE test SET outcome = 'MAYBE'")
     (headline,) = report_of(folder)[1]["summary"].blocks

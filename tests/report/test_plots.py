@@ -20,8 +20,8 @@ from test_picture import HAIRPIN, SHORT, WINDING, drive_along
 
 from frenetic import Campaign, EmbeddedSimulator, Frenetic, Planner
 from frenetic._support.notebook import Shown
+from frenetic.analysis.clusters import distinct_failures
 from frenetic.analysis.comparison import compare_measured
-from frenetic.analysis.failures import distinct_failures
 from frenetic.analysis.metrics import CampaignMeasures
 from frenetic.campaign import CampaignStore
 from frenetic.campaign.counts import Counts

@@ -1,4 +1,4 @@
-"""Back-to-back testing: what two versions of a driver drive, and what is said about them."""
+"""Back-to-back tests: the drives of two versions of a driver, and the verdict on them."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from frenetic.rerun.back_to_back import (
     PairedRoads,
     back_to_back,
     compare_versions,
-    fresh_roads,
 )
+from frenetic.rerun.old_version import fresh_roads
 from frenetic.rerun.stability import Change
 from frenetic.search import Frenetic
 from frenetic.simulators import EmbeddedSimulator, Simulator
@@ -37,24 +37,24 @@ FRESH = 12
 CALMER = Planner(aggression=0.9)
 
 
-def compared(folder: Path, simulator: Simulator | None = None, **how: Any) -> BackToBack:
+def compared(folder: Path, simulator: Simulator | None = None, **options: Any) -> BackToBack:
     """The planner beside a calmer one, unless another version is given."""
-    new = how.pop("new", CALMER)
+    new = options.pop("new", CALMER)
     simulator = simulator or EmbeddedSimulator()
-    return back_to_back(folder, simulator, Planner(), new, **{"fresh": FRESH, **how})
+    return back_to_back(folder, simulator, Planner(), new, **{"fresh": FRESH, **options})
 
 
 @pytest.fixture(scope="module")
-def found(searched_campaign: Path, tmp_path_factory: pytest.TempPathFactory) -> BackToBack:
+def comparison(searched_campaign: Path, tmp_path_factory: pytest.TempPathFactory) -> BackToBack:
     """What comes of it in one process, unbroken; nothing in its folders may be changed."""
     return compared(Path(shutil.copytree(searched_campaign, tmp_path_factory.mktemp("v") / "c")))
 
 
-def driven_by(found: BackToBack) -> list[Any]:
+def driven_by(comparison: BackToBack) -> list[Any]:
     """All that was driven, set by set."""
     return [
         [(old.id, old.result, new.result) for old, new in roads.pairs]
-        for roads in (found.fresh, found.known)
+        for roads in (comparison.fresh, comparison.known)
     ]
 
 
@@ -62,44 +62,44 @@ def driven_by(found: BackToBack) -> list[Any]:
 
 
 def test_both_versions_drive_fresh_random_roads_and_the_failing_ones(
-    found: BackToBack, searched_campaign: Path
+    comparison: BackToBack, searched_campaign: Path
 ) -> None:
-    own = {pair.old.id: pair.old.moobd for pair in found.known.pairs}
-    assert own == {test.id: test.moobd for test in failures_in(searched_campaign)}
-    assert found.known.failing[0] == len(found.known.pairs)
-    drawn = driven_in(found.fresh.folder)
-    assert len(drawn) == len(found.fresh.pairs) == FRESH
-    assert (found.seed, {test.candidate.origin.operator for test in drawn}) == (0, {"random"})
+    moobds = {pair.old.id: pair.old.moobd for pair in comparison.known.pairs}
+    assert moobds == {test.id: test.moobd for test in failures_in(searched_campaign)}
+    assert comparison.known.failing[0] == len(comparison.known.pairs)
+    drawn = driven_in(comparison.fresh.folder)
+    assert len(drawn) == len(comparison.fresh.pairs) == FRESH
+    assert (comparison.seed, {test.candidate.origin.operator for test in drawn}) == (0, {"random"})
     chosen = {test.candidate.curvatures.tobytes() for test in driven_in(searched_campaign)}
     assert not chosen & {test.candidate.curvatures.tobytes() for test in drawn}
     alone = EmbeddedSimulator()
-    for pair in found.known.pairs:
+    for pair in comparison.known.pairs:
         assert pair.new.drive is not None
         again = alone.drive(pair.old.road, CALMER)
         assert len(again.trajectory) == len(pair.new.drive.trajectory)
 
 
-def test_what_is_stored_is_not_driven_again(found: BackToBack, campaign: Path) -> None:
+def test_stored_roads_are_not_driven_again(comparison: BackToBack, campaign: Path) -> None:
     simulator = Counting()
-    one = compared(campaign, simulator)
-    known = len(one.known.pairs)
+    first = compared(campaign, simulator)
+    known = len(first.known.pairs)
     assert simulator.driven == 2 * FRESH + known
-    assert compared(campaign, simulator).as_json() == one.as_json()
+    assert compared(campaign, simulator).as_json() == first.as_json()
     assert simulator.driven == 2 * FRESH + known
     more = compared(campaign, simulator, fresh=FRESH + 5)
     assert simulator.driven == 2 * FRESH + known + 5 + FRESH + 5, "old drove the others before"
-    assert compared(campaign, simulator).as_json() == one.as_json(), "of more roads"
-    assert driven_by(more)[0][:FRESH] == driven_by(one)[0] == driven_by(found)[0]
+    assert compared(campaign, simulator).as_json() == first.as_json(), "of more roads"
+    assert driven_by(more)[0][:FRESH] == driven_by(first)[0] == driven_by(comparison)[0]
 
 
-def test_fresh_roads_are_not_those_of_the_campaign(tmp_path: Path) -> None:
+def test_fresh_roads_differ_from_the_campaigns_roads(tmp_path: Path) -> None:
     tester, budget = RoadTester(EmbeddedSimulator(), Planner()), Budget(simulations=1)
     parts: Any = {"simulator": tester.simulator, "driver": tester.driver}
     Campaign(strategy=Frenetic(seed=0), budget=budget, folder=tmp_path, **parts).run()
     assert fresh_roads(tmp_path, tester, fresh=1).seed == 1
 
 
-def test_ctrl_c_loses_nothing(found: BackToBack, campaign: Path) -> None:
+def test_ctrl_c_loses_nothing(comparison: BackToBack, campaign: Path) -> None:
     def interrupted(at: int | None) -> Callable[[Event], None]:
         before = done = 0
 
@@ -114,7 +114,7 @@ def test_ctrl_c_loses_nothing(found: BackToBack, campaign: Path) -> None:
 
         return watch
 
-    known = len(found.known.pairs)
+    known = len(comparison.known.pairs)
     for at in (7, None):
         on_event = interrupted(at)
         tester = RoadTester(EmbeddedSimulator(), Planner())
@@ -125,8 +125,8 @@ def test_ctrl_c_loses_nothing(found: BackToBack, campaign: Path) -> None:
         new = compare_versions(roads, tester, on_event=interrupted(at))
         assert (new.missing > 0) is (at is not None)
     assert new.missing == 0 < known
-    assert driven_by(new) == driven_by(found)
-    assert new.answer == found.answer
+    assert driven_by(new) == driven_by(comparison)
+    assert new.answer == comparison.answer
 
 
 def test_a_version_is_not_compared_with_itself(campaign: Path) -> None:
@@ -175,12 +175,12 @@ def test_two_versions_of_a_helper_never_meet_in_one_process(tmp_path: Path) -> N
     search = ("--strategy", "random", "--simulations", "4", "--seed", "3", "--workers", "1")
     frenetic("run", "--driver", "v1/driver.py:Mine", *search, "--out", "c")
     compare = ("compare", "c", "--driver", "v2/driver.py:Mine", "--fresh", "4", "--json")
-    found = json.loads(frenetic(*compare))
+    document = json.loads(frenetic(*compare))
     imported = [line.split() for line in log.read_text().splitlines()]
     assert {version for _, version in imported} == {"1", "2"}
     assert len({process for process, _ in imported}) == len(imported)
-    assert found["fresh"]["judged"] == 4
-    for place in tmp_path.glob("c/again/*"):
+    assert document["fresh"]["judged"] == 4
+    for place in tmp_path.glob("c/rerun/*"):
         for test in driven_in(place):
             assert test.result.fault is None, test.reason
 
@@ -221,16 +221,18 @@ def test_the_answer_says_who_is_better_by_how_much() -> None:
         "no difference shown: of 200 fresh roads, new fails on 4, old on"
     )
     assert "fresh roads, 800," in level.notes[-1]
-    assert [level.fresh.changes[one] for one in Change] == [0, 5, 4, 191, 0]
+    assert [level.fresh.changes[change] for change in Change] == [0, 5, 4, 191, 0]
 
 
 def test_the_verdict_rests_on_the_fresh_roads() -> None:
-    found = result(paired((200, PASS, PASS)), paired((50, FAIL, PASS)))
-    assert found.answer.startswith("no difference shown: of 200 fresh roads, new fails on 0, old")
-    assert "rests on the fresh roads" in found.notes[0]
+    comparison = result(paired((200, PASS, PASS)), paired((50, FAIL, PASS)))
+    assert comparison.answer.startswith(
+        "no difference shown: of 200 fresh roads, new fails on 0, old"
+    )
+    assert "rests on the fresh roads" in comparison.notes[0]
 
 
-def test_better_by_crawling_is_said() -> None:
+def test_a_better_but_slower_version_is_called_slower() -> None:
     pairs = (30, FAIL, PASS), (170, PASS, PASS)
     assert result(paired(*pairs, slower=1.5)).answer.startswith("new is better but 50 % slower: ")
     for slower in (1.0, 1.001, 0.9):
@@ -240,26 +242,26 @@ def test_better_by_crawling_is_said() -> None:
     assert few.as_json()["time_difference"] == {"value": 1.0, "low": None, "high": None}
 
 
-def test_drives_that_broke_cannot_win() -> None:
+def test_drives_with_a_broken_simulator_cannot_win() -> None:
     # Without them new is better; but what it does where it breaks nobody knows.
-    found = result(paired((30, FAIL, PASS), (40, PASS, ERROR), (130, PASS, PASS)))
-    assert found.difference is not None
-    assert found.difference.sign == -1
-    assert found.verdict == "cannot tell"
-    assert "the simulator broke decide" in found.answer
+    comparison = result(paired((30, FAIL, PASS), (40, PASS, ERROR), (130, PASS, PASS)))
+    assert comparison.difference is not None
+    assert comparison.difference.sign == -1
+    assert comparison.verdict == "cannot tell"
+    assert "the simulator broke decide" in comparison.answer
     assert any(
         "the simulator broke in 40 drives with new" in note and "boom" in note
-        for note in found.notes
+        for note in comparison.notes
     )
     harmless = result(paired((60, FAIL, PASS), (2, PASS, ERROR), (138, PASS, PASS)))
     assert harmless.verdict == "new is better"
-    for one, other in ((ERROR, PASS), (PASS, ERROR)):
-        assert paired((1, one, other)).changes[Change.NOT_JUDGED] == 1
+    for old, new in ((ERROR, PASS), (PASS, ERROR)):
+        assert paired((1, old, new)).changes[Change.NOT_JUDGED] == 1
     nothing = result(paired((3, PASS, ERROR)))
     assert nothing.answer == "cannot tell which is better: no fresh road was judged with both"
 
 
-def test_it_is_said_what_each_version_does_wrong_and_on_how_many_roads(found: BackToBack) -> None:
-    old, new = (sum(roads) for roads in zip(*found.causes.values(), strict=True))
-    failing = zip(found.fresh.failing, found.known.failing, strict=True)
+def test_causes_count_roads_for_each_version(comparison: BackToBack) -> None:
+    old, new = (sum(roads) for roads in zip(*comparison.causes.values(), strict=True))
+    failing = zip(comparison.fresh.failing, comparison.known.failing, strict=True)
     assert [old, new] == [sum(numbers) for numbers in failing]

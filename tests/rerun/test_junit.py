@@ -48,13 +48,14 @@ def test_a_junit_parser_finds_every_road(tmp_path: Path) -> None:
     cases = {case.name: case for case in suite}
     assert set(cases) == {f"test {number}" for number in (7, 8, 9, 10, 11)}
     assert (cases["test 7"].is_passed, cases["test 7"].time) == (True, 0.25)
-    found = {
-        name: [(type(one), one.message) for one in case.result] for name, case in cases.items()
+    messages = {
+        name: [(type(result), result.message) for result in case.result]
+        for name, case in cases.items()
     }
-    assert found["test 8"] == [(Failure, 'fails again (1 same place): Car <left> & "gone"')]
-    assert found["test 10"] == [(Error, "not judged: broke\\x00\\ud800")]
-    assert [kind for kind, _ in found["test 11"]] == [Error]
-    assert found["test 9"][0][1].startswith("fails now")
+    assert messages["test 8"] == [(Failure, 'fails again (1 same place): Car <left> & "gone"')]
+    assert messages["test 10"] == [(Error, "not judged: broke\\x00\\ud800")]
+    assert [kind for kind, _ in messages["test 11"]] == [Error]
+    assert messages["test 9"][0][1].startswith("fails now")
     suite_of, of_7, *_ = (
         {p.get("name"): p.get("value") for p in element}
         for element in ET.parse(path).iter("properties")

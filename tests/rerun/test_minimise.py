@@ -19,7 +19,8 @@ from frenetic.drivers import Driver, Planner
 from frenetic.errors import FreneticError
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import judge
-from frenetic.rerun.minimise import GUARD, Ending, FailureReason, Minimised, minimise
+from frenetic.rerun.minimise import Minimised, StopReason, minimise
+from frenetic.rerun.minimising_strategy import GUARD, FailureReason
 from frenetic.rerun.shrinker import Shape
 from frenetic.road import Road
 from frenetic.search import Candidate, Frenetic2021
@@ -56,23 +57,23 @@ def failures(endurance: bool) -> list[Road]:
     roads: list[Road] = []
     searches, drives, each = (5, 300, 10) if endurance else (2, 100, 2)
     for seed in range(1, searches + 1):
-        found: list[Road] = []
+        failing: list[Road] = []
 
         def verdict(
-            candidate: Candidate, found: list[Road] = found
+            candidate: Candidate, failing: list[Road] = failing
         ) -> tuple[Outcome, float | None]:
             result = tester.test(candidate).result
             if result.outcome is Outcome.FAIL:
-                found.append(Road(candidate.curvatures, candidate.step))
+                failing.append(Road(candidate.curvatures, candidate.step))
             return result.outcome, result.moobd
 
         converse(Frenetic2021(seed=seed, max_redraws=10), verdict, drives)
-        roads += [found[i * len(found) // each] for i in range(each)]
+        roads += [failing[i * len(failing) // each] for i in range(each)]
     return roads
 
 
-def minimised_by(simulator: EmbeddedSimulator, road: Road, **how: Any) -> Minimised:
-    return minimise(road, RoadTester(simulator, Planner()), **how)
+def minimised_by(simulator: EmbeddedSimulator, road: Road, **options: Any) -> Minimised:
+    return minimise(road, RoadTester(simulator, Planner()), **options)
 
 
 def failure_reason(road: Road, drive: Drive) -> FailureReason | None:
@@ -109,10 +110,10 @@ def test_reason_is_the_side_or_the_rule_and_stays(
 # What is promised
 
 
-def difference(one: Test, other: Test) -> float:
+def difference(first: Test, second: Test) -> float:
     """The measure that clusters failures, from the drives."""
     vectors = []
-    for failed in (one, other):
+    for failed in (first, second):
         assert failed.drive is not None
         departure = judge(failed.road, failed.drive).departure
         segment = segment_of(failed.road, failed.drive, departure)
@@ -121,7 +122,7 @@ def difference(one: Test, other: Test) -> float:
 
 
 @pytest.mark.endurance
-def test_failures_become_half_as_long_and_stay_the_same_failure(failures: list[Road]) -> None:
+def test_roads_become_half_as_long_with_the_same_failure(failures: list[Road]) -> None:
     shares = []
     for road in failures:
         simulator = Watched()
@@ -134,7 +135,7 @@ def test_failures_become_half_as_long_and_stay_the_same_failure(failures: list[R
         assert judge(smallest.road, drive) == smallest.result
         assert minimised.difference == pytest.approx(difference(original, smallest), abs=1e-3)
         assert minimised.difference <= 2.0
-        assert (minimised.ending, minimised.trouble) == (Ending.MINIMAL, None)
+        assert (minimised.stop_reason, minimised.error) == (StopReason.MINIMAL, None)
         before, after = minimised.shapes
         assert before.values == tuple(road.curvatures)
         assert Shape(tuple(smallest.road.curvatures), smallest.road.step) == after
@@ -173,13 +174,13 @@ def test_roads_whose_neighbours_pass_become_shorter_too(
 
 
 @pytest.mark.parametrize("max_drives", [1, 7, 60])
-def test_no_drive_is_one_too_many(failures: list[Road], max_drives: int) -> None:
-    simulator, seen = Watched(), list[Test]()
-    how = {"max_drives": max_drives, "on_event": on_test(seen.append)}
-    minimised = minimised_by(simulator, failures[1], **how)
+def test_no_more_drives_are_made_than_allowed(failures: list[Road], max_drives: int) -> None:
+    simulator, tests = Watched(), list[Test]()
+    options = {"max_drives": max_drives, "on_event": on_test(tests.append)}
+    minimised = minimised_by(simulator, failures[1], **options)
     assert len(simulator.driven) == minimised.drives == max_drives
-    assert minimised.ending is Ending.SPENT
-    lengths = [test.candidate.notes["length"] for test in seen[1:]]
+    assert minimised.stop_reason is StopReason.SPENT
+    lengths = [test.candidate.notes["length"] for test in tests[1:]]
     assert lengths == sorted(lengths, reverse=True)
     if max_drives == 1:  # which finds out that it fails
         assert minimised.smallest.id == minimised.original.id == 1
@@ -211,10 +212,10 @@ STRAIGHT = Road([0.0] * 15)
         (STRAIGHT, {}, "PASS: Car reached the end"),
         (Road([0.07] * 15), {}, "INVALID: .*self-intersecting"),
         (STRAIGHT, {"max_drives": 0}, "max_drives is 0"),
-        (Road([0.0] * 15, lane_width=5.0), {}, "are 5 m wide, those of the tester 4 m"),
+        (Road([0.0] * 15, lane_width=5.0), {}, "are 5 m wide, the tester's 4 m"),
     ],
 )
-def test_what_cannot_be_minimised_is_refused(
+def test_roads_that_cannot_be_minimised_are_refused(
     road: Road, options: dict[str, Any], words: str
 ) -> None:
     with pytest.raises((FreneticError, ValueError), match=words):
@@ -234,8 +235,8 @@ def test_simulator_that_breaks_for_good_leaves_the_smallest_road(
     simulator = Watched(breaks_after=40, starts_again=starts_again)
     with simulator:
         minimised = minimised_by(simulator, failures[0])
-    assert (minimised.ending, minimised.drives) == (Ending.STOPPED, drives)
-    assert words in (minimised.trouble or "")
+    assert (minimised.stop_reason, minimised.drives) == (StopReason.STOPPED, drives)
+    assert words in (minimised.error or "")
     assert minimised.road.length < failures[0].length
 
 
@@ -247,21 +248,21 @@ def press_at(drives: int) -> Callable[[Summary], None]:
     return press
 
 
-def test_an_interrupted_one_goes_on_and_a_complete_one_is_shown(
+def test_an_interrupted_call_goes_on_and_a_complete_one_is_read(
     failures: list[Road], tmp_path: Path
 ) -> None:
     road, simulator = failures[0], Watched()
     whole = minimised_by(EmbeddedSimulator(), road)
     for drives in (5, 20):
         press = on_result(press_at(drives))
-        found = minimised_by(simulator, road, folder=tmp_path, on_event=press)
-        assert (found.ending, found.drives) == (Ending.STOPPED, drives)
+        result = minimised_by(simulator, road, folder=tmp_path, on_event=press)
+        assert (result.stop_reason, result.drives) == (StopReason.STOPPED, drives)
         assert len(simulator.driven) == drives
-    assert found.road.length < road.length
+    assert result.road.length < road.length
     for most in (40, 500, 500):
-        found = minimised_by(simulator, road, max_drives=most, folder=tmp_path)
-        assert len(simulator.driven) == found.drives == min(most, whole.drives)
-    assert found.smallest.result == whole.smallest.result
-    assert (found.ending, found.is_guarded) == (whole.ending, whole.is_guarded)
-    (folder,) = (tmp_path / "again").iterdir()
+        result = minimised_by(simulator, road, max_drives=most, folder=tmp_path)
+        assert len(simulator.driven) == result.drives == min(most, whole.drives)
+    assert result.smallest.result == whole.smallest.result
+    assert (result.stop_reason, result.is_guarded) == (whole.stop_reason, whole.is_guarded)
+    (folder,) = (tmp_path / "rerun").iterdir()
     assert not check_campaign(folder).findings

@@ -1,4 +1,4 @@
-"""Driving a campaign's roads again: the same drives, whoever drives, whatever breaks on the way."""
+"""Reruns of a campaign: same drives, changed outcomes, interruptions and damage."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from frenetic.rerun.campaigns import FOLDER
 from frenetic.rerun.rerun import (
     Rerun,
     drive_tests,
-    elsewhere,
-    name_of,
+    in_other_simulators,
     own_repeats,
     read_reruns,
     rerun,
+    rerun_name,
     rerun_with,
 )
 from frenetic.rerun.stability import Change
@@ -49,21 +49,21 @@ from frenetic.testing import DummyDriver, DummySimulator
 pytest_plugins = ["searched_campaign"]
 
 
-def again(
+def rerun_tests(
     folder: Path,
     tests: Sequence[Test] | None = None,
     conditions: Sequence[Conditions] = ({},),
     *,
     simulator: Simulator | None = None,
     driver: Driver | None = None,
-    **how: Any,
+    **options: Any,
 ) -> Rerun:
     with CampaignStore.open(folder) as store:
         parts = simulator or EmbeddedSimulator(), driver or Planner()
         tester = RoadTester(*parts, store.setting.terms)
     tests = driven_in(folder)[:6] if tests is None else tests
     ids = [test.id for test in tests]
-    return drive_tests(folder, tester, ids, conditions, how=how)  # type: ignore[arg-type]
+    return drive_tests(folder, tester, ids, conditions, options=options)  # type: ignore[arg-type]
 
 
 def results_of(run: Rerun) -> list[Any]:
@@ -75,7 +75,7 @@ def folders(campaign: Path) -> set[Path]:
 
 
 class Icy(DummySimulator):
-    """Its car leaves its lane where friction is below 0.9, the further the less there is."""
+    """Simulator whose car leaves its lane where friction is below 0.9, farther with less."""
 
     def __init__(self) -> None:
         super().__init__(lambda road: 0.0 if self.friction >= 0.9 else 4.0 + 1.0 - self.friction)
@@ -83,7 +83,7 @@ class Icy(DummySimulator):
 
 
 class Unreliable(DummySimulator):
-    """Breaks unless it works."""
+    """Simulator that breaks unless `works` is set."""
 
     works = False
 
@@ -99,13 +99,13 @@ def in_other_car(folder: Path) -> Rerun:
     return rerun(folder, EmbeddedSimulator(vehicle=car, friction=0.9), Planner())
 
 
-# What is driven
+# Drives
 
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_campaign_driven_again_ends_bit_for_bit_alike(campaign: Path, workers: int) -> None:
     tests = driven_in(campaign)
-    run = again(campaign, tests, workers=workers)
+    run = rerun_tests(campaign, tests, workers=workers)
     assert [drive.recorded.id for drive in run.drives] == [test.id for test in tests]
     assert len(tests) == run.planned == 60
     for drive, test in zip(run.drives, tests, strict=True):
@@ -118,13 +118,13 @@ def test_a_campaign_driven_again_ends_bit_for_bit_alike(campaign: Path, workers:
 
 def test_the_conditions_reach_workers(campaign: Path) -> None:
     slippery = [{"friction": 0.5, "noise": 0.3, "noise_seed": seed} for seed in (4, 5)]
-    here = again(campaign, None, slippery)
+    here = rerun_tests(campaign, None, slippery)
     assert results_of(here) == results_of(
-        again(campaign, None, slippery, workers=2, out=campaign / "two")
+        rerun_tests(campaign, None, slippery, workers=2, out=campaign / "two")
     )
     assert [drive.conditions for drive in here.drives] == slippery * 6
     assert [drive.test.candidate.repeat for drive in here.drives] == [0, 1] * 6
-    moobds = {drive.moobd for drive in (*here.drives, *again(campaign).drives)}
+    moobds = {drive.moobd for drive in (*here.drives, *rerun_tests(campaign).drives)}
     assert len(moobds) == 18, "each drive has its own errors"
 
 
@@ -134,16 +134,16 @@ def test_only_roads_that_were_driven_are_driven_again(campaign: Path) -> None:
         store.add_candidate(refused.candidate)
         store.add_result(refused)
     with pytest.raises(CampaignError, match="test 1000 is INVALID: only a road that was driven"):
-        again(campaign, [*driven_in(campaign)[:1], refused])
-    assert again(campaign, []).drives == []
+        rerun_tests(campaign, [*driven_in(campaign)[:1], refused])
+    assert rerun_tests(campaign, []).drives == []
     assert not (campaign / FOLDER).exists(), "nothing to drive makes nothing"
 
 
-# What became of them
+# Changes
 
 
 @pytest.mark.parametrize(
-    ("simulator", "driver", "said"),
+    ("simulator", "driver", "change"),
     [
         (EmbeddedSimulator(), Planner(), "fails again"),
         (EmbeddedSimulator(rules=Rules(speed_limit=25.0)), Planner(), "passes now"),
@@ -151,30 +151,30 @@ def test_only_roads_that_were_driven_are_driven_again(campaign: Path) -> None:
     ],
 )
 def test_all_failures_are_driven_again_unless_others_are_named(
-    campaign: Path, simulator: Simulator, driver: Driver, said: str
+    campaign: Path, simulator: Simulator, driver: Driver, change: str
 ) -> None:
-    found = rerun(campaign, simulator, driver)
-    assert [test.id for test in found.tests] == [test.id for test in failures_in(campaign)]
-    assert {str(test.change) for test in found.tests} == {said}
-    assert found.passed is (said == "passes now")
-    assert found.rules == simulator.rules
-    assert found.same == (len(found.tests) if said == "fails again" else 0)
+    result = rerun(campaign, simulator, driver)
+    assert [test.id for test in result.tests] == [test.id for test in failures_in(campaign)]
+    assert {str(test.change) for test in result.tests} == {change}
+    assert result.passed is (change == "passes now")
+    assert result.rules == simulator.rules
+    assert result.same == (len(result.tests) if change == "fails again" else 0)
 
 
-def test_what_broke_is_not_judged_however_many_break_in_a_row(campaign: Path) -> None:
+def test_drives_with_a_broken_simulator_are_not_judged(campaign: Path) -> None:
     tests = [test.id for test in driven_in(campaign)]
-    found = rerun(campaign, Unreliable(), DummyDriver(), tests=tests)
-    assert found.count(Change.NOT_JUDGED) == len(found.tests) == 60
-    assert {drive.reason for drive in found.drives} == {"no connection \\ud800"}
+    result = rerun(campaign, Unreliable(), DummyDriver(), tests=tests)
+    assert result.count(Change.NOT_JUDGED) == len(result.tests) == 60
+    assert {drive.reason for drive in result.drives} == {"no connection \\ud800"}
 
 
 def test_the_same_failure_is_at_the_same_place_with_the_same_mechanism(campaign: Path) -> None:
-    found = rerun(campaign, EmbeddedSimulator(friction=0.99), Planner())
-    for one in found.drives:
+    result = rerun(campaign, EmbeddedSimulator(friction=0.99), Planner())
+    for repeat in result.drives:
         vectors, places = [], []
-        for test in (one.recorded, one.test):
+        for test in (repeat.recorded, repeat.test):
             with CampaignStore.open(campaign) as store:
-                drive = store.test(test.id).drive if test is one.recorded else test.drive
+                drive = store.test(test.id).drive if test is repeat.recorded else test.drive
             assert drive is not None
             departure = judge(test.road, drive).departure
             assert departure is not None
@@ -186,46 +186,46 @@ def test_the_same_failure_is_at_the_same_place_with_the_same_mechanism(campaign:
             and places[0].side == places[1].side
             and float(np.linalg.norm(vectors[0] - vectors[1])) <= 2.0
         )
-        assert one.is_alike is is_same
-    document: Any = found.as_json()
-    assert 0 < document["matches"]["same failure"] < len(found.tests)
+        assert repeat.is_alike is is_same
+    document: Any = result.as_json()
+    assert 0 < document["matches"]["same failure"] < len(result.tests)
     assert sum(document["matches"].values()) == document["changes"]["fails again"]
 
 
-def test_a_failure_that_hangs_on_friction_repeats_in_its_share_of_the_range(
+def test_a_failure_by_friction_repeats_in_its_share_of_the_range(
     campaign: Path,
 ) -> None:
     # Below 0.9 lies a quarter of 0.8 to 1.2, and the draws are even: exactly 5 of 20.
     ranges = [Variation("friction", 0.8, 1.2), Variation("speed", 50.0, 90.0)]
-    found = rerun(campaign, Icy(), DummyDriver(), times=20, vary=ranges).tests
-    for one in found:
-        assert (one.failed, one.judged) == (5, 20)
-        for drive in one.drives:
+    tests = rerun(campaign, Icy(), DummyDriver(), times=20, vary=ranges).tests
+    for test in tests:
+        assert (test.failed, test.judged) == (5, 20)
+        for drive in test.drives:
             assert (drive.outcome is Outcome.FAIL) == (drive.conditions["friction"] < 0.9)
 
 
-# What is kept
+# Stored reruns
 
 
-def test_kept_is_what_was_found(campaign: Path, tmp_path: Path) -> None:
+def test_a_stored_rerun_equals_the_returned_one(campaign: Path, tmp_path: Path) -> None:
     ranges = [Variation("friction", 0.6, 1.0), Variation("noise", 0.1, 0.2)]
     simulator = EmbeddedSimulator(friction=0.95)
-    found = rerun(campaign, simulator, Planner(), times=10, vary=ranges, seed=8)
-    (kept,) = read_reruns(campaign)
-    document: Any = kept.as_json()
-    assert document == found.as_json() == json.loads(json.dumps(document))
+    result = rerun(campaign, simulator, Planner(), times=10, vary=ranges, seed=8)
+    (stored,) = read_reruns(campaign)
+    document: Any = stored.as_json()
+    assert document == result.as_json() == json.loads(json.dumps(document))
     assert (document["missing"], len(document["variations"])) == (0, 2)
     assert document["driver"]["class"].endswith(":Planner")
     assert document["simulator"]["options"]["vehicle"]["friction"] == 0.95
-    for one, other in zip(kept.drives, found.drives, strict=True):
-        here, there = one.test.trajectory, other.test.trajectory
+    for stored_drive, drive in zip(stored.drives, result.drives, strict=True):
+        here, there = stored_drive.test.trajectory, drive.test.trajectory
         assert here is not None
         assert there is not None
         assert (here.to_rows() == there.to_rows()).all()
     assert read_reruns(tmp_path) == []
 
 
-def test_the_most_telling_repeats_of_each_test_with_the_own_parts_count(
+def test_the_most_informative_repeats_with_the_campaigns_parts_win(
     campaign: Path,
 ) -> None:
     first, second, *_ = (test.id for test in failures_in(campaign))
@@ -243,32 +243,32 @@ def test_the_most_telling_repeats_of_each_test_with_the_own_parts_count(
     drive(second, times=6)
     drive(second, times=7, delay=0.1, aggression=0.1)
     drive(second, times=8, delay=0.1, rules=Rules(speed_limit=50.0))
-    kept = read_reruns(campaign)
-    drives = sorted(len(test.drives) for one in kept for test in one.tests)
+    reruns = read_reruns(campaign)
+    drives = sorted(len(test.drives) for stored in reruns for test in stored.tests)
     assert drives == [2, 2, 3, 4, 5, 6, 7, 8]
-    own = own_repeats(kept)
-    assert {one.id: len(one.drives) for one in own} == {first: 2, second: 5}
+    repeats = own_repeats(reruns)
+    assert {test.id: len(test.drives) for test in repeats} == {first: 2, second: 5}
 
 
 def there(campaign: Path) -> list[Rerun]:
     with CampaignStore.open(campaign) as store:
-        return elsewhere(read_reruns(campaign), store.config)
+        return in_other_simulators(read_reruns(campaign), store.config)
 
 
-def test_another_simulator_is_added_and_other_tests_are_put_together(campaign: Path) -> None:
+def test_reruns_in_another_simulator_are_merged(campaign: Path) -> None:
     ids = [test.id for test in failures_in(campaign)]
     rerun(campaign, EmbeddedSimulator(), Planner())
     assert there(campaign) == [], "that is its own"
     first = in_other_car(campaign)
     for chosen in (ids[2:], ids[:1]):
         rerun(campaign, EmbeddedSimulator(friction=0.9), Planner(), tests=chosen)
-    one, other = there(campaign)
-    assert (one.key, one.as_json()) == (first.key, first.as_json())
-    assert [test.id for test in other.tests] == [*ids[2:], ids[0]]
-    assert other.missing == 0
+    other_car, merged = there(campaign)
+    assert (other_car.key, other_car.as_json()) == (first.key, first.as_json())
+    assert [test.id for test in merged.tests] == [*ids[2:], ids[0]]
+    assert merged.missing == 0
 
 
-# Once
+# Folders
 
 
 def test_a_rerun_is_named_after_its_simulator_and_conditions(tmp_path: Path) -> None:
@@ -291,44 +291,44 @@ def test_a_rerun_is_named_after_its_simulator_and_conditions(tmp_path: Path) -> 
     ):
         tester = RoadTester(EmbeddedSimulator(friction=0.8), Planner(), terms)
         run = rerun_with(tmp_path, tester, tests=[test.id])
-        assert name_of(run, config) == f"embedded,friction=0.8{words}"
+        assert rerun_name(run, config) == f"embedded,friction=0.8{words}"
 
 
 def test_each_thing_to_drive_has_a_folder_and_is_driven_once(campaign: Path) -> None:
     tests, usual, icy = driven_in(campaign), Counting(), Counting(friction=0.9)
     slow = Counting(rules=Rules(speed_limit=60.0))
     asked: list[Callable[[], Rerun]] = [
-        lambda: again(campaign, simulator=usual),
-        lambda: again(campaign, simulator=usual, driver=Planner(aggression=0.9)),
-        lambda: again(campaign, simulator=icy),
-        lambda: again(campaign, simulator=slow),
-        lambda: again(campaign, tests[:3], simulator=usual),
-        lambda: again(campaign, tests[:3], [{"friction": 0.9}], simulator=usual),
-        lambda: again(campaign, tests[:3], [{}, {}], simulator=usual),
+        lambda: rerun_tests(campaign, simulator=usual),
+        lambda: rerun_tests(campaign, simulator=usual, driver=Planner(aggression=0.9)),
+        lambda: rerun_tests(campaign, simulator=icy),
+        lambda: rerun_tests(campaign, simulator=slow),
+        lambda: rerun_tests(campaign, tests[:3], simulator=usual),
+        lambda: rerun_tests(campaign, tests[:3], [{"friction": 0.9}], simulator=usual),
+        lambda: rerun_tests(campaign, tests[:3], [{}, {}], simulator=usual),
     ]
     runs = []
     for number, ask in enumerate(asked, start=1):
         runs.append(ask())
         assert len(folders(campaign)) == number
         assert len(runs[-1].drives) == runs[-1].planned
-    driven = [one.driven for one in (usual, icy, slow)]
+    driven = [simulator.driven for simulator in (usual, icy, slow)]
     assert driven == [24, 6, 6]
     calls: list[Event] = []
     for ask, run in zip(asked, runs, strict=True):
-        found = ask()
-        assert results_of(found) == results_of(run)
-        assert found.folder == run.folder
-    again(campaign, simulator=usual, workers=2, on_event=calls.append)
+        repeated = ask()
+        assert results_of(repeated) == results_of(run)
+        assert repeated.folder == run.folder
+    rerun_tests(campaign, simulator=usual, workers=2, on_event=calls.append)
     kinds = [event.kind for event in calls]
     assert kinds == ["complete"], "a complete one is shown, no simulator starts"
-    assert [one.driven for one in (usual, icy, slow)] == driven
+    assert [simulator.driven for simulator in (usual, icy, slow)] == driven
     assert len(folders(campaign)) == len(asked)
     assert len(read_reruns(campaign)) == len(asked)
 
 
 def test_a_folder_with_something_else_is_refused(campaign: Path, tmp_path: Path) -> None:
     out, other = tmp_path / "out", tmp_path / "other"
-    run = again(campaign, out=out)
+    run = rerun_tests(campaign, out=out)
     Campaign(
         strategy=RandomSearch(seed=1),
         simulator=EmbeddedSimulator(),
@@ -336,17 +336,21 @@ def test_a_folder_with_something_else_is_refused(campaign: Path, tmp_path: Path)
         budget=Budget(simulations=8),
         folder=other,
     ).run()
-    for how in ({"out": campaign}, {"out": other}, {"out": out, "driver": Planner(aggression=0.9)}):
+    for options in (
+        {"out": campaign},
+        {"out": other},
+        {"out": out, "driver": Planner(aggression=0.9)},
+    ):
         with pytest.raises(CampaignError, match=r"holds another campaign: choose another place"):
-            again(campaign, **how)
-    assert results_of(again(campaign, out=out)) == results_of(run)
+            rerun_tests(campaign, **options)
+    assert results_of(rerun_tests(campaign, out=out)) == results_of(run)
 
 
 # Interrupted
 
 
 class CallbackError(Exception):
-    """What a callback raises."""
+    """Error of a callback."""
 
 
 def press_ctrl_c() -> None:
@@ -363,49 +367,51 @@ def test_the_same_call_goes_on_and_ends_as_if_unbroken(
     campaign: Path, stop: Callable[[], None], workers: int
 ) -> None:
     conditions = [{}, {"friction": 0.8}]
-    whole = again(campaign, None, conditions, out=campaign / "whole")
-    told: list[tuple[int, int]] = []
+    whole = rerun_tests(campaign, None, conditions, out=campaign / "whole")
+    reports: list[tuple[int, int]] = []
 
     def interrupt(now: Summary) -> None:
-        told.append((now.simulations, now.failed))
+        reports.append((now.simulations, now.failed))
         if now.simulations in (3, 7):
             stop()
 
-    seen = []
+    drive_counts = []
     for _ in range(2):
         with suppress(CallbackError):
-            again(campaign, None, conditions, workers=workers, on_event=on_result(interrupt))
+            rerun_tests(campaign, None, conditions, workers=workers, on_event=on_result(interrupt))
         (run,) = read_reruns(campaign)
         assert run.planned == 12
-        seen.append(len(run.drives))
-    found = again(campaign, None, conditions, workers=workers, on_event=on_result(interrupt))
+        drive_counts.append(len(run.drives))
+    result = rerun_tests(campaign, None, conditions, workers=workers, on_event=on_result(interrupt))
     if workers == 1:  # several finish what runs
-        assert seen == [3, 7]
-        assert told[-1] == (12, sum(drive.outcome is Outcome.FAIL for drive in whole.drives))
-    assert results_of(found) == results_of(whole)
-    assert [drives for drives, _ in told] == sorted({drives for drives, _ in told}), "each once"
-    assert not check_campaign(found.folder or campaign).findings
+        assert drive_counts == [3, 7]
+        assert reports[-1] == (12, sum(drive.outcome is Outcome.FAIL for drive in whole.drives))
+    assert results_of(result) == results_of(whole)
+    assert [drives for drives, _ in reports] == sorted({drives for drives, _ in reports}), (
+        "each once"
+    )
+    assert not check_campaign(result.folder or campaign).findings
 
 
 def test_a_campaign_that_was_moved_goes_on(
     campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with suppress(CallbackError):
-        again(campaign, on_event=on_result(lambda _: raise_error()))
+        rerun_tests(campaign, on_event=on_result(lambda _: raise_error()))
     campaign.rename(tmp_path / "moved")
     monkeypatch.chdir(tmp_path)
-    told: list[int] = []
-    tell = on_result(lambda now: told.append(now.simulations))
-    run = again(Path("moved"), on_event=tell)
-    assert (len(folders(Path("moved"))), told) == (1, [2, 3, 4, 5, 6])
+    reports: list[int] = []
+    tell = on_result(lambda now: reports.append(now.simulations))
+    run = rerun_tests(Path("moved"), on_event=tell)
+    assert (len(folders(Path("moved"))), reports) == (1, [2, 3, 4, 5, 6])
     assert all(drive.is_same for drive in run.drives)
 
 
-def test_nothing_interrupted_comes_after_anything_complete(campaign: Path) -> None:
-    complete = again(campaign, [*driven_in(campaign)[:2]])
+def test_interrupted_reruns_are_read_before_complete_ones(campaign: Path) -> None:
+    complete = rerun_tests(campaign, [*driven_in(campaign)[:2]])
     with suppress(CallbackError):
-        again(campaign, on_event=on_result(lambda _: raise_error()))
-    later = again(campaign, [*driven_in(campaign)[:1]])
+        rerun_tests(campaign, on_event=on_result(lambda _: raise_error()))
+    later = rerun_tests(campaign, [*driven_in(campaign)[:1]])
     interrupted, *rest = read_reruns(campaign)
     assert (interrupted.planned, len(interrupted.drives)) == (6, 1)
     assert [run.folder for run in rest] == [complete.folder, later.folder]
@@ -427,13 +433,13 @@ def spoil(folder: Path, change: str) -> None:
     ],
 )
 def test_a_damaged_run_is_one_line(campaign: Path, change: str, is_own: bool, words: str) -> None:
-    """Damaged itself, or a test of the campaign is missing."""
+    """The rerun is damaged, or a test of the campaign is missing."""
     failing = failures_in(campaign)
-    run = again(campaign, failing)
+    run = rerun_tests(campaign, failing)
     assert run.folder is not None
     place = run.folder if is_own else campaign
     spoil(place, change)
-    for read in (lambda: read_reruns(campaign), lambda: again(campaign, failing)):
+    for read in (lambda: read_reruns(campaign), lambda: rerun_tests(campaign, failing)):
         with pytest.raises(CampaignError, match=words) as caught:
             read()
         assert str(place) in str(caught.value)
@@ -441,9 +447,11 @@ def test_a_damaged_run_is_one_line(campaign: Path, change: str, is_own: bool, wo
 
 
 @pytest.mark.parametrize(
-    "one", [{"instead": "friction"}, {"tests": 5}, {"vary": Variation("friction", 0.8, 1.0)}]
+    "option", [{"instead": "friction"}, {"tests": 5}, {"vary": Variation("friction", 0.8, 1.0)}]
 )
-def test_a_single_value_in_place_of_a_list_is_refused(campaign: Path, one: dict[str, Any]) -> None:
-    (name,) = one
+def test_a_single_value_in_place_of_a_list_is_refused(
+    campaign: Path, option: dict[str, Any]
+) -> None:
+    (name,) = option
     with pytest.raises(FreneticError, match=f"{name} is .*: a list of .* is needed"):
-        rerun(campaign, EmbeddedSimulator(), Planner(), **one)
+        rerun(campaign, EmbeddedSimulator(), Planner(), **option)

@@ -10,7 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from frenetic.rerun.shrinker import Answer, Improvement, Shape, Shrinker, decimals, rounded_away
+from frenetic.rerun.shrinker import (
+    Improvement,
+    Shape,
+    Shrinker,
+    TrialResult,
+    decimals,
+    rounded_away,
+)
 
 ENOUGH = 20_000
 
@@ -31,7 +38,7 @@ class Shrunk:
 
 def shrink(
     start: Shape,
-    ask: Callable[[Shape], Answer],
+    ask: Callable[[Shape], TrialResult],
     *,
     max_trials: int,
     neighbours: Callable[[Shape], Iterable[Shape]] = lambda shape: (),
@@ -46,22 +53,22 @@ def shrink(
             shape = run.send(ask(shape))
     except StopIteration:
         is_minimal = True
-    found = tuple(shrinker.improvements)
-    return Shrunk(shrinker.best, found, shrinker.trials, is_minimal, shrinker.is_guarded)
+    improvements = tuple(shrinker.improvements)
+    return Shrunk(shrinker.best, improvements, shrinker.trials, is_minimal, shrinker.is_guarded)
 
 
-def when(holds: Callable[[Shape], bool]) -> Callable[[Shape], Answer]:
-    return lambda shape: Answer.YES if holds(shape) else Answer.NO
+def when(holds: Callable[[Shape], bool]) -> Callable[[Shape], TrialResult]:
+    return lambda shape: TrialResult.YES if holds(shape) else TrialResult.NO
 
 
-def at_random(seed: int, *, refusing: bool = False) -> Callable[[Shape], Answer]:
+def at_random(seed: int, *, refusing: bool = False) -> Callable[[Shape], TrialResult]:
     """Answers that follow no rule, but always the same to the same shape."""
 
-    def ask(shape: Shape) -> Answer:
+    def ask(shape: Shape) -> TrialResult:
         number = zlib.crc32(repr((seed, shape.values, shape.step)).encode())
         if refusing and number % 5 == 0:
-            return Answer.REFUSED
-        return Answer.YES if number % 3 == 0 else Answer.NO
+            return TrialResult.REFUSED
+        return TrialResult.YES if number % 3 == 0 else TrialResult.NO
 
     return ask
 
@@ -91,7 +98,7 @@ def test_shorter_comes_first_then_plainer(smaller: Shape, larger: Shape) -> None
     assert smaller.rank < larger.rank
 
 
-def test_slopes_stay_with_their_samples_until_they_are_taken_away() -> None:
+def test_slopes_stay_with_their_samples_until_a_pass_removes_them() -> None:
     hill = ((0.0, 0.06), (0.0, 0.06), (-0.04, 0.0), (-0.04, -0.06), (0.0, -0.06))
     start = Shape((0.0, 0.0, 0.03, 0.03, 0.0), 10.0, hill)
     assert start.replaced(1, 2, ()).slopes == (hill[0], *hill[2:])
@@ -103,16 +110,16 @@ def test_slopes_stay_with_their_samples_until_they_are_taken_away() -> None:
         pairs = zip(shape.values, shape.slopes, strict=False)
         return any(value > 0.0 and slopes[0] < 0.0 for value, slopes in pairs)
 
-    found = shrink(start, when(leans_in_a_bend), max_trials=500)
-    assert found.shape == Shape((0.01, 0.01), 10.0, ((0.0, 0.0), (-0.04, 0.0)))
+    shrunk = shrink(start, when(leans_in_a_bend), max_trials=500)
+    assert shrunk.shape == Shape((0.01, 0.01), 10.0, ((0.0, 0.0), (-0.04, 0.0)))
     assert not shrink(start, when(sharp(0.01)), max_trials=500).shape.slopes
 
 
 @given(shapes, shapes)
-def test_the_order_is_total(one: Shape, other: Shape) -> None:
-    assert (one.rank < other.rank) + (other.rank < one.rank) == (one != other)
-    signed = Shape(tuple(np.float64(v) if v else -0.0 for v in one.values), one.step)
-    assert (signed, hash(signed), repr(signed)) == (one, hash(one), repr(one))
+def test_the_order_is_total(first: Shape, second: Shape) -> None:
+    assert (first.rank < second.rank) + (second.rank < first.rank) == (first != second)
+    signed = Shape(tuple(np.float64(v) if v else -0.0 for v in first.values), first.step)
+    assert (signed, hash(signed), repr(signed)) == (first, hash(first), repr(first))
 
 
 def test_curves_are_counted_by_the_way_they_turn() -> None:
@@ -135,34 +142,34 @@ def test_rounding_away_never_gets_closer_to_0(value: float, digits: int) -> None
 
 @some
 @given(shapes, st.integers(0, 2**32), st.booleans(), st.integers(0, 100))
-def test_whatever_the_property_it_improves_until_nothing_can_be_left_out(
+def test_any_property_is_shrunk_until_no_change_improves_the_shape(
     start: Shape, seed: int, refusing: bool, few: int
 ) -> None:
     """Nothing is asked twice, no trial is one too many, and the same comes of the same."""
     ask = at_random(seed, refusing=refusing)
     asked: list[Shape] = []
 
-    def counting(shape: Shape) -> Answer:
+    def counting(shape: Shape) -> TrialResult:
         asked.append(shape)
         return ask(shape)
 
     shrunk = shrink(start, counting, max_trials=ENOUGH)
     assert len({start, *asked}) == 1 + len(asked)
-    assert shrunk.trials == sum(ask(shape) is not Answer.REFUSED for shape in asked)
+    assert shrunk.trials == sum(ask(shape) is not TrialResult.REFUSED for shape in asked)
     assert shrunk.is_minimal
-    found = [improvement.shape for improvement in shrunk.improvements]
-    ranks = [shape.rank for shape in (start, *found)]
+    shapes = [improvement.shape for improvement in shrunk.improvements]
+    ranks = [shape.rank for shape in (start, *shapes)]
     assert all(after < before for before, after in pairwise(ranks))
-    assert all(ask(shape) is Answer.YES for shape in found)
+    assert all(ask(shape) is TrialResult.YES for shape in shapes)
     trials = [improvement.trials for improvement in shrunk.improvements]
     assert trials == sorted(trials)
     best = shrunk.shape
-    assert best == (start, *found)[-1]
+    assert best == (start, *shapes)[-1]
     for i in range(len(best)):
         shorter = best.replaced(i, i + 1, ())
-        assert len(shorter) < 2 or shorter == start or ask(shorter) is not Answer.YES
+        assert len(shorter) < 2 or shorter == start or ask(shorter) is not TrialResult.YES
         straighter = best.replaced(i, i + 1, [0.0])
-        assert straighter.rank >= best.rank or ask(straighter) is not Answer.YES
+        assert straighter.rank >= best.rank or ask(straighter) is not TrialResult.YES
     part = shrink(start, ask, max_trials=few)  # fewer trials get a part of the way
     assert part.improvements == shrunk.improvements[: len(part.improvements)]
     assert part.trials == few or part == shrunk
@@ -200,7 +207,7 @@ def test_the_smallest_shape_is_found(
     assert is_smallest(shrink(start, when(has_it), max_trials=ENOUGH).shape)
 
 
-def test_few_trials_are_spent_on_what_shortens() -> None:
+def test_shortening_takes_few_trials() -> None:
     rough = tuple(float(v) for v in np.random.default_rng(1).uniform(-0.07, 0.07, 25))
     start = Shape((*rough, 0.08, *rough), 10.0)
     shrunk = shrink(start, when(sharp(0.075)), max_trials=10)
@@ -224,9 +231,15 @@ def test_samples_that_are_denser_than_10_m_are_thinned_out_first() -> None:
 
 
 def test_neighbours_have_to_have_the_property_too() -> None:
-    def ask(shape: Shape) -> Answer:
+    def ask(shape: Shape) -> TrialResult:
         most = max(map(abs, shape.values))
-        return Answer.REFUSED if most > 0.06 else Answer.YES if most >= 0.03 else Answer.NO
+        return (
+            TrialResult.REFUSED
+            if most > 0.06
+            else TrialResult.YES
+            if most >= 0.03
+            else TrialResult.NO
+        )
 
     def neighbours(shape: Shape) -> list[Shape]:
         return [shape.scaled(0.9), shape.scaled(1.1)]
@@ -244,15 +257,15 @@ def test_neighbours_need_not_have_the_property_until_they_do() -> None:
     start = Shape((0.0, 0.05, 0.0, 0.02), 10.0)
     ask = when(lambda shape: 0.05 in shape.values or len(shape) == 2)
     for neighbours, is_guarded in (
-        (lambda one: [one.scaled(0.9)], True),
+        (lambda shape: [shape.scaled(0.9)], True),
         (lambda _: [start.scaled(0.9)], False),  # which never has it
     ):
         shrunk = shrink(start, ask, max_trials=ENOUGH, neighbours=neighbours)
         assert (shrunk.shape.length, shrunk.is_guarded) == (10.0, is_guarded)
 
 
-def test_what_lies_behind_the_place_is_cut_first() -> None:
+def test_the_road_behind_the_place_is_cut_first() -> None:
     start = Shape((0.01, 0.02, 0.05, *[0.01] * 17), 10.0)
     has_bend = when(lambda shape: 0.05 in shape.values)
-    (found,) = shrink(start, has_bend, max_trials=1, place=18.0).improvements
-    assert found.shape.values == (0.01, 0.02, 0.05)
+    (improvement,) = shrink(start, has_bend, max_trials=1, place=18.0).improvements
+    assert improvement.shape.values == (0.01, 0.02, 0.05)

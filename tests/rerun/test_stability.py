@@ -1,4 +1,4 @@
-"""What is said of roads that were driven again: shares that are known, what matters, and how."""
+"""Stability of failures: known shares, matches, and the conditions that matter."""
 
 from __future__ import annotations
 
@@ -32,21 +32,21 @@ pytest_plugins = ["searched_campaign"]
 
 def test_a_deterministic_failure_repeats_every_time(campaign: Path) -> None:
     worst = failures_in(campaign)[0].id
-    (one,) = rerun(campaign, EmbeddedSimulator(), Planner(), tests=[worst], times=20).tests
-    assert (one.failed, one.judged, one.alike, one.share) == (20, 20, 20, 1.0)
-    assert one.stability is Stability.REPEATABLE
-    assert all(drive.moobd == one.recorded.moobd for drive in one.drives)
-    assert str(one) == "the same failure in 20 of 20 drives (100 %, 95 % interval 84 to 100 %)"
+    (repeats,) = rerun(campaign, EmbeddedSimulator(), Planner(), tests=[worst], times=20).tests
+    assert (repeats.failed, repeats.judged, repeats.alike, repeats.share) == (20, 20, 20, 1.0)
+    assert repeats.stability is Stability.REPEATABLE
+    assert all(drive.moobd == repeats.recorded.moobd for drive in repeats.drives)
+    assert str(repeats) == "the same failure in 20 of 20 drives (100 %, 95 % interval 84 to 100 %)"
 
 
-def test_drives_that_broke_count_neither_way() -> None:
-    one = outcomes(*[Outcome.ERROR] * 6, *[Outcome.PASS] * 3)
-    assert (one.judged, one.share) == (3, 0.0)
+def test_drives_with_a_broken_simulator_are_not_judged() -> None:
+    repeats = outcomes(*[Outcome.ERROR] * 6, *[Outcome.PASS] * 3)
+    assert (repeats.judged, repeats.share) == (3, 0.0)
     none = outcomes(Outcome.ERROR, Outcome.ERROR)
     assert (none.judged, none.share, none.interval) == (0, None, (0.0, 1.0))
     assert none.stability is None
     assert str(none) == "none of 2 drives could be judged"
-    assert one.change is none.change is Change.NOT_JUDGED
+    assert repeats.change is none.change is Change.NOT_JUDGED
 
 
 @pytest.mark.parametrize(
@@ -72,13 +72,13 @@ def test_stability_needs_the_whole_interval_on_one_side(
     assert passed.change is (Change.FAILS_NOW if failed else Change.PASSES_AGAIN)
 
 
-def outcomes(*found: Outcome, before: Outcome = Outcome.FAIL) -> Repeats:
+def outcomes(*drive_outcomes: Outcome, before: Outcome = Outcome.FAIL) -> Repeats:
     """A test whose drives ended so."""
-    drives = tuple(redriven({}, one, None) for one in found)
+    drives = tuple(redriven({}, outcome, None) for outcome in drive_outcomes)
     return Repeats(recorded(before), drives, (Variation("friction", 0.8, 1.0),))
 
 
-def test_robust_is_the_same_failure_and_not_any_on_its_road() -> None:
+def test_another_failure_on_the_road_does_not_count_as_robust() -> None:
     test = recorded(Outcome.FAIL, -1.0, 50.0, "left")
     same, elsewhere = (
         redriven({}, Outcome.FAIL, -1.0, place, "left", test=test, difference=0.5)
@@ -90,7 +90,7 @@ def test_robust_is_the_same_failure_and_not_any_on_its_road() -> None:
     assert Repeats(test, (same,) * 60, vary).stability is Stability.ROBUST
 
 
-def test_what_is_not_the_same_twice_is_not_repeatable() -> None:
+def test_differing_drives_are_not_repeatable() -> None:
     test = recorded(Outcome.FAIL, -1.0, 50.0, "left")
     fails = redriven({}, Outcome.FAIL, -1.0, 50.0, "left", test=test, difference=0.5)
     passes = redriven({}, Outcome.PASS, 1.0, test=test)
@@ -114,18 +114,18 @@ def of_worlds(worlds: tuple[Conditions, ...], ranges: list[Variation], **outcome
     return Repeats(recorded(), drives, tuple(ranges))
 
 
-def test_what_matters_is_named_in_words_and_what_does_not_is_not() -> None:
+def test_only_conditions_that_matter_are_named() -> None:
     ranges = [Variation("friction", 0.8, 1.0), Variation("delay", 0.0, 0.2)]
     worlds = draw_conditions(ranges, 20, 1)
-    one = of_worlds(worlds, ranges, verdict=lambda w: w["friction"] - 0.93)
-    first, second = one.influences
+    repeats = of_worlds(worlds, ranges, verdict=lambda w: w["friction"] - 0.93)
+    first, second = repeats.influences
     assert (first.quantity, first.matters) == ("friction", True)
     assert first.spearman > 0.8
     assert (second.quantity, second.matters) == ("delay", False)
-    assert str(one).startswith(
+    assert str(repeats).startswith(
         "the same failure in 13 of 20 drives (65 %, 95 % interval 43 to 82 %); less friction is"
     )
-    assert "delay" not in str(one)
+    assert "delay" not in str(repeats)
     ranges = [Variation("noise", 0.0, 0.4)]
     worlds = draw_conditions(ranges, 30, 1)
     (influence,) = of_worlds(worlds, ranges, verdict=lambda w: 0.2 - w["noise"]).influences
@@ -142,7 +142,7 @@ def test_what_matters_is_named_in_words_and_what_does_not_is_not() -> None:
         (0.5, 20, 2.0),  # all failed
     ],
 )
-def test_what_matters_may_be_unknown(low: float, times: int, least: float) -> None:
+def test_influences_need_enough_differing_drives(low: float, times: int, least: float) -> None:
     ranges = [Variation("friction", low, 1.0)]
     worlds = draw_conditions(ranges, times, 1)
     assert of_worlds(worlds, ranges, verdict=lambda w: w["friction"] - least).influences == ()
@@ -152,7 +152,10 @@ def test_p_values_are_corrected_for_the_number_of_quantities() -> None:
     ranges = [Variation("friction", 0.5, 1.0), Variation("delay", 0.0, 0.2)]
     worlds = draw_conditions(ranges, 12, 0)
     verdict = {"verdict": lambda w: w["delay"] - 0.1 + 0.2 * w["friction"]}
-    both = {one.quantity: one.p for one in of_worlds(worlds, ranges, **verdict).influences}
+    both = {
+        influence.quantity: influence.p
+        for influence in of_worlds(worlds, ranges, **verdict).influences
+    }
     alone = {
         range_.quantity: of_worlds(worlds, [range_], **verdict).influences[0].p for range_ in ranges
     }
@@ -172,7 +175,7 @@ def test_p_values_are_corrected_for_the_number_of_quantities() -> None:
         (None, None, 1.9, Match.OTHER_MECHANISM),
     ],
 )
-def test_kinds_of_failing_are_told_apart(
+def test_matches_of_failures_are_distinguished(
     place: float | None, side: Side | None, difference: float | None, match: Match
 ) -> None:
     test = recorded(Outcome.FAIL, -1.0, 100.0, "left")
@@ -185,18 +188,18 @@ def test_kinds_of_failing_are_told_apart(
     assert redriven({}, Outcome.FAIL, 1.0, test=stuck, difference=1.9).match is Match.SAME
 
 
-def test_it_is_said_how_many_have_the_same_failure() -> None:
+def test_the_text_counts_drives_with_the_same_failure() -> None:
     test = recorded(Outcome.FAIL, -1.0, 50.0, "left")
     here, there, otherwise = (
         redriven({}, Outcome.FAIL, -1.0, place, "left", test=test, difference=difference)
         for place, difference in ((50.0, 0.5), (90.0, 0.5), (50.0, 9.0))
     )
-    one = Repeats(test, (here, there, there, otherwise))
-    assert str(one) == (
+    repeats = Repeats(test, (here, there, there, otherwise))
+    assert str(repeats) == (
         "the same failure in 1 of 4 drives (25 %, 95 % interval 5 to 70 %), another in 3 (1 other"
         " mechanism, 2 elsewhere)"
     )
-    document: Any = one.as_json()
+    document: Any = repeats.as_json()
     assert {kind: number for kind, number in document["matches"].items() if number} == {
         "same failure": 1,
         "other mechanism": 1,
@@ -216,10 +219,11 @@ def test_each_range_is_covered_evenly(names: list[str], times: int, seed: int) -
     ranges = [Variation(name, quantities()[name].low, quantities()[name].high) for name in names]
     worlds = draw_conditions(ranges, times, seed)
     assert len(worlds) == times
-    for one in ranges:
-        values = [world[one.quantity] for world in worlds]
+    for variation in ranges:
+        values = [world[variation.quantity] for world in worlds]
         parts = sorted(
-            math.floor((value - one.low) / (one.high - one.low) * times) for value in values
+            math.floor((value - variation.low) / (variation.high - variation.low) * times)
+            for value in values
         )
         assert parts == list(range(times))
     assert worlds == draw_conditions(ranges[::-1], times, seed), "the order of the ranges counts"
@@ -247,11 +251,11 @@ def test_each_drive_has_its_own_noise_and_nothing_else_without_variation() -> No
         ([("noise", math.nan, 1.0)], 3, 0, "cannot vary noise from nan to 1"),
     ],
 )
-def test_worlds_that_are_none_are_refused(
+def test_invalid_ranges_are_refused(
     ranges: list[tuple[str, float, float]], times: Any, seed: Any, said: str
 ) -> None:
     with pytest.raises((FreneticError, ValueError)) as caught:
-        draw_conditions([Variation(*one) for one in ranges], times, seed)
+        draw_conditions([Variation(*arguments) for arguments in ranges], times, seed)
     assert said in str(caught.value)
 
 
@@ -274,11 +278,11 @@ def test_usual_ranges_lie_on_both_sides_of_the_campaigns_own_amount() -> None:
     simulator = EmbeddedSimulator(
         rules=Rules(speed_limit=50.0), friction=0.7, start_offset=0.5, start_heading=-0.1
     )
-    own = {"friction": 0.7, "speed": 50.0, "lag": 0.1, "start": 0.5, "heading": -0.1}
+    amounts = {"friction": 0.7, "speed": 50.0, "lag": 0.1, "start": 0.5, "heading": -0.1}
     for name, row in quantities().items():
-        if row.attribute and name not in own:
+        if row.attribute and name not in amounts:
             continue
-        amount = own.get(name, 0.8 * row.usual[1])
+        amount = amounts.get(name, 0.8 * row.usual[1])
         usual = Variation.usual(name, simulator, amount)
         below, above = amount - usual.low, usual.high - amount
         assert below > 0.0 < above, name

@@ -63,64 +63,68 @@ def driven(folder: Path, outcome: Outcome | None = None) -> list[Test]:
         return [test for test in store.tests(outcome) if test.outcome.is_driven]
 
 
-def again(folder: Path, simulator: EmbeddedSimulator | None = None, **others: Any) -> Rerun:
+def rerun_tests(folder: Path, simulator: EmbeddedSimulator | None = None, **others: Any) -> Rerun:
     return rerun(folder, simulator or EmbeddedSimulator(), Planner(), **others)
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_a_test_is_driven_again_in_its_own_conditions(campaign: Path, workers: int) -> None:
+def test_a_test_is_driven_again_in_its_recorded_conditions(campaign: Path, workers: int) -> None:
     tests = driven(campaign)
-    found = again(campaign, tests=[test.id for test in tests], workers=workers)
+    result = rerun_tests(campaign, tests=[test.id for test in tests], workers=workers)
     assert {test.outcome for test in tests} == {Outcome.PASS, Outcome.FAIL}
     assert any(SEED in test.candidate.conditions for test in tests)
-    assert found.same == len(tests) == 25
-    assert [one.conditions for one in found.drives] == [one.candidate.conditions for one in tests]
-    assert [one.conditions for one in found.tests] == [one.candidate.conditions for one in tests]
+    assert result.same == len(tests) == 25
+    assert [test.conditions for test in result.drives] == [
+        test.candidate.conditions for test in tests
+    ]
+    assert [test.conditions for test in result.tests] == [
+        test.candidate.conditions for test in tests
+    ]
 
 
-def test_a_given_range_is_the_same_for_all_and_a_usual_one_lies_around_a_tests_own(
+def test_a_usual_range_lies_around_each_tests_amount(
     campaign: Path,
 ) -> None:
     tests = driven(campaign, Outcome.FAIL)[:3]
     ids = [test.id for test in tests]
-    fixed = again(campaign, tests=ids, times=4, vary=[Variation("friction", 0.5, 0.7)])
+    fixed = rerun_tests(campaign, tests=ids, times=4, vary=[Variation("friction", 0.5, 0.7)])
     amounts = [[drive.conditions["friction"] for drive in test.drives] for test in fixed.tests]
     assert amounts[0] == amounts[1] == amounts[2]
     usual = Variation.usual("friction", EmbeddedSimulator())
-    around = again(campaign, tests=ids, times=4, vary=[usual])
-    for test, one in zip(tests, around.tests, strict=True):
-        own = dict(test.candidate.conditions)
-        friction = own.pop("friction")
-        (variation,) = one.variations
+    around = rerun_tests(campaign, tests=ids, times=4, vary=[usual])
+    for test, repeats in zip(tests, around.tests, strict=True):
+        recorded = dict(test.candidate.conditions)
+        friction = recorded.pop("friction")
+        (variation,) = repeats.variations
         assert (variation.low, variation.high) == pytest.approx((0.8 * friction, 1.2 * friction))
-        for drive in one.drives:
+        for drive in repeats.drives:
             amount = drive.conditions["friction"]
             assert 0.8 * friction <= amount <= 1.2 * friction
-            assert drive.conditions == own | {"friction": amount}
-        assert one.conditions == own
-        assert one.is_own
+            assert drive.conditions == recorded | {"friction": amount}
+        assert repeats.conditions == recorded
+        assert repeats.is_own
 
 
-def test_what_the_parts_say_instead_wins_and_is_another_drive(campaign: Path) -> None:
-    test = next(one for one in driven(campaign) if "gust" in one.candidate.conditions)
-    own = dict(test.candidate.conditions)
-    found = again(
+def test_amounts_of_the_parts_win_over_recorded_ones(campaign: Path) -> None:
+    test = next(test for test in driven(campaign) if "gust" in test.candidate.conditions)
+    recorded = dict(test.candidate.conditions)
+    result = rerun_tests(
         campaign,
         EmbeddedSimulator(friction=0.5),
         tests=[test.id],
         times=2,
         instead=["friction", "gust"],
     )
-    expected = {k: v for k, v in own.items() if k not in {"friction", "gust", "gust_at"}}
-    assert [drive.conditions for drive in found.drives] == [expected] * 2
-    assert not found.tests[0].is_own
-    calm = again(campaign, tests=[test.id], times=2, instead=["gust"])
-    assert calm.simulator == again(campaign, tests=[test.id]).simulator
+    expected = {k: v for k, v in recorded.items() if k not in {"friction", "gust", "gust_at"}}
+    assert [drive.conditions for drive in result.drives] == [expected] * 2
+    assert not result.tests[0].is_own
+    calm = rerun_tests(campaign, tests=[test.id], times=2, instead=["gust"])
+    assert calm.simulator == rerun_tests(campaign, tests=[test.id]).simulator
     assert not calm.tests[0].is_own, "the parts are the campaign's, the conditions are not"
     assert calm.tests[0].stability is not Stability.REPEATABLE
     assert own_repeats([calm]) == []
     usual = Variation.usual("friction", EmbeddedSimulator(friction=0.5))
-    around = again(
+    around = rerun_tests(
         campaign,
         EmbeddedSimulator(friction=0.5),
         tests=[test.id],
@@ -131,10 +135,10 @@ def test_what_the_parts_say_instead_wins_and_is_another_drive(campaign: Path) ->
     assert around.tests[0].variations == (usual,), "around the simulator's amount"
 
 
-def test_a_simulator_that_lays_none_of_them_is_refused_before_a_drive(campaign: Path) -> None:
+def test_a_simulator_without_the_conditions_is_refused_before_a_drive(campaign: Path) -> None:
     with pytest.raises(FreneticError, match="DummySimulator cannot vary friction"):
         rerun(campaign, DummySimulator(), Planner())
-    assert not (campaign / "again").exists()
+    assert not (campaign / "rerun").exists()
 
 
 # Two versions of a driver
@@ -162,7 +166,7 @@ def test_campaigns_of_different_domains_are_no_repeats(town: Path, tmp_path: Pat
     ice = searched(tmp_path / "ice", ENTRIES | {"conditions": icy})
     named = searched(tmp_path / "named", ENTRIES, name="village")
     longer = searched(tmp_path / "longer", ENTRIES | {"roads": "urban-50,length=260"})
-    assert [len(one) for one in group_campaigns([town, second]).values()] == [2]
+    assert [len(folders) for folders in group_campaigns([town, second]).values()] == [2]
     groups = group_campaigns([town, second, ice])
     assert groups == {
         "in town: friction 0.15 to 1": [town, second],
@@ -173,7 +177,7 @@ def test_campaigns_of_different_domains_are_no_repeats(town: Path, tmp_path: Pat
         "on urban-50(length=250)",
         "on urban-50(length=260)",
     ]
-    found = compare({"a": [town, ice], "b": [second]})
-    assert "the campaigns of a are no repeats: they differ in domain" in found.notes
+    comparison = compare({"a": [town, ice], "b": [second]})
+    assert "the campaigns of a are no repeats: they differ in domain" in comparison.notes
     domain = compare({"a": [town], "b": [second]}).shared["domain"]
     assert domain.startswith("town: friction 0.15 to 1, gust")

@@ -1,15 +1,9 @@
-"""The meaning of a campaign's tests, one by one and together."""
+"""Analysis of a campaign: failures, causes, features, coverage, and comparison with others."""
 
+from frenetic.analysis.clusters import Cluster, Clusters, cluster_failures, nearest_misses
 from frenetic.analysis.comparison import Comparison, compare
 from frenetic.analysis.coverage import DomainCoverage, domain_coverage
-from frenetic.analysis.failures import (
-    Cluster,
-    Clusters,
-    Failure,
-    cluster_failures,
-    failures_of,
-    nearest_misses,
-)
+from frenetic.analysis.failures import Failure, failures_of
 from frenetic.analysis.features import FEATURES, Features, features_of
 from frenetic.analysis.groups import find_campaigns
 from frenetic.analysis.metrics import CampaignMeasures, measure_campaign

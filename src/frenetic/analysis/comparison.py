@@ -46,25 +46,26 @@ from frenetic.errors import FreneticError
 
 @dataclass(frozen=True)
 class PairComparison:
-    """Two groups, compared by one measure."""
+    """Comparison of two groups by one measure."""
 
     first: str
-    """Name of a group."""
+    """Name of the first group."""
     second: str
+    """Name of the second group."""
     a12: float
     """Chance 0..1 that a campaign of the first group does better than one of the second.
 
     It is Vargha and Delaney's A12, of the negated values where less is better. Ties count half."""
     p: float
-    """The p of the two-sided Mann-Whitney test."""
+    """p of the two-sided Mann-Whitney test."""
     p_corrected: float
-    """The same p, corrected by Holm for the number of pairs."""
+    """p, corrected by Holm for the number of pairs."""
     repeats: tuple[int, int]
-    """Campaigns in each group."""
+    """Numbers of campaigns in the first and the second group."""
 
     @property
-    def is_told(self) -> bool:
-        """Whether there are enough repeats to tell."""
+    def has_enough_repeats(self) -> bool:
+        """Whether each group has enough repeats for a verdict."""
         return min(self.repeats) >= LEAST_REPEATS
 
     @property
@@ -74,62 +75,62 @@ class PairComparison:
 
     @property
     def verdict(self) -> str:
-        """Verdict on the two groups. Where no difference is shown, chance explains the values."""
+        """Verdict on the two groups. If no difference is shown, chance explains the values."""
         if self.better is not None:
             return f"the {'first' if self.better == self.first else 'second'} is better"
-        return "no difference shown" if self.is_told else "too few repeats to tell"
+        return "no difference shown" if self.has_enough_repeats else "too few repeats to tell"
 
     @property
     def better(self) -> str | None:
-        """The better group; None if no difference is shown."""
-        if not self.is_told or self.p_corrected >= SIGNIFICANT:
+        """Better group; None if no difference is shown."""
+        if not self.has_enough_repeats or self.p_corrected >= SIGNIFICANT:
             return None
         return self.first if self.a12 > 0.5 else self.second
 
 
 @dataclass(frozen=True)
 class MeasureComparison:
-    """All groups, compared by one measure."""
+    """Comparison of all groups by one measure."""
 
     measure: Measure
     values: Mapping[str, tuple[float, ...]]
     """Name of a group -> value of each of its campaigns."""
     pairs: tuple[PairComparison, ...]
-    """Each two groups."""
+    """Comparisons of each two groups."""
 
     def quartiles(self, group: str) -> Quartiles:
-        """Quartiles of a group's values."""
+        """Return the quartiles of a group's values."""
         return quartiles(self.values[group])
 
     def between(self, group: str) -> str:
-        """The quartiles of a group for people; empty if they are no numbers."""
-        found = self.quartiles(group)
-        if found.n == 1 or (math.isinf(found.low) and math.isinf(found.high)):
+        """Return the first and third quartile of a group as text; empty if both are infinite."""
+        values = self.quartiles(group)
+        if values.n == 1 or (math.isinf(values.low) and math.isinf(values.high)):
             return ""
-        return f"{self.measure.text(found.low)} to {self.measure.text(found.high)}"
+        return f"{self.measure.text(values.low)} to {self.measure.text(values.high)}"
 
     def median(self, group: str) -> str:
-        """The median of a group for people."""
+        """Return the median of a group as text."""
         return self.measure.text(self.quartiles(group).median)
 
     def text(self, group: str) -> str:
-        """The median of a group, and its quartiles in brackets, for people."""
+        """Return the median of a group, with its quartiles in brackets."""
         between, median = self.between(group), self.median(group)
         return f"{median} ({between})" if between else median
 
     @cached_property
     def _mean_ranks(self) -> Mapping[str, float]:
         """Name of a group -> mean rank of its campaigns among all campaigns; 1 is the best."""
-        every = ranks(-self.measure.sign * np.concatenate([*self.values.values()]))
+        all_ranks = ranks(-self.measure.sign * np.concatenate([*self.values.values()]))
         ends = np.cumsum([len(values) for values in self.values.values()])
-        parts = zip(self.values, np.split(every, ends[:-1]), strict=True)
-        return {name: float(part.mean()) for name, part in parts}
+        group_ranks = zip(self.values, np.split(all_ranks, ends[:-1]), strict=True)
+        return {name: float(part.mean()) for name, part in group_ranks}
 
     @cached_property
-    def places(self) -> Mapping[str, int]:
-        """Name of a group -> its place from 1, by the median and among equal ones by the mean rank.
+    def positions(self) -> Mapping[str, int]:
+        """Name of a group -> its position from 1, by the median, then by the mean rank.
 
-        Groups that have both alike share the better place: 1, 1, 3.
+        Groups with equal medians and mean ranks share the better position: 1, 1, 3.
         """
         scores = {
             name: (-self.measure.sign * self.quartiles(name).median, round(rank, 9))
@@ -140,8 +141,8 @@ class MeasureComparison:
             for name, score in scores.items()
         }
 
-    def said(self, pair: PairComparison) -> str:
-        """The verdict on two groups in words of this measure, such as "a has more than b"."""
+    def pair_text(self, pair: PairComparison) -> str:
+        """Return the verdict on two groups in words of the measure, such as "a has more than b"."""
         if pair.better is None:
             return f"{pair.first} and {pair.second}: {pair.verdict}"
         worse = pair.second if pair.better == pair.first else pair.first
@@ -149,11 +150,11 @@ class MeasureComparison:
 
     @property
     def order(self) -> tuple[str, ...]:
-        """The groups by place, the best first."""
-        return tuple(sorted(self.values, key=lambda name: self.places[name]))
+        """Groups by position, the best first."""
+        return tuple(sorted(self.values, key=lambda name: self.positions[name]))
 
     def worse_than(self, group: str) -> tuple[str, ...]:
-        """The groups that are worse than another."""
+        """Return the groups that are worse than another."""
         return tuple(
             pair.second if pair.first == group else pair.first
             for pair in self.pairs
@@ -163,32 +164,35 @@ class MeasureComparison:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Shown):
-    """Groups of campaigns, compared with each other."""
+    """Comparison of groups of campaigns."""
 
     groups: Mapping[str, tuple[CampaignMeasures, ...]]
-    """Name -> campaigns, which are repeats of each other."""
+    """Name of a group -> its campaigns, which are repeats of each other."""
     measures: tuple[MeasureComparison, ...]
-    """One per measure that all campaigns have, in the order of `MEASURES`."""
+    """Comparisons by each measure that all campaigns have, in the order of `MEASURES`."""
     notes: tuple[str, ...]
     """Limits of the comparison, each in a sentence."""
     shared: Mapping[str, str] = field(default_factory=dict)
     """Part of a configuration -> its common value in all campaigns, in words."""
 
     def __repr__(self) -> str:
-        """The comparison at a glance."""
-        groups = (f"{name} ({counted(len(own), 'campaign')})" for name, own in self.groups.items())
+        """Return the groups with their numbers of campaigns."""
+        groups = (
+            f"{name} ({counted(len(campaigns), 'campaign')})"
+            for name, campaigns in self.groups.items()
+        )
         return f"<Comparison of {', '.join(groups)}>"
 
     @property
     def headline(self) -> MeasureComparison:
-        """The comparison by distinct failures, which orders the groups."""
+        """Comparison by distinct failures, which orders the groups."""
         return self.by(HEADLINE)
 
     def by(self, name: str) -> MeasureComparison:
-        """The comparison by a measure.
+        """Return the comparison by a measure.
 
         Raises:
-            KeyError: there is none of this name, or not all campaigns have it.
+            KeyError: no measure has this name, or a campaign lacks the measure.
         """
         for comparison in self.measures:
             if comparison.measure.name == name:
@@ -198,31 +202,31 @@ class Comparison(Shown):
 
 
 def compare(groups: Mapping[str, Iterable[Path | str]]) -> Comparison:
-    """Compares groups of campaigns.
+    """Compare groups of campaigns.
 
     Args:
         groups: name -> folders of campaigns that repeat each other; two groups or more.
 
     Raises:
-        CampaignError: a campaign is not there or damaged.
-        FreneticError: fewer than two groups, an empty one, one that is a single folder
-            rather than a list, or a campaign that is there twice.
+        CampaignError: a campaign does not exist or is damaged.
+        FreneticError: there are fewer than two groups, a group is empty or a single folder rather
+            than a list, or a campaign is there twice.
     """
     if len(groups) < 2:
         raise FreneticError(
             f"{len(groups)} group of campaigns: at least two are needed to compare; campaigns that"
             " differ in nothing but the seed are one group"
         )
-    listed = {name: require_list(f"group {name}", given) for name, given in groups.items()}
-    places: set[Path] = set()
+    listed = {name: require_list(f"group {name}", folders) for name, folders in groups.items()}
+    paths: set[Path] = set()
     for name, folders in listed.items():
         if not folders:
             raise FreneticError(f"group {name} has no campaigns: at least one is needed")
         for folder in folders:
-            place = Path(folder).resolve()
-            if place in places:
+            path = Path(folder).resolve()
+            if path in paths:
                 raise FreneticError(f"{folder} is there twice: give each campaign once")
-            places.add(place)
+            paths.add(path)
     measured = {
         name: tuple(measure_campaign(folder) for folder in folders)
         for name, folders in listed.items()
@@ -231,7 +235,7 @@ def compare(groups: Mapping[str, Iterable[Path | str]]) -> Comparison:
     return compare_measured(
         measured,
         notes=[*_drivers_differ(parts), *_notes(parts, measured)],
-        shared=shared_parts([one for found in parts.values() for one in found]),
+        shared=shared_parts([config for configs in parts.values() for config in configs]),
     )
 
 
@@ -241,19 +245,19 @@ def compare_measured(
     notes: Iterable[str] = (),
     shared: Mapping[str, str] = MappingProxyType({}),
 ) -> Comparison:
-    """Compares groups of measured campaigns, as `compare` does."""
+    """Compare groups of measured campaigns, as `compare` does."""
     widths = {campaign.lane_width for campaigns in groups.values() for campaign in campaigns}
-    compared = (_compare_by(measure, groups) for measure in _measures_on(widths))
+    comparisons = (_compare_by(measure, groups) for measure in _measures_on(widths))
     return Comparison(
         groups=groups,
-        measures=tuple(one for one in compared if one is not None),
+        measures=tuple(comparison for comparison in comparisons if comparison is not None),
         notes=(*notes, *_weakness(groups)),
         shared=shared,
     )
 
 
 def _measures_on(lane_widths: Collection[float]) -> Iterator[Measure]:
-    """The measures; the unit of the MOOBD says the largest possible one if all lanes are alike."""
+    """Yield the measures; the MOOBD's unit names its maximum if all lanes have the same width."""
     for measure in MEASURES.values():
         is_known = measure.name == "min_moobd" and len(lane_widths) == 1
         yield replace(measure, unit=oob_unit(*lane_widths)) if is_known else measure
@@ -262,34 +266,35 @@ def _measures_on(lane_widths: Collection[float]) -> Iterator[Measure]:
 def _compare_by(
     measure: Measure, groups: Mapping[str, tuple[CampaignMeasures, ...]]
 ) -> MeasureComparison | None:
-    """Comparison by a measure; None if a campaign lacks it."""
+    """Return the comparison by a measure; None if a campaign lacks the measure."""
     values: dict[str, tuple[float, ...]] = {}
     for name, campaigns in groups.items():
-        found = [measure.of(campaign) for campaign in campaigns]
-        values[name] = tuple(value for value in found if value is not None)
-        if len(values[name]) < len(found):
+        measured = [measure.of(campaign) for campaign in campaigns]
+        values[name] = tuple(value for value in measured if value is not None)
+        if len(values[name]) < len(measured):
             return None
+    signed = {name: measure.sign * np.array(row) for name, row in values.items()}
     names = list(combinations(groups, 2))
-    p_values = [mann_whitney(values[one], values[other]) for one, other in names]
+    p_values = [mann_whitney(values[first], values[second]) for first, second in names]
     pairs = tuple(
         PairComparison(
-            first=one,
-            second=other,
-            a12=a12(measure.sign * np.array(values[one]), measure.sign * np.array(values[other])),
+            first=first,
+            second=second,
+            a12=a12(signed[first], signed[second]),
             p=p,
             p_corrected=corrected,
-            repeats=(len(values[one]), len(values[other])),
+            repeats=(len(values[first]), len(values[second])),
         )
-        for (one, other), p, corrected in zip(names, p_values, holm(p_values), strict=True)
+        for (first, second), p, corrected in zip(names, p_values, holm(p_values), strict=True)
     )
     return MeasureComparison(measure, values, pairs)
 
 
 def least_p(sizes: Sequence[int]) -> float:
-    """The least p of two groups that the test can give, corrected by Holm for all pairs of groups.
+    """Return the least possible p of two groups, corrected by Holm for all pairs of groups.
 
-    It is that of two without ties, all of one better than all of the other: 2 of all ways to deal
-    the campaigns to them are as extreme.
+    The least p needs values without ties, all of one group better than all of the other: 2 of all
+    ways to deal the campaigns to the two groups are as extreme.
 
     Args:
         sizes: number of campaigns in each of two or more groups.
@@ -299,12 +304,12 @@ def least_p(sizes: Sequence[int]) -> float:
 
 
 def repeats_needed(groups: int) -> int:
-    """Least number of campaigns in each of two or more groups for a difference to be shown."""
+    """Return the least number of campaigns in each group with which a difference can be shown."""
     return next(n for n in count(LEAST_REPEATS) if least_p([n] * groups) < SIGNIFICANT)
 
 
 def _weakness(groups: Mapping[str, Sequence[object]]) -> Iterator[str]:
-    """A note if no difference can be shown, however large."""
+    """Yield a note if no difference can be shown, however large."""
     sizes = [len(campaigns) for campaigns in groups.values()]
     if len(sizes) < 2 or min(sizes) < LEAST_REPEATS:
         return
@@ -317,9 +322,9 @@ def _weakness(groups: Mapping[str, Sequence[object]]) -> Iterator[str]:
 
 
 def _drivers_differ(parts: Mapping[str, Sequence[Mapping[str, Any]]]) -> Iterator[str]:
-    """A note if groups have different drivers, about which a comparison of searches says little."""
-    own, *others = (configs[0]["driver"] for configs in parts.values())
-    if any(driver != own for driver in others):
+    """Yield a note if groups have different drivers, which a comparison of searches cannot rate."""
+    first, *others = (configs[0]["driver"] for configs in parts.values())
+    if any(driver != first for driver in others):
         yield (
             "the groups have different drivers, and this compares what their searches found, not"
             " which driver is better: for that, compare one campaign with the other driver"
@@ -330,7 +335,7 @@ def _notes(
     parts: Mapping[str, Sequence[Mapping[str, Any]]],
     measured: Mapping[str, tuple[CampaignMeasures, ...]],
 ) -> list[str]:
-    """Limits of a comparison."""
+    """Return the limits of a comparison, each in a sentence."""
     notes = []
     for name, configurations in parts.items():
         mixed = differing_parts(configurations)
@@ -355,8 +360,8 @@ def _notes(
     most = max(campaign.failures for campaigns in measured.values() for campaign in campaigns)
     if most > MOST_COMPARED:
         notes.append(
-            f"the competition's sparseness of more than {MOST_COMPARED} failures is that of so"
-            " many, evenly spaced"
+            f"the competition's sparseness of more than {MOST_COMPARED} failures counts"
+            f" {MOST_COMPARED} of them, evenly spaced"
         )
     return notes
 
@@ -365,19 +370,19 @@ def _notes(
 
 
 def findings(comparison: Comparison) -> str:
-    """Findings of a comparison by its headline measure, in a sentence or two."""
+    """Return the findings by the headline measure, in a sentence or two."""
     by = comparison.headline
     order = by.order
     few = order if len(order) <= 4 else (*order[:3], order[-1])
     values = [f"{name} {by.text(name)}" for name in few]
     left = len(order) - len(few)
     rest = f", {counted(left, 'group')} between" if left else ""
-    told = f"Median (quartiles) of {by.measure.title}: {'; '.join(values)}{rest}."
-    return f"{verdict(comparison)} {told}"
+    medians = f"Median (quartiles) of {by.measure.title}: {'; '.join(values)}{rest}."
+    return f"{verdict(comparison)} {medians}"
 
 
 def verdict(comparison: Comparison) -> str:
-    """Verdict on the first group by the headline measure, in a sentence."""
+    """Return the verdict on the first group by the headline measure, in a sentence."""
     by = comparison.headline
     if len(by.values) == 1:
         return "There is nobody to compare with."
@@ -387,7 +392,7 @@ def verdict(comparison: Comparison) -> str:
         return f"No difference in {by.measure.title} is shown."
     best, second = by.order[:2]
     worse = by.worse_than(best)
-    if by.places[second] == 1 or not worse:
+    if by.positions[second] == 1 or not worse:
         return f"No group is shown to find the most {by.measure.title}."
     if level := [name for name in by.values if name != best and name not in worse]:
         return (
@@ -403,26 +408,30 @@ def verdict(comparison: Comparison) -> str:
 
 
 def pair_rows(measures: Iterable[MeasureComparison]) -> Iterator[tuple[str, str, str, str, str]]:
-    """Pairs of groups: the measure once, what can be said, A12, effect, p after correction.
+    """Yield a row per pair of groups: measure, verdict, A12, effect, p after correction.
 
-    A12 is that of the group that is named first in what is said.
+    The measure stands only in its first row. A12 belongs to the group that the verdict names first.
     """
     for by in measures:
         for i, pair in enumerate(by.pairs):
-            effect, p = (pair.magnitude, p_text(pair.p_corrected)) if pair.is_told else ("–", "–")
+            effect, p = (
+                (pair.magnitude, p_text(pair.p_corrected))
+                if pair.has_enough_repeats
+                else ("–", "–")
+            )
             a12 = 1.0 - pair.a12 if pair.better == pair.second else pair.a12
-            yield "" if i else by.measure.title, by.said(pair), f"{a12:.2f}", effect, p
+            yield "" if i else by.measure.title, by.pair_text(pair), f"{a12:.2f}", effect, p
 
 
 def in_short(names: Sequence[str], most: int = 3) -> str:
-    """Names in a row; of many, the first and the number of others."""
+    """Return names in a row; of many names, the first ones and the number of others."""
     if len(names) > most:
         names = [*names[: most - 1], f"{len(names) - most + 1} others"]
     return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 
 def p_text(value: float) -> str:
-    """A p value with its meaningful digits."""
+    """Return a p value with its meaningful digits."""
     if value < 0.001:
         return "< 0.001"
     return f"{value:.2g}" if value < 0.1 else f"{value:.2f}"

@@ -1,4 +1,4 @@
-"""What of a domain was driven: cells of its conditions and roads, one by one and in pairs.
+"""Coverage of a domain: which cells of its conditions and roads were driven, alone and in pairs.
 
 A drive lies in the cells of its road and of its conditions, wherever along the road it ended.
 """
@@ -28,38 +28,39 @@ from frenetic.search.records import Candidate, Origin
 from frenetic.spec.terms import Setting
 
 RADIUS: Final = "min_radius"
-"""Name of the axis of a road's least radius."""
+"""Name of the axis of a road's least radius, in m."""
 GRADE: Final = "max_grade"
-"""Name of the axis of a road's steepest grade."""
+"""Name of the axis of a road's steepest grade, in %."""
 ROADS: Final = 500
-"""Random roads that stand for those of a domain."""
+"""Number of random roads that stand for a domain's roads."""
 DRAWN: Final = 10_000
-"""Random drives in which the share of driven ones is counted."""
+"""Number of random drives that estimate the share of covered drives."""
 
 _RADII: Final = 5
-"""Cells of the least radius."""
-_MOST: Final = 6.5
-"""Most cells of another range, counted in steps."""
-_STEPS: Final = (1.0, 2.0, 2.5, 5.0, 10.0)
-_SAME: Final = 1e-3
-"""Share by which a value may miss the first or the last edge."""
+"""Number of cells of the least radius; ours."""
+_MOST_STEPS: Final = 6.5
+"""Most cells of another range, in cell widths; ours."""
+_ROUND_STEPS: Final = (1.0, 2.0, 2.5, 5.0, 10.0)
+"""Cell widths, times a power of 10; ours."""
+_EDGE_TOLERANCE: Final = 1e-3
+"""Share of the range by which a value may miss the first or the last edge; ours."""
 
 
 @dataclass(frozen=True)
 class Axis:
-    """A condition, or what roads are like, cut into cells."""
+    """Range of a condition, or of a property of roads, cut into cells."""
 
     name: str
-    """Of a quantity, `RADIUS` or `GRADE`."""
+    """Name of a condition, `RADIUS` or `GRADE`."""
     title: str
-    """For people."""
+    """Name for people."""
     unit: str
-    """Empty if it has none."""
+    """Unit; empty without a unit."""
     edges: tuple[float, ...]
-    """Of the cells, ascending; a value on one between two belongs to the cell above. The last may
-    be infinite."""
+    """Edges of the cells, ascending; a value on an inner edge belongs to the cell above. The last
+    edge may be infinite."""
     has_usual: bool = False
-    """Whether another cell comes before these: "as usual", for drives without an amount."""
+    """Whether the first cell is "as usual", for drives without an amount."""
 
     @property
     def size(self) -> int:
@@ -67,12 +68,12 @@ class Axis:
         return len(self.edges) - 1 + self.has_usual
 
     def limits(self, cell: int) -> tuple[float, float] | None:
-        """The ends of a cell; None for "as usual"."""
+        """Return the ends of a cell; None for "as usual"."""
         i = cell - self.has_usual
         return None if i < 0 else (self.edges[i], self.edges[i + 1])
 
     def text(self, cell: int) -> str:
-        """A cell for people, without the unit."""
+        """Return the range of a cell as text, without the unit."""
         limits = self.limits(cell)
         if limits is None:
             return "as usual"
@@ -82,25 +83,25 @@ class Axis:
         return low if low == high else f"{low} to {high}"
 
     def words(self, cell: int) -> str:
-        """A cell for people, such as ``gust 0 to 10 m/s``."""
+        """Return a cell as text, such as ``gust 0 to 10 m/s``."""
         unit = f" {self.unit}" if self.unit and self.limits(cell) is not None else ""
         return f"{self.title} {self.text(cell)}{unit}"
 
     @property
     def ticks(self) -> list[tuple[float, str]]:
-        """Places in cells from its start, and what to write there: edges, and "usual"."""
+        """Labels of an axis, edges and "usual", each with its position counted in cells."""
         usual = [(0.5, "usual")] if self.has_usual else []
         if self.edges[0] == self.edges[1]:
             return [*usual, (self.size - 0.5, _text(self.edges[0]))]
         return usual + [(i + self.has_usual, _text(edge)) for i, edge in enumerate(self.edges)]
 
     def find(self, candidate: Candidate) -> int | None:
-        """The cell of a candidate; None if it lies in none."""
+        """Return the cell of a candidate; None if the candidate lies outside."""
         value = self._value(candidate)
         if value is None:
             return 0 if self.has_usual else None
         low, high = self.edges[0], self.edges[-1]
-        room = _SAME * (high - low if math.isfinite(high) else low)
+        room = _EDGE_TOLERANCE * (high - low if math.isfinite(high) else low)
         if not low - room <= value <= high + room:
             return None
         i = int(np.searchsorted(self.edges, value, side="right")) - 1
@@ -122,34 +123,35 @@ def _text(edge: float) -> str:
 
 
 def axes_of(domain: Domain) -> list[Axis]:
-    """The axes of a domain: its conditions but for those of a fixed amount, and its roads."""
+    """Return the axes of a domain: its conditions without a fixed amount, and its roads."""
     axes = [
-        _condition(name, found.low, found.high, found.chance < 1.0)
-        for name, found in domain.conditions.items()
-        if found.low < found.high or found.chance < 1.0
+        _condition_axis(name, amounts.low, amounts.high, amounts.chance < 1.0)
+        for name, amounts in domain.conditions.items()
+        if amounts.low < amounts.high or amounts.chance < 1.0
     ]
     return axes + _road_axes(domain.road_class)
 
 
 def varied_axes(conditions: Sequence[Mapping[str, float]]) -> list[Axis]:
-    """The axes of what some drives' conditions differ in, over the amounts that occur."""
+    """Return the axes of the conditions in which drives differ, over the amounts that occur."""
     axes = []
-    for name in dict.fromkeys(name for one in conditions for name in named(one)):
-        amounts = [one[name] for one in conditions if name in one]
-        low, high, some = min(amounts), max(amounts), len(amounts) < len(conditions)
-        if low < high or some:
-            axes.append(_condition(name, low, high, some))
+    names = (name for drive_conditions in conditions for name in named(drive_conditions))
+    for name in dict.fromkeys(names):
+        amounts = [amounts_of[name] for amounts_of in conditions if name in amounts_of]
+        low, high, has_usual = min(amounts), max(amounts), len(amounts) < len(conditions)
+        if low < high or has_usual:
+            axes.append(_condition_axis(name, low, high, has_usual))
     return axes
 
 
-def _condition(name: str, low: float, high: float, has_usual: bool) -> Axis:
+def _condition_axis(name: str, low: float, high: float, has_usual: bool) -> Axis:
     return Axis(name, name, quantity(name).unit, _round_edges(low, high), has_usual)
 
 
 def _road_axes(road_class: RoadClass | None) -> list[Axis]:
-    """What roads of a class, or of the competition, are like, within its bounds.
+    """Return the axes of the roads of a class, or of the competition's roads for None.
 
-    That is the least radius, in cells of about equal curvature, and the grade unless all are flat.
+    These are the least radius, in cells of about equal curvature, and the grade if roads have any.
     """
     least = 1.0 / (CURVATURE_BOUND if road_class is None else road_class.max_curvature)
     others = (float(f"{least * _RADII / (_RADII - i):.2g}") for i in range(1, _RADII))
@@ -161,15 +163,16 @@ def _road_axes(road_class: RoadClass | None) -> list[Axis]:
 
 
 def _round_edges(low: float, high: float) -> tuple[float, ...]:
-    """The ends of a range, and round numbers between them: three to seven cells.
+    """Return the ends of a range and round numbers between them: three to seven cells.
 
-    All are of one width but for the first and the last, which are half to one and a half as wide.
+    Inner cells have the same width; the first and the last are half to one and a half times as
+    wide.
     """
     if low == high:
         return low, high
-    width = (high - low) / _MOST
+    width = (high - low) / _MOST_STEPS
     power = 10.0 ** math.floor(math.log10(width))
-    step = power * next(step for step in _STEPS if step * power >= 0.999 * width)
+    step = power * next(step for step in _ROUND_STEPS if step * power >= 0.999 * width)
     least, most = low + 0.499 * step, high - 0.499 * step
     numbers = range(math.ceil(least / step), math.floor(most / step) + 1)
     return low, *(float(f"{number * step:.12g}") for number in numbers), high
@@ -177,16 +180,16 @@ def _round_edges(low: float, high: float) -> tuple[float, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """The cells of an axis, or of a pair of axes, and what was driven in each."""
+    """Cells of an axis, or of a pair of axes, with the drives in each."""
 
     axes: tuple[Axis, ...]
-    """One or two."""
+    """Axis, or pair of axes."""
     shares: FloatArray
-    """Share of the domain's drives, (n,) or (n, m)."""
+    """Share of the domain's drives in each cell, (n,) or (n, m)."""
     drives: npt.NDArray[np.int64]
-    """Likewise."""
+    """Number of drives in each cell, (n,) or (n, m)."""
     failures: npt.NDArray[np.int64]
-    """Likewise."""
+    """Number of failures in each cell, (n,) or (n, m)."""
 
     @property
     def count(self) -> int:
@@ -214,7 +217,7 @@ class Cells:
         return min(float(self.shares[self.drives > 0].sum()), 1.0)
 
     def as_json(self) -> dict[str, Any]:
-        """Its counts as JSON."""
+        """Return the counts as a JSON object."""
         return {
             "axes": [axis.name for axis in self.axes],
             "cells": self.count,
@@ -227,93 +230,94 @@ class Cells:
 
 @dataclass(frozen=True)
 class Gap:
-    """A cell of an axis, or of a pair of axes, in which nothing was driven."""
+    """Cell of an axis, or of a pair of axes, without a drive."""
 
     cells: tuple[tuple[Axis, int], ...]
+    """Axis, or pair of axes, each with the number of the cell."""
     share: float
-    """Share of the domain's drives in it."""
+    """Share of the domain's drives in the cell."""
 
     @property
     def likelihood(self) -> str:
-        """Its share for people."""
+        """Share of the domain's drives in words."""
         if self.share < 1e-4:
             return "less than 1 drive in 10,000"
         return f"1 drive in {round(float(f'{1.0 / self.share:.2g}')):,}"
 
     def in_words(self) -> str:
-        """Its cells for people, such as ``friction 0.1 to 0.2 with delay as usual``."""
+        """Return the cells as text, such as ``friction 0.1 to 0.2 with delay as usual``."""
         return " with ".join(axis.words(cell) for axis, cell in self.cells)
 
     def as_json(self) -> dict[str, Any]:
-        """As JSON; the limits of a cell are null for "as usual" and for no upper end."""
+        """Return the gap as a JSON object, see `limits_json`."""
         cells = {axis.name: limits_json(axis, cell) for axis, cell in self.cells}
         return {"cells": cells, "share": self.share}
 
 
 def limits_json(axis: Axis, cell: int) -> dict[str, float | None]:
-    """The ends of a cell as JSON: null for "as usual", and for no upper end."""
+    """Return the ends of a cell as JSON: null for "as usual", and for an infinite upper end."""
     low, high = axis.limits(cell) or (None, None)
     return {"low": low, "high": None if high == math.inf else high}
 
 
 @dataclass(frozen=True, eq=False)
 class DomainCoverage:
-    """What of a domain was driven."""
+    """Coverage of a domain by a campaign's drives."""
 
     name: str
-    """Of the domain."""
+    """Name of the domain."""
     drives: int
-    """Drives in the domain."""
+    """Number of drives in the domain."""
     failures: int
-    """Those of them that failed."""
+    """Number of failures in the domain."""
     outside: int
-    """Drives outside the domain, which count nowhere."""
+    """Number of drives outside the domain, which count nowhere else."""
     singles: tuple[Cells, ...]
-    """An axis each."""
+    """Cells of each axis."""
     pairs: tuple[Cells, ...]
-    """Each two axes."""
+    """Cells of each pair of axes."""
 
     @property
     def axes(self) -> list[Axis]:
         """All axes."""
-        return [one.axes[0] for one in self.singles]
+        return [cells.axes[0] for cells in self.singles]
 
     @cached_property
     def driven_share(self) -> float:
-        """Share of the domain's drives all of whose pairs of cells were driven.
+        """Share of the domain's drives whose cells, and pairs of cells, were all driven.
 
         It is counted in `DRAWN` random drives, always the same.
         """
         rng = np.random.default_rng(0)
         drawn = {
-            one.axes[0].name: rng.choice(one.count, DRAWN, p=one.shares / one.shares.sum())
-            for one in self.singles
+            cells.axes[0].name: rng.choice(cells.count, DRAWN, p=cells.shares / cells.shares.sum())
+            for cells in self.singles
         }
         is_driven = np.ones(DRAWN, dtype=bool)
-        for one in (*self.singles, *self.pairs):
-            is_driven &= one.drives[tuple(drawn[axis.name] for axis in one.axes)] > 0
+        for cells in (*self.singles, *self.pairs):
+            is_driven &= cells.drives[tuple(drawn[axis.name] for axis in cells.axes)] > 0
         return float(is_driven.mean())
 
     @cached_property
     def gaps(self) -> tuple[Gap, ...]:
-        """The cells that were never reached, most probable first.
+        """Cells without a drive, the most probable first.
 
-        A pair of cells is left out where one of the two was never reached at all.
+        A pair of cells is left out if one of the two cells alone has no drive.
         """
         gaps = [
-            Gap(tuple(zip(one.axes, at, strict=True)), float(one.shares[tuple(at)]))
-            for one in (*self.singles, *self.pairs)
-            for at in np.argwhere(one.drives == 0).tolist()
+            Gap(tuple(zip(cells.axes, index, strict=True)), float(cells.shares[tuple(index)]))
+            for cells in (*self.singles, *self.pairs)
+            for index in np.argwhere(cells.drives == 0).tolist()
         ]
         alone = {gap.cells[0] for gap in gaps if len(gap.cells) == 1}
-        named = (gap for gap in gaps if len(gap.cells) == 1 or alone.isdisjoint(gap.cells))
-        return tuple(sorted(named, key=lambda gap: -gap.share))
+        listed = (gap for gap in gaps if len(gap.cells) == 1 or alone.isdisjoint(gap.cells))
+        return tuple(sorted(listed, key=lambda gap: -gap.share))
 
     def in_words(self) -> str:
-        """What of the pairs of cells was driven."""
+        """Return the coverage of the pairs of cells in words."""
         parts = self.pairs or self.singles
         count, driven, failed, missing = (
-            sum(getattr(one, name) for one in parts)
+            sum(getattr(cells, name) for cells in parts)
             for name in ("count", "driven", "failed", "never_reached")
         )
         kind, share = "pairs of cells" if self.pairs else "cells", 100.0 * self.driven_share
@@ -323,7 +327,7 @@ class DomainCoverage:
         )
 
     def as_json(self) -> dict[str, Any]:
-        """As JSON."""
+        """Return the coverage as a JSON object."""
         return {
             "domain": self.name,
             "drives": self.drives,
@@ -337,31 +341,30 @@ class DomainCoverage:
                     "cells": [
                         {
                             **limits_json(axis, i),
-                            "share": float(one.shares[i]),
-                            "drives": int(one.drives[i]),
-                            "failures": int(one.failures[i]),
+                            "share": float(cells.shares[i]),
+                            "drives": int(cells.drives[i]),
+                            "failures": int(cells.failures[i]),
                         }
                         for i in range(axis.size)
                     ],
                 }
-                for one in self.singles
-                for axis in one.axes
+                for cells in self.singles
+                for axis in cells.axes
             ],
-            "pairs": [one.as_json() for one in self.pairs],
+            "pairs": [cells.as_json() for cells in self.pairs],
             "never_reached": [gap.as_json() for gap in self.gaps],
         }
 
 
 def domain_coverage(setting: Setting, tests: Iterable[Test]) -> DomainCoverage | None:
-    """What of a campaign's domain its tests drove; None without a domain.
+    """Return the coverage of a campaign's domain by its tests; None without a domain.
 
-    Shares of conditions follow from their distributions, those of roads from `ROADS` random ones.
-    All axes are independent of each other. A road that was driven again in the same conditions
-    counts once.
+    Shares of conditions follow from their distributions, shares of roads from `ROADS` random ones.
+    All axes count as independent. A road that was driven again in the same conditions counts once.
 
     Args:
-        setting: of the campaign, ``store.setting``.
-        tests: its tests, ``store.tests()``.
+        setting: setting of the campaign, ``store.setting``.
+        tests: tests of the campaign, ``store.tests()``.
     """
     if setting.domain is None:
         return None
@@ -382,16 +385,17 @@ def domain_coverage(setting: Setting, tests: Iterable[Test]) -> DomainCoverage |
     roads = _random_roads(setting)
     shares = [_shares(axis, domain, roads) for axis in axes]
 
-    def counted(*which: int) -> Cells:
-        shape = tuple(axes[i].size for i in which)
+    def counted(*indices: int) -> Cells:
+        """Count the drives in the cells of an axis, or of a pair of axes."""
+        shape = tuple(axes[i].size for i in indices)
 
-        def number(of: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-            flat = np.ravel_multi_index([of[:, i] for i in which], shape)
+        def numbers(drive_cells: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+            flat = np.ravel_multi_index([drive_cells[:, i] for i in indices], shape)
             return np.bincount(flat, minlength=math.prod(shape)).reshape(shape)
 
-        share = shares[which[0]] if len(which) == 1 else np.outer(*(shares[i] for i in which))
-        named = tuple(axes[i] for i in which)
-        return Cells(named, share, number(cells), number(cells[has_failed]))
+        share = shares[indices[0]] if len(indices) == 1 else np.outer(*(shares[i] for i in indices))
+        chosen_axes = tuple(axes[i] for i in indices)
+        return Cells(chosen_axes, share, numbers(cells), numbers(cells[has_failed]))
 
     return DomainCoverage(
         domain.name,
@@ -404,7 +408,7 @@ def domain_coverage(setting: Setting, tests: Iterable[Test]) -> DomainCoverage |
 
 
 def _random_roads(setting: Setting) -> list[Candidate]:
-    """Roads as ``random`` draws them, always the same."""
+    """Draw `ROADS` roads as the strategy ``random`` does, always the same."""
     rng = np.random.default_rng(0)
     roads = RandomRoads(map_size=setting.map_size, road_class=setting.road_class)
     roads.keep_margin(setting.margin)
@@ -416,13 +420,13 @@ def _random_roads(setting: Setting) -> list[Candidate]:
 
 
 def _shares(axis: Axis, domain: Domain, roads: Sequence[Candidate]) -> FloatArray:
-    """The share of the domain's drives in each cell of an axis, (n,)."""
+    """Return the share of the domain's drives in each cell of an axis, (n,)."""
     if axis.name in (RADIUS, GRADE):
-        found = np.array([axis.find(road) for road in roads])
-        shares: FloatArray = np.bincount(found, minlength=axis.size) / len(roads)
+        cells = np.array([axis.find(road) for road in roads])
+        shares: FloatArray = np.bincount(cells, minlength=axis.size) / len(roads)
         return shares
-    of = domain.conditions[axis.name]
-    usual = [1.0 - of.chance] if axis.has_usual else []
-    if of.low == of.high:
-        return np.array([*usual, of.chance])
-    return np.array([*usual, *np.diff([of.share(edge) for edge in axis.edges])])
+    amounts = domain.conditions[axis.name]
+    usual = [1.0 - amounts.chance] if axis.has_usual else []
+    if amounts.low == amounts.high:
+        return np.array([*usual, amounts.chance])
+    return np.array([*usual, *np.diff([amounts.share(edge) for edge in axis.edges])])

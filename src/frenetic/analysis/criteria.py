@@ -1,4 +1,4 @@
-"""What a campaign's drives were judged by, and over which speeds and bends, in words."""
+"""Criteria of a campaign in words, with the time, speeds and radii that were driven."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from frenetic.campaign.store import CampaignStore
 
 
 def criteria_in_words(store: CampaignStore) -> str:
-    """The criteria of a campaign beside leaving the lane, and what was driven; empty without any.
+    """Return the criteria beside the lane's, and what was driven, in words; empty without any.
 
     Raises:
         CampaignError: the campaign is damaged.
@@ -20,7 +20,7 @@ def criteria_in_words(store: CampaignStore) -> str:
     for test in store.tests(with_trajectory=True, with_repeats=False):
         if test.outcome.is_driven and test.trajectory is not None and len(test.trajectory):
             time += test.result.duration or 0.0
-            # The slowest behind the start, where each drive stands.
+            # The slowest speed counts only behind the start, where each drive stands.
             speed = test.trajectory.speed * 3.6
             begun = speed[int(np.argmax(speed >= 0.5 * speed.max())) :]
             speeds = [min(speeds[0], float(begun.min())), max(speeds[1], float(speed.max()))]

@@ -1,4 +1,4 @@
-"""Features of a test: what its road is like and how the car took it."""
+"""Features of a test: properties of its road and of the drive along it."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from frenetic.criteria.criterion import quantity
 from frenetic.oracle.signals import series
 
 HEADING_BINS: Final = 10
-"""Bins of 36 degrees in the full circle."""
+"""Number of bins of heading in the full circle, 36 degrees each."""
 
 
 Features: TypeAlias = Mapping[str, float]
-"""Features of a stretch of road and the drive along it: those of `FEATURES`, by name.
+"""Name in `FEATURES` -> value for a stretch of road and the drive along it.
 
 Moving or turning the road changes none of them; mirroring it flips the signs of the offsets.
 """
@@ -29,13 +29,13 @@ Moving or turning the road changes none of them; mirroring it flips the signs of
 
 @dataclass(frozen=True)
 class Feature:
-    """A feature's published range, cut into equal bins: an axis of a feature map."""
+    """Published range of a feature, cut into equal bins: an axis of a feature map."""
 
     name: str
     """Name in `Features`."""
     description: str
     unit: str
-    """Empty for a share or a number."""
+    """Unit; empty for a share or a number."""
     low: float
     """Lower end of the range; smaller values count into the first bin."""
     high: float
@@ -44,18 +44,18 @@ class Feature:
 
     @cached_property
     def edges(self) -> FloatArray:
-        """(bins + 1,) the bins' edges; a value on an edge belongs to the bin above."""
+        """Edges of the bins, (bins + 1,); a value on an edge belongs to the bin above."""
         return np.linspace(self.low, self.high, self.bins + 1)
 
     @property
     def counts(self) -> bool:
-        """Whether its values are whole numbers."""
+        """Whether the feature's values are whole numbers."""
         return self.low % 1.0 == 0.5 and self.high - self.low == self.bins
 
     def bin(self, value: float) -> int:
-        """The bin of a value, from 0."""
-        found = int(np.searchsorted(self.edges, value, side="right")) - 1
-        return min(max(found, 0), self.bins - 1)
+        """Return the bin of a value, from 0."""
+        index = int(np.searchsorted(self.edges, value, side="right")) - 1
+        return min(max(index, 0), self.bins - 1)
 
 
 FEATURES: Final[Mapping[str, Feature]] = MappingProxyType(
@@ -80,7 +80,7 @@ FEATURES: Final[Mapping[str, Feature]] = MappingProxyType(
 
 
 def features_of(segment: Segment) -> Features:
-    """The features of a segment, or of a whole test: ``features_of(segment.whole())``.
+    """Return the features of a segment, or of a whole test: ``features_of(segment.whole())``.
 
     Directions are counted from the one in which the stretch begins, the middle of its bin. Means
     and deviations are over the drive's time; offsets are to the left of the ego lane's centre line.
@@ -102,17 +102,17 @@ def features_of(segment: Segment) -> Features:
 
 
 def _worst_values(segment: Segment) -> dict[str, float]:
-    """The worst values of quantities of criteria in the segment; 0 where there is none."""
-    seen, first, last = segment.seen, segment.first, segment.last
-    found = {}
+    """Return the largest lateral acceleration and jerk in a segment; 0 without finite values."""
+    worst = {}
     for name in ("lateral_acceleration", "lateral_jerk"):
-        values = np.abs(series(name, seen, quantity(name).window)[first:last])
-        found[name] = float(values[np.isfinite(values)].max(initial=0.0))
-    return found
+        signal = series(name, segment.signals, quantity(name).window)
+        values = np.abs(signal[segment.first : segment.last])
+        worst[name] = float(values[np.isfinite(values)].max(initial=0.0))
+    return worst
 
 
 def _directions(distances: FloatArray, curvatures: FloatArray) -> int:
-    """Number of a line's bins of heading, which have no gap since heading is continuous."""
+    """Return the number of heading bins of a line, without gaps since heading is continuous."""
     width = 2.0 * math.pi / HEADING_BINS
     least, most = heading_range(distances, curvatures)
     # A rounding error at the edge of a bin must not open another one.

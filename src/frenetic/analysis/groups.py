@@ -31,31 +31,33 @@ PARTS: Final = (
     *(item.name for item in fields(Terms)),
     *("lookahead", "objective", "start_from", "behaviours"),
 )
-"""Parts of a configuration that repeats share; the strategy's seed differs."""
+"""Parts of a configuration that are equal in repeats; the strategy's seed differs."""
 
 _NAMED: Final[Mapping[str, Any]] = {
     "road_class": RoadClass,
     "domain": Domain,
     "criteria": Profile,
 }
-"""Parts with a name of their own -> what they are."""
+"""Part that a user names -> its class."""
 
 
 def find_campaigns(place: Path | str) -> list[Path]:
-    """The campaigns in a place: the folder of one campaign, of several, or of a bench.
+    """Return the folders of the campaigns in the folder of a campaign, of several, or of a bench.
 
     Raises:
-        CampaignError: there is none.
+        CampaignError: the folder does not exist or holds no campaign.
     """
     place = Path(place)
     if (place / DATABASE).is_file():
         return [place]
     if not place.is_dir():
-        raise CampaignError(f"{place} is no folder: that of a campaign, or of several, is needed")
+        raise CampaignError(
+            f"{place} is no folder: the folder of a campaign, or of several, is needed"
+        )
     try:
         for depth in ("*", "*/*"):
-            if found := sorted(file.parent for file in place.glob(f"{depth}/{DATABASE}")):
-                return found
+            if folders := sorted(file.parent for file in place.glob(f"{depth}/{DATABASE}")):
+                return folders
     except OSError as error:
         raise CampaignError(f"cannot look into {place}: {error.strerror or error}") from None
     raise CampaignError(
@@ -64,13 +66,13 @@ def find_campaigns(place: Path | str) -> list[Path]:
 
 
 def group_campaigns(folders: Iterable[Path | str]) -> dict[str, list[Path]]:
-    """Campaigns grouped that differ only in the seed, under names that tell the groups apart.
+    """Group campaigns that differ only in the seed; return name of a group -> folders.
 
-    A name is made of the groups' differences, most often the strategy.
+    A name consists of the groups' differences, most often the strategy.
 
     Raises:
-        CampaignError: a campaign is not there or damaged.
-        FreneticError: a single folder is given rather than a list.
+        CampaignError: a campaign does not exist or is damaged.
+        FreneticError: ``folders`` is a single folder rather than a list.
     """
     configurations: dict[str, dict[str, Any]] = {}
     members: dict[str, list[Path]] = {}
@@ -84,10 +86,10 @@ def group_campaigns(folders: Iterable[Path | str]) -> dict[str, list[Path]]:
 
 
 def parts_of(folder: Path | str) -> dict[str, Any]:
-    """The values of `PARTS`, which a campaign shares with its repeats.
+    """Return the values of `PARTS`, which a campaign shares with its repeats.
 
     Raises:
-        CampaignError: it is not there or damaged.
+        CampaignError: the campaign does not exist or is damaged.
     """
     with CampaignStore.open(folder) as store:
         config, facts, start_from = store.config, store.facts, _start_of(store)
@@ -104,7 +106,7 @@ def parts_of(folder: Path | str) -> dict[str, Any]:
 
 
 def _start_of(store: CampaignStore) -> str | None:
-    """A digest of the roads and drives that a campaign starts from; None if there are none."""
+    """Return a digest of the earlier tests that a campaign starts from; None without any."""
     columns = ", ".join(("outcome", "moobd", "step", "curvatures", *profile.NAMES, "trajectory"))
     select = f"SELECT {columns} FROM earlier_test ORDER BY id"  # noqa: S608
     rows = list(store.rows(select))
@@ -112,7 +114,7 @@ def _start_of(store: CampaignStore) -> str | None:
 
 
 def _names(configurations: list[dict[str, Any]]) -> list[str]:
-    """A name for each of several configurations: their differences, in short."""
+    """Return a name for each configuration: its differences from the others, in short."""
     names = [""] * len(configurations)
     for part in PARTS:
         values = [configuration[part] for configuration in configurations]
@@ -121,7 +123,7 @@ def _names(configurations: list[dict[str, Any]]) -> list[str]:
                 f"{name} {_word(part, value, values)}".strip()
                 for name, value in zip(names, values, strict=True)
             ]
-    # Differences that have no short form are numbered.
+    # Differences without a short form are numbered.
     return [
         f"{name} {names[: i + 1].count(name)}".strip() if names.count(name) > 1 else name or "all"
         for i, name in enumerate(names)
@@ -129,7 +131,7 @@ def _names(configurations: list[dict[str, Any]]) -> list[str]:
 
 
 def _word(part: str, value: Any, others: Sequence[Any]) -> str:
-    """Value of a part, as opposed to other configurations."""
+    """Return the value of a part in words, as opposed to other configurations."""
     if part == "start_from":
         return "warm-started" if value else "started afresh"
     if part in _NAMED:
@@ -157,21 +159,21 @@ def _word(part: str, value: Any, others: Sequence[Any]) -> str:
 
 
 def _named_word(part: str, value: Any, others: Sequence[Any]) -> str:
-    """The name of a road class or domain, with the differences from others of that name."""
+    """Return the name of a road class or domain, with its differences from others of that name."""
     if value is None:
         return "on the competition's roads" if part == "road_class" else "without a domain"
-    alike = [one for one in others if one is not None and one["name"] == value["name"]]
+    alike = [other for other in others if other is not None and other["name"] == value["name"]]
     if part == "domain":
         differing = {
-            name: found
-            for name, found in value["conditions"].items()
-            if any(one["conditions"].get(name) != found for one in alike)
+            name: amounts
+            for name, amounts in value["conditions"].items()
+            if any(other["conditions"].get(name) != amounts for other in alike)
         }
         name = str(value["name"])
-        told = convert({"name": name, "conditions": differing}, Domain).in_words()
-        return f"in {told if differing else name}"
-    own, *theirs = ({**one, "sources": None} for one in (value, *alike))
-    settings = _settings(own, theirs)
+        text = convert({"name": name, "conditions": differing}, Domain).in_words()
+        return f"in {text if differing else name}"
+    first, *rest = ({**entries, "sources": None} for entries in (value, *alike))
+    settings = _settings(first, rest)
     return f"on {value['name']}{f'({settings})' if settings else ''}"
 
 
@@ -180,7 +182,7 @@ def _version(part: Mapping[str, Any]) -> str:
 
 
 def _settings(value: Mapping[str, Any], others: Sequence[Any], between: str = ", ") -> str:
-    """The settings that differ from those of others, in words."""
+    """Return the settings that differ from the others' settings, in words."""
     texts = []
     for name, setting in value.items():
         other_settings = [other.get(name) if isinstance(other, dict) else None for other in others]
@@ -193,12 +195,12 @@ def _settings(value: Mapping[str, Any], others: Sequence[Any], between: str = ",
 
 
 def _text(value: object) -> str:
-    """A setting for people: a number with at most six digits."""
+    """Return a setting as text, a number with at most six digits."""
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def differing_parts(configurations: Sequence[Mapping[str, Any]]) -> str:
-    """The parts in which configurations differ, for people."""
+    """Return the names of the parts in which configurations differ, in a row."""
     first = configurations[0]
     return ", ".join(
         part.replace("_", " ")
@@ -208,7 +210,7 @@ def differing_parts(configurations: Sequence[Mapping[str, Any]]) -> str:
 
 
 def shared_parts(configurations: Sequence[Mapping[str, Any]]) -> dict[str, str]:
-    """The parts that are set and alike in all configurations, in words."""
+    """Return name -> value in words of the parts that are set and equal in all configurations."""
     first = configurations[0]
     return {
         part.replace("_", " "): _in_words(part, first[part])
@@ -227,5 +229,5 @@ def _in_words(part: str, value: Any) -> str:
         return _text(value)
     if "class" in value:
         return part_text(value)
-    named = {name: one for name, one in value.items() if one is not None}
-    return ", ".join(f"{name} {_in_words(name, one)}" for name, one in named.items())
+    entries = {name: entry for name, entry in value.items() if entry is not None}
+    return ", ".join(f"{name} {_in_words(name, entry)}" for name, entry in entries.items())

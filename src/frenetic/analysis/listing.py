@@ -1,4 +1,4 @@
-"""A campaign's tests in a list: chosen by outcome, features and conditions, in a useful order."""
+"""Lists of a campaign's tests: filtered by outcome, features and conditions, and sorted."""
 
 from __future__ import annotations
 
@@ -25,29 +25,28 @@ def list_tests(
     within: Mapping[str, tuple[float, float]] | None = None,
     sort: str = "severity",
 ) -> list[tuple[Test, Features]]:
-    """The tests of a campaign in a chosen order; equal ones stay in the order of the results.
+    """Return the tests of a campaign in an order; equal tests stay in the order of the results.
 
-    They come without their trajectories, with the features and conditions that the list asks for,
-    as far as a test has them; one without the value by which the list is sorted comes last.
-    Features are those of the segment around the place of departure, or else of the least oob
-    distance; they take about a millisecond a test. A condition that a test does not have is as
-    large as has no effect.
+    Tests come without their trajectories, each with those features and conditions by which the list
+    is filtered and sorted. A test without the value by which the list is sorted comes last.
+    Features belong to the segment around the departure, or else around the least oob distance; they
+    take about a millisecond a test. A condition that a test lacks has the amount without effect.
 
     Args:
         store: the campaign.
-        outcomes: only tests of this outcome, such as ``"FAIL"``, or of these; all without any.
-        within: only tests whose features and conditions lie in these ranges, both ends included.
-        sort: one of `ORDERS`, or a feature or condition, of which the largest comes first.
+        outcomes: outcome of the tests, such as ``"FAIL"``, or several; by default all outcomes.
+        within: ranges of the tests' features and conditions by name, both ends included.
+        sort: one of `ORDERS`, or a feature or condition, the largest first.
 
     Raises:
         CampaignError: the campaign is damaged.
-        UnknownNameError: there is no such order or feature.
-        ValueError: there is no such outcome, or a range ends below its start.
+        UnknownNameError: an order, feature or condition is unknown.
+        ValueError: an outcome is unknown, or a range ends below its start.
     """
     within = {} if within is None else within
     wanted = chosen_outcomes(outcomes)
-    asked = [*within, *([] if sort in ORDERS else [sort])]
-    for name in asked:
+    names = [*within, *([] if sort in ORDERS else [sort])]
+    for name in names:
         if name not in FEATURES and name not in quantities():
             raise UnknownNameError(
                 f"no feature, condition or order is called {name!r}: choose from"
@@ -57,7 +56,7 @@ def list_tests(
         if low > high:
             raise ValueError(f"{name} from {low:g} to {high:g}: the lower end comes first")
     tests = (
-        (record, _values(store, record, asked))
+        (record, _values(store, record, names))
         for record in store.tests()
         if record.outcome in wanted
     )
@@ -66,17 +65,17 @@ def list_tests(
         for record, values in tests
         if all(low <= values.get(name, math.nan) <= high for name, (low, high) in within.items())
     ]
-    return sorted(chosen, key=lambda test: _place(test[0], test[1], sort))
+    return sorted(chosen, key=lambda test: _sort_key(test[0], test[1], sort))
 
 
-def _values(store: CampaignStore, record: Test, asked: Collection[str]) -> Features:
-    """The features and conditions that are asked for, as far as a test has them."""
+def _values(store: CampaignStore, record: Test, names: Collection[str]) -> Features:
+    """Return the named features and conditions that a test has."""
     values: dict[str, float] = {}
-    if not FEATURES.keys().isdisjoint(asked) and record.outcome.is_driven:
+    if not FEATURES.keys().isdisjoint(names) and record.outcome.is_driven:
         test = store.test(record.id)
         if test.drive is not None and len(test.drive.trajectory):
             values |= features_of(segment_of(test.road, test.drive, test.result.finding))
-    for name in asked:
+    for name in names:
         if name not in FEATURES:
             amount = record.candidate.conditions.get(name, quantity(name).nothing)
             if amount is not None:
@@ -84,8 +83,8 @@ def _values(store: CampaignStore, record: Test, asked: Collection[str]) -> Featu
     return values
 
 
-def _place(record: Test, values: Features, sort: str) -> float:
-    """A number that is smaller for a test that comes earlier."""
+def _sort_key(record: Test, values: Features, sort: str) -> float:
+    """Return a number that is smaller for a test that comes earlier."""
     if sort == "tested":
         return record.told
     if sort == "severity":

@@ -1,4 +1,4 @@
-"""The measures by which campaigns are compared: their meaning and measurement."""
+"""Measures by which campaigns are compared: their meaning and measurement."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import evenly
-from frenetic.analysis.failures import Failure, cluster_failures
+from frenetic.analysis.clusters import cluster_failures
+from frenetic.analysis.failures import Failure
 from frenetic.analysis.features import FEATURES, features_of
 from frenetic.analysis.official_segment import failure_segment
 from frenetic.analysis.segments import segment_of_test
@@ -27,7 +28,7 @@ Curve: TypeAlias = Literal["distinct_after", "failures_after"]
 """Name of a curve of `CampaignMeasures`."""
 
 MAP_AXES: Final = ("direction_coverage", "max_curvature", "std_steering", "mean_offset")
-"""Features that span the map with the counted cells: those of the competition of 2023."""
+"""Features that span the map with the counted cells, as in the competition of 2023."""
 ROAD_SPACING: Final = 5.0
 """Distance between the points by which whole roads are compared, in m."""
 
@@ -41,18 +42,18 @@ class CampaignMeasures:
 
     folder: Path
     seed: object
-    """Seed of its strategy."""
+    """Seed of the strategy."""
     counts: Counts
     failures_after: IntArray
-    """(simulations + 1,) failures found by each number of simulations, a repeated road once."""
+    """Failures up to each number of simulations, (simulations + 1,), without repeated roads."""
     distinct_after: IntArray
-    """(simulations + 1,) distinct failures, each counted from the first of those alike."""
+    """Distinct failures up to each number of simulations, (simulations + 1,)."""
     is_finished: bool
-    """Whether its budget was spent."""
+    """Whether the budget was spent."""
     cells: int = 0
-    """Cells of the feature map over `MAP_AXES` that hold a failure."""
+    """Number of cells of the feature map over `MAP_AXES` that hold a failure."""
     unlike_roads: int = 0
-    """Failing roads that are unlike each other, see `unlike_lines`."""
+    """Number of failing roads that are unlike each other, see `unlike_lines`."""
     competition_sparseness: float = -math.inf
     """Sparseness in edits, see `largest_distances`; minus infinity below two failures."""
     lane_width: float = 4.0
@@ -60,22 +61,22 @@ class CampaignMeasures:
 
     @property
     def simulations(self) -> int:
-        """Drives, also those in which the simulator broke."""
+        """Number of drives, also drives in which the simulator broke."""
         return len(self.failures_after) - 1
 
     @property
     def failures(self) -> int:
-        """FAIL outcomes; a repeated road counts once."""
+        """Number of FAIL outcomes; a repeated road counts once."""
         return int(self.failures_after[-1])
 
     @property
     def distinct_failures(self) -> int:
-        """See `frenetic.analysis.cluster_failures`."""
+        """Number of distinct failures, see `frenetic.analysis.cluster_failures`."""
         return int(self.distinct_after[-1])
 
     @property
     def simulations_to_failure(self) -> float:
-        """Simulations up to and with the first failure; infinite if there is none."""
+        """Number of simulations up to the first failure, inclusive; infinite without a failure."""
         return float(np.argmax(self.failures_after > 0)) if self.failures else math.inf
 
     @property
@@ -85,7 +86,7 @@ class CampaignMeasures:
 
     @property
     def valid_share(self) -> float:
-        """Share 0..1 of the tested roads that were valid; 1 if none was tested.
+        """Share 0..1 of the tested roads that were valid; 1 without a tested road.
 
         A repeated road counts once.
         """
@@ -96,7 +97,7 @@ class CampaignMeasures:
 
 @dataclass(frozen=True)
 class Measure:
-    """A number by which campaigns are compared."""
+    """Number by which campaigns are compared."""
 
     name: str
     """Name of the attribute of `CampaignMeasures`."""
@@ -104,43 +105,43 @@ class Measure:
     definition: str
     """Definition, in a sentence or two."""
     short: str
-    """A title for a narrow column."""
+    """Title for a narrow column."""
     unit: str = ""
-    """Unit, empty if it has none."""
+    """Unit; empty without a unit."""
     more_is_better: bool = True
     """Whether more is better for a search, rather than less."""
     decimals: int = 0
 
     def of(self, campaign: CampaignMeasures) -> float | None:
-        """This measure's value; None if the campaign has none.
+        """Return the measure's value; None if the campaign lacks it.
 
-        An event that never happened is infinitely late or infinitely little: worse than any number.
+        It is infinite for an event that never happened, which is worse than any number.
         """
         value = getattr(campaign, self.name)
         return None if value is None else float(value)
 
     def text(self, value: float) -> str:
-        """A value for people, without its unit."""
+        """Return a value as text, without the unit."""
         return "none" if math.isinf(value) else f"{value:.{self.decimals}f}"
 
     @property
     def heading(self) -> str:
-        """Its title, with its unit if it has one."""
+        """Title, with the unit if there is one."""
         return f"{self.title} ({self.unit})" if self.unit else self.title
 
     @property
     def sign(self) -> float:
-        """1 or -1: a value times it is larger where it is better."""
+        """Factor 1 or -1 that makes larger values better."""
         return 1.0 if self.more_is_better else -1.0
 
     @property
     def better(self) -> str:
-        """The better direction: more or less."""
+        """Better direction: more or less."""
         return "more" if self.more_is_better else "less"
 
 
 HEADLINE: Final = "distinct_failures"
-"""The measure that orders groups."""
+"""Name of the measure that orders groups."""
 
 MEASURES: Final[Mapping[str, Measure]] = MappingProxyType(
     {
@@ -218,28 +219,28 @@ MEASURES: Final[Mapping[str, Measure]] = MappingProxyType(
 
 
 def measure_campaign(folder: Path | str) -> CampaignMeasures:
-    """Measures a campaign.
+    """Measure a campaign.
 
     Raises:
-        CampaignError: there is none, or it is damaged.
+        CampaignError: the campaign does not exist or is damaged.
     """
     with CampaignStore.open(folder) as store:
-        found = [0]
-        found_at: dict[int, int] = {}  # id of a failure -> simulations up to and with it
+        failures_after = [0]
+        failed_at: dict[int, int] = {}  # id of a failure -> number of simulations, it included
         counts, repeats = Counts(), store.repeats()
         for test in store.tests():
             outcome = test.outcome
             counts.add(test.candidate, outcome, test.moobd)
             if outcome.is_simulated:
                 is_new = outcome is Outcome.FAIL and test.id not in repeats
-                found.append(found[-1] + is_new)
+                failures_after.append(failures_after[-1] + is_new)
                 if is_new:
-                    found_at[test.id] = len(found) - 1
+                    failed_at[test.id] = len(failures_after) - 1
         failures: list[Failure] = []
         cells, roads, cuts = set(), [], []
         for test in store.tests(Outcome.FAIL, with_trajectory=True):
-            if test.id not in found_at:
-                continue  # a repeat, or of a campaign that goes on
+            if test.id not in failed_at:
+                continue  # a repeat, or newer than the first reading of a running campaign
             segment = segment_of_test(test)
             failures += filter(None, [Failure.of_segment(segment, test.result, test.id)])
             if segment is None:
@@ -256,11 +257,14 @@ def measure_campaign(folder: Path | str) -> CampaignMeasures:
         folder=Path(folder),
         seed=config.get("seed"),
         counts=counts,
-        failures_after=np.array(found, dtype=np.int64),
+        failures_after=np.array(failures_after, dtype=np.int64),
         distinct_after=_curve(
-            (min(map(found_at.__getitem__, c.ids)) for c in clusters), len(found)
+            (min(map(failed_at.__getitem__, cluster.ids)) for cluster in clusters),
+            len(failures_after),
         ),
-        is_finished=_is_finished({"budget": config.get("budget"), **facts}, len(found) - 1),
+        is_finished=_is_finished(
+            {"budget": config.get("budget"), **facts}, len(failures_after) - 1
+        ),
         cells=len(cells),
         unlike_roads=unlike_lines(roads),
         competition_sparseness=float(distances.mean()) if len(distances) else -math.inf,
@@ -268,26 +272,26 @@ def measure_campaign(folder: Path | str) -> CampaignMeasures:
     )
 
 
-def curves(campaigns: Sequence[CampaignMeasures], what: Curve) -> IntArray:
-    """Curves, (campaigns, n), up to the number of simulations that all campaigns reached.
+def curves(campaigns: Sequence[CampaignMeasures], name: Curve) -> IntArray:
+    """Return a curve of each campaign, (campaigns, n), up to the simulations that all reached.
 
     Args:
-        campaigns: one or more.
-        what: which of their curves.
+        campaigns: one or more campaigns.
+        name: name of the curve.
     """
-    found: list[IntArray] = [getattr(campaign, what) for campaign in campaigns]
-    reached = min(map(len, found))
-    return np.array([curve[:reached] for curve in found], dtype=np.int64)
+    rows: list[IntArray] = [getattr(campaign, name) for campaign in campaigns]
+    reached = min(map(len, rows))
+    return np.array([row[:reached] for row in rows], dtype=np.int64)
 
 
 def _curve(rises: Iterable[int], length: int) -> IntArray:
-    """Curve, (length,): how many of the given numbers of simulations each number reached."""
+    """Return the curve, (length,), that rises by 1 at each of some numbers of simulations."""
     counts = np.bincount(np.fromiter(rises, dtype=np.int64), minlength=length)
     return np.cumsum(counts, dtype=np.int64)
 
 
 def _is_finished(facts: Mapping[str, Any], simulations: int) -> bool:
-    """Whether a budget was spent: a run of a bench may end by itself before."""
+    """Return whether a budget was spent; a run of a bench may end before that."""
     if "finished_at" not in facts or facts.get("interrupted"):
         return False
     ended_by_itself = facts.get("bench", {"end": "over"})["end"] != "over"

@@ -1,4 +1,4 @@
-"""A failure's segment as the competition's published code cuts it, mistakes included."""
+"""Segment of a failure as the competition's published code cuts it, mistakes included."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from frenetic.campaign.record import Test
 from frenetic.road.validity import as_points
 
 _NEAR: Final = 0.55
-"""Distance from a place to the road's node for it, in m: half of 1 m, and a tolerance."""
+"""Largest distance from a place to its node of the road, in m: half of 1 m, and a tolerance."""
 
 
 def competition_segment(
     road_points: npt.ArrayLike, position: tuple[float, float]
 ) -> FloatArray | None:
-    """The segment around the place of a road that is nearest to a position, (n, 2) in m.
+    """Return the segment around the place of a road that is nearest to a position, (n, 2) in m.
 
     Nodes before, the place on the road, nodes after. The first node after the place may lie half a
     metre *before* it, where the line then turns back and forth; the competition's measures are
     computed on that.
 
     Args:
-        road_points: (N, 2) m, the road as it was submitted.
-        position: m, where the car was first out of its lane.
+        road_points: (N, 2) points of the submitted road, in m.
+        position: x and y in m where the car was first out of its lane.
 
     Returns:
         None where the competition's code breaks: for a place at the road's start, and for a road
@@ -50,7 +50,7 @@ def competition_segment(
 
 
 def failure_segment(test: Test) -> FloatArray | None:
-    """The segment of a failure; None without a departure, or where `competition_segment` has none.
+    """Return the segment of a failure; None without a departure or a `competition_segment`.
 
     Raises:
         RoadError: the test has no road.
@@ -63,9 +63,9 @@ def failure_segment(test: Test) -> FloatArray | None:
 
 
 def _interpolated(points: FloatArray) -> FloatArray | None:
-    """The road every metre or so, rounded to a tenth of a millimetre, as for these measures.
+    """Return points of the road about 1 m apart, rounded to 0.1 mm as for the sparseness.
 
-    None if no cubic spline passes through the points: fewer than four, or one that is repeated.
+    None if no cubic spline passes through the points: there are fewer than four, or two are equal.
     (For a road's validity the competition rounds to the millimetre and makes 20 steps or more.)
     """
     from scipy.interpolate import splev, splprep  # takes its time
@@ -81,7 +81,7 @@ def _interpolated(points: FloatArray) -> FloatArray | None:
 
 
 def _foot(line: FloatArray, position: FloatArray) -> FloatArray:
-    """The nearest point of a line of (m, 2) points to a position."""
+    """Return the point of a line of (m, 2) points that is nearest to a position."""
     starts, steps = line[:-1], np.diff(line, axis=0)
     along = ((position - starts) * steps).sum(axis=1) / (steps**2).sum(axis=1)
     feet = starts + np.clip(along, 0.0, 1.0)[:, None] * steps
@@ -90,10 +90,7 @@ def _foot(line: FloatArray, position: FloatArray) -> FloatArray:
 
 
 def _within(points: FloatArray) -> FloatArray:
-    """The points up to, not including, the one that is `REACH` m or more along the line.
-
-    A single point is no line and gives nothing.
-    """
+    """Return the points that lie less than `REACH` along the line; none for a single point."""
     if len(points) < 2:
         return np.empty((0, 2))
     along = np.cumsum(np.hypot(*np.diff(points, axis=0).T))

@@ -27,26 +27,26 @@ REACH: Final = 30.0
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """A stretch of road around a place, and the drive along it; made by `segment_of`."""
+    """Stretch of road around a place, and the drive along it; see `segment_of`."""
 
     road: Road
     drive: Drive
     place: float
     """Place where the car left its lane, or else was furthest off, in m along the road."""
     side: Side | None
-    """The side of the lane on which it left, None if it did not."""
+    """Side of the lane on which the car left; None if it stayed."""
     criterion: str | None
-    """Criterion that the drive exceeded there, see `frenetic.oracle.Finding`; None without one."""
+    """Criterion that the drive exceeded at the place, see `frenetic.oracle.Finding`; or None."""
     start: float
-    """Distance along the road, in m."""
+    """Start of the segment, in m along the road."""
     end: float
-    """Distance along the road, in m."""
+    """End of the segment, in m along the road."""
     assessment: Assessment
-    """The whole drive, record by record."""
+    """Assessment of the whole drive, record by record."""
     first: int
-    """The segment's first record."""
+    """Index of the segment's first record."""
     last: int
-    """One past the segment's last record."""
+    """Index after the segment's last record."""
 
     @property
     def length(self) -> float:
@@ -77,51 +77,51 @@ class Segment:
         return distances, self.road.curvature_at(distances)
 
     @cached_property
-    def seen(self) -> LocatedDrive:
-        """The whole drive, as criteria see it."""
+    def signals(self) -> LocatedDrive:
+        """Signals of the whole drive, from which criteria are measured."""
         return locate_drive(self.road, self.drive, self.assessment)
 
     @property
     def bends(self) -> tuple[Bend, ...]:
-        """The bends within the segment, cut at its ends, in order."""
+        """Bends within the segment, cut at its ends, in order."""
         return find_bends(*self.curvature_samples)
 
     def whole(self) -> Segment:
-        """The whole road and the whole drive, with the same place."""
+        """Return the segment with the whole road and the whole drive."""
         n = len(self.assessment.distance)
         whole = replace(self, start=0.0, end=self.road.length, first=0, last=n)
-        vars(whole)["seen"] = self.seen  # what it has measured
+        vars(whole)["signals"] = self.signals  # computed once for both
         return whole
 
 
 def segment_of(road: Road, drive: Drive, finding: Finding | None) -> Segment:
-    """The segment of a drive around the place of a finding: where the car left its lane, say.
+    """Return the segment of a drive around the place of a finding, such as a departure.
 
-    Without one, the place is that of the minimum oob distance. The segment ends with the
-    road, and holds only records between the car's entry and exit.
+    Without a finding, the place is where the oob distance is least. The segment ends with the road,
+    and holds only records between the car's entry and exit.
 
     Args:
-        road: the road where it was driven.
-        drive: a drive that was judged PASS or FAIL.
-        finding: from the oracle or the campaign, see `Result.finding`.
+        road: road with its place on the map.
+        drive: drive that was judged PASS or FAIL.
+        finding: finding of the oracle or the campaign, see `Result.finding`.
 
     Raises:
         ValueError: the drive has no records.
     """
     if len(drive.trajectory) == 0:
         raise ValueError("a drive without records has no segment: drive the road first")
-    seen = assess(road, drive, has_shares=False)
-    n = len(seen.distance)
+    assessment = assess(road, drive, has_shares=False)
+    n = len(assessment.distance)
     if finding is not None:
         centre = int(np.argmin(np.abs(drive.trajectory.time[:n] - finding.time)))
         place = finding.distance
     else:
-        centre = int(np.argmin(seen.oob_distance))
-        place = float(seen.distance[centre])
+        centre = int(np.argmin(assessment.oob_distance))
+        place = float(assessment.distance[centre])
     place = min(max(place, 0.0), road.length)
     start, end = max(place - REACH, 0.0), min(place + REACH, road.length)
     # A record beyond the road's end belongs to the segment that reaches that end.
-    along = np.clip(seen.distance, 0.0, road.length)
+    along = np.clip(assessment.distance, 0.0, road.length)
     too_early = np.flatnonzero(along[:centre] < start)
     too_late = np.flatnonzero(along[centre + 1 :] > end)
     return Segment(
@@ -132,14 +132,14 @@ def segment_of(road: Road, drive: Drive, finding: Finding | None) -> Segment:
         criterion=None if finding is None else finding.criterion,
         start=start,
         end=end,
-        assessment=seen,
+        assessment=assessment,
         first=int(too_early[-1]) + 1 if len(too_early) else 0,
         last=centre + 1 + int(too_late[0]) if len(too_late) else n,
     )
 
 
 def segment_of_test(test: Test) -> Segment | None:
-    """The segment of a stored test; None without records, or if it was read without them."""
+    """Return the segment of a stored test; None without records."""
     if test.drive is None or not len(test.drive.trajectory):
         return None
     return segment_of(test.road, test.drive, test.result.finding)
@@ -153,14 +153,14 @@ def segments_of(
     limit: int | None = None,
     with_repeats: bool = True,
 ) -> Iterator[tuple[Test, Segment]]:
-    """The driven tests of a campaign, one by one, each with its segment.
+    """Yield the driven tests of a campaign, each with its segment.
 
     Args:
         store: the campaign.
-        outcome: PASS or FAIL to get only these.
-        order_by: as for `CampaignStore.tests`.
+        outcome: PASS or FAIL for tests with this outcome only; None for both.
+        order_by: order of the tests, as for `CampaignStore.tests`.
         limit: most tests to read.
-        with_repeats: as for `CampaignStore.tests`.
+        with_repeats: whether repeated roads are included, as for `CampaignStore.tests`.
 
     Raises:
         CampaignError: the campaign is damaged.
@@ -174,19 +174,19 @@ def segments_of(
 # Bends
 
 GENTLE: Final = 0.005
-"""Curvature below which a road counts as straight, in 1/m: a radius of 200 m."""
+"""Curvature below which a road counts as straight, in 1/m: a radius of 200 m; ours."""
 LEAST_TURN: Final = math.radians(10.0)
-"""Least turn of a bend, in rad."""
+"""Least turn of a bend, in rad; ours."""
 
 
 @dataclass(frozen=True)
 class Bend:
-    """A stretch that turns one way, `LEAST_TURN` or more, with a curvature of at least `GENTLE`."""
+    """Stretch that turns one way, `LEAST_TURN` or more, with a curvature of at least `GENTLE`."""
 
     start: float
-    """m."""
+    """Start, in m along the road."""
     end: float
-    """m."""
+    """End, in m along the road."""
     turn: float
     """Turn in rad, positive to the left."""
     sharpest: float
@@ -201,11 +201,11 @@ class Bend:
 def find_bends(
     distances: FloatArray, curvatures: FloatArray, gentle: float = GENTLE
 ) -> tuple[Bend, ...]:
-    """The bends of a line, in order.
+    """Return the bends of a line, in order.
 
     Args:
-        distances: (n,) m, increasing.
-        curvatures: (n,) 1/m at these distances, linear in between.
+        distances: (n,) distances along the line in m, increasing.
+        curvatures: (n,) curvatures in 1/m at these distances, linear in between.
         gentle: curvature in 1/m below which the line counts as straight. With a tenth of `GENTLE`,
             a tenth of `LEAST_TURN` makes a bend.
     """
@@ -219,7 +219,7 @@ def find_bends(
         if not way:
             continue
         turn = float(np.sum([means[i] * (s[i + 1] - s[i]) for i in range(first, last)]))
-        # A rounding error must not decide on a bend of exactly this size.
+        # A rounding error must not decide on a bend of exactly the least turn.
         if abs(turn) >= least_turn - 1e-9:
             sharpest = max(map(abs, kappa[first : last + 1]))
             bends.append(Bend(s[first], s[last], turn, sharpest))
@@ -227,11 +227,16 @@ def find_bends(
 
 
 def heading_range(distances: FloatArray, curvatures: FloatArray) -> tuple[float, float]:
-    """Least and largest heading in rad of a line as for `find_bends`; its first is 0."""
+    """Return the least and the largest heading of a line in rad, from 0 at its start.
+
+    Args:
+        distances: as for `find_bends`.
+        curvatures: as for `find_bends`.
+    """
     s, kappa = _cut(distances, curvatures, (0.0,))
     heading = least = most = 0.0
-    for (start, end), (one, other) in zip(pairwise(s), pairwise(kappa), strict=True):
-        heading += 0.5 * (other + one) * (end - start)
+    for (start, end), (kappa_start, kappa_end) in zip(pairwise(s), pairwise(kappa), strict=True):
+        heading += 0.5 * (kappa_end + kappa_start) * (end - start)
         least, most = min(least, heading), max(most, heading)
     return least, most
 
@@ -239,13 +244,13 @@ def heading_range(distances: FloatArray, curvatures: FloatArray) -> tuple[float,
 def _cut(
     distances: FloatArray, curvatures: FloatArray, levels: tuple[float, ...]
 ) -> tuple[list[float], list[float]]:
-    """Distances and curvatures with a sample more wherever the curvature crosses a level."""
+    """Return distances and curvatures with an extra sample wherever a level is crossed."""
     s, kappa = distances.tolist(), curvatures.tolist()  # few numbers: faster than arrays
     for level in levels:
         for i in range(len(s) - 2, -1, -1):
-            one, other = kappa[i], kappa[i + 1]
-            if (one - level) * (other - level) < 0.0:
-                share = (level - one) / (other - one)
+            before, after = kappa[i], kappa[i + 1]
+            if (before - level) * (after - level) < 0.0:
+                share = (level - before) / (after - before)
                 s.insert(i + 1, s[i] + share * (s[i + 1] - s[i]))
                 kappa.insert(i + 1, level)
     return s, kappa
@@ -266,28 +271,28 @@ _STRAIGHT: Final = 1e-4
 
 
 def bends_of(curvatures: FloatArray, step: float) -> tuple[Bend, ...]:
-    """The bends of a whole road, by which places on it are described.
+    """Return the bends of a whole road, by which places on it are described.
 
     On a road without sharp bends, such as a motorway, a bend has at least a quarter of the road's
     largest curvature.
 
     Args:
-        curvatures: of the road, (n,) in 1/m.
-        step: m between two of them.
+        curvatures: curvatures of the road, (n,) in 1/m.
+        step: distance between two curvatures, in m.
     """
     gentle = max(min(GENTLE, 0.25 * float(np.abs(curvatures).max())), _STRAIGHT)
     return find_bends(np.arange(len(curvatures), dtype=np.float64) * step, curvatures, gentle)
 
 
 def bend_of_place(bends: Sequence[Bend], place: float) -> Bend | None:
-    """The bend to which a place belongs; None for a place on a straight.
+    """Return the bend to which a place belongs; None for a place on a straight.
 
-    That is the bend in which it lies, else the last one that ended up to `BEHIND` m before the
-    place, else the next one that starts up to `BEFORE` m after it.
+    The place belongs to the bend in which it lies, else to the last bend that ended up to `BEHIND`
+    before it, else to the next bend that starts up to `BEFORE` after it.
 
     Args:
-        bends: of the road, in order.
-        place: m along the road.
+        bends: bends of the road, in order.
+        place: place, in m along the road.
     """
     around = [bend for bend in bends if bend.start <= place <= bend.end]
     behind = [bend for bend in reversed(bends) if 0.0 < place - bend.end <= BEHIND]
@@ -296,12 +301,12 @@ def bend_of_place(bends: Sequence[Bend], place: float) -> Bend | None:
 
 
 def place_in_words(curvatures: FloatArray, step: float, place: float) -> str:
-    """A place of a road in words: ``10 m behind a left-hand bend of 15 m radius``.
+    """Return a place of a road in words: ``10 m behind a left-hand bend of 15 m radius``.
 
     Args:
-        curvatures: of the whole road, (n,) in 1/m.
-        step: m between two of them.
-        place: m along the road.
+        curvatures: curvatures of the whole road, (n,) in 1/m.
+        step: distance between two curvatures, in m.
+        place: place, in m along the road.
     """
     bends = bends_of(curvatures, step)
     bend = bend_of_place(bends, place)
@@ -325,12 +330,12 @@ def place_in_words(curvatures: FloatArray, step: float, place: float) -> str:
 
 
 def _gap(distance: float) -> str:
-    """A distance from a bend in words."""
+    """Return a distance from a bend in words."""
     return "just" if distance < 0.5 else f"{distance:.0f} m"
 
 
 def _turn(curvatures: FloatArray, step: float, start: float, end: float) -> float:
-    """Angle in rad by which a road turns between two places, positive to the left."""
+    """Return the angle in rad by which a road turns between two places, positive to the left."""
     samples = np.arange(len(curvatures)) * step
     places = np.concatenate([[start], samples[(samples > start) & (samples < end)], [end]])
     kappa = np.interp(places, samples, curvatures)

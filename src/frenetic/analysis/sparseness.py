@@ -18,20 +18,20 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
 
 SAME_ANGLE: Final = 0.3
-"""Bound of the difference of two equal turns, in degrees."""
+"""Difference below which two turns count as equal, in degrees."""
 SAME_LENGTH: Final = 0.2
-"""Bound of the difference of two equal lengths, in m."""
+"""Difference below which two lengths count as equal, in m."""
 UNLIKE: Final = 0.2
-"""Share of the steps of two lines unlike each other that need edits, at least."""
+"""Edits per step above which two lines are unlike each other."""
 MOST_COMPARED: Final = 2000
 """Most failures for the competition's sparseness, whose time grows with the square."""
 
 
 def largest_distances(segments: Sequence[npt.ArrayLike]) -> FloatArray:
-    """Largest edit distance of each failure but the last to those *after* it, (n - 1,) in edits.
+    """Return the largest edit distance of each failure to a *later* one, (n - 1,) in edits.
 
-    Their mean and deviation are the sparseness that the competition's published code computes: the
-    last failure counts nothing, and the order matters.
+    Their mean and deviation are the sparseness that the competition's published code computes. The
+    last failure does not count, and the order matters.
 
     Args:
         segments: (n, 2) points each, see `frenetic.analysis.competition_segment`, in the order of
@@ -45,10 +45,10 @@ def largest_distances(segments: Sequence[npt.ArrayLike]) -> FloatArray:
 
 
 def unlike_lines(lines: Sequence[npt.ArrayLike]) -> int:
-    """Number of lines that are unlike each other.
+    """Return the number of lines that are unlike each other.
 
-    A line counts if its edits to every one counted before it are more than `UNLIKE` of the steps of
-    the longer of both.
+    A line counts if its edits to each line counted before are more than `UNLIKE` times the steps of
+    the longer line.
 
     Args:
         lines: (n, 2) points each, in equal steps.
@@ -62,7 +62,10 @@ def unlike_lines(lines: Sequence[npt.ArrayLike]) -> int:
 def _words(
     segments: Sequence[npt.ArrayLike],
 ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.int64]]:
-    """Turns in degrees and lengths in m of all steps, and where each segment's begin."""
+    """Return turns in degrees and lengths in m of all steps, and the index of each segment's first.
+
+    A last index stands for the end of the last segment.
+    """
     angles, lengths, counts = [], [], [0]
     for segment in segments:
         points = np.asarray(segment, dtype=np.float64)
@@ -79,7 +82,7 @@ def _words(
 
 @njit()
 def _replacement(angles: FloatArray, lengths: FloatArray, p: int, q: int) -> float:
-    """Cost 0..1 of replacing the letter p of ``angles`` and ``lengths`` by their letter q."""
+    """Return the cost 0..1 of replacing step p of ``angles`` and ``lengths`` by step q."""
     angle = abs(angles[p] - angles[q])
     angle = min(angle, 360.0 - angle)
     length = abs(lengths[p] - lengths[q])
@@ -95,7 +98,7 @@ def _replacement(angles: FloatArray, lengths: FloatArray, p: int, q: int) -> flo
 def _at_most(
     angles: FloatArray, lengths: FloatArray, i: int, i_end: int, j: int, j_end: int
 ) -> float:
-    """Cost of the edits letter by letter, without a shift: never less than `_distance`."""
+    """Return the cost of edits step by step, without a shift: never less than `_distance`."""
     both = min(i_end - i, j_end - j)
     cost = 0.0
     for p in range(both):
@@ -107,7 +110,7 @@ def _at_most(
 def _distance(
     angles: FloatArray, lengths: FloatArray, i: int, i_end: int, j: int, j_end: int
 ) -> float:
-    """Edits between the words i .. i_end - 1 and j .. j_end - 1 of ``angles`` and ``lengths``."""
+    """Return the edits between the steps i .. i_end - 1 and j .. j_end - 1."""
     m = j_end - j
     # row[q]: cost of making the first p letters of one word the first q of the other, p by p.
     row = np.arange(m + 1).astype(np.float64)
@@ -126,7 +129,7 @@ def _distance(
 def _largest_later(
     angles: FloatArray, lengths: FloatArray, starts: npt.NDArray[np.int64]
 ) -> FloatArray:
-    """Largest distances, (k - 1,), of each segment but the last to a later one.
+    """Return the largest distance of each segment to a later one, (k - 1,).
 
     It compares the likeliest candidates first, until no other can be further: about a tenth of all
     pairs.
@@ -154,7 +157,7 @@ def _largest_later(
 def _are_alike(
     angles: FloatArray, lengths: FloatArray, i: int, i_end: int, j: int, j_end: int
 ) -> bool:
-    """Whether two segments are not unlike each other."""
+    """Return whether two segments are not unlike each other."""
     most = UNLIKE * max(i_end - i, j_end - j)
     if abs((i_end - i) - (j_end - j)) > most:
         return False
@@ -165,7 +168,7 @@ def _are_alike(
 
 @njit()
 def _unlike(angles: FloatArray, lengths: FloatArray, starts: npt.NDArray[np.int64]) -> int:
-    """Number of segments that are unlike each other."""
+    """Return the number of segments that are unlike each other."""
     counted = np.empty(len(starts) - 1, np.int64)
     n = 0
     for i in range(len(starts) - 1):

@@ -32,7 +32,7 @@ MOST_PERMUTED: Final = 8
 
 @dataclass(frozen=True)
 class Quartiles:
-    """Distribution of values, which may be infinite."""
+    """Least, most and quartiles of values, which may be infinite."""
 
     n: int
     least: float
@@ -45,8 +45,8 @@ class Quartiles:
 
 
 @dataclass(frozen=True)
-class Estimate:
-    """An estimated value with its interval."""
+class ValueWithInterval:
+    """Estimated value with its confidence interval."""
 
     value: float
     low: float
@@ -54,17 +54,17 @@ class Estimate:
 
     @property
     def sign(self) -> int:
-        """1 or -1 if the whole interval lies above or below 0; 0 if it holds 0."""
+        """Sign of the whole interval: 1 or -1 if it lies above or below 0, else 0."""
         return (self.low > 0.0) - (self.high < 0.0)
 
 
 def quartiles(values: npt.ArrayLike) -> Quartiles:
-    """The quartiles of one or more values.
+    """Return the quartiles of one or more values.
 
     They are interpolated between values; next to an infinite value the quartile is infinite, too.
 
     Raises:
-        ValueError: no values, or one that is not a number.
+        ValueError: there are no values, or a value is not a number.
     """
     ordered = np.sort(_values(values))
     low, median, high = (_quantile(ordered, share) for share in (0.25, 0.5, 0.75))
@@ -84,10 +84,10 @@ def _quantile(ordered: FloatArray, share: float) -> float:
 def proportion_interval(
     successes: int, trials: int, confidence: float = 0.95
 ) -> tuple[float, float]:
-    """Wilson's score interval of a share: the shares 0..1 that agree with the counts.
+    """Return Wilson's score interval of a share: the shares 0..1 that agree with the counts.
 
     Raises:
-        ValueError: no trials, or fewer than successes.
+        ValueError: there are no trials, or fewer than successes.
     """
     if not 0 <= successes <= trials or trials < 1:
         raise ValueError(f"{successes} of {trials}: at least one trial is needed")
@@ -107,8 +107,8 @@ def _wilson(share: float, trials: float, confidence: float) -> tuple[float, floa
 def rate_interval(events: int, exposure: float, confidence: float = 0.95) -> tuple[float, float]:
     """Return the exact two-sided interval of a rate with so many events in an exposure.
 
-    It is that of F. Garwood, "Fiducial limits for the Poisson distribution", Biometrika 28 (1936),
-    two-sided also without any event: 0 events in 1,000 drives give 0 to 0.0037 a drive.
+    This is the interval of F. Garwood, "Fiducial limits for the Poisson distribution", Biometrika
+    28 (1936), two-sided also without any event: 0 events in 1,000 drives give 0 to 0.0037 a drive.
 
     Raises:
         ValueError: the events are below 0, or the exposure is not positive.
@@ -126,7 +126,7 @@ def weighted_interval(
 ) -> tuple[float, float]:
     """Return the two-sided interval of a sum of Poisson numbers, each with a weight.
 
-    It is the gamma interval of M. P. Fay and E. J. Feuer, "Confidence intervals for directly
+    This is the gamma interval of M. P. Fay and E. J. Feuer, "Confidence intervals for directly
     standardized rates", Statistics in Medicine 16 (1997). Equal weights give Garwood's.
 
     Args:
@@ -147,21 +147,22 @@ def weighted_interval(
 
 def paired_share_difference(
     first: npt.ArrayLike, second: npt.ArrayLike, *, confidence: float = 0.95
-) -> Estimate:
-    """The mean of the second shares minus that of the first, with Newcombe's interval for pairs.
+) -> ValueWithInterval:
+    """Return the mean second share minus the mean first share, with Newcombe's interval for pairs.
 
-    It is his square-and-add interval with a correction for continuity: method 10 of R. G. Newcombe,
-    "Improved confidence intervals for the difference between binomial proportions based on paired
-    data", Statistics in Medicine 17 (1998), one of those that Fagerland, Lydersen and Laake
-    recommend there (33, 2014). It joins Wilson's intervals of both means, with their correlation.
+    This is the square-and-add interval with a correction for continuity: method 10 of
+    R. G. Newcombe, "Improved confidence intervals for the difference between binomial proportions
+    based on paired data", Statistics in Medicine 17 (1998). Fagerland, Lydersen and Laake recommend
+    it in the same journal (33, 2014). It joins Wilson's intervals of both means, with their
+    correlation.
 
     Args:
-        first: (n,) shares 0..1, such as 0 and 1 for what passed and failed once.
-        second: (n,) shares of the same things.
+        first: (n,) shares 0..1, such as 0 for a road that passed and 1 for one that failed.
+        second: (n,) shares of the same roads.
         confidence: 0..1.
 
     Raises:
-        ValueError: no values, one that is no share, or another number of them in each.
+        ValueError: there are no values, a value is no share, or the numbers of values differ.
     """
     x, y = _values(first), _values(second)
     n = len(x)
@@ -176,24 +177,25 @@ def paired_share_difference(
     correlation = max(-1.0, min(1.0, covariance / spread)) if spread > 0.0 else 0.0
     (p_low, p_high), (q_low, q_high) = (_wilson(share, n, confidence) for share in (p, q))
 
-    def together(one: float, other: float) -> float:
-        return math.sqrt(max(0.0, one * one - 2.0 * correlation * one * other + other * other))
+    def together(first: float, second: float) -> float:
+        squares = first * first - 2.0 * correlation * first * second + second * second
+        return math.sqrt(max(0.0, squares))
 
     difference = q - p
-    return Estimate(
+    return ValueWithInterval(
         difference,
         difference - together(q - q_low, p_high - p),
         difference + together(q_high - q, p - p_low),
     )
 
 
-def median_estimate(values: npt.ArrayLike, confidence: float = 0.95) -> Estimate:
-    """The median, with the interval between two of the values that is exact by the sign test.
+def median_estimate(values: npt.ArrayLike, confidence: float = 0.95) -> ValueWithInterval:
+    """Return the median, with the interval between two of the values by the exact sign test.
 
     It assumes no distribution. Below 6 values no interval holds at 95 %, so it is infinite.
 
     Raises:
-        ValueError: no values, or one that is not a number.
+        ValueError: there are no values, or a value is not a number.
     """
     from scipy.special import bdtr  # takes its time, but less than scipy.stats
 
@@ -206,16 +208,16 @@ def median_estimate(values: npt.ArrayLike, confidence: float = 0.95) -> Estimate
         if left_out
         else (-math.inf, math.inf)
     )
-    return Estimate(_quantile(ordered, 0.5), low, high)
+    return ValueWithInterval(_quantile(ordered, 0.5), low, high)
 
 
 def a12(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
-    """Vargha and Delaney's A12: the chance 0..1 that a value of the first is larger.
+    """Return Vargha and Delaney's A12: the chance 0..1 that a value of the first is larger.
 
     Ties count half, so 0.5 is no difference.
 
     Raises:
-        ValueError: no values, or one that is not a number.
+        ValueError: there are no values, or a value is not a number.
     """
     x, y = _values(first), _values(second)
     n = len(x)
@@ -224,28 +226,28 @@ def a12(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
 
 
 def magnitude(effect: float) -> str:
-    """Size of an A12 in either direction, by the thresholds of Vargha and Delaney (2000).
+    """Return the size of an A12 in words, by the thresholds of Vargha and Delaney (2000).
 
-    It is negligible, small from 0.56, medium from 0.64 and large from 0.71.
+    An A12, or 1 minus it, is small from 0.56, medium from 0.64, large from 0.71, else negligible.
     """
-    distance = abs(effect - 0.5) + 1e-12  # 0.56 is small, however it was rounded
+    distance = abs(effect - 0.5) + 1e-12  # 0.56 is small, whatever its rounding error
     return ("negligible", "small", "medium", "large")[bisect((0.06, 0.14, 0.21), distance)]
 
 
 def mann_whitney(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
-    """The p of the two-sided Mann-Whitney U test that both come from one distribution.
+    """Return p of the two-sided Mann-Whitney U test that both come from one distribution.
 
-    Up to `MOST_EXACT` values it is exact, ties included: the share of all ways to deal the values
-    to the groups in which U differs as much from its mean. Above it is the normal approximation
+    Up to `MOST_EXACT` values p is exact, ties included: the share of all ways to deal the values
+    to the groups in which U differs as much from its mean. Above, it is the normal approximation
     with correction for ties and continuity.
 
     Raises:
-        ValueError: no values, or one that is not a number.
+        ValueError: there are no values, or a value is not a number.
     """
     x, y = _values(first), _values(second)
     doubled = np.rint(2.0 * ranks(np.concatenate([x, y]))).astype(np.int64)
     n, total = len(x), len(doubled)
-    seen = int(doubled[:n].sum())
+    rank_sum = int(doubled[:n].sum())
     mean = n * (total + 1)  # of the doubled rank sum
     if total > MOST_EXACT:
         from scipy.stats import mannwhitneyu  # takes its time
@@ -255,11 +257,11 @@ def mann_whitney(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
         return float(mannwhitneyu(x, y, alternative="two-sided", method="asymptotic").pvalue)
     shares = _rank_sums(doubled, n)
     sums = np.arange(len(shares))
-    return min(1.0, float(shares[np.abs(sums - mean) >= abs(seen - mean)].sum()))
+    return min(1.0, float(shares[np.abs(sums - mean) >= abs(rank_sum - mean)].sum()))
 
 
 def _rank_sums(ranks: npt.NDArray[np.int64], n: int) -> FloatArray:
-    """(sum + 1,) share of the choices of n ranks that have each sum."""
+    """Return the share of the choices of n ranks that have each sum, (sum + 1,)."""
     # ways[k, s]: choices of k among the ranks so far with the sum s. A rank is taken or it is not.
     ways = np.zeros((n + 1, int(ranks.sum()) + 1))
     ways[0, 0] = 1.0
@@ -271,14 +273,14 @@ def _rank_sums(ranks: npt.NDArray[np.int64], n: int) -> FloatArray:
 
 
 def spearman(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[float, float]:
-    """Spearman's rank correlation -1..1 of two columns of equal length, and its two-sided p.
+    """Return Spearman's rank correlation -1..1 of two columns, and its two-sided p.
 
-    p is exact up to 8 rows: the share of all orders of the second column that go with the first at
-    least as closely. Above, it follows from Student's t with n - 2 degrees of freedom.
+    p is exact up to `MOST_PERMUTED` rows: the share of all orders of the second column that go with
+    the first at least as closely. Above, it follows from Student's t with n - 2 degrees of freedom.
 
     Raises:
-        ValueError: fewer than 3 rows, another number in each column, a constant column, or a value
-            that is not a number.
+        ValueError: there are fewer than 3 rows, the columns differ in length, a column is constant,
+            or a value is not a number.
     """
     from scipy.stats import spearmanr  # takes its time
 
@@ -286,16 +288,16 @@ def spearman(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[float, float]
     n = len(x)
     if n != len(y) or n < 3 or np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
         raise ValueError(f"{n} and {len(y)} values: three or more pairs that vary are needed")
-    found = spearmanr(x, y)
+    result = spearmanr(x, y)
     if n > MOST_PERMUTED:
-        return float(found.statistic), float(found.pvalue)
+        return float(result.statistic), float(result.pvalue)
     orders = np.array(list(permutations(y - y.mean())))
     products = np.abs(orders @ (x - x.mean()))
-    return float(found.statistic), float((products >= products[0] - 1e-9).mean())
+    return float(result.statistic), float((products >= products[0] - 1e-9).mean())
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """The p values of several tests, corrected by Holm, in the same order."""
+    """Return the p values of several tests, corrected by Holm, in the same order."""
     order = sorted(range(len(p_values)), key=lambda i: p_values[i])
     corrected = [0.0] * len(p_values)
     largest = 0.0
@@ -313,7 +315,7 @@ def _values(values: npt.ArrayLike) -> FloatArray:
 
 
 def ranks(values: FloatArray) -> FloatArray:
-    """(n,) ranks from 1; equal values share the mean of theirs."""
+    """Return ranks from 1, (n,); equal values share their mean rank."""
     _, place, counts = np.unique(values, return_inverse=True, return_counts=True)
     last = np.cumsum(counts)
     ranks: FloatArray = (last - 0.5 * (counts - 1))[place.ravel()]

@@ -169,7 +169,7 @@ def going_on(store: CampaignStore) -> str:
     config, folder = store.config, store.folder
     if "entrant" in config:
         return shlex.join(["frenetic", "bench", "--resume", "--out", str(folder.parent.parent)])
-    if "again" in config:
+    if "rerun" in config:
         return "the command that began it: 'frenetic rerun', 'minimise' or 'compare'"
     if is_told(config):
         return shlex.join(["frenetic", "ask-tell", "--out", str(folder)])

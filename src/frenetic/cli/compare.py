@@ -223,7 +223,7 @@ def print_comparison(comparison: Comparison) -> None:
     few = len(comparison.groups) <= _MOST_COLUMNS
     _print_pairs(comparison.measures if few else [by], several=len(comparison.groups) > 2)
     order = ", ".join(
-        f"{by.places[n]}. {n} ({by.measure.text(by.quartiles(n).median)})" for n in by.order
+        f"{by.positions[n]}. {n} ({by.measure.text(by.quartiles(n).median)})" for n in by.order
     )
     echo(f"Order by {by.measure.title} (median): {order}")
     echo(verdict(comparison))

@@ -95,12 +95,9 @@ def _driven(
     folder: Path, old: Spec, new: Spec, place: Path, workers: int, *, fresh: int, is_trusted: bool
 ) -> BackToBack:
     from frenetic.campaign import CampaignStore, RoadTester
-    from frenetic.rerun.back_to_back import (
-        check_differ,
-        fresh_roads_as_recorded,
-        recorded_driver,
-    )
+    from frenetic.rerun.back_to_back import check_differ
     from frenetic.rerun.back_to_back import compare_versions as compared
+    from frenetic.rerun.old_version import fresh_roads_as_recorded, recorded_driver
 
     log = Log()
     with CampaignStore.open(folder) as store:

@@ -152,7 +152,7 @@ def _of_campaign(
 ) -> tuple[tuple[Spec, Path], Rules | None, list[Asked]]:
     """A campaign's spec and the folder of its code, its rules unless that says them, and roads."""
     from frenetic.campaign import CampaignStore
-    from frenetic.rerun.rerun import unsaid_rules
+    from frenetic.rerun.rerun import recorded_rules
 
     if not test_ids:
         raise click.UsageError(
@@ -165,7 +165,7 @@ def _of_campaign(
         is_made = not dry or any(not test.road.is_plain for test in tests)
         config = store.config
         spec, place = campaign_spec(store, given, checked=is_made)
-        terms, rules = store.setting, unsaid_rules(store, spec)
+        terms, rules = store.setting, recorded_rules(store, spec)
     instead = given.quantities(spec)
     roads = []
     for test in tests:

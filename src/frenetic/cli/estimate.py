@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 @count_option("--drives", "Drive N times.", least=100, default=10_000)
 @workers_option
 @folder_option(
-    "Campaign that drives. [default: a folder in again/ of the CAMPAIGN, or a new one under"
+    "Campaign that drives. [default: a folder in rerun/ of the CAMPAIGN, or a new one under"
     " campaigns/]"
 )
 @json_option

@@ -116,7 +116,9 @@ def minimise(
         if work.test is None:
             return minimised_road(work.road, tester, **how, on_event=on_event)
         kept = None if out is None else out.parent
-        return minimise_test(source, work.test, tester, **how, kept=kept, on_event=on_event)
+        return minimise_test(
+            source, work.test, tester, **how, drives_folder=kept, on_event=on_event
+        )
 
     log, documents, left, failed = Log(), [], list(works), False
     is_interrupted = False
@@ -135,7 +137,7 @@ def minimise(
             complain(f"{work.name}: {error}")
             failed = True
             continue
-        is_interrupted = found.ending == "stopped" and found.trouble is None
+        is_interrupted = found.stop_reason == "stopped" and found.error is None
         if as_json:
             documents.append(_as_json(work, found))
         else:
@@ -208,12 +210,12 @@ def _print(work: Work, minimised: Minimised) -> None:
     from frenetic.campaign.second_drive import Match
 
     before, after = minimised.shapes
-    trouble = minimised.trouble
+    trouble = minimised.error
     echo(
         f"{work.name}: {before.length:.0f} m -> {after.length:.0f} m,"
         f" {counted(before.curves, 'curve')} -> {after.curves},"
         f" {_drives(minimised)},"
-        f" {ENDINGS[minimised.ending] if trouble is None else f'gave up: {trouble}'}"
+        f" {ENDINGS[minimised.stop_reason] if trouble is None else f'gave up: {trouble}'}"
     )
     match = minimised.match
     notes = {
@@ -253,8 +255,8 @@ def _as_json(work: Work, minimised: Minimised) -> dict[str, Any]:
         "length": after.length,
         "drives": minimised.drives,
         "new_drives": minimised.new_drives,
-        "ending": str(minimised.ending),
-        "trouble": minimised.trouble,
+        "ending": str(minimised.stop_reason),
+        "trouble": minimised.error,
         "match": minimised.match,
         "conditions": dict(minimised.conditions),
         "road": str(work.files.road),

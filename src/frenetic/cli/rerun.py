@@ -76,7 +76,7 @@ def variation(asked: AskedRange, tester: RoadTester) -> Variation:
     "--out",
     type=click.Path(path_type=Path),
     metavar="FOLDER",
-    help="Campaign that drives them. [default: a folder in again/ of the CAMPAIGN]",
+    help="Campaign that drives them. [default: a folder in rerun/ of the CAMPAIGN]",
 )
 @file_option("--junit", "Write the results as JUnit XML, one test case per road.", type=NewFile())
 @fail_on_failure_option
@@ -162,7 +162,7 @@ def _driven_tests(store: CampaignStore) -> list[int]:
 
 
 def _print(found: Rerun, times: int, *, is_as_before: bool, with_rows: bool) -> None:
-    from frenetic.analysis.failures import LISTED
+    from frenetic.analysis.clusters import LISTED
     from frenetic.rerun.stability import Stability, matches_text
 
     tests, drives = found.tests, found.drives

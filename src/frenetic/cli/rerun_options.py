@@ -105,7 +105,7 @@ def chosen_tests(
     Raises:
         click.UsageError: it names them twice.
     """
-    from frenetic.analysis.failures import representative_failures
+    from frenetic.analysis.clusters import representative_failures
 
     if test_ids and top is not None:
         raise click.UsageError("--top and the ID of a test exclude each other")

@@ -72,7 +72,7 @@ def resume(
             f"{campaign} is a run of a bench, which keeps its budget: what a bench lacks is run by"
             " 'frenetic bench --resume --out BENCH'"
         )
-    if "again" in config:
+    if "rerun" in config:
         raise click.UsageError(
             f"{campaign} does not search: the command that began it, 'frenetic rerun', 'minimise',"
             " 'compare' or 'estimate', goes on with it"

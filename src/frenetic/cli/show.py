@@ -198,9 +198,10 @@ def _finite(value: float | None) -> float | None:
 
 
 def _show_campaign(store: CampaignStore, as_json: bool) -> None:
+    from frenetic.analysis.caution import caution
+    from frenetic.analysis.clusters import LISTED, distinct_failures, nearest_misses
     from frenetic.analysis.coverage import domain_coverage
     from frenetic.analysis.criteria import criteria_in_words
-    from frenetic.analysis.failures import LISTED, caution, distinct_failures, nearest_misses
     from frenetic.campaign.configuration import earlier_of
     from frenetic.campaign.guarded_strategy import FACTS
     from frenetic.campaign.objective import in_words
@@ -208,7 +209,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     from frenetic.campaign.summary import facts_in_words
     from frenetic.campaign.warm_start import still_failing
     from frenetic.report.minimised import minimised_drives
-    from frenetic.rerun.estimate import Estimate
+    from frenetic.rerun.estimate import FailureRate
 
     counts, setting = store.counts(), store.setting
     config, facts = store.config, store.facts
@@ -229,7 +230,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
         }
         echo(json.dumps(document))
         return
-    budget, rate = _budget(store), Estimate.read(store.folder)
+    budget, rate = _budget(store), FailureRate.read(store.folder)
     rules, error = setting.rules, first_error(store)
     limit = limit_of_search(setting, config.get("from_roads"))
     print_facts(
@@ -293,7 +294,7 @@ def _going_on(store: CampaignStore) -> str:
     from frenetic.cli.search import is_finished
 
     state, config = look(store.folder), store.config
-    is_search = config.get(SPEC) is not None and not config.keys() & {"again", "entrant"}
+    is_search = config.get(SPEC) is not None and not config.keys() & {"rerun", "entrant"}
     has_report = is_finished(store.folder, store.facts)
     if state.status is Status.FINISHED and is_search and not has_report:
         return f"frenetic resume {shell(store.folder)}"

@@ -13,7 +13,8 @@ from frenetic.campaign import CampaignStore, RoadTester, Test
 from frenetic.errors import FreneticError
 from frenetic.report.failures import file_stem, road_entries, verdict_entries
 from frenetic.rerun.campaigns import FOLDER
-from frenetic.rerun.minimise import OPERATOR, Minimised
+from frenetic.rerun.minimise import Minimised
+from frenetic.rerun.minimising_strategy import OPERATOR
 from frenetic.road.files import read_road
 from frenetic.spec import DRIVEN, USUAL, Spec
 
@@ -111,7 +112,7 @@ def minimised_document(
             "campaign": minimised.folder,
             "test": smallest.id,
             "is_guarded": minimised.is_guarded,
-            "ending": str(minimised.ending),
+            "ending": str(minimised.stop_reason),
             **({"passes": dict(minimised.passes)} if minimised.passes else {}),
         },
         **road_entries(smallest.road),

@@ -12,8 +12,8 @@ from typing import Final
 import matplotlib as mpl
 
 from frenetic._support.words import capitalised, counted, format_duration, oob_words
+from frenetic.analysis.clusters import distinct_failures, nearest_misses
 from frenetic.analysis.comparison import Comparison
-from frenetic.analysis.failures import distinct_failures, nearest_misses
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
@@ -114,7 +114,7 @@ def _comparison(comparison: Comparison) -> str:
     ]
     titles = ("group", "campaigns", *(by.measure.heading for by in shown))
     by = comparison.headline
-    said = "".join(f"<li>{html.escape(by.said(pair))}</li>" for pair in by.pairs)
+    said = "".join(f"<li>{html.escape(by.pair_text(pair))}</li>" for pair in by.pairs)
     notes = "".join(f"<p>Note: {html.escape(note)}</p>" for note in comparison.notes)
     head, *body = (_row(cells, tag) for cells, tag in [(titles, "th"), *((r, "td") for r in rows)])
     table = f"<table><thead>{head}</thead><tbody>{''.join(body)}</tbody></table>"

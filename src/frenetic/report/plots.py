@@ -16,8 +16,8 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from frenetic._support.words import counted, oob_words
+from frenetic.analysis.clusters import distinct_failures
 from frenetic.analysis.comparison import Comparison
-from frenetic.analysis.failures import distinct_failures
 from frenetic.campaign.record import Test
 from frenetic.export.tables import Place, opened
 from frenetic.oracle.drive import Drive

@@ -25,7 +25,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final, Literal, TypeAlias
 
-from frenetic.analysis.failures import Clusters, caution, representative_failures
+from frenetic.analysis.caution import caution
+from frenetic.analysis.clusters import Clusters, representative_failures
 from frenetic.campaign import Campaign, CampaignStore, Event, Summary, Test
 from frenetic.campaign.counts import Counts
 from frenetic.errors import CampaignError, FreneticError
@@ -173,7 +174,7 @@ def shorten_causes(campaign: Campaign, findings: Findings, summary: Summary) -> 
         except FreneticError as error:
             yield str(error)
             return
-        if answer.ending == "stopped" and answer.trouble is None:
+        if answer.stop_reason == "stopped" and answer.error is None:
             yield f"shortening was interrupted; go on: {_minimise_command(campaign)}"
 
 

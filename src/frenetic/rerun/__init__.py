@@ -1,4 +1,4 @@
-"""Driving a campaign's roads again: whether they fail again, on a new version, and how short.
+"""Drive a campaign's roads again: whether they still fail, with a new version, and how short.
 
-Whatever drives again is a campaign in the folder ``again`` of the one whose roads these are.
+Each rerun is a campaign in the folder ``rerun`` of the campaign whose roads it drives.
 """

@@ -1,78 +1,58 @@
 """Two versions of a driver on the same roads: which is better, and what each does wrong.
 
-Both drive on fresh random roads, on which the verdict rests: a campaign of random search with the
-old version, in the folder ``again`` of its campaign, and a rerun of it with the new one. The roads
-on which the old version failed, which the new one drives, too, are shown beside: they were found by
-searching against the old version, so it looks worse on them than it is (regression to the mean).
+Both drive on fresh random roads: the old version in a campaign of random search, the new version in
+a rerun of that campaign. The verdict rests on these roads. The new version also drives the roads on
+which the old version's campaign failed. They are only shown: the search looked for failures of the
+old version, so it looks worse on them than it is (regression to the mean).
 """
 
 from __future__ import annotations
 
 import math
-import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import chdir, contextmanager
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass
 from functools import cached_property
-from itertools import count
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any, Final, NamedTuple, Unpack
+from typing import Final, NamedTuple, Unpack
 
-from msgspec import structs
-
-from frenetic._support.bounds import require_count
 from frenetic._support.json_value import JSONValue
-from frenetic._support.words import counted, part_word
+from frenetic._support.words import counted
 from frenetic.analysis.causes import in_words
 from frenetic.analysis.failures import Failure
-from frenetic.analysis.statistics import Estimate, median_estimate, paired_share_difference
-from frenetic.campaign.counts import Counts
-from frenetic.campaign.database import DATABASE
-from frenetic.campaign.reader import SOURCES
+from frenetic.analysis.statistics import ValueWithInterval, median_estimate, paired_share_difference
 from frenetic.campaign.record import Test
-from frenetic.campaign.status import signed_spec
 from frenetic.campaign.store import CampaignStore
-from frenetic.campaign.summary import Event, EventKind, Progress, Summary
 from frenetic.campaign.tester import RoadTester
 from frenetic.conditions.domain import Domain
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.oracle.outcome import Outcome
-from frenetic.parts.registry import DRIVERS, absolute_files
-from frenetic.parts.trust import NOT_DRIVING, REGISTRIES
-from frenetic.parts.user_modules import user_folders
-from frenetic.parts.versions import comparison_key, sources_named
-from frenetic.processes.interrupt import catch_interrupt
-from frenetic.processes.object_host import report
-from frenetic.processes.object_process import LostWorkerError, ObjectProcess, pack, ready
-from frenetic.rerun.campaigns import How, campaign_again, complete, say_complete
+from frenetic.parts.versions import comparison_key
+from frenetic.rerun.campaigns import (
+    RerunOptions,
+)
+from frenetic.rerun.old_version import FRESH, FreshRoads, fresh_roads
 from frenetic.rerun.rerun import drive_tests
 from frenetic.rerun.stability import Change
-from frenetic.search import RandomSearch
 from frenetic.simulators.simulator import Simulator
-from frenetic.spec import Budget, Spec
 from frenetic.spec.part_record import part_text
 
-FRESH: Final = 200
-"""Default number of fresh roads."""
 SLOWER: Final = 0.01
-"""Least share of the time by which a version counts as slower."""
+"""Least relative increase of the median time at which a version counts as slower; ours."""
 BETTER: Final = "new is better"
 WORSE: Final = "new is worse"
-_POLL: Final = 0.2  # s between two looks whether Ctrl-C was pressed
 
 
 class Pair(NamedTuple):
-    """The drives of both versions on a road."""
+    """Drives of both versions on one road."""
 
     old: Test
     new: Test
 
     @property
     def change(self) -> Change:
-        """From the old version to the new."""
+        """Change of the outcome from the old version to the new one."""
         if not (self.old.outcome.is_driven and self.new.outcome.is_driven):
             return Change.NOT_JUDGED
         return Change.of(*(test.outcome is Outcome.FAIL for test in self))
@@ -80,7 +60,7 @@ class Pair(NamedTuple):
 
 @dataclass(frozen=True)
 class PairedRoads:
-    """The drives of both versions on several roads."""
+    """Drives of both versions on several roads."""
 
     folder: Path
     """Folder of the campaign that holds the roads, and the old version's drives."""
@@ -98,12 +78,12 @@ class PairedRoads:
 
     @property
     def failing(self) -> tuple[int, int]:
-        """Judged roads on which the old version fails, and the new."""
+        """Numbers of judged roads on which the old and the new version fail."""
         old, new = (sum(pair[i].outcome is Outcome.FAIL for pair in self.judged) for i in range(2))
         return old, new
 
     def as_json(self) -> dict[str, JSONValue]:
-        """Its counts."""
+        """Return the counts as a JSON object."""
         old, new = self.failing
         return {
             "campaign": str(self.folder),
@@ -115,31 +95,32 @@ class PairedRoads:
 
 @dataclass(frozen=True)
 class BackToBack:
-    """Two versions of a driver, driven on the same roads."""
+    """Comparison of two versions of a driver that drove on the same roads."""
 
     old: Mapping[str, JSONValue]
-    """Driver as a campaign describes it."""
+    """Old version, as `frenetic.spec.part_record.describe` records it."""
     new: Mapping[str, JSONValue]
+    """New version, as `frenetic.spec.part_record.describe` records it."""
     simulator: Mapping[str, JSONValue]
     seed: int
     """Seed of the fresh roads."""
     fresh: PairedRoads
-    """The fresh roads, on which the verdict rests."""
+    """Fresh roads, on which the verdict rests."""
     known: PairedRoads
-    """Those on which the old version failed in its campaign."""
+    """Roads on which the old version failed in its campaign."""
     domain: Domain | None = None
     """Domain of the roads and their conditions; None for the usual conditions."""
     missing: int = 0
     """Number of drives that Ctrl-C prevented."""
 
     @cached_property
-    def difference(self) -> Estimate | None:
-        """Failure rate of the new version minus that of the old, -1..1; None without pairs."""
-        return _difference(self.fresh.judged)
+    def difference(self) -> ValueWithInterval | None:
+        """Failure rate of the new version minus the old one's, -1..1; None without pairs."""
+        return _failure_difference(self.fresh.judged)
 
     @cached_property
-    def time_difference(self) -> Estimate | None:
-        """Median of the new version's time over the old one's, minus 1, where both passed."""
+    def time_difference(self) -> ValueWithInterval | None:
+        """Median relative increase of the time from old to new, on roads that both passed."""
         ratios = [
             new.result.duration / old.result.duration - 1.0
             for old, new in self.fresh.judged
@@ -151,30 +132,29 @@ class BackToBack:
 
     @property
     def verdict(self) -> str:
-        """The verdict: the whole interval of the difference lies on one side of 0.
+        """Verdict: better or worse if the whole interval of the difference lies on one side of 0.
 
-        It has to do so whether errors of the simulator are left out or count as failures.
+        It must do so both without the simulator's errors and with these counted as failures.
         """
-        broken_too = [
+        with_errors = [
             pair
             for pair in self.fresh.pairs
             if all(test.outcome.is_driven or test.outcome is Outcome.ERROR for test in pair)
         ]
-        signs = {
-            0 if one is None else one.sign for one in (self.difference, _difference(broken_too))
-        }
+        differences = (self.difference, _failure_difference(with_errors))
+        signs = {0 if difference is None else difference.sign for difference in differences}
         if len(signs) > 1 or self.difference is None:
             return "cannot tell"
         return {-1: BETTER, 0: "no difference shown", 1: WORSE}[signs.pop()]
 
     @property
     def answer(self) -> str:
-        """The answer in one line."""
+        """Answer in one line."""
         difference, verdict = self.difference, self.verdict
         if difference is None:
             return "cannot tell which is better: no fresh road was judged with both"
         old, new = self.fresh.failing
-        value, low, high = (_points(one) for one in asdict(difference).values())
+        value, low, high = (_points(share) for share in asdict(difference).values())
         rates = f"(difference {value} points, 95 % interval {low} to {high})"
         roads = f"of {counted(len(self.fresh.judged), 'fresh road')}"
         if verdict not in (BETTER, WORSE):
@@ -189,15 +169,15 @@ class BackToBack:
 
     @cached_property
     def causes(self) -> dict[str, tuple[int, int]]:
-        """What the drivers do wrong -> on how many of all roads the old and the new version do."""
-        found: tuple[Counter[str], ...] = Counter(), Counter()
+        """Cause in words -> numbers of all roads on which old and new version fail by it."""
+        counts: tuple[Counter[str], ...] = Counter(), Counter()
         for pair in (*self.fresh.judged, *self.known.judged):
-            for causes, test in zip(found, pair, strict=True):
+            for causes, test in zip(counts, pair, strict=True):
                 if (failure := Failure.of_test(test)) is not None:
                     cause = failure.cause
                     words = "" if cause is None else in_words(cause.kind, None, cause.criterion)
                     causes[words or str(failure.fault)] += 1
-        old, new = found
+        old, new = counts
         names = sorted({*old, *new}, key=lambda name: (-max(old[name], new[name]), name))
         return {name: (old[name], new[name]) for name in names}
 
@@ -214,7 +194,8 @@ class BackToBack:
             )
         for i, version in enumerate(("old", "new")):
             pairs = (*self.fresh.pairs, *self.known.pairs)
-            reasons = Counter(one[i].reason for one in pairs if one[i].outcome is Outcome.ERROR)
+            tests = [pair[i] for pair in pairs]
+            reasons = Counter(test.reason for test in tests if test.outcome is Outcome.ERROR)
             for reason, _ in reasons.most_common(1):
                 yield (
                     f"the simulator broke in {counted(reasons.total(), 'drive')} with {version},"
@@ -225,7 +206,7 @@ class BackToBack:
             yield f"four times as many fresh roads, {more}, halve the interval"
 
     def as_json(self) -> dict[str, JSONValue]:
-        """The result for JSON."""
+        """Return the comparison as a JSON object."""
         return {
             "answer": self.answer,
             "verdict": self.verdict,
@@ -235,16 +216,16 @@ class BackToBack:
             "simulator": dict(self.simulator),
             "seed": self.seed,
             "domain": None if self.domain is None else self.domain.entries(),
-            "difference": _interval(self.difference),
-            "time_difference": _interval(self.time_difference),
+            "difference": _interval_json(self.difference),
+            "time_difference": _interval_json(self.time_difference),
             "fresh": self.fresh.as_json(),
             "known": self.known.as_json(),
             "causes": {cause: list(roads) for cause, roads in self.causes.items()},
         }
 
 
-def _difference(pairs: Sequence[Pair]) -> Estimate | None:
-    """The difference of the failure rates; errors of the simulator count as failures."""
+def _failure_difference(pairs: Sequence[Pair]) -> ValueWithInterval | None:
+    """Return the difference of the failure rates, None without pairs; an error is a failure."""
     if not pairs:
         return None
     old, new = ([pair[i].outcome is not Outcome.PASS for pair in pairs] for i in range(2))
@@ -252,240 +233,33 @@ def _difference(pairs: Sequence[Pair]) -> Estimate | None:
 
 
 def _points(share: float) -> str:
-    """A difference of shares in percentage points, with its sign but for 0."""
+    """Return a difference of shares in percentage points, with a sign unless it is 0."""
     text = f"{100.0 * share:+.1f}"
     return text[1:] if float(text) == 0.0 else text
 
 
-def _interval(value: Estimate | None) -> dict[str, JSONValue] | None:
+def _interval_json(value: ValueWithInterval | None) -> dict[str, JSONValue] | None:
     if value is None:
         return None
-    return {name: v if math.isfinite(v) else None for name, v in asdict(value).items()}
+    return {name: end if math.isfinite(end) else None for name, end in asdict(value).items()}
 
 
-# Driving
-
-
-@dataclass(frozen=True)
-class FreshRoads:
-    """Fresh random roads, driven by the old version."""
-
-    campaign: Path
-    """Folder of the campaign of the old version."""
-    folder: Path
-    """Folder of the campaign of random search with these roads."""
-    count: int
-    seed: int
-    driver: Mapping[str, JSONValue]
-    """The old version as a campaign describes it."""
-    tests: tuple[int, ...]
-    """Ids of the roads' tests there; Ctrl-C leaves fewer."""
-
-
-def fresh_roads(
-    campaign: Path | str, tester: RoadTester, *, fresh: int = FRESH, **how: Unpack[How]
-) -> FreshRoads:
-    """Lets the old version drive on fresh random roads, as far as these drives are not stored.
-
-    The seed is the least that is not the campaign's.
+def compare_versions(
+    roads: FreshRoads, tester: RoadTester, **options: Unpack[RerunOptions]
+) -> BackToBack:
+    """Let a new version drive the roads that the old version drove, and compare both.
 
     Args:
-        campaign: folder of a campaign of the old version.
-        tester: drives with the old version on the campaign's terms.
-        fresh: number of roads.
-        how: see `How`.
-
-    Raises:
-        CampaignError: there is no such campaign, or as for
-            `frenetic.rerun.campaigns.campaign_again`.
-        ValueError: an option is out of range.
-    """
-    return _drive_fresh(campaign, tester, fresh, how, named="random")
-
-
-def _drive_fresh(
-    campaign: Path | str, tester: RoadTester, fresh: int, how: How, *, named: str | None
-) -> FreshRoads:
-    """`fresh_roads`, by a strategy of that name; without one, its record has no spec to sign."""
-    require_count("fresh", fresh)
-    with CampaignStore.open(campaign) as store:
-        seed = _fresh_seed(store)
-    terms, budget = tester.terms, Budget(simulations=fresh)
-    strategy = RandomSearch(
-        seed=seed, map_size=terms.map_size, road_class=terms.road_class, domain=terms.domain
-    )
-    if tester.spec is not None:
-        tester = replace(tester, spec=structs.replace(tester.spec, seed=seed).with_budget(budget))
-    driving = campaign_again(
-        campaign,
-        strategy,
-        tester,
-        budget,
-        what=["fresh", seed],
-        terms={"fresh": True},
-        how=how,
-        named=named,
-    )
-    tests = _driven(driving.folder)
-    if len(tests) < fresh:
-        complete(driving, how)
-    else:
-        outcomes = Counter(test.outcome for test in tests[:fresh])
-        say_complete(driving.folder, Counts.of(outcomes), how.get("on_event"))
-    described = tester.described["driver"]
-    return _fresh_roads(Path(campaign), driving.folder, fresh, seed, described)
-
-
-def recorded_driver(store: CampaignStore) -> Mapping[str, JSONValue]:
-    """The driver of a campaign, as it describes it."""
-    described = store.config["driver"]
-    return described if isinstance(described, Mapping) else {}
-
-
-def _fresh_seed(store: CampaignStore) -> int:
-    """The least seed that is not a campaign's."""
-    taken = store.config.get("seed")
-    return next(number for number in count() if number != taken)
-
-
-def _fresh_roads(
-    campaign: Path, folder: Path, fresh: int, seed: int, driver: Mapping[str, JSONValue]
-) -> FreshRoads:
-    """The fresh roads in a folder, as far as they were driven."""
-    ids = tuple(test.id for test in _driven(folder)[:fresh])
-    return FreshRoads(campaign, folder, fresh, seed, driver, ids)
-
-
-def fresh_roads_as_recorded(
-    campaign: Path | str,
-    spec: Spec,
-    *,
-    fresh: int = FRESH,
-    is_trusted: bool = False,
-    **how: Unpack[How],
-) -> FreshRoads:
-    """`fresh_roads` with the driver of a campaign as it was then.
-
-    A driver of the user's own is made in a process of its own, from the source that the campaign
-    keeps if it was edited since: two versions of one module never meet in one process.
-
-    Args:
-        campaign: its folder.
-        spec: its spec.
-        fresh: number of roads.
-        is_trusted: as for `as_recorded`.
-        how: see `How`.
-
-    Raises:
-        CampaignError: the source was edited and the campaign keeps none, or as for `fresh_roads`.
-        FreneticError: it is code that this user has not trusted, see `frenetic.parts.trust`.
-    """
-    with as_recorded(campaign, spec, is_trusted=is_trusted) as old:
-        recorded = old.spec
-        if not DRIVERS.is_own(recorded.part("driver").name):
-            return fresh_roads(campaign, old.tester(), fresh=fresh, **how)
-        return _in_process(old, fresh, how)
-
-
-def _in_process(old: OldVersion, fresh: int, how: How) -> FreshRoads:
-    """The fresh roads of an old version, driven in a process of its own; Ctrl-C ends that."""
-    on_event = how.get("on_event") or (lambda _: None)
-    with CampaignStore.open(old.campaign) as store:
-        seed, described = _fresh_seed(store), recorded_driver(store)
-    now, folder = Summary(), old.campaign
-    worker = ObjectProcess("the old version", pack(old), files=())
-
-    def on_interrupt() -> None:
-        on_event(Event("interrupted", now))
-
-    with catch_interrupt(on_interrupt) as interrupt:
-        try:
-            worker.start()
-            workers, isolate = how.get("workers", 1), how.get("isolate", False)
-            worker.send(
-                *("drive", fresh, workers, isolate),
-                limit=math.inf,
-                answer=str,
-                report=tuple[EventKind, Progress],
-            )
-            while len(worker) and not interrupt.requested:
-                for _ in ready([worker], _POLL):
-                    for message in filter(None, worker.receive()):
-                        if isinstance(message, str):
-                            folder = Path(message)
-                            continue
-                        kind, progress = message
-                        now = progress.summary()
-                        folder = now.folder
-                        on_event(Event(kind, now))
-        except LostWorkerError as error:
-            raise CampaignError(f"the old version did not drive: {error}") from None
-        finally:
-            worker.kill()
-    return _fresh_roads(old.campaign, folder, fresh, seed, described)
-
-
-@dataclass(frozen=True)
-class OldVersion:
-    """The driver of a campaign as it was then, which a process makes and lets drive."""
-
-    campaign: Path
-    spec: Spec
-    folder: Path
-    """From which the campaign's code is loaded."""
-    place: Path | None
-    """Folder with its source as it was then; None if that is where it was."""
-    others: frozenset[str] = field(default_factory=user_folders)
-    """Folders of other versions' modules, which its process does not look into."""
-
-    def start(self) -> None:
-        """Finds its source before any other."""
-        path = [place for place in sys.path if place not in self.others]
-        sys.path[:] = path if self.place is None else [str(self.place), *path]
-
-    def tester(self) -> RoadTester:
-        """Drives with it on the campaign's terms; unlike `campaign_tester`, it warns of nothing."""
-        with CampaignStore.open(self.campaign) as store, chdir(self.place or self.folder):
-            return RoadTester.of(self.spec, store.setting.terms)
-
-    def drive(self, fresh: int, workers: int, isolate: bool) -> str:
-        """Lets it drive on fresh roads, and reports events; returns the folder of its campaign."""
-
-        def on_event(event: Event) -> None:
-            report((event.kind, Progress.of_summary(event.summary)))
-
-        how: How = {"workers": workers, "isolate": isolate, "on_event": on_event}
-        # A source that lies in a temporary folder gets no signature, which would outlive that.
-        named = "random" if self.place is None else None
-        return str(_drive_fresh(self.campaign, self.tester(), fresh, how, named=named).folder)
-
-    def close(self) -> None:
-        """Has nothing to close."""
-
-
-def _driven(folder: Path) -> list[Test]:
-    """Return the tests of a campaign that were driven, by their ids; none without a campaign."""
-    if not (folder / DATABASE).exists():
-        return []
-    with CampaignStore.open(folder) as store:
-        driven = [test for test in store.tests() if test.outcome.is_simulated]
-        return sorted(driven, key=lambda test: test.id)
-
-
-def compare_versions(roads: FreshRoads, tester: RoadTester, **how: Unpack[How]) -> BackToBack:
-    """Lets a new version drive on the same roads, and compares it with the old one.
-
-    Args:
-        roads: as the old version drove them.
+        roads: roads that the old version has driven.
         tester: drives with the new version on the campaign's terms.
-        how: see `How`.
+        options: see `RerunOptions`.
 
     Raises:
-        CampaignError: both versions are the same, or as for
-            `frenetic.rerun.campaigns.campaign_again`.
+        CampaignError: both versions are the same, or see
+            `frenetic.rerun.campaigns.rerun_campaign`.
     """
-    described = tester.described
-    check_differ(roads.driver, described["driver"])
+    new, simulator = tester.described["driver"], tester.described["simulator"]
+    check_differ(roads.driver, new)
     with CampaignStore.open(roads.campaign) as store:
         domain = store.setting.domain
         failed = store.tests(Outcome.FAIL, with_repeats=False)
@@ -493,19 +267,19 @@ def compare_versions(roads: FreshRoads, tester: RoadTester, **how: Unpack[How]) 
     missing = roads.count - len(roads.tests)
     sets: list[PairedRoads] = []
     for folder, ids in ((roads.folder, roads.tests), (roads.campaign, failing)):
-        again = () if missing else drive_tests(folder, tester, ids, how=how).tests
-        sets.append(PairedRoads(folder, tuple(Pair(t.recorded, t.drives[0].test) for t in again)))
-        missing += len(ids) - len(again)
+        repeats = () if missing else drive_tests(folder, tester, ids, options=options).tests
+        pairs = tuple(Pair(test.recorded, test.drives[0].test) for test in repeats)
+        sets.append(PairedRoads(folder, pairs))
+        missing += len(ids) - len(repeats)
     fresh, known = sets
-    new, simulator = described["driver"], described["simulator"]
     return BackToBack(roads.driver, new, simulator, roads.seed, fresh, known, domain, missing)
 
 
 def check_differ(old: Mapping[str, JSONValue], new: Mapping[str, JSONValue]) -> None:
-    """Refuses two versions, as `frenetic.spec.part_record.describe` gives them, that are the same.
+    """Refuse two equal versions, in the form of `frenetic.spec.part_record.describe`.
 
     Raises:
-        CampaignError: they are.
+        CampaignError: both versions are the same.
     """
     if comparison_key(old) == comparison_key(new):
         raise CampaignError(
@@ -523,18 +297,18 @@ def back_to_back(
     fresh: int = FRESH,
     workers: int = 1,
 ) -> BackToBack:
-    """Compares two versions of a driver on fresh random roads and on those on which one failed.
+    """Compare two versions of a driver on fresh random roads and on the old version's failures.
 
     Args:
-        campaign: folder of the campaign of the old version.
-        simulator: any, not yet entered.
-        old: the version of the campaign.
-        new: the other version.
+        campaign: folder of the old version's campaign.
+        simulator: any simulator, not yet entered.
+        old: the old version, which drove in the campaign.
+        new: the new version.
         fresh: number of random roads.
         workers: roads driven at once.
 
     Raises:
-        CampaignError: both versions are the same, or as for `fresh_roads`.
+        CampaignError: both versions are the same, or see `fresh_roads`.
         ValueError: an option is out of range.
     """
     with CampaignStore.open(campaign) as store:
@@ -543,73 +317,3 @@ def back_to_back(
     check_differ(*(tester.described["driver"] for tester in testers))
     roads = fresh_roads(campaign, testers[0], fresh=fresh, workers=workers)
     return compare_versions(roads, testers[1], workers=workers)
-
-
-@contextmanager
-def as_recorded(
-    folder: Path | str, spec: Spec, *, is_trusted: bool = False
-) -> Iterator[OldVersion]:
-    """A campaign's driver as it was then.
-
-    If its source was edited since, the one that the campaign keeps lies in a temporary folder
-    meanwhile.
-
-    Args:
-        folder: of the campaign.
-        spec: of the campaign.
-        is_trusted: whether the user trusts the campaign, with the sources that it keeps.
-
-    Raises:
-        CampaignError: the source was edited, and the campaign keeps none.
-        FreneticError: it is code that this user has not trusted, see `frenetic.parts.trust`.
-    """
-    with CampaignStore.open(folder) as store:
-        sources: Any = store.fact(SOURCES)
-        made = {kind: part for kind, part in spec.parts.items() if kind not in NOT_DRIVING}
-        code_folder = signed_spec(store).require_trusted(
-            folder, needed=made, sources=sources, is_trusted=is_trusted, optional=()
-        )
-    sources = sources if isinstance(sources, Mapping) else {}
-    driver = spec.part("driver")
-    with chdir(code_folder):
-        present = sources_named(driver.name)
-    is_other = not sources.items() >= present.items() or bool(sources and not present)
-    if not (is_other and DRIVERS.is_own(driver.name)):
-        yield OldVersion(Path(folder), spec, code_folder, None)
-        return
-    if not sources:
-        raise CampaignError(
-            f"{folder} keeps no source of its driver {driver.name!r}: bring the old version"
-            " back first"
-        )
-    with TemporaryDirectory() as text:
-        temporary = Path(text).resolve()
-        for file, source in sources.items():
-            target = (temporary / file).resolve()
-            if not target.is_relative_to(temporary):
-                raise CampaignError(f"{folder} is damaged: it keeps the source of {file!r}")
-            target.parent.mkdir(parents=True, exist_ok=True)
-            target.write_text(str(source), encoding="utf-8", newline="\n")
-        restored = _with_sources_in(temporary, spec, code_folder)
-        yield OldVersion(Path(folder), restored, code_folder, temporary)
-
-
-def _with_sources_in(place: Path, spec: Spec, folder: Path) -> Spec:
-    """A spec for that place, whose driver and simulator of the user's own have their sources there.
-
-    Args:
-        place: with sources by the names under which a campaign keeps them.
-        spec: of the campaign.
-        folder: from which other files of the parts go.
-    """
-    words = {}
-    for kind in ("driver", "simulator"):
-        (name, options), registry = spec.part(kind), REGISTRIES[kind]
-        module, _, attribute = name.rpartition(":")
-        if not (module and registry.is_own(name)):
-            words[kind] = part_word(*registry.absolute(name, options, folder))
-            continue
-        if module.endswith(".py"):
-            name = f"{place / Path(module).name}:{attribute}"
-        words[kind] = part_word(name, absolute_files(options, folder))
-    return structs.replace(spec, **words)

@@ -1,15 +1,15 @@
-"""Campaigns beside another one: they drive its roads again, or how often its driver fails.
+"""Campaigns beside another one, which drive its roads again or estimate how often its driver fails.
 
-They lie in the folder ``again`` of that one's. Each has a folder of its own, named after a digest
-of what it drives with what. So the same call goes on with an interrupted one, gives a complete one
-as it is, and never replaces another.
+They lie in the folder ``rerun`` of the other campaign's folder. Each has a folder named after a
+digest of its roads and parts. So the same call continues an interrupted campaign, returns a
+complete one as it is, and never replaces another.
 """
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, TypedDict
 
@@ -26,71 +26,78 @@ from frenetic.errors import CampaignError, CampaignGoneError
 from frenetic.parts.versions import SHORT
 from frenetic.search import Strategy
 
-FOLDER: Final = "again"
-"""Folder, in that of a campaign, of the campaigns beside it."""
-TERMS: Final = "again"
-"""Entry of such a campaign's configuration: why it drives them."""
+FOLDER: Final = "rerun"
+"""Subfolder of a campaign's folder that holds the campaigns beside it."""
+PURPOSE: Final = "rerun"
+"""Configuration key of a campaign beside another one: why it drives."""
 
 
-class How(TypedDict, total=False):
-    """Options of all that drives roads again."""
+class RerunOptions(TypedDict, total=False):
+    """Options of every function that drives roads again."""
 
     workers: int
     """Number of roads driven at once, as for `Campaign`; 1 by default."""
     isolate: bool
-    """Whether a single worker drives in a process of its own, likewise; not by default."""
+    """Whether a single worker drives in its own process, as for `Campaign`; False by default."""
     out: Path | str | None
-    """Folder of the campaign that drives them; by default one in the campaign's own."""
+    """Folder of the campaign that drives; by default a new one in the other campaign's folder."""
     on_event: Callable[[Event], object] | None
     """Called with each event of the campaign that drives, see `Campaign.run`."""
 
 
-def campaign_again(
-    folder: Path | str | None,
-    strategy: Strategy,
-    tester: RoadTester,
-    budget: Budget,
-    *,
-    what: object,
-    terms: Mapping[str, JSONValue],
-    how: How,
-    objective: str = MOOBD,
-    named: str | None = None,
-    lookahead: int | None = None,
+@dataclass(frozen=True)
+class RerunPlan:
+    """What a campaign beside another one drives, and why."""
+
+    strategy: Strategy
+    """Strategy that has proposed nothing yet."""
+    budget: Budget
+    """Budget of the driving campaign; a larger one than before lets it go on."""
+    identity: object
+    """JSON that tells the campaign from others, together with the purpose and the parts."""
+    purpose: Mapping[str, JSONValue]
+    """Entry `PURPOSE` of the campaign's configuration, such as ``{"minimised": True}``."""
+    objective: str = MOOBD
+    """Objective whose values the strategy gets beside the result of each drive."""
+    strategy_name: str | None = None
+    """Name of the strategy on a command line; None if it has no name."""
+    lookahead: int | None = None
+    """Candidates in flight at once, as for `Campaign`."""
+
+
+def rerun_campaign(
+    folder: Path | str | None, plan: RerunPlan, tester: RoadTester, options: RerunOptions
 ) -> Campaign:
-    """The campaign that drives roads of another one again, not yet run.
+    """Return the campaign that drives a plan beside another campaign, not yet run.
 
     Args:
-        folder: of the campaign whose roads they are; None if they are no campaign's, then ``out``
-            is needed.
-        strategy: fresh.
-        tester: drives.
-        budget: of the driving campaign; a larger one than before lets it go on.
-        what: what is driven, as JSON; with the terms and parts it tells the campaign from others.
-        terms: why it is driven, for the campaign's configuration.
-        how: see `How`.
-        objective: what else its strategy is told of a drive.
-        named: name of the strategy on a command line, if it has one.
-        lookahead: as for `Campaign`.
+        folder: folder of the other campaign; None without one, then ``out`` is needed.
+        plan: what is driven.
+        tester: drives the roads.
+        options: see `RerunOptions`.
 
     Raises:
-        CampaignError: ``out`` holds something else, or the folder is gone.
+        CampaignError: ``out`` holds another campaign, or the folder is gone.
         ValueError: an option is out of range.
     """
-    if folder is not None and not Path(folder).is_dir():  # the new one must not make it again
+    strategy, budget = plan.strategy, plan.budget
+    if folder is not None and not Path(folder).is_dir():  # the new campaign must not recreate it
         raise CampaignGoneError(f"{folder} was moved or deleted while its roads were driven again")
     parts, terms_of_drives = tester.described, {**vars(tester.terms), "domain": strategy.domain}
     driven = [parts["driver"], parts["simulator"], tester.simulator.rules, terms_of_drives]
-    text = json.encode([what, terms, driven], order="sorted", enc_hook=plain)
+    identity = [plan.identity, plan.purpose, driven]
+    text = json.encode(identity, order="sorted", enc_hook=plain)
     digest = hashlib.sha256(text).hexdigest()[:SHORT]
-    place = Path(how.get("out") or Path(folder or "") / FOLDER / digest)
-    workers = require_count("workers", how.get("workers", 1))
+    place = Path(options.get("out") or Path(folder or "") / FOLDER / digest)
+    workers = require_count("workers", options.get("workers", 1))
     if (place / DATABASE).is_file():
         with CampaignStore.open(place) as store:
-            if terms_of(store).get("digest") != digest:
+            if purpose_of(store).get("digest") != digest:
                 raise CampaignError(f"{place} holds another campaign: choose another place")
-    # Of the spec, only what it makes has been trusted (`frenetic.parts.trust`).
-    spec = tester.spec and structs.replace(tester.spec, strategy=named, objective=objective)
+    # Only the parts that the spec makes are trusted (`frenetic.parts.trust`).
+    spec = tester.spec and structs.replace(
+        tester.spec, strategy=plan.strategy_name, objective=plan.objective
+    )
     with tester.in_folder():
         return Campaign(
             strategy=strategy,
@@ -100,27 +107,27 @@ def campaign_again(
             budget=budget,
             folder=place,
             workers=min(workers, budget.simulations or workers),
-            isolate=how.get("isolate", False),
-            lookahead=lookahead,
-            objective=objective,
+            isolate=options.get("isolate", False),
+            lookahead=plan.lookahead,
+            objective=plan.objective,
             spec=spec,
-            description={TERMS: {**terms, "digest": digest}},
+            description={PURPOSE: {**plan.purpose, "digest": digest}},
         )
 
 
-def complete(campaign: Campaign, how: How) -> None:
-    """Makes the drives of a `campaign_again` that are missing.
+def drive_missing(campaign: Campaign, on_event: Callable[[Event], object] | None = None) -> None:
+    """Make the missing drives of a `rerun_campaign`.
 
     Raises:
         CampaignError: nothing can be stored, no worker can be started, or no drive can be judged.
         CampaignGoneError: the folder was moved or deleted meanwhile.
     """
     try:
-        _drive_missing(campaign, how.get("on_event"))
+        _run_or_resume(campaign, on_event)
     except CampaignGoneError as error:
         if campaign.folder.parent.name != FOLDER:
             raise
-        folder = campaign.folder.parents[1]  # of the campaign whose roads they are
+        folder = campaign.folder.parents[1]  # of the other campaign
         if folder.is_dir():
             raise
         fate = "deleted while its roads were driven again, and the drives with it: restore a copy"
@@ -132,8 +139,8 @@ def complete(campaign: Campaign, how: How) -> None:
         raise CampaignGoneError(f"{folder} was {fate}") from error
 
 
-def _drive_missing(campaign: Campaign, on_event: Callable[[Event], object] | None) -> None:
-    """Runs or resumes a campaign; one that is complete only says so, see `say_complete`."""
+def _run_or_resume(campaign: Campaign, on_event: Callable[[Event], object] | None) -> None:
+    """Run or resume a campaign; report a complete one as such."""
     if not (campaign.folder / DATABASE).is_file():
         campaign.run(on_event=on_event)
         return
@@ -141,38 +148,39 @@ def _drive_missing(campaign: Campaign, on_event: Callable[[Event], object] | Non
         facts, before = store.facts, stored_budget(store).simulations
         counts = store.counts()
     assert campaign.budget is not None
-    is_whole = facts.get("ended") or before == campaign.budget.simulations
-    if "finished_at" not in facts or facts.get("interrupted") or not is_whole:
+    is_spent = facts.get("ended") or before == campaign.budget.simulations
+    if "finished_at" not in facts or facts.get("interrupted") or not is_spent:
         campaign.resume(on_event=on_event)
     else:
-        say_complete(campaign.folder, counts, on_event)
+        report_complete(campaign.folder, counts, on_event)
 
 
-def say_complete(folder: Path, counts: Counts, on_event: Callable[[Event], object] | None) -> None:
-    """Tell ``on_event`` that a campaign holds these drives, and that none is missing."""
+def report_complete(
+    folder: Path, counts: Counts, on_event: Callable[[Event], object] | None
+) -> None:
+    """Report to ``on_event`` that a campaign holds all of its drives, with their counts."""
     if on_event is not None:
         on_event(Event("complete", Summary.over(counts, folder=folder, budget_spent=1.0)))
 
 
-def terms_of(store: CampaignStore) -> Mapping[str, Any]:
-    """Why a campaign drives roads again, see `campaign_again`; empty if it does not."""
-    terms = store.config.get(TERMS)
-    return terms if isinstance(terms, Mapping) else {}
+def purpose_of(store: CampaignStore) -> Mapping[str, Any]:
+    """Return why a campaign drives beside another one; an empty mapping for other campaigns."""
+    purpose = store.config.get(PURPOSE)
+    return purpose if isinstance(purpose, Mapping) else {}
 
 
-def driven_again(folder: Path | str) -> Iterator[Path]:
-    """The folders of the campaigns that drove a campaign's roads again, the oldest first.
+def rerun_folders(folder: Path | str) -> Iterator[Path]:
+    """Return the folders of the campaigns beside a campaign, the oldest first.
 
-    Those that were interrupted come before all others. So whoever lets the last one count lets
-    nothing interrupted replace anything complete.
+    Interrupted campaigns come before complete ones, so a later complete one wins.
 
     Raises:
-        CampaignError: one of them is damaged.
+        CampaignError: one of these campaigns is damaged.
     """
-    found: list[tuple[bool, str, Path]] = []
+    rows: list[tuple[bool, str, Path]] = []
     for database in sorted((Path(folder) / FOLDER).glob(f"*/{DATABASE}")):
         with CampaignStore.open(database.parent) as store:
             facts = store.facts
-            is_whole = "finished_at" in facts and not facts.get("interrupted")
-            found.append((is_whole, str(store.fact("created_at")), database.parent))
-    return (place for *_, place in sorted(found))
+            is_complete = "finished_at" in facts and not facts.get("interrupted")
+            rows.append((is_complete, str(store.fact("created_at")), database.parent))
+    return (place for *_, place in sorted(rows))

@@ -15,17 +15,17 @@ from frenetic.rerun.rerun import Rerun
 from frenetic.rerun.stability import Change, Repeats, matches_text
 
 SUITE: Final = "frenetic rerun"
-"""Name of the suites in a file."""
+"""Name of the root element of a file."""
 # Characters that XML 1.0 cannot hold, even escaped.
 _NO_XML: Final = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 _FAILS: Final = (Change.FAILS_AGAIN, Change.FAILS_NOW)
 
 
 def write_junit(rerun: Rerun, path: Path | str) -> None:
-    """Writes a rerun as a JUnit XML file.
+    """Write a rerun as a JUnit XML file.
 
-    A road on which the driver fails is a failure, one that could not be judged an error. The
-    outcome before and MOOBD are properties of the test case.
+    A road on which the driver fails is a failure; a road that could not be judged is an error. The
+    recorded outcome and the MOOBDs are properties of the test case.
 
     Raises:
         CampaignError: the file cannot be written.
@@ -34,7 +34,7 @@ def write_junit(rerun: Rerun, path: Path | str) -> None:
 
 
 def junit(rerun: Rerun) -> bytes:
-    """A rerun as JUnit XML, UTF-8."""
+    """Return a rerun as JUnit XML in UTF-8."""
     tests = rerun.tests
     counts = {
         "tests": str(len(tests)),
@@ -91,7 +91,7 @@ def _add_properties(parent: ET.Element, values: Mapping[str, str]) -> None:
 
 
 def _text(text: str) -> str:
-    """A text for XML: characters that it cannot hold are escaped as in Python."""
+    """Return a text for XML, with the characters that XML cannot hold escaped as in Python."""
     return _NO_XML.sub(lambda match: ascii(match[0])[1:-1], text)
 
 

@@ -1,36 +1,33 @@
-"""The shortest and plainest road on which a driver still has the same failure.
+"""Minimise failing roads: find the shortest and plainest road with the same failure.
 
-The roads that are tried are a campaign of their own, so minimising goes on where it was
-interrupted. `Minimising` is its strategy.
+The tried roads are a campaign, so minimising goes on where it was interrupted.
+`frenetic.rerun.minimising_strategy` proposes them.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from itertools import zip_longest
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import MappingProxyType
-from typing import Any, ClassVar, Final, NamedTuple, Unpack
+from typing import Final, Unpack
 
 import numpy as np
 
-from frenetic._support.arrays import FloatArray
 from frenetic._support.bounds import require_count
 from frenetic.analysis.causes import kind_number
-from frenetic.analysis.failures import THRESHOLD, CauseGroup, Failure
-from frenetic.campaign.database import DATABASE
+from frenetic.analysis.clusters import CauseGroup
+from frenetic.analysis.failures import Failure
 from frenetic.campaign.guarded_strategy import replay
 from frenetic.campaign.objective import Objective
 from frenetic.campaign.record import Test
 from frenetic.campaign.second_drive import Match
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester
-from frenetic.conditions.condition import in_words, named, quantity, without
-from frenetic.criteria.criterion import LANE
+from frenetic.conditions.condition import in_words, quantity
 from frenetic.errors import (
     BREAKS_PROTOCOL,
     ENDS_ITS_PROCESS,
@@ -38,321 +35,69 @@ from frenetic.errors import (
     IS_KILLED,
     CampaignError,
     CampaignGoneError,
-    Fault,
     FreneticError,
 )
-from frenetic.oracle.drive import Rules
-from frenetic.oracle.outcome import Outcome
-from frenetic.oracle.verdict import Finding
-from frenetic.rerun.campaigns import How, campaign_again, complete
-from frenetic.rerun.shrinker import Answer, Shape, Shrinker, Trials
+from frenetic.rerun.campaigns import RerunOptions, RerunPlan, drive_missing, rerun_campaign
+from frenetic.rerun.minimising_strategy import OPERATOR, FailureReason, Minimising, shape_of
+from frenetic.rerun.shrinker import Shape
 from frenetic.road import Road, profile
-from frenetic.search.archive import places_of
-from frenetic.search.conditions import moved_along
-from frenetic.search.records import Candidate, Evaluation, Origin
-from frenetic.search.strategy import Ledger, SearchEnded, Strategy
+from frenetic.road.classes import RoadClass
+from frenetic.search.records import Candidate, Origin
 from frenetic.simulators.conditions import Conditions, usual_conditions
 from frenetic.spec import Budget
 
 MAX_DRIVES: Final = 500
 """Default for the most drives per road."""
-GUARD: Final = 0.02
-"""Share by which the curvatures of a road's neighbours differ, which must fail as well."""
-OPERATOR: Final = "minimise"
-"""Operator in the origin of the tried roads."""
 LEAST_EACH: Final = 50
-"""Drives with which most roads come near their final length."""
+"""Number of drives with which most roads come near their final length."""
 MOST_EACH: Final = 120
-"""Drives after which hardly any gets shorter."""
+"""Number of drives after which hardly any road gets shorter."""
 CAUSE: Final = f"{kind_number.__module__}:{kind_number.__name__}"
-"""Objective of the campaigns that drive."""
-_BISECTIONS: Final = 6
-_FAR: Final = 200.0
-"""Amount in m that stands for the usual one of a view without end."""
-_MINIMAL: Final = "nothing smaller was found to fail"
+"""Name of the objective of the campaigns that drive."""
 
 
-class FailureReason(StrEnum):
-    """Reason of a failed drive. Two drives failed for the same reason if these are equal."""
-
-    LEFT_LANE_LEFT = "left the lane to the left"
-    LEFT_LANE_RIGHT = "left the lane to the right"
-    STOOD_STILL = "stood still"
-    RAN_OUT_OF_TIME = "ran out of time"
-    EXCEEDED_A_LIMIT = "exceeded a limit"
-    DRIVER_BROKE = "the driver broke"
-
-    @classmethod
-    def of(
-        cls,
-        finding: Finding | None,
-        duration: float | None,
-        timeout: float,
-        fault: Fault | None = None,
-    ) -> FailureReason:
-        """The reason of a failed drive.
-
-        Args:
-            finding: gravest breach of a criterion; None if there is none.
-            duration: simulated time in s.
-            timeout: s that the road's drive may take.
-            fault: the driver's, if it ended the drive.
-        """
-        if fault is not None:
-            return cls.DRIVER_BROKE
-        if finding is not None and finding.criterion != LANE:
-            return cls.EXCEEDED_A_LIMIT
-        if finding is not None:
-            return cls.LEFT_LANE_LEFT if finding.side == "left" else cls.LEFT_LANE_RIGHT
-        return cls.RAN_OUT_OF_TIME if (duration or 0.0) > timeout else cls.STOOD_STILL
-
-
-class Ending(StrEnum):
+class StopReason(StrEnum):
     """Reason for the end of minimising."""
 
     MINIMAL = "minimal"
-    """No pass finds anything smaller."""
+    """No pass finds a smaller road."""
     SPENT = "spent"
     """The allowed drives or time are spent."""
     STOPPED = "stopped"
-    """It was interrupted, or gave up: the same call goes on."""
-
-
-class Minimising(Strategy):
-    """Proposes a failing road, and then ever smaller ones that may have the same failure.
-
-    It waits for each result. A road has the same failure if reason and kind of cause are the same,
-    and road, offsets and speeds before it differ by no more than within one distinct failure.
-
-    Args:
-        start: the failing road.
-        rules: by which drives fail.
-        conditions: in which it fails.
-        usual: what is usual of these, as far as it is known.
-        speed_limits: speed limits of the failing road, (k, 2) in m and km/h. On smaller roads a
-            limit begins at a sample.
-    """
-
-    BEHAVIOUR: Final = 2
-    expects_failures: ClassVar[bool] = True
-
-    def __init__(
-        self,
-        start: Shape,
-        rules: Rules,
-        conditions: Conditions,
-        usual: Conditions,
-        speed_limits: FloatArray | None = None,
-    ) -> None:
-        self.options = {"curvatures": list(start.values), "step": start.step}
-        self._start, self._limits = start, speed_limits
-        if start.slopes:
-            self.options["slopes"] = [list(pair) for pair in start.slopes]
-        if conditions:
-            self.options |= {"conditions": dict(conditions), "usual": dict(usual)}
-        self.smallest: Candidate | None = None
-        """The smallest road so far, in its plainest conditions."""
-        self.passes: dict[str, float] = {}
-        """Quantity -> amount nearer to the usual one with which the smallest road does not fail."""
-        self._usual = usual
-        self._conditions = dict(conditions)
-        self._trying: Conditions | None = None  # in place of those of the smallest
-        self._tried: dict[Shape, Candidate] = {}  # the last of each
-        self.shrinker: Shrinker | None = None
-        """The smallest road so far; None until the first one has failed."""
-        self.is_minimal = False
-        """Whether no pass finds anything smaller."""
-        self._rules = rules
-        self._next: Shape | None = start
-        self._run: Trials[None] | None = None
-        self.failure: _Found | None = None
-        """That of the first road."""
-        self._ledger = Ledger()
-
-    def ask(self) -> Candidate | None:
-        """The next road; None while it is tried."""
-        if self._next is None:
-            if len(self._ledger):
-                return None
-            raise SearchEnded(_MINIMAL if self.is_minimal else "the road does not fail")
-        shape, self._next = self._next, None
-        notes: dict[str, Any] = {}
-        if self.shrinker is not None:
-            best = self.shrinker.best
-            notes = {"pass": self.shrinker.work, "length": best.length, "curves": best.curves}
-        values = np.array(shape.values)
-        stations = np.arange(len(values)) * shape.step
-        profiles: dict[str, FloatArray] = {
-            name: profile.plainer(name, np.column_stack([stations, column]))
-            for name, column in zip(profile.NAMES, zip(*shape.slopes, strict=True), strict=False)
-            if any(column)
-        }
-        if shape == self._start and self._limits is not None:
-            profiles[profile.LIMITS] = self._limits
-        origin = Origin(OPERATOR)
-        own: dict[str, Any] = {"conditions": self._conditions_on(shape), **profiles}
-        candidate = self._ledger.issue(values, shape.step, origin, notes=notes, **own)
-        self._tried[shape] = candidate
-        return candidate
-
-    @property
-    def conditions(self) -> Conditions:
-        """Conditions in which the smallest road fails."""
-        return self._conditions if self.smallest is None else self.smallest.conditions
-
-    def _conditions_on(self, shape: Shape) -> Conditions:
-        """Conditions for a road: what lies on it stays where it was on the smallest one.
-
-        That is at its distance from the end if the roads begin differently.
-        """
-        if self._trying is not None:
-            return self._trying
-        if self.shrinker is None:
-            return self.conditions
-        best = self.shrinker.best
-        count = min(len(best), len(shape), 3)
-        begins_alike = shape.step == best.step and np.allclose(
-            shape.values[:count], best.values[:count], rtol=2.0 * GUARD, atol=1e-12
-        )
-        return moved_along(self.conditions, 0.0 if begins_alike else shape.length - best.length)
-
-    def _work(self) -> Trials[None]:
-        """Leaves conditions out, then shrinks the road, then moves conditions towards the usual."""
-        assert self.shrinker is not None
-        for name in named(self.conditions):
-            yield from self._in_conditions(without(self.conditions, name))
-        yield from self.shrinker.run()
-        for name in named(self.conditions):
-            yield from self._towards_usual(name)
-
-    def _in_conditions(self, conditions: Conditions) -> Trials[bool]:
-        """Tries the smallest road in other conditions, and keeps them if it fails there."""
-        assert self.shrinker is not None
-        self._trying = conditions
-        answer = yield self.shrinker.best
-        self._trying = None
-        if answer is Answer.YES:
-            self.smallest = self._tried[self.shrinker.best]
-        return answer is Answer.YES
-
-    def _towards_usual(self, name: str) -> Trials[None]:
-        """Moves an amount towards the usual one as far as the failure lasts, by bisection."""
-        if (yield from self._in_conditions(without(self.conditions, name))):
-            return  # the shorter road does not need it
-        fails, usual = self.conditions[name], self._usual.get(name)
-        if usual is None:
-            return
-        passes = usual if math.isfinite(usual) else max(2.0 * fails, _FAR)
-        for _ in range(_BISECTIONS):
-            middle = float(f"{0.5 * (fails + passes):.2g}")
-            if not min(fails, passes) < middle < max(fails, passes):
-                break
-            if (yield from self._in_conditions({**self.conditions, name: middle})):
-                fails = middle
-            else:
-                passes = middle
-        self.passes[name] = passes
-
-    def tell(self, evaluation: Evaluation) -> None:
-        """Takes the result of the road that was proposed last.
-
-        Raises:
-            ValueError: see `Ledger.settle`.
-        """
-        candidate = self._ledger.settle(evaluation)
-        found = self._failure_of(evaluation, candidate)
-        if self._run is None:
-            if found is not None:
-                self.failure = found
-                self.shrinker = Shrinker(
-                    _shape_of(candidate),
-                    lambda shape: (shape.scaled(1.0 - GUARD), shape.scaled(1.0 + GUARD)),
-                    place=None if evaluation.finding is None else evaluation.finding.distance,
-                )
-                self.smallest = candidate
-                self._run = self._work()
-                self._advance(None)
-            return
-        if evaluation.outcome is Outcome.INVALID:
-            self._advance(Answer.REFUSED)
-        else:
-            self._advance(Answer.YES if self._is_like(found) else Answer.NO)
-
-    def _advance(self, answer: Answer | None) -> None:
-        assert self._run is not None
-        assert self.shrinker is not None
-        best = self.shrinker.best
-        try:
-            # A generator is started with None.
-            self._next = self._run.send(answer)  # type: ignore[arg-type]
-        except StopIteration:
-            self.is_minimal = True
-        if self.shrinker.best != best:
-            self.smallest = self._tried[self.shrinker.best]
-
-    def _failure_of(self, evaluation: Evaluation, candidate: Candidate) -> _Found | None:
-        if evaluation.outcome is not Outcome.FAIL:
-            return None
-        timeout = self._rules.timeout(candidate.length)
-        fault = evaluation.fault
-        reason = FailureReason.of(evaluation.finding, evaluation.duration, timeout, fault)
-        approach = places_of(evaluation, candidate, 0.0)[0].vector
-        return _Found(reason, approach, evaluation.objective, fault)
-
-    def _is_like(self, found: _Found | None) -> bool:
-        first = self.failure
-        if found is None or first is None or found.reason is not first.reason:
-            return False
-        if found.fault is not None:
-            return found.fault.is_like(first.fault)
-        if found.cause != first.cause:
-            return False
-        return float(np.linalg.norm(found.approach - first.approach)) <= THRESHOLD
-
-
-class _Found(NamedTuple):
-    """A failure of a drive."""
-
-    reason: FailureReason
-    approach: FloatArray
-    """Approach to its place, (64,) in m."""
-    cause: float | None
-    """See `kind_number`."""
-    fault: Fault | None
+    """Minimising was interrupted or gave up: the same call goes on."""
 
 
 @dataclass(frozen=True, eq=False)
 class Minimised:
-    """The result of minimising a failing road."""
+    """Result of minimising a failing road."""
 
     original: Test
-    """The drive on the road."""
+    """Drive on the failing road."""
     passes: Conditions
-    """Quantity of its conditions -> amount nearer to the usual one with which it does not fail."""
+    """Condition -> amount nearer to the usual one with which the smallest road passes."""
     smallest: Test
-    """The drive on the smallest road with the same failure; possibly the original."""
+    """Drive on the smallest road with the same failure; possibly the original."""
     reason: FailureReason
-    """Why the drives on both roads failed."""
+    """Reason for which the drives on both roads failed."""
     drives: int
-    """Number of all drives on the road and smaller ones, also of earlier calls."""
+    """Number of all drives, earlier calls included."""
     new_drives: int
-    """Number of the drives that this call made."""
+    """Number of drives of this call."""
     folder: str
-    """Name of their campaign's folder in ``again`` of the campaign whose road it is."""
-    ending: Ending
-    trouble: str | None
-    """Reason for giving up, if any: the simulator or driver broke repeatedly."""
+    """Name of the folder of the campaign that drove, in ``rerun`` of the road's campaign."""
+    stop_reason: StopReason
+    error: str | None
+    """Reason for giving up: the simulator or driver broke repeatedly; None otherwise."""
     is_guarded: bool
-    """Whether it fails, too, with all curvatures smaller or larger by `GUARD`."""
+    """Whether the smallest road also fails with all curvatures smaller or larger by `GUARD`."""
     match: Match | None = None
-    """How the original fails now, beside the failure that its campaign recorded; None without a
-    campaign."""
+    """Match of the original's failure now with the recorded failure; None without a campaign."""
 
     @property
     def difference(self) -> float:
-        """Difference of the failures on both roads in m, at most that within a cluster.
+        """Difference of the failures on both roads, in m; at most `THRESHOLD`.
 
-        Faults of the driver at the same line are the same failure, wherever they happen.
+        It is 0 for a fault of the driver, which is the same failure wherever the line raises.
         """
         if self.smallest.result.fault is not None:
             return 0.0
@@ -367,31 +112,20 @@ class Minimised:
         return self.smallest.candidate.conditions
 
     def conditions_in_words(self) -> str:
-        """These, and the nearest usual amounts with which it does not; empty without any."""
+        """Return the conditions in words, with the amounts that make the smallest road pass."""
         texts = in_words(self.conditions)
         bounds = [f"{quantity(name).text(value)}" for name, value in self.passes.items()]
         return f"{texts}; not with {' or '.join(bounds)}" if bounds else texts
 
     @property
     def road(self) -> Road:
-        """The smallest road."""
+        """Smallest road."""
         return self.smallest.road
 
     @property
     def shapes(self) -> tuple[Shape, Shape]:
-        """The original road and the smallest without their places."""
-        return _shape_of(self.original.candidate), _shape_of(self.smallest.candidate)
-
-
-def _shape_of(road: Candidate) -> Shape:
-    """A candidate's road without its place."""
-    stations = np.arange(len(road.curvatures)) * road.step
-    columns = [
-        () if values is None else profile.values_of(name, values, stations).tolist()
-        for name, values in ((name, getattr(road, name)) for name in profile.NAMES)
-    ]
-    slopes = tuple(zip_longest(*columns, fillvalue=0.0))
-    return Shape(tuple(road.curvatures), road.step, slopes)
+        """Shapes of the original and the smallest road."""
+        return shape_of(self.original.candidate), shape_of(self.smallest.candidate)
 
 
 def minimise(
@@ -402,86 +136,84 @@ def minimise(
     seconds: float | None = None,
     folder: Path | str | None = None,
     conditions: Conditions = MappingProxyType({}),
-    **how: Unpack[How],
+    **options: Unpack[RerunOptions],
 ) -> Minimised:
-    """The smallest road found with the same failure, in the plainest conditions.
+    """Return the smallest road with the same failure, in the plainest conditions.
 
     Smaller is shorter, or as long and plainer, in the order of `frenetic.rerun.shrinker.Shape`.
-    Every kept road is valid, was driven and has the failure, and so did
-    two neighbours of it, with all curvatures smaller and larger by `GUARD`: the failure survives a
-    slight change. Where those of the original do not fail, roads are kept without such
-    neighbours until one with them is found. No road is driven twice, and the result is
-    deterministic.
+    Each road that the search keeps is valid and was driven with the failure. So were two neighbours
+    of it, with all curvatures smaller and larger by `GUARD`: the failure survives a slight change.
+    If a neighbour of the original passes, roads may lack failing neighbours until one has them. No
+    road is driven twice, and the result is deterministic.
 
     Args:
-        road: fails.
+        road: failing road.
         tester: drives roads on the terms of the failure.
         max_drives: most drives to spend; refused roads cost none.
-        seconds: most wall time to spend; None for any.
-        conditions: in which the road fails. Those that the failure does not need are left out; the
-            others are moved towards the usual ones as far as the failure lasts.
-        folder: of the campaign whose road it is, which keeps the drives; by default none are kept.
-        how: see `How`.
+        seconds: most wall time to spend, in s; None for no limit.
+        conditions: conditions in which the road fails. The result lacks those that the failure does
+            not need; the others move towards the usual ones as far as the failure lasts.
+        folder: folder of the road's campaign, which keeps the drives; by default none are kept.
+        options: see `RerunOptions`.
 
     Raises:
         FreneticError: the road does not fail.
-        CampaignError: as for `frenetic.rerun.campaigns.campaign_again`.
-        ValueError: a number is out of range, or the road has other lanes than the tester.
+        CampaignError: see `frenetic.rerun.campaigns.rerun_campaign`.
+        ValueError: a number is out of range, or the lanes of road and tester differ in width.
     """
     max_drives = require_count("max_drives", max_drives)
     terms = tester.terms
     if road.lane_width != terms.lane_width:
         raise ValueError(
-            f"the road's lanes are {road.lane_width:g} m wide, those of the tester"
+            f"the road's lanes are {road.lane_width:g} m wide, the tester's"
             f" {terms.lane_width:g} m: they have to agree"
         )
-    profiles = {name: getattr(road, name) for name in profile.NAMES}
-    if terms.road_class is not None:
-        # It says itself how a shorter road leans and widens.
-        usual = terms.road_class.profiles(road.curvatures, road.step)
-        for name, values in usual.items():
-            if np.array_equal(profiles[name], values):
-                profiles[name] = None
-    start = _shape_of(
-        Candidate(
-            1,
-            road.curvatures,
-            road.step,
-            Origin(OPERATOR),
-            **profiles,
-        )
-    )
     usual = usual_conditions(conditions, tester.simulator) | {
         name: amount for name, amount in terms.conditions.items() if name in conditions
     }
-    limits = road.speed_limits if len(road.speed_limits) else None
-    strategy = Minimising(start, tester.simulator.rules, conditions, usual, limits)
-    budget, trouble = Budget(simulations=max_drives, time=seconds), None
+    new_strategy = partial(
+        Minimising,
+        _start_shape(road, terms.road_class),
+        tester.simulator.rules,
+        conditions,
+        usual,
+        road.speed_limits if len(road.speed_limits) else None,
+    )
+    strategy, error_text = new_strategy(), None
+    plan = RerunPlan(
+        strategy,
+        Budget(simulations=max_drives, time=seconds),
+        identity=strategy.options,
+        purpose={"minimised": True},
+        objective=CAUSE,
+    )
     with TemporaryDirectory() as temporary:
-        campaign = campaign_again(
-            temporary if folder is None else folder,
-            strategy,
-            tester,
-            budget,
-            what=strategy.options,
-            objective=CAUSE,
-            terms={"minimised": True},
-            how=how,
-        )
+        driving_folder = temporary if folder is None else folder
+        campaign = rerun_campaign(driving_folder, plan, tester, options)
         before = _simulations(campaign.folder)
         try:
-            complete(campaign, how)
+            drive_missing(campaign, options.get("on_event"))
         except CampaignGoneError:
             raise
         except CampaignError as error:
             if strategy.shrinker is None:
                 raise
-            trouble = str(error)
+            error_text = str(error)
         with CampaignStore.open(campaign.folder) as store:
-            if strategy.shrinker is None:  # nothing was left to be driven
-                strategy = Minimising(start, tester.simulator.rules, conditions, usual, limits)
-                replay(store, strategy, budget, Objective.load(CAUSE))
-            return _minimised(store, strategy, max_drives, trouble, before)
+            if strategy.shrinker is None:  # no drive was missing
+                strategy = new_strategy()
+                replay(store, strategy, plan.budget, Objective.load(CAUSE))
+            return _minimised(store, strategy, max_drives, error_text, before)
+
+
+def _start_shape(road: Road, road_class: RoadClass | None) -> Shape:
+    """Return a road's shape without the profiles that its class gives shorter roads, too."""
+    profiles = {name: getattr(road, name) for name in profile.NAMES}
+    if road_class is not None:
+        for name, values in road_class.profiles(road.curvatures, road.step).items():
+            if np.array_equal(profiles[name], values):
+                profiles[name] = None
+    return shape_of(Candidate(1, road.curvatures, road.step, Origin(OPERATOR), **profiles))
 
 
 def _simulations(folder: Path) -> int:
@@ -493,19 +225,19 @@ def _simulations(folder: Path) -> int:
 
 
 def _minimised(
-    store: CampaignStore, strategy: Minimising, max_drives: int, trouble: str | None, before: int
+    store: CampaignStore, strategy: Minimising, max_drives: int, error: str | None, before: int
 ) -> Minimised:
-    tested = next(store.tests(), None)
-    if tested is None:
-        raise KeyboardInterrupt  # before anything was driven
+    """Return the result of a strategy, from its campaign with ``before`` earlier drives."""
+    first = next(store.tests(), None)
+    if first is None:
+        raise KeyboardInterrupt  # Ctrl-C came before the first drive
     if strategy.shrinker is None or strategy.smallest is None or strategy.failure is None:
         raise FreneticError(
-            f"only a road that fails can be minimised; this one is {tested.outcome}:"
-            f" {tested.reason}"
+            f"only a road that fails can be minimised; this one is {first.outcome}: {first.reason}"
         )
     drives = store.counts().simulations
-    is_stopped = trouble is not None or bool(store.facts.get("interrupted"))
-    ending = Ending.STOPPED if is_stopped and drives < max_drives else Ending.SPENT
+    is_stopped = error is not None or bool(store.facts.get("interrupted"))
+    stop_reason = StopReason.STOPPED if is_stopped and drives < max_drives else StopReason.SPENT
     return Minimised(
         original=store.test(1),
         passes=dict(strategy.passes),
@@ -514,8 +246,8 @@ def _minimised(
         drives=drives,
         new_drives=drives - before,
         folder=store.folder.name,
-        ending=Ending.MINIMAL if strategy.is_minimal else ending,
-        trouble=trouble,
+        stop_reason=StopReason.MINIMAL if strategy.is_minimal else stop_reason,
+        error=error,
         is_guarded=strategy.shrinker.is_guarded,
     )
 
@@ -526,27 +258,28 @@ def minimise_causes(
     tester: RoadTester,
     drives: int,
     seconds: float | None = None,
-    **how: Unpack[How],
+    **options: Unpack[RerunOptions],
 ) -> Iterator[tuple[int, Minimised | FreneticError]]:
-    """Minimises a failure of each cause, of the first ones first.
+    """Minimise one failure of each cause, in the order of the causes, until an interruption.
 
-    Each gets the same share of the drives, at most `MOST_EACH`; causes for which less than
-    `LEAST_EACH` were left get none, nor do drivers that hang or end their process, which takes
-    long. An interruption ends it.
+    Each cause gets the same share of the drives, at most `MOST_EACH`. Causes for which fewer than
+    `LEAST_EACH` drives are left get none. Drivers that hang or end their process get none, because
+    each such drive takes long.
 
     Args:
-        folder: of the campaign.
-        causes: of its failures, the most frequent ones first.
+        folder: folder of the campaign.
+        causes: causes of the campaign's failures, the most frequent ones first.
         tester: drives as the campaign did.
-        drives: most drives for all of them.
-        seconds: most wall time for all of them; less may shorten them less. None for any.
-        how: see `How`.
+        drives: most drives for all causes.
+        seconds: most wall time for all causes, in s; None for no limit. With less time, roads may
+            stay longer.
+        options: see `RerunOptions`.
 
     Yields:
-        Id of a test, and the minimised road or why there is none: it does not fail again, say.
+        Id of a test, and the minimised road or the error, such as a road that does not fail again.
     """
-    lasting = HANGS, ENDS_ITS_PROCESS, IS_KILLED, BREAKS_PROTOCOL
-    quick = [cause for cause in causes if not (cause.fault and cause.fault.kind in lasting)]
+    slow = HANGS, ENDS_ITS_PROCESS, IS_KILLED, BREAKS_PROTOCOL
+    quick = [cause for cause in causes if not (cause.fault and cause.fault.kind in slow)]
     chosen = quick[: max(1, drives // LEAST_EACH)]
     if not chosen:
         return
@@ -556,14 +289,14 @@ def minimise_causes(
     share = None if seconds is None else seconds / len(tests)
     for test in tests:
         try:
-            found = minimise_test(folder, test, tester, max_drives=most, seconds=share, **how)
+            result = minimise_test(folder, test, tester, max_drives=most, seconds=share, **options)
         except CampaignGoneError:
             raise
         except FreneticError as error:
             yield test.id, error
             continue
-        yield test.id, found
-        if found.ending is Ending.STOPPED:
+        yield test.id, result
+        if result.stop_reason is StopReason.STOPPED:
             return
 
 
@@ -574,33 +307,32 @@ def minimise_test(
     *,
     max_drives: int = MAX_DRIVES,
     seconds: float | None = None,
-    kept: Path | str | None = None,
-    **how: Unpack[How],
+    drives_folder: Path | str | None = None,
+    **options: Unpack[RerunOptions],
 ) -> Minimised:
-    """Minimises a campaign's failing road, and says whether it still fails as recorded.
+    """Minimise the road of a campaign's failed test, and match its failure with the recorded one.
 
     Args:
-        folder: of the campaign.
-        test: the test.
-        tester: as for `minimise`, like the other arguments.
-        max_drives: see there.
-        seconds: see there.
-        kept: folder for the drives; by default the campaign's.
-        how: see there.
+        folder: folder of the campaign.
+        test: failed test of the campaign.
+        tester: drives roads on the terms of the failure.
+        max_drives: most drives to spend; refused roads cost none.
+        seconds: most wall time to spend, in s; None for no limit.
+        drives_folder: folder that keeps the drives; by default the campaign's.
+        options: see `RerunOptions`.
 
     Raises:
-        FreneticError: as for `minimise`.
-        ValueError: likewise.
+        FreneticError: the road does not fail, or see `minimise`.
+        ValueError: a number is out of range, or see `minimise`.
     """
-    place = folder if kept is None else kept
     minimised = minimise(
         test.road,
         tester,
         conditions=test.candidate.conditions,
         max_drives=max_drives,
         seconds=seconds,
-        folder=place,
-        **how,
+        folder=folder if drives_folder is None else drives_folder,
+        **options,
     )
     with CampaignStore.open(folder) as store:
         recorded = Failure.of_test(store.test(test.id))

@@ -1,4 +1,4 @@
-"""The strategy that drives another campaign's roads again."""
+"""The strategy that proposes the roads of another campaign."""
 
 from __future__ import annotations
 
@@ -19,25 +19,27 @@ from frenetic.simulators.conditions import check_conditions
 OPERATOR: Final = "again"
 """Operator in the origin of roads that are driven again."""
 
-ByTest: TypeAlias = Sequence[Mapping[str, float]] | Mapping[int, Sequence[Mapping[str, float]]]
-"""Conditions of each drive of a test: all tests alike, or by their ids."""
+DriveConditions: TypeAlias = (
+    Sequence[Mapping[str, float]] | Mapping[int, Sequence[Mapping[str, float]]]
+)
+"""Conditions of each drive of a test: the same for all tests, or by the tests' ids."""
 
 
-class Again(Strategy):
-    """Proposes the roads of a campaign's tests, each once in each of some conditions.
+class ReplayRoads(Strategy):
+    """Strategy that proposes the roads of a campaign's tests, once in each of several conditions.
 
     Args:
-        campaign: its folder.
-        tests: ids of the tests; they have to be driven ones.
-        conditions: of each drive of a test, by the names of `frenetic.conditions`, as far as they
-            differ from the test's own; all tests alike, or by their ids. By default one drive in
-            the test's own conditions.
-        instead: quantities of which the tests' own amounts do not count, since driver or simulator
-            have others.
+        campaign: folder of the campaign.
+        tests: ids of its tests, which must have been driven.
+        conditions: conditions of each drive of a test, by the names of `frenetic.conditions`, where
+            they differ from the test's recorded ones. By default one drive in the recorded ones.
+        instead: quantities whose recorded amounts do not count, because driver or simulator have
+            others.
 
     Raises:
-        CampaignError: there is no such campaign or test, it is damaged, or a test was not driven.
-        ValueError: conditions are none.
+        CampaignError: the campaign or a test does not exist, the campaign is damaged, or a test was
+            not driven.
+        ValueError: a condition is unknown or not a finite number.
     """
 
     BEHAVIOUR: Final = 1
@@ -47,45 +49,45 @@ class Again(Strategy):
         self,
         campaign: Path | str,
         tests: Iterable[int],
-        conditions: ByTest = ({},),
+        conditions: DriveConditions = ({},),
         instead: Iterable[str] = (),
     ) -> None:
         tests = list(tests)
         by_test: dict[int, list[dict[str, float]]] = {}
-        for number in tests:
-            own = conditions[number] if isinstance(conditions, Mapping) else conditions
-            by_test[number] = [dict(one) for one in own]
-        for one in chain(*by_test.values()):
-            check_conditions(one)
+        for test in tests:
+            test_conditions = conditions[test] if isinstance(conditions, Mapping) else conditions
+            by_test[test] = [dict(amounts) for amounts in test_conditions]
+        for amounts in chain(*by_test.values()):
+            check_conditions(amounts)
         with CampaignStore.open(campaign) as store:
-            roads = [_driven(store, number) for number in tests]
-            made_at = store.fact("created_at")
+            roads = [_driven_candidate(store, test) for test in tests]
+            created_at = store.fact("created_at")
         instead = require_list("instead", instead, "quantities")
-        instead = sorted(name for name in instead if any(name in one.conditions for one in roads))
+        instead = sorted(name for name in instead if any(name in road.conditions for road in roads))
         self._campaign = str(campaign)
         self.options: Mapping[str, Any] = {
-            "made_at": made_at,  # the campaign may be moved, and be named from elsewhere
+            "made_at": created_at,  # the campaign may move, or be named by another path
             "tests": tests,
-            "conditions": {str(number): own for number, own in by_test.items()}
+            "conditions": {str(test): amounts for test, amounts in by_test.items()}
             if isinstance(conditions, Mapping)
-            else [dict(one) for one in conditions],
+            else [dict(amounts) for amounts in conditions],
             **({"instead": instead} if instead else {}),
         }
         drives = [
-            (road, i, {**without(road.conditions, *instead), **one})
+            (road, i, {**without(road.conditions, *instead), **amounts})
             for road in roads
-            for i, one in enumerate(by_test[road.id])
+            for i, amounts in enumerate(by_test[road.id])
         ]
         self._count = len(drives)
         self._drives = iter(drives)
         self._ledger = Ledger()
 
     def __len__(self) -> int:
-        """Number of drives in all."""
+        """Return the number of all drives."""
         return self._count
 
     def ask(self) -> Candidate:
-        """The next road; raises `SearchEnded` after the last."""
+        """Return the next road; raise `SearchEnded` after the last."""
         drive = next(self._drives, None)
         if drive is None:
             raise SearchEnded("every road was driven again")
@@ -102,7 +104,7 @@ class Again(Strategy):
         )
 
     def tell(self, evaluation: Evaluation) -> None:
-        """Takes the result of a candidate.
+        """Take the result of a candidate.
 
         Raises:
             ValueError: see `Ledger.settle`.
@@ -110,7 +112,8 @@ class Again(Strategy):
         self._ledger.settle(evaluation)
 
 
-def _driven(store: CampaignStore, number: int) -> Candidate:
+def _driven_candidate(store: CampaignStore, number: int) -> Candidate:
+    """Return the candidate of a test that was driven."""
     test = store.test(number, with_trajectory=False)
     if not test.outcome.is_simulated:
         raise CampaignError(

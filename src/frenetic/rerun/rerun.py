@@ -1,13 +1,13 @@
-"""Rerun: a campaign's roads, driven again; again and again, otherwise, elsewhere, or by another.
+"""Rerun: drive a campaign's roads again, also in other conditions, simulators or by other drivers.
 
-The roads lie where they lay, in the conditions that a test of a domain has. With the campaign's own
-parts, each drive is the same unless driver or simulator is not repeatable. Conditions vary within
-given ranges: the friction of the road, the speed limit, the driver's noise and so on. Another
-driver shows what is fixed, another simulator what says something of the driver.
+The roads keep their places on the map and their recorded conditions. With the campaign's parts each
+drive repeats exactly, unless driver or simulator is not repeatable. Conditions can vary within
+ranges: friction, speed limit, the driver's noise and so on. Another driver shows which failures it
+has fixed; another simulator shows which failures are the driver's.
 
-In the same conditions a failure is *repeatable* or *not repeatable*. Where conditions vary it is
-*robust* if the same failure is there in at least half of the drives and *fragile* if in less; the
-whole 95 % interval must be on one side.
+In the recorded conditions a failure is *repeatable* or *not repeatable*. In varied conditions it is
+*robust* if at least half of the drives show it and *fragile* if fewer do; the whole 95 % interval
+must be on one side.
 """
 
 from __future__ import annotations
@@ -35,10 +35,17 @@ from frenetic.errors import CampaignError
 from frenetic.oracle.drive import Rules
 from frenetic.oracle.outcome import Outcome
 from frenetic.parts.versions import SHORT, comparison_key, differences
-from frenetic.rerun.campaigns import How, campaign_again, complete, driven_again, terms_of
-from frenetic.rerun.replay import Again, ByTest
+from frenetic.rerun.campaigns import (
+    RerunOptions,
+    RerunPlan,
+    drive_missing,
+    purpose_of,
+    rerun_campaign,
+    rerun_folders,
+)
+from frenetic.rerun.replay import DriveConditions, ReplayRoads
 from frenetic.rerun.stability import Change, Repeat, Repeats, matches_json, matches_text
-from frenetic.rerun.variations import Variation, draw_conditions, own_conditions
+from frenetic.rerun.variations import Variation, draw_conditions, recorded_conditions
 from frenetic.simulators.conditions import check_pair_in
 from frenetic.simulators.simulator import Simulator
 from frenetic.spec import Budget, Spec
@@ -49,24 +56,25 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Rerun:
-    """Tests of a campaign, driven again with the same parts."""
+    """Drives on the roads of a campaign's tests, all with the same parts."""
 
     campaign: str
     """Name of the folder of the campaign whose roads these are."""
     driver: Mapping[str, JSONValue]
-    """In the form of a campaign's description, like the simulator."""
+    """Driver, as `frenetic.spec.part_record.describe` records it."""
     simulator: Mapping[str, JSONValue]
+    """Simulator, as `frenetic.spec.part_record.describe` records it."""
     rules: Rules
     planned: int
     """Number of planned drives; Ctrl-C leaves fewer."""
     tests: tuple[Repeats, ...]
-    """The tests in the order of choice."""
+    """Repeats of each test, in the order in which the tests were chosen."""
     variations: tuple[Variation, ...] = ()
     """Ranges from which the conditions were drawn."""
     conditions: Mapping[str, float] = field(default_factory=dict)
-    """Conditions of all drives, beside those of each."""
+    """Conditions of every drive; each drive may have more."""
     folder: Path | None = None
-    """Folder of the campaign that drove them; None if there was nothing to drive."""
+    """Folder of the campaign that drove the roads; None if there was nothing to drive."""
 
     @property
     def drives(self) -> list[Repeat]:
@@ -80,22 +88,22 @@ class Rerun:
 
     @property
     def same(self) -> int:
-        """Number of drives whose outcome and MOOBD are exactly as before."""
+        """Number of drives with exactly the recorded outcome and MOOBD."""
         return sum(drive.is_same for drive in self.drives)
 
     def count(self, change: Change) -> int:
-        """Tests with this change."""
+        """Return the number of tests with a change."""
         return sum(test.change is change for test in self.tests)
 
     @property
     def passed(self) -> bool:
-        """Whether all were driven again, and all drives passed."""
-        good = (Change.PASSES_NOW, Change.PASSES_AGAIN)
-        return self.missing == 0 and all(test.change in good for test in self.tests)
+        """Whether no drive is missing and all drives passed."""
+        passing = (Change.PASSES_NOW, Change.PASSES_AGAIN)
+        return self.missing == 0 and all(test.change in passing for test in self.tests)
 
     @cached_property
     def key(self) -> str:
-        """Digits for simulator, driver, rules and conditions."""
+        """Hexadecimal digest of simulator, driver, rules and conditions."""
         rules, conditions = self.rules.as_json(), dict(self.conditions)
         parts = comparison_key(self.simulator, self.driver, rules, conditions)
         return hashlib.sha256(parts.encode()).hexdigest()[:SHORT]
@@ -110,7 +118,7 @@ class Rerun:
         return ", ".join(texts)
 
     def as_json(self) -> dict[str, JSONValue]:
-        """The rerun as a JSON object, without trajectories."""
+        """Return the rerun as a JSON object, without trajectories."""
         return {
             "campaign": self.campaign,
             "folder": None if self.folder is None else str(self.folder),
@@ -128,27 +136,30 @@ class Rerun:
 
 
 @dataclass(frozen=True)
-class _Terms:
-    """Entry of a rerun's configuration."""
+class _RerunPurpose:
+    """Entry of a rerun's configuration, see `frenetic.rerun.campaigns.PURPOSE`."""
 
     digest: str
     planned: int
     variations: tuple[Variation, ...] = ()
 
 
-def unsaid_rules(store: CampaignStore, spec: Spec) -> Rules | None:
-    """The rules of a campaign from Python, with those that a spec says; None for named parts."""
+def recorded_rules(store: CampaignStore, spec: Spec) -> Rules | None:
+    """Return the recorded rules of a campaign from Python, overridden by those that a spec gives.
+
+    None for a campaign with a spec, whose rules follow from its named parts.
+    """
     if store.config.get(SPEC) is not None:
         return None
     return spec.driving_spec(has_roads=True).rules_over(store.setting.rules)
 
 
 def campaign_tester(store: CampaignStore, spec: Spec) -> RoadTester:
-    """Drives a campaign's roads, possibly with other parts; warns of other versions of its own.
+    """Return a tester for a campaign's roads; warn of parts whose version has changed.
 
     Args:
         store: the campaign.
-        spec: its own, possibly with other parts, rules and conditions.
+        spec: the campaign's spec, possibly with other parts, rules and conditions.
 
     Raises:
         CampaignError: the campaign's configuration is damaged.
@@ -157,7 +168,7 @@ def campaign_tester(store: CampaignStore, spec: Spec) -> RoadTester:
     setting = store.setting
     terms = replace(spec.terms, map_size=setting.map_size, margin=setting.margin)
     terms = replace(terms, lane_width=setting.lane_width, road_class=setting.road_class)
-    terms, rules = replace(terms, domain=setting.domain), unsaid_rules(store, spec)
+    terms, rules = replace(terms, domain=setting.domain), recorded_rules(store, spec)
     tester = RoadTester.of(spec, terms, rules)
     for note in version_notes(store.config, tester.described):
         logger.warning("%s", note)
@@ -165,13 +176,13 @@ def campaign_tester(store: CampaignStore, spec: Spec) -> RoadTester:
 
 
 def rerun(folder: Path | str, simulator: Simulator, driver: Driver, **options: Any) -> Rerun:
-    """Drives tests of a campaign again on its terms, see `rerun_with` for the options and errors.
+    """Drive tests of a campaign again on its terms.
 
     Args:
-        folder: of the campaign.
-        simulator: any, not yet entered.
-        driver: any.
-        options: as for `rerun_with`.
+        folder: folder of the campaign.
+        simulator: any simulator, not yet entered.
+        driver: any driver.
+        options: options of `rerun_with`, which also says what is raised.
     """
     with CampaignStore.open(folder) as store:
         tester = RoadTester(simulator, driver, store.setting.terms)
@@ -189,28 +200,28 @@ def rerun_with(
     vary: Sequence[Variation] = (),
     seed: int = 0,
     instead: Iterable[str] = (),
-    **how: Unpack[How],
+    **options: Unpack[RerunOptions],
 ) -> Rerun:
-    """Drives tests of a campaign again, each where it lay on the map, in its own conditions.
+    """Drive tests of a campaign again, each at its place on the map and in its recorded conditions.
 
-    A varied quantity has the same amounts in every test, but for a usual range around a test's own
-    amount. An interrupted rerun goes on, a complete one is read.
+    A varied quantity has the same amounts in every test, except that a usual range lies around a
+    test's recorded amount. An interrupted rerun goes on, a complete one is read.
 
     Args:
-        folder: of the campaign.
-        tester: drives, on the campaign's terms or in other conditions; see `campaign_tester`.
-        tests: ids; all failures by default, the most severe first.
-        times: drives of each.
+        folder: folder of the campaign.
+        tester: drives on the campaign's terms or in other conditions; see `campaign_tester`.
+        tests: ids of tests; by default all failures, the most severe first.
+        times: number of drives of each test.
         vary: ranges of the varied quantities; none by default.
-        seed: of the conditions.
-        instead: quantities of which the tests' own amounts do not count, since simulator or driver
-            have others.
-        how: see `How`.
+        seed: seed of the conditions.
+        instead: quantities whose recorded amounts do not count, because simulator or driver have
+            others.
+        options: see `RerunOptions`.
 
     Raises:
-        CampaignError: the campaign is damaged, a test was not driven, or as for
-            `frenetic.rerun.campaigns`.
-        FreneticError: the simulator cannot vary one of the quantities, a test's own among them.
+        CampaignError: the campaign is damaged, a test was not driven, or see
+            `frenetic.rerun.campaigns.rerun_campaign`.
+        FreneticError: the simulator cannot vary a quantity, or cannot have a recorded condition.
         ValueError: an option is out of range.
     """
     seed = int(seed)  # which may be numpy's
@@ -229,13 +240,14 @@ def rerun_with(
         candidates = [store.test(number, with_trajectory=False).candidate for number in tests]
     simulator, driver, terms = tester.simulator, tester.driver, tester.terms
     recorded = {
-        road.id: without(own_conditions(road, simulator.rules), *instead) for road in candidates
+        road.id: without(recorded_conditions(road, simulator.rules), *instead)
+        for road in candidates
     }
-    # Of tests with the same quantities one stands for all.
+    # One test of those with the same quantities is checked.
     by_quantities = {frozenset(amounts): amounts for amounts in recorded.values()}
     for amounts in ({}, *by_quantities.values()):
         check_pair_in(terms.conditions_of({**amounts, **drawn[0]}), simulator, driver)
-    conditions: ByTest = drawn
+    conditions: DriveConditions = drawn
     if any(
         variation.of(amounts) != variation for variation in vary for amounts in recorded.values()
     ):
@@ -243,22 +255,39 @@ def rerun_with(
             number: draw_conditions([variation.of(amounts) for variation in vary], times, seed)
             for number, amounts in recorded.items()
         }
-    return drive_tests(folder, tester, tests, conditions, variations=vary, instead=instead, how=how)
+    return drive_tests(
+        folder, tester, tests, conditions, variations=vary, instead=instead, options=options
+    )
 
 
 def drive_tests(
     folder: Path | str,
     tester: RoadTester,
     tests: Iterable[int],
-    conditions: ByTest = ({},),
+    conditions: DriveConditions = ({},),
     *,
     variations: Sequence[Variation] = (),
     instead: Iterable[str] = (),
-    how: How,
+    options: RerunOptions,
 ) -> Rerun:
-    """The same in given conditions, as `Again` takes them; see `rerun` for the rest."""
+    """Drive tests of a campaign again in the conditions given, see `ReplayRoads`.
+
+    Args:
+        folder: folder of the campaign.
+        tester: drives.
+        tests: ids of tests.
+        conditions: conditions of each drive.
+        variations: ranges from which the conditions were drawn, for the record.
+        instead: quantities whose recorded amounts do not count.
+        options: see `RerunOptions`.
+
+    Raises:
+        CampaignError: the campaign is damaged, a test was not driven, or see
+            `frenetic.rerun.campaigns.rerun_campaign`.
+        ValueError: an option is out of range.
+    """
     tests = list(dict.fromkeys(tests))
-    strategy = Again(folder, tests, conditions, instead)
+    strategy = ReplayRoads(folder, tests, conditions, instead)
     simulator = tester.simulator
     if not tests:
         return Rerun(
@@ -269,35 +298,30 @@ def drive_tests(
             planned=0,
             tests=(),
         )
-    campaign = campaign_again(
-        folder,
+    plan = RerunPlan(
         strategy,
-        tester,
         Budget(simulations=len(strategy)),
-        what=strategy.options,
-        terms={
-            "planned": len(strategy),
-            "variations": to_builtins(tuple(variations)),
-        },
-        how=how,
+        identity=strategy.options,
+        purpose={"planned": len(strategy), "variations": to_builtins(tuple(variations))},
     )
-    complete(campaign, how)
+    campaign = rerun_campaign(folder, plan, tester, options)
+    drive_missing(campaign, options.get("on_event"))
     return read_rerun(campaign.folder, folder)
 
 
 def read_rerun(folder: Path | str, source: Path | str) -> Rerun:
-    """The rerun in a folder, as far as it came.
+    """Return the rerun in a folder, possibly incomplete.
 
     Args:
-        folder: of the campaign that drove the roads.
-        source: of the campaign whose roads they are.
+        folder: folder of the campaign that drove the roads.
+        source: folder of the campaign whose roads they are.
 
     Raises:
-        CampaignError: one of them is damaged, or roads were not driven again there.
+        CampaignError: a campaign is damaged, or ``folder`` holds no rerun.
     """
     with CampaignStore.open(folder) as store, CampaignStore.open(source) as original:
         try:
-            terms = convert(terms_of(store), _Terms)
+            purpose = convert(purpose_of(store), _RerunPurpose)
         except ValidationError as error:
             raise CampaignError(f"{folder} is no rerun of a campaign: {error}") from None
         recorded: dict[int, tuple[Test, Failure | None]] = {}
@@ -307,18 +331,19 @@ def read_rerun(folder: Path | str, source: Path | str) -> Rerun:
                 raise CampaignError(f"{folder} is damaged: test {test.id} has no source")
             number = test.candidate.source.test
             if number not in recorded:
-                own = original.test(number)
-                recorded[number] = own, Failure.of_test(own)
+                original_test = original.test(number)
+                recorded[number] = original_test, Failure.of_test(original_test)
             before, failure = recorded[number]
-            again = Failure.of_test(test) if failure is not None else None
-            difference = None if failure is None or again is None else failure.difference(again)
+            failure_now = Failure.of_test(test) if failure is not None else None
+            difference = (
+                None if failure is None or failure_now is None else failure.difference(failure_now)
+            )
             drives.setdefault(number, []).append(Repeat(before, test, difference))
         parts: Any = store.config
-        setting, own_setting = store.setting, original.setting
-        is_alike = setting.rules == own_setting.rules
+        setting, original_setting = store.setting, original.setting
         is_own = (
-            is_alike
-            and setting.conditions == own_setting.conditions
+            setting.rules == original_setting.rules
+            and setting.conditions == original_setting.conditions
             and not any(
                 differences(kind, parts[kind], original.config.get(kind))
                 for kind in ("driver", "simulator")
@@ -329,12 +354,12 @@ def read_rerun(folder: Path | str, source: Path | str) -> Rerun:
             parts["driver"],
             parts["simulator"],
             setting.rules,
-            terms.planned,
+            purpose.planned,
             tuple(
-                _repeats(recorded[number][0], repeats, terms.variations, setting.rules, is_own)
+                _repeats(recorded[number][0], repeats, purpose.variations, setting.rules, is_own)
                 for number, repeats in drives.items()
             ),
-            terms.variations,
+            purpose.variations,
             setting.conditions,
             Path(folder),
         )
@@ -347,7 +372,7 @@ def _repeats(
     rules: Rules,
     is_own: bool,
 ) -> Repeats:
-    """The drives of a test, and whether they differ from its campaign's in the variations alone."""
+    """Return the drives of a test; they are the campaign's own if only varied conditions differ."""
     conditions = recorded.candidate.conditions
     varied = [variation.quantity for variation in variations]
     is_own &= all(
@@ -355,68 +380,68 @@ def _repeats(
         for drive in drives
     )
     ranges = tuple(
-        variation.of(own_conditions(recorded.candidate, rules)) for variation in variations
+        variation.of(recorded_conditions(recorded.candidate, rules)) for variation in variations
     )
     return Repeats(recorded, tuple(drives), ranges, is_own)
 
 
 def read_reruns(folder: Path | str) -> list[Rerun]:
-    """The reruns of a campaign, interrupted ones first, the latest last.
+    """Return the reruns of a campaign, interrupted ones first, the latest last.
 
     Raises:
-        CampaignError: one of them is damaged.
+        CampaignError: a rerun is damaged.
     """
-    found = []
-    for place in driven_again(folder):
-        with CampaignStore.open(place) as store:
-            is_rerun = "planned" in terms_of(store)
+    reruns = []
+    for rerun_folder in rerun_folders(folder):
+        with CampaignStore.open(rerun_folder) as store:
+            is_rerun = "planned" in purpose_of(store)
         if is_rerun:
-            found.append(read_rerun(place, folder))
-    return found
+            reruns.append(read_rerun(rerun_folder, folder))
+    return reruns
 
 
-def name_of(rerun: Rerun, config: Mapping[str, Any]) -> str:
-    """Name of a rerun's simulator, with its driver and conditions if not the campaign's."""
-    there = part_text(rerun.simulator, config.get("simulator"))
+def rerun_name(rerun: Rerun, config: Mapping[str, Any]) -> str:
+    """Return the name of a rerun's simulator, with driver and conditions unless the campaign's."""
+    simulator = part_text(rerun.simulator, config.get("simulator"))
     driver = part_text(rerun.driver, config.get("driver"))
     if dict(rerun.conditions) != (config.get("conditions") or {}):
         words = in_words(rerun.conditions)
-        there += f" with {words}" if words else " in the usual conditions"
-    return there if driver == part_text(config.get("driver")) else f"{driver} in {there}"
+        simulator += f" with {words}" if words else " in the usual conditions"
+    return simulator if driver == part_text(config.get("driver")) else f"{driver} in {simulator}"
 
 
 def own_repeats(reruns: Iterable[Rerun]) -> list[Repeats]:
-    """The most informative repeats of each test with a campaign's own parts.
+    """Return the most informative repeats of each test with a campaign's own parts.
 
-    Those with variations are preferred to those without, those with more judged drives to others,
-    and later ones to earlier ones.
+    Repeats in varied conditions win over others, then more judged drives over fewer, then later
+    reruns over earlier ones.
 
     Args:
-        reruns: as `read_reruns` gives them.
+        reruns: reruns in the order of `read_reruns`.
     """
-    own = [
+    repeats = [
         test
-        for one in reruns
-        for test in one.tests
+        for rerun in reruns
+        for test in rerun.tests
         if test.is_own and test.judged and test.stability is not None
     ]
-    own.sort(key=lambda test: (bool(test.variations), test.judged))  # stable: the last one counts
-    return sorted({test.id: test for test in own}.values(), key=lambda test: test.id)
+    # The sort is stable, so the last of equal ones wins.
+    repeats.sort(key=lambda test: (bool(test.variations), test.judged))
+    return sorted({test.id: test for test in repeats}.values(), key=lambda test: test.id)
 
 
-def elsewhere(reruns: Iterable[Rerun], config: Mapping[str, Any]) -> list[Rerun]:
-    """The reruns in other simulators than the campaign's, one of each simulator, driver and rules.
+def in_other_simulators(reruns: Iterable[Rerun], config: Mapping[str, Any]) -> list[Rerun]:
+    """Return the reruns in other simulators than the campaign's, merged by parts and conditions.
 
-    Of a test's drives with these, the last judged ones count.
+    The last judged drives of each test count.
     """
-    found: dict[object, Rerun] = {}
-    for one in reruns:
-        if not differences("simulator", one.simulator, config.get("simulator")):
+    merged: dict[str, Rerun] = {}
+    for rerun in reruns:
+        if not differences("simulator", rerun.simulator, config.get("simulator")):
             continue
-        before = found.get(one.key)
+        before = merged.get(rerun.key)
         tests = {} if before is None else {test.id: test for test in before.tests}
-        tests |= {test.id: test for test in one.tests if test.judged or test.id not in tests}
-        merged = tuple(tests.values())
-        planned = max(one.planned, sum(len(test.drives) for test in merged))
-        found[one.key] = replace(one, planned=planned, tests=merged)
-    return list(found.values())
+        tests |= {test.id: test for test in rerun.tests if test.judged or test.id not in tests}
+        planned = max(rerun.planned, sum(len(test.drives) for test in tests.values()))
+        merged[rerun.key] = replace(rerun, planned=planned, tests=tuple(tests.values()))
+    return list(merged.values())

@@ -1,9 +1,9 @@
 """Shrinking: from a road with a property to the shortest and plainest that still has it.
 
 The property is the caller's; nothing here knows a simulator. `Shrinker.run` is a generator: it
-gives ever smaller shapes, in the order of `Shape.rank`, takes the answers whether they have the
-property, and keeps each one that has. A pass offers one kind of change, the boldest first; the
-passes take turns until none of them finds anything smaller.
+yields ever smaller shapes, in the order of `Shape.rank`, takes the results whether they have the
+property, and keeps each shape that has it. A pass offers a single kind of change, the boldest
+first; the passes take turns until none of them finds a smaller shape.
 """
 
 from __future__ import annotations
@@ -26,26 +26,26 @@ Values: TypeAlias = tuple[float, ...]
 MOST_DECIMALS: Final = 16
 """Number of decimals assumed for a value that is not round."""
 _STEPS: Final = (10.0, 5.0, 2.0, 1.0)
-"""Steps that a road of more samples is given in m, if they will do."""
+"""Distances between samples, in m, that are tried for a road with a smaller step; ours."""
 _DECIMALS: Final = (2, 3, 4)
-"""Grid of rounded curvatures, in 1/m: 0.01 is a plain number there, a radius of 100 m."""
+"""Decimals of rounded curvatures in 1/m; 0.01 1/m is a radius of 100 m. Ours."""
 _SHARPER: Final = 1.25
-"""Factor on all curvatures when a sample is dropped."""
+"""Factor on all curvatures when a sample is dropped; ours."""
 _BEND: Final = 0.03
-"""Bend on one curvature when the first sample is dropped, in 1/m."""
+"""Change of another sample's curvature when the first sample is dropped, in 1/m; ours."""
 _LIMIT: Final = NAMES.index(LIMITS)
 """Index of the speed limit in each of `Shape.slopes`."""
 CUT_BEHIND: Final = "cut behind"
-"""Name of what comes before the passes."""
+"""Name of the work before the passes."""
 
 
-class Answer(StrEnum):
-    """Whether a shape has the property."""
+class TrialResult(StrEnum):
+    """Whether a tried shape has the property."""
 
     YES = "yes"
     NO = "no"
     REFUSED = "refused"
-    """The shape cannot be tried. Finding that out is no trial."""
+    """The shape cannot be tried; this does not count as a trial."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Shape:
 
     @cached_property
     def rank(self) -> tuple[float | Values, ...]:
-        """Its place in the order of all shapes, shortest and plainest first: a total order.
+        """Sort key of the total order of all shapes, shortest and plainest first.
 
         In this order: length in m, samples, curves, samples on a slope, changes from one sample to
         the next, samples that are not 0, decimals of all values together, sum of the changes, sum
@@ -105,42 +105,43 @@ class Shape:
         )
 
     def replaced(self, begin: int, end: int, values: Iterable[float]) -> Shape:
-        """The shape with other values in place of those from ``begin`` up to before ``end``.
+        """Return the shape with other values for the samples ``begin`` to ``end - 1``.
 
-        The slopes of as many values stay, those of the others go with them.
+        A new value takes over the slopes of the sample it replaces; there are at most as many new
+        values as replaced samples.
         """
         new = tuple(values)
-        kept = self.slopes[: begin + len(new)] + self.slopes[end:]
-        return Shape((*self.values[:begin], *new, *self.values[end:]), self.step, kept)
+        slopes = self.slopes[: begin + len(new)] + self.slopes[end:]
+        return Shape((*self.values[:begin], *new, *self.values[end:]), self.step, slopes)
 
     def scaled(self, factor: float) -> Shape:
-        """The shape with all curvatures multiplied."""
+        """Return the shape with all curvatures multiplied by a factor."""
         return replace(self, values=tuple(factor * value for value in self.values))
 
 
 @dataclass(frozen=True)
 class Improvement:
-    """A smaller shape that has the property."""
+    """Smaller shape that has the property."""
 
     shape: Shape
     by: str
-    """The pass that found it."""
+    """Name of the pass that found the shape."""
     trials: int
-    """Trials spent until then."""
+    """Number of trials until then."""
 
 
-Trials: TypeAlias = Generator[Shape, Answer, T]
-"""Gives shapes to be tried, takes the answers, and returns a value in the end."""
+Trials: TypeAlias = Generator[Shape, TrialResult, T]
+"""Generator that yields shapes to be tried, takes the results, and returns a value in the end."""
 
 
 class Shrinker:
-    """The smallest shape so far, and the answers on others.
+    """Search for the smallest shape with a property.
 
     Args:
-        start: has the property.
-        neighbours: shapes close to a given one, which have the property as well unless they are
-            REFUSED. A shape without such neighbours is kept only while none with them is known.
-        place: where the start shows the property, in m along it; what lies behind is cut first.
+        start: shape that has the property.
+        neighbours: returns shapes close to a shape. A shape is guarded if none of its neighbours
+            lacks the property; from the first guarded shape on, `best` is always guarded.
+        place: where the start shows the property, in m along it; the road behind is cut first.
     """
 
     def __init__(
@@ -150,23 +151,23 @@ class Shrinker:
         place: float | None,
     ) -> None:
         self.best = start
-        """The smallest shape with the property."""
+        """Smallest shape with the property so far."""
         self.improvements: list[Improvement] = []
-        """The improvements, in order; the last one's shape is `best`."""
+        """Improvements in order; the last one's shape is `best`."""
         self.is_guarded = False
-        """Whether the neighbours of `best` have the property, too."""
+        """Whether no neighbour of `best` lacks the property."""
         self.work = CUT_BEHIND
-        """The present pass."""
+        """Name of the present pass."""
         self.trials = 0
-        """Number of trials; finding out that a shape is REFUSED is none."""
+        """Number of trials; a REFUSED shape does not count."""
         self._neighbours = neighbours
         self._place = place
-        self._answers = {start: Answer.YES}
+        self._results = {start: TrialResult.YES}
 
     def run(self) -> Trials[None]:
-        """Cuts behind the place, then runs the passes in turn until none improves anything.
+        """Cut behind the place, then run the passes in turn until none improves anything.
 
-        No shape is tried twice, and the same answers give the same shapes.
+        No shape is tried twice, and the same results give the same shapes.
         """
         self.is_guarded = yield from self._has_guard(self.best)
         if self._place is not None:
@@ -179,10 +180,10 @@ class Shrinker:
                 yield from work(self)
 
     def offer(self, shape: Shape) -> Trials[bool]:
-        """Whether a shape is smaller than the best and has the property; it becomes the best."""
+        """Make a shape the best if it is smaller and has the property; return whether it is."""
         if len(shape) < 2 or not shape.rank < self.best.rank:
             return False
-        if (yield from self._answer(shape)) is not Answer.YES:
+        if (yield from self._result(shape)) is not TrialResult.YES:
             return False
         has_guard = yield from self._has_guard(shape)
         if self.is_guarded and not has_guard:
@@ -194,16 +195,17 @@ class Shrinker:
 
     def _has_guard(self, shape: Shape) -> Trials[bool]:
         for near in self._neighbours(shape):
-            if (yield from self._answer(near)) is Answer.NO:
+            if (yield from self._result(near)) is TrialResult.NO:
                 return False
         return True
 
-    def _answer(self, shape: Shape) -> Trials[Answer]:
-        if shape not in self._answers:
-            answer = yield shape
-            self._answers[shape] = answer
-            self.trials += answer is not Answer.REFUSED
-        return self._answers[shape]
+    def _result(self, shape: Shape) -> Trials[TrialResult]:
+        """Return the result of a shape, which is tried the first time."""
+        if shape not in self._results:
+            result = yield shape
+            self._results[shape] = result
+            self.trials += result is not TrialResult.REFUSED
+        return self._results[shape]
 
 
 # --- Passes ------------------------------------------------------------------------------------
@@ -212,7 +214,7 @@ class Shrinker:
 
 
 def _cut_behind(shrinker: Shrinker, place: float) -> Trials[None]:
-    """Cuts what lies behind a place, or else behind 1, 2, 4 or 8 samples more."""
+    """Cut the road behind a place, or else behind 1, 2, 4 or 8 samples more."""
     shape = shrinker.best
     end = math.ceil(place / shape.step) + 1
     for more in (0, 1, 2, 4, 8):
@@ -221,12 +223,12 @@ def _cut_behind(shrinker: Shrinker, place: float) -> Trials[None]:
 
 
 def _coarsen(shrinker: Shrinker) -> Trials[None]:
-    """Takes the curvature every 10 m, or else every 5, 2 or 1 m, where there are more samples."""
+    """Sample the curvature every 10 m, or else every 5, 2 or 1 m, if that gives fewer samples."""
     shape = shrinker.best
     places = shape.step * np.arange(len(shape))
     for step in _STEPS:
         if step > shape.step:
-            # A length of a whole number of steps, up to rounding, keeps its last one.
+            # A rounding error in the length must not cost the last sample.
             at = step * np.arange(math.floor(shape.length / step + 1e-9) + 1)
             values = tuple(np.interp(at, places, shape.values))
             columns = [np.interp(at, places, column) for column in zip(*shape.slopes, strict=True)]
@@ -255,12 +257,12 @@ def _cut_start(shrinker: Shrinker) -> Trials[None]:
 
 
 def _drop(shrinker: Shrinker) -> Trials[None]:
-    """Takes stretches out of the middle."""
+    """Take stretches out of the middle."""
     yield from _over_windows(shrinker, lambda values: ())  # noqa: ARG005
 
 
 def _sharpen(shrinker: Shrinker) -> Trials[None]:
-    """Drops one sample and makes all others sharper in return."""
+    """Drop one sample and make all others sharper in return."""
     begin = 0
     while begin < len(shrinker.best):
         rest = shrinker.best.replaced(begin, begin + 1, ()).scaled(_SHARPER)
@@ -270,7 +272,7 @@ def _sharpen(shrinker: Shrinker) -> Trials[None]:
 
 
 def _flatten(shrinker: Shrinker) -> Trials[None]:
-    """Takes away slopes and widening, or else all of these but one; speed limits stay."""
+    """Remove slopes and widening, or else all of these but one; speed limits stay."""
     for columns in ((), (0,), (1,), (2,)):
         slopes = (
             tuple(value if k in (*columns, _LIMIT) else 0.0 for k, value in enumerate(pair))
@@ -284,7 +286,7 @@ def _straighten(shrinker: Shrinker) -> Trials[None]:
 
 
 def _level(shrinker: Shrinker) -> Trials[None]:
-    """Makes the curvature constant over a stretch: its mean, or else its sharpest value."""
+    """Make the curvature constant over a stretch: its mean, or else its sharpest value."""
     yield from _over_windows(
         shrinker, lambda values: [rounded(math.fsum(values) / len(values), 2)] * len(values)
     )
@@ -292,18 +294,20 @@ def _level(shrinker: Shrinker) -> Trials[None]:
 
 
 def _round(shrinker: Shrinker) -> Trials[None]:
-    """Rounds to the nearest, or else away from 0: a road that failed by sharpness stays sharp."""
+    """Round to the nearest, or else away from 0: a road that failed by sharpness stays sharp."""
     for digits in _DECIMALS:
         yield from _over_windows(shrinker, partial(_all_rounded, rounded, digits))
         yield from _over_windows(shrinker, partial(_all_rounded, rounded_away, digits))
 
 
-def _all_rounded(how: Callable[[float, int], float], digits: int, values: Values) -> list[float]:
-    return [how(value, digits) for value in values]
+def _all_rounded(
+    rounding: Callable[[float, int], float], digits: int, values: Values
+) -> list[float]:
+    return [rounding(value, digits) for value in values]
 
 
 def _lower(shrinker: Shrinker) -> Trials[None]:
-    """Moves equal neighbours together towards 0, then single samples, as far as possible."""
+    """Move equal neighbours together towards 0, then single samples, as far as possible."""
     begin = 0
     while begin < len(shrinker.best):
         values = shrinker.best.values
@@ -317,7 +321,7 @@ def _lower(shrinker: Shrinker) -> Trials[None]:
 
 
 def _lower_window(shrinker: Shrinker, begin: int, end: int) -> Trials[None]:
-    """Moves samples that have one value in common towards 0, in units of its last decimal."""
+    """Move samples of equal value towards 0, in units of the value's last decimal."""
     value = shrinker.best.values[begin]
     digits = min(max(decimals(value), _DECIMALS[0]), _DECIMALS[-1])
     units = round(abs(value) * 10**digits)
@@ -331,12 +335,12 @@ def _lower_window(shrinker: Shrinker, begin: int, end: int) -> Trials[None]:
 
 
 def _exchange(shrinker: Shrinker) -> Trials[None]:
-    """Drops the first sample and bends one other sample more to either side in return."""
-    while (yield from _exchange_one(shrinker)):
+    """Drop the first sample and bend another sample more to either side in return."""
+    while (yield from _exchange_once(shrinker)):
         pass
 
 
-def _exchange_one(shrinker: Shrinker) -> Trials[bool]:
+def _exchange_once(shrinker: Shrinker) -> Trials[bool]:
     best = shrinker.best
     for bend in (_BEND, -_BEND):
         for i, value in enumerate(best.values[1:], start=1):
@@ -347,7 +351,7 @@ def _exchange_one(shrinker: Shrinker) -> Trials[bool]:
 
 
 def _over_windows(shrinker: Shrinker, change: Callable[[Values], Sequence[float]]) -> Trials[None]:
-    """Offers a change of each stretch of samples, first of all of them, then of ever fewer."""
+    """Offer a change of each stretch of samples: the whole road first, then shorter stretches."""
     for size in _halvings(len(shrinker.best)):
         begin = 0
         while begin < len(shrinker.best):
@@ -370,28 +374,28 @@ PASSES: Final[dict[str, Callable[[Shrinker], Trials[None]]]] = {
     "lower": _lower,
     "exchange": _exchange,
 }
-"""The passes by name, in their order: those first that shorten a road by few trials."""
+"""Passes by name, in their order: first those that shorten a road in few trials."""
 
 
 def _halvings(size: int) -> Iterator[int]:
-    """The size, half of it, and so on down to 1."""
+    """Yield the size, half of it, and so on down to 1."""
     while size >= 1:
         yield size
         size //= 2
 
 
 def decimals(value: float) -> int:
-    """Number of decimals of a value: 0 for 0.0, 2 for 0.05; at most 16."""
+    """Return the number of decimals of a value: 0 for 0.0, 2 for 0.05; at most 16."""
     return next((n for n in range(MOST_DECIMALS) if round(value, n) == value), MOST_DECIMALS)
 
 
 def rounded(value: float, digits: int) -> float:
-    """The nearest number with so many decimals."""
+    """Return the nearest number with so many decimals."""
     return round(value, digits)
 
 
 def rounded_away(value: float, digits: int) -> float:
-    """The nearest number with so many decimals that is no closer to 0."""
+    """Return the nearest number with so many decimals that is no closer to 0."""
     nearest = round(value, digits)
     if abs(nearest) >= abs(value):
         return nearest

@@ -1,7 +1,7 @@
-"""What drives on a campaign's roads say beside the campaign's own: one set of words.
+"""Verdicts on reruns: whether a recorded failure changed, and whether it is stable.
 
-Everything here is a function of two tests of one road, the campaign's own and one that drove it
-again, possibly with another driver, in another simulator or in other conditions.
+Everything here follows from pairs of tests on the same road: the recorded test of a campaign, and a
+later drive, possibly with another driver, in another simulator or in other conditions.
 """
 
 from __future__ import annotations
@@ -25,35 +25,35 @@ from frenetic.rerun.variations import Variation
 from frenetic.simulators.conditions import Conditions
 
 LEVEL: Final = 0.5
-"""Share of drives with the same failure from which on it is robust."""
+"""Share of drives with the same failure from which on it is robust; ours."""
 LEAST_DRIVES: Final = 8
-"""Fewest drives for a verdict on which quantities matter."""
+"""Fewest judged drives for a verdict on which conditions matter; ours."""
 
 
 class Change(StrEnum):
-    """Change of a test."""
+    """Change of a test's outcome from the recorded drive to the rerun."""
 
     FAILS_AGAIN = "fails again"
     PASSES_NOW = "passes now"
-    """It failed."""
+    """The recorded drive failed."""
     FAILS_NOW = "fails now"
-    """It passed."""
+    """The recorded drive passed."""
     PASSES_AGAIN = "passes again"
     NOT_JUDGED = "not judged"
     """The road is INVALID now, or the simulator broke."""
 
     def counted(self, number: int) -> str:
-        """So many tests with this change: ``1 fails again``, ``3 fail again``."""
+        """Return a number of tests with the change: ``1 fails again``, ``3 fail again``."""
         text = str(self) if number == 1 else self.replace("fails", "fail").replace("passes", "pass")
         return f"{number} {text}"
 
     @classmethod
     def of(cls, failed: bool, fails: bool) -> Change:
-        """The change of a judged test.
+        """Return the change of a judged test.
 
         Args:
-            failed: whether it failed before.
-            fails: whether it fails now.
+            failed: whether the recorded drive failed.
+            fails: whether the rerun fails.
         """
         if fails:
             return cls.FAILS_AGAIN if failed else cls.FAILS_NOW
@@ -61,40 +61,40 @@ class Change(StrEnum):
 
 
 class Stability(StrEnum):
-    """Whether a failure is there in other drives: the same one, not any on its road."""
+    """Stability of a failure: how many other drives have the same failure."""
 
     REPEATABLE = "repeatable"
-    """Each drive with the same parts in the same conditions has it."""
+    """All drives with the same parts in the same conditions have the failure."""
     NOT_REPEATABLE = "not repeatable"
-    """Some of these drives do not: driver or simulator is not the same twice."""
+    """Some of these drives lack the failure: driver or simulator is not repeatable."""
     ROBUST = "robust"
-    """It is there in at least half of the worlds: the interval lies above."""
+    """In varied conditions, the interval of the share lies above `LEVEL`."""
     UNCLEAR = "unclear"
-    """The interval lies on both sides; more drives would decide."""
+    """The interval of the share holds `LEVEL`; more drives would decide."""
     FRAGILE = "fragile"
-    """It is there in less than half of the worlds: the interval lies below."""
+    """In varied conditions, the interval of the share lies below `LEVEL`."""
 
 
 @dataclass(frozen=True)
 class Repeat:
-    """A campaign's test, and its road driven again."""
+    """Another drive on the road of a campaign's test."""
 
     recorded: Test = field(compare=False)
-    """The campaign's own test."""
+    """Recorded test of the campaign."""
     test: Test
-    """The test of the campaign that drove it again; the campaign's own for its own drive."""
+    """Test of the campaign that drove the road again; the recorded test for its own drive."""
     difference: float | None = None
     """Difference from the recorded failure in m, as of `frenetic.analysis.failures`; None unless
     both failed."""
 
     @property
     def conditions(self) -> Conditions:
-        """The conditions of the drive."""
+        """Conditions of the drive."""
         return self.test.candidate.conditions
 
     @property
     def outcome(self) -> Outcome:
-        """Its outcome."""
+        """Outcome of the drive."""
         return self.test.outcome
 
     @property
@@ -122,34 +122,33 @@ class Repeat:
 
     @property
     def match(self) -> Match | None:
-        """How it fails, beside the campaign's own drive; None unless both fail."""
+        """Match of the drive's failure with the recorded one; None unless both fail."""
         return Match.of(self.recorded, self.test, self.difference)
 
     @property
     def is_alike(self) -> bool:
-        """Whether it is the campaign's own failure, as far as that is known."""
+        """Whether the drive is known to have the recorded failure."""
         return self.match is not None and self.match.is_alike
 
     @property
     def is_same(self) -> bool:
-        """Whether outcome and MOOBD are exactly as before."""
-        before = self.recorded
-        return self.outcome is before.outcome and self.moobd == before.moobd
+        """Whether outcome and MOOBD are exactly the recorded ones."""
+        return self.outcome is self.recorded.outcome and self.moobd == self.recorded.moobd
 
 
 @dataclass(frozen=True)
 class Influence:
-    """Influence of a varied quantity on the drives."""
+    """Influence of a varied condition on the drives."""
 
     quantity: str
     spearman: float
-    """Rank correlation -1..1 of the quantity with `Repeat.margin`: negative if more is worse."""
+    """Rank correlation -1..1 of the amount with `Repeat.margin`: negative if more is worse."""
     p: float
-    """The p that it is chance, corrected by Holm for the number of varied quantities."""
+    """p of the correlation, corrected by Holm for the number of varied conditions."""
 
     @property
     def matters(self) -> bool:
-        """Whether it is more than chance."""
+        """Whether the correlation is more than chance."""
         return self.p < SIGNIFICANT
 
     def __str__(self) -> str:
@@ -160,10 +159,10 @@ class Influence:
 
 @dataclass(frozen=True)
 class Repeats:
-    """A campaign's test and all drives that were made of its road again."""
+    """All repeats of a campaign's test in a rerun."""
 
     recorded: Test = field(compare=False)
-    """The campaign's own test."""
+    """Recorded test of the campaign."""
     drives: tuple[Repeat, ...]
     variations: tuple[Variation, ...] = ()
     """Ranges of the conditions of the drives."""
@@ -172,32 +171,33 @@ class Repeats:
 
     @property
     def id(self) -> int:
-        """The campaign's test."""
+        """Id of the recorded test."""
         return self.recorded.id
 
     @property
     def conditions(self) -> Conditions:
-        """The conditions of its drives, without those that vary."""
-        return without(self.drives[0].conditions, *(one.quantity for one in self.variations))
+        """Conditions of the drives, without the varied ones."""
+        varied = (variation.quantity for variation in self.variations)
+        return without(self.drives[0].conditions, *varied)
 
     @property
     def failed(self) -> int:
-        """Drives that failed."""
+        """Number of drives that failed."""
         return sum(drive.outcome is Outcome.FAIL for drive in self.drives)
 
     @property
     def judged(self) -> int:
-        """Drives that passed or failed; the others count neither way."""
+        """Number of drives that passed or failed."""
         return sum(drive.outcome.is_driven for drive in self.drives)
 
     @property
     def alike(self) -> int:
-        """Drives with the campaign's own failure, see `Repeat.is_alike`."""
+        """Number of drives with the recorded failure, see `Repeat.is_alike`."""
         return sum(drive.is_alike for drive in self.drives)
 
     @property
     def share(self) -> float | None:
-        """Share 0..1 of the judged drives with the same failure, None if there are none."""
+        """Share 0..1 of the judged drives with the recorded failure; None without judged drives."""
         return self.alike / self.judged if self.judged else None
 
     @cached_property
@@ -207,20 +207,20 @@ class Repeats:
 
     @property
     def change(self) -> Change:
-        """How the verdict changed: a road fails if any drive does, else all have to be judged."""
+        """Change of the outcome: to a failure if any drive fails, else all have to be judged."""
         if self.judged < len(self.drives) and not self.failed:
             return Change.NOT_JUDGED
         return Change.of(self.recorded.outcome is Outcome.FAIL, self.failed > 0)
 
     @property
     def verdict(self) -> str:
-        """Its change in words, with how it fails: ``fails again, same failure``."""
+        """Change in words, with the matches of the failures: ``fails again, same failure``."""
         matches = list(dict.fromkeys(drive.match for drive in self.drives if drive.match))
         return ", ".join([str(self.change), *map(str, matches)])
 
     @property
     def stability(self) -> Stability | None:
-        """Whether its failure is there again; None without one, or with fewer than two judged."""
+        """Stability of the recorded failure; None without one or with fewer than two judged."""
         if self.recorded.outcome is not Outcome.FAIL or self.judged < 2:
             return None
         if self.is_own and not self.variations:
@@ -232,27 +232,27 @@ class Repeats:
         return Stability.FRAGILE if high < LEVEL else Stability.UNCLEAR
 
     @property
-    def what_varied(self) -> str:
-        """The ranges of the conditions, for people."""
+    def variations_text(self) -> str:
+        """Ranges of the conditions in words."""
         return ", ".join(map(str, self.variations)) or "nothing varied"
 
     @cached_property
     def influences(self) -> tuple[Influence, ...]:
-        """Influences of the varied quantities, the strongest first.
+        """Influences of the varied conditions, the strongest first.
 
-        None if fewer than `LEAST_DRIVES` drives were judged, or all failed.
+        Empty if fewer than `LEAST_DRIVES` drives were judged, or all have the same margin.
         """
         judged = [drive for drive in self.drives if drive.outcome.is_driven]
         margins = [drive.margin for drive in judged]
-        names = [v.quantity for v in self.variations if not v.is_fixed]
+        names = [variation.quantity for variation in self.variations if not variation.is_fixed]
         if len(judged) < LEAST_DRIVES or len(set(margins)) == 1:
             return ()
         columns = [[drive.conditions.get(name, 0.0) for drive in judged] for name in names]
-        found = [spearman(column, margins) for column in columns]
-        p_values = holm([p for _, p in found])
+        correlations = [spearman(column, margins) for column in columns]
+        p_values = holm([p for _, p in correlations])
         influences = [
             Influence(name, rho, p)
-            for name, (rho, _), p in zip(names, found, p_values, strict=True)
+            for name, (rho, _), p in zip(names, correlations, p_values, strict=True)
         ]
         return tuple(sorted(influences, key=lambda influence: -abs(influence.spearman)))
 
@@ -265,12 +265,13 @@ class Repeats:
             f" ({100.0 * self.share:.0f} %, 95 % interval {100.0 * low:.0f} to"
             f" {100.0 * high:.0f} %)"
         )
-        if others := matches_text(one for one in self.drives if not one.is_alike):
+        if others := matches_text(drive for drive in self.drives if not drive.is_alike):
             text += f", another in {self.failed - self.alike} ({others})"
-        return "; ".join([text, *(str(one) for one in self.influences if one.matters)])
+        influences = [str(influence) for influence in self.influences if influence.matters]
+        return "; ".join([text, *influences])
 
     def as_json(self) -> dict[str, JSONValue]:
-        """The test as a JSON object, with figures derived from its drives."""
+        """Return the test as a JSON object, with figures derived from its drives."""
         return {
             "test": self.id,
             "conditions": dict(self.conditions),
@@ -311,12 +312,12 @@ def _verdict_json(test: Test) -> dict[str, JSONValue]:
 
 
 def matches_text(drives: Iterable[Repeat]) -> str:
-    """Kinds of failing drives with their numbers: ``2 same failure, 8 elsewhere``."""
+    """Return the matches of failing drives with their numbers: ``2 same failure, 8 elsewhere``."""
     counts = Counter(drive.match for drive in drives)
     return ", ".join(f"{counts[match]} {match}" for match in Match if counts[match])
 
 
 def matches_json(drives: Iterable[Repeat]) -> dict[str, JSONValue]:
-    """The same as a JSON object, with all kinds."""
+    """Return match -> number of failing drives as a JSON object, with all matches."""
     counts = Counter(drive.match for drive in drives)
     return {str(match): counts[match] for match in Match}

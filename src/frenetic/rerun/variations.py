@@ -1,4 +1,4 @@
-"""Conditions of drives and their ranges."""
+"""Ranges of conditions, and conditions drawn from them."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from frenetic.simulators.simulator import Simulator
 
 @dataclass(frozen=True)
 class Variation:
-    """A quantity of the world and the range from which it is drawn evenly.
+    """Condition of a drive and the range from which its amount is drawn evenly.
 
     Raises:
-        FreneticError: no such quantity, or a range that is none or beyond what is allowed.
+        FreneticError: the condition is unknown, or the range is reversed or not allowed.
     """
 
     quantity: str
-    """Name in `frenetic.conditions`."""
+    """Name of the condition in `frenetic.conditions`."""
     low: float
     high: float
     """Equal to `low` if the quantity is only set, not varied."""
     is_usual: bool = field(default=False, compare=False)
-    """Whether it is the usual range around the campaign's amount, and around a test's own amount
-    where that has one."""
+    """Whether the range is the usual one around the campaign's amount; a test with a recorded
+    amount has the usual range around that amount."""
 
     def __post_init__(self) -> None:
         take_numpy_scalars(self)
@@ -44,28 +44,28 @@ class Variation:
             )
 
     @classmethod
-    def usual(cls, name: str, simulator: Simulator, own: float | None = None) -> Variation:
-        """The usual range of a quantity around a campaign's own amount, see `frenetic.conditions`.
+    def usual(cls, name: str, simulator: Simulator, amount: float | None = None) -> Variation:
+        """Return the usual range around a campaign's amount, see `frenetic.conditions`.
 
         Args:
-            name: of the quantity.
-            simulator: the campaign's, with its amount of what is no layer over the driver.
-            own: the amount among the campaign's conditions; None if it is not there.
+            name: name of the condition.
+            simulator: the campaign's simulator, whose attribute may hold the amount.
+            amount: amount among the campaign's conditions; None if the campaign does not set it.
 
         Raises:
-            FreneticError: no such quantity, or the simulator has none.
+            FreneticError: the condition is unknown, or the simulator cannot vary it.
         """
         row = quantity(name)
         check_can_vary(simulator, [name])
-        if row.attribute and own is None:
-            own = own_amount(simulator, name)
-        return cls(name, *row.around(own), is_usual=True)
+        if row.attribute and amount is None:
+            amount = own_amount(simulator, name)
+        return cls(name, *row.around(amount), is_usual=True)
 
-    def of(self, own: Conditions) -> Variation:
-        """The variation for a test with these conditions."""
-        if not self.is_usual or self.quantity not in own:
+    def of(self, conditions: Conditions) -> Variation:
+        """Return the variation for a test with these recorded conditions."""
+        if not self.is_usual or self.quantity not in conditions:
             return self
-        low, high = quantity(self.quantity).around(own[self.quantity])
+        low, high = quantity(self.quantity).around(conditions[self.quantity])
         return replace(self, low=low, high=high)
 
     @property
@@ -79,8 +79,8 @@ class Variation:
         return f"{self.quantity} {text}{' ' if unit else ''}{unit}"
 
 
-def own_conditions(road: Candidate, rules: Rules) -> Conditions:
-    """The conditions of a test, with its road's highest speed limit if the road has limits."""
+def recorded_conditions(road: Candidate, rules: Rules) -> Conditions:
+    """Return a test's conditions, with the road's highest speed limit if the road has limits."""
     if road.speed_limits is None or not len(road.speed_limits) or rules.road_limits == "ignored":
         return road.conditions
     return {SPEED: float(rules.speed_limits_on(road)[:, 1].max()), **road.conditions}
@@ -89,15 +89,15 @@ def own_conditions(road: Candidate, rules: Rules) -> Conditions:
 def draw_conditions(
     variations: Sequence[Variation], times: int, seed: Index
 ) -> tuple[Conditions, ...]:
-    """Conditions with quantities drawn from their ranges.
+    """Draw the conditions of several drives from ranges, as a Latin hypercube.
 
-    They are a Latin hypercube: the range of each quantity is cut into ``times`` equal parts and
-    gives one value from each. So the conditions cover the ranges evenly, and the interval of a
-    share is, if anything, too wide. With noise, each drive has its own errors.
+    The range of each quantity is cut into ``times`` equal parts, each of which gives one value. So
+    the conditions cover the ranges evenly, and the interval of a share is, if anything, too wide.
+    A seeded condition such as noise gets another seed in each drive.
 
     Raises:
-        ValueError: ``times`` is no positive whole number, the seed none from 0 to 2⁶³ - 1, or a
-            quantity is there twice.
+        ValueError: ``times`` is not a positive whole number, the seed is not a whole number from 0
+            to 2⁶³ - 1, or two variations have the same quantity.
     """
     times = require_count("times", times)
     check({"seed": seed}, draw_conditions)
@@ -107,7 +107,7 @@ def draw_conditions(
             raise ValueError(f"{name} is varied twice: give one range for it")
     rng = np.random.default_rng(seed)
     drawn: list[dict[str, float]] = [{} for _ in range(times)]
-    # In a fixed order, independent of the given one.
+    # In the order of the table, so that the caller's order does not change the draws.
     for variation in sorted(variations, key=lambda v: table.index(v.quantity)):
         shares = (rng.permutation(times) + rng.random(times)) / times
         values = variation.low + (variation.high - variation.low) * shares

@@ -24,16 +24,11 @@ from frenetic._support.words import (
     rate_words,
     signed,
 )
+from frenetic.analysis.caution import caution
+from frenetic.analysis.clusters import COMPARED, Clusters, distinct_among, nearest_misses
 from frenetic.analysis.coverage import domain_coverage, varied_axes
 from frenetic.analysis.criteria import criteria_in_words
-from frenetic.analysis.failures import (
-    COMPARED,
-    Clusters,
-    Failure,
-    caution,
-    distinct_among,
-    nearest_misses,
-)
+from frenetic.analysis.failures import Failure
 from frenetic.analysis.features import Features, features_of
 from frenetic.analysis.segments import Segment, segment_of_test
 from frenetic.campaign.configuration import SPEC, earlier_of
@@ -74,8 +69,8 @@ from frenetic.report.html.tests import (
     table_of,
 )
 from frenetic.report.html.timeline import timeline_section
-from frenetic.rerun.estimate import Estimate
-from frenetic.rerun.rerun import elsewhere, own_repeats, read_reruns
+from frenetic.rerun.estimate import FailureRate
+from frenetic.rerun.rerun import in_other_simulators, own_repeats, read_reruns
 from frenetic.search.records import Candidate
 from frenetic.spec import FILE
 from frenetic.spec.part_record import PARTS, recorded_part
@@ -193,7 +188,7 @@ def campaign_report(
         reruns, trouble = read_reruns(store.folder), ""
     except CampaignError as error:
         reruns, trouble = [], str(error)
-    there = elsewhere(reruns, config)
+    there = in_other_simulators(reruns, config)
     shown = _to_show(tests, found, [test.id for one in there for test in one.tests])
     coverage = domain_coverage(store.setting, store.tests())
     driven = [test.conditions for test in tests if test.outcome.is_driven]
@@ -313,7 +308,7 @@ def headline(store: CampaignStore, clusters: Clusters, counts: Counts, trouble: 
         killed = f"if it was killed, go on: {going_on(store)}"
         warnings.insert(0, f"not finished: the campaign was still running, or was killed; {killed}")
     road_class, domain = store.setting.road_class, store.setting.domain
-    estimate = None if domain is None else Estimate.read(store.folder)
+    estimate = None if domain is None else FailureRate.read(store.folder)
     version = short_version(innermost(config.get("driver")))
     told = {
         "campaign": str(store.folder),

@@ -161,7 +161,7 @@ def _headline(comparison: Comparison, lead: str) -> Part:
             "lead": " ".join(text for text in (lead, findings(comparison)) if text),
             "warning": " ".join(f"{capitalised(note)}." for note in comparison.notes),
             "tiles": [
-                (f"{by.places[name]}. {name}", by.median(name), by.between(name), "")
+                (f"{by.positions[name]}. {name}", by.median(name), by.between(name), "")
                 for name in by.order[:MOST_TILES]
             ],
             "facts": facts,

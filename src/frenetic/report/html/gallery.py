@@ -7,11 +7,11 @@ from typing import Any
 
 from frenetic._support.words import capitalised, counted
 from frenetic.analysis.causes import in_words
-from frenetic.analysis.failures import Clusters
+from frenetic.analysis.clusters import Clusters
 from frenetic.campaign.counts import Counts
 from frenetic.report.html.page import Part, Section, Table
 from frenetic.report.html.tests import TestSummary
-from frenetic.rerun.rerun import Rerun, name_of
+from frenetic.rerun.rerun import Rerun, rerun_name
 from frenetic.rerun.stability import Repeats
 
 
@@ -65,7 +65,7 @@ def gallery_section(
             "share": one.share,
             "low": round(one.interval[0], 4),
             "high": round(one.interval[1], 4),
-            "text": f"{one}; {one.what_varied}",
+            "text": f"{one}; {one.variations_text}",
         }
         for one in again
         if one.stability is not None
@@ -73,7 +73,7 @@ def gallery_section(
     elsewhere = [
         {
             "test": test.id,
-            "where": name_of(rerun, config),
+            "where": rerun_name(rerun, config),
             "text": f"{test.verdict}: {test.drives[0].reason}",
         }
         for rerun in there

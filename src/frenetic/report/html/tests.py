@@ -200,7 +200,7 @@ def _kept(result: Result, segment: Segment) -> list[str]:
     exceeded = {finding.criterion for finding in result.findings}
     criteria = segment.drive.rules.criteria.criteria
     measured = [
-        measure(criterion, segment.seen)
+        measure(criterion, segment.signals)
         for criterion in criteria
         if criterion.quantity not in exceeded
     ]

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from frenetic._support.arrays import evenly
-from frenetic.analysis.failures import Clusters
+from frenetic.analysis.clusters import Clusters
 from frenetic.analysis.statistics import proportion_interval
 from frenetic.oracle.outcome import Outcome
 from frenetic.report.html.page import Chart, Section, Series, percent

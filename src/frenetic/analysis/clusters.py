@@ -1,0 +1,419 @@
+"""Distinct failures: clusters of failures that are the same problem.
+
+Average linkage (UPGMA on the square of the difference, see `frenetic.analysis.failures`) clusters
+the failures of each side of the lane. The root mean square difference within a cluster is at most
+2 m, half a lane. Equal failures count once, so order and repetitions of the failures do not matter;
+the number of clusters follows from the failures.
+
+Faults of the driver, such as exceptions, are the same problem if the same line raised, whatever the
+road. They come first.
+
+Distinct failures share a *cause* if most of their members have the same one, see
+`frenetic.analysis.causes`.
+
+The nearest misses are the passing tests of lowest MOOBD, clustered in the same way, relative to the
+place where the car came nearest to its lane's edge.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from frenetic._support.arrays import FloatArray
+from frenetic._support.words import counted, lane_words
+from frenetic.analysis.causes import Cause, in_words
+from frenetic.analysis.failures import Failure, describe, failures_of
+from frenetic.analysis.segments import (
+    segments_of,
+)
+from frenetic.campaign.objective import MOOBD, Objective, evaluation_of
+from frenetic.campaign.record import Test
+from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.warm_start import read_earlier
+from frenetic.errors import Fault
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import Side
+from frenetic.search.approach import (
+    ALIKE,
+    SIZE,
+    is_near,
+)
+from frenetic.search.archive import SIDES, places_of
+from frenetic.search.records import Evaluation
+
+IntArray = npt.NDArray[np.int64]
+
+THRESHOLD: Final = ALIKE
+"""Largest root mean square difference within a cluster, in m."""
+BATCH: Final = 3000
+"""Failures that are linked at a time; memory and time grow with the square."""
+COMPARED: Final = 10_000
+"""Most failures of a campaign that are compared with each other, the most severe first."""
+LISTED: Final = 10
+"""Default number of representative failures that are listed and drawn."""
+NEAR_MISSES: Final = 5
+"""Default number of distinct near misses that are listed and drawn."""
+
+_MOSTLY: Final = 0.75  # share of a cause's failures in bends to one side, for "mostly"; ours
+_NEARLY_ALL: Final = 0.95  # share from which on the side needs no "mostly"; ours
+_PASSES_COMPARED: Final = 500, COMPARED  # passing tests; the second if the first are too few
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """Cluster of failures that are the same problem."""
+
+    ids: tuple[int, ...]
+    """Ids of the tests, ascending."""
+    most_severe: int
+    """Id of the failure with the lowest MOOBD."""
+    typical: int
+    """Id of the medoid: of the failures with the most frequent cause, the least different one."""
+    moobd: float
+    """Lowest MOOBD, in m."""
+    side: Side | None
+    """Side of the lane on which the car left; None if it failed without leaving."""
+    spread: float
+    """Root mean square difference of the failures from their mean, in m."""
+    description: str
+    """Description of the most severe failure, in one phrase."""
+    was_known: bool | None = None
+    """Whether the campaign started from an earlier one that holds a failure like one of these;
+    None if it started afresh."""
+    failure: Failure | None = field(default=None, repr=False, compare=False)
+    """Most severe failure, for its picture."""
+
+    cause: Cause | None = None
+    """Most frequent cause of the failures; None for a fault or a near miss."""
+
+    @property
+    def fault(self) -> Fault | None:
+        """Fault of the driver that ended all of the drives, at one line of its code."""
+        return None if self.failure is None else self.failure.fault
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def __str__(self) -> str:
+        text = f"{self.description}: {counted(len(self), 'failure')}"
+        if self.failure is None or self.fault is not None:
+            return text
+        return f"{text}, at worst {lane_words(self.moobd, self.failure.lane_width)}"
+
+
+@dataclass(frozen=True)
+class CauseGroup:
+    """Distinct failures with the same cause."""
+
+    words: str
+    """Cause without a subject: ``brakes too late into right-hand bends``."""
+    clusters: tuple[Cluster, ...]
+    """Distinct failures, the most severe first."""
+
+    @property
+    def fault(self) -> Fault | None:
+        """Fault of the driver that is the cause; None for another cause."""
+        return self.clusters[0].fault
+
+    @property
+    def failures(self) -> int:
+        """Number of failures."""
+        return sum(map(len, self.clusters))
+
+    @property
+    def example(self) -> int:
+        """Id of the typical failure of the cluster with most failures."""
+        return max(self.clusters, key=len).typical
+
+
+@dataclass(frozen=True, repr=False)
+class Clusters:
+    """Distinct failures among many, the most severe first."""
+
+    clusters: tuple[Cluster, ...]
+    threshold: float
+    """Largest root mean square difference within a cluster, in m."""
+
+    def __len__(self) -> int:
+        return len(self.clusters)
+
+    def __repr__(self) -> str:
+        """Return the numbers of distinct failures and failures."""
+        clusters, failures = (
+            counted(len(self), "distinct failure"),
+            counted(self.failures, "failure"),
+        )
+        return f"<Clusters: {clusters} among {failures}>"
+
+    def __iter__(self) -> Iterator[Cluster]:
+        return iter(self.clusters)
+
+    def __getitem__(self, place: int) -> Cluster:
+        return self.clusters[place]
+
+    @property
+    def failures(self) -> int:
+        """Number of failures in all clusters."""
+        return sum(map(len, self.clusters))
+
+    @cached_property
+    def causes(self) -> tuple[CauseGroup, ...]:
+        """Causes of the failures: faults of the driver first, then by number of failures."""
+        groups: dict[object, list[Cluster]] = {}
+        for cluster in self.clusters:
+            cause = cluster.cause._replace(bends=None) if cluster.cause else cluster.fault
+            if cause:
+                groups.setdefault(cause, []).append(cluster)
+        causes = [CauseGroup(_cause_words(group), tuple(group)) for group in groups.values()]
+        return tuple(sorted(causes, key=lambda cause: (cause.fault is None, -cause.failures)))
+
+    @property
+    def known(self) -> int:
+        """Number of clusters with a failure that an earlier campaign holds, too."""
+        return sum(cluster.was_known is True for cluster in self.clusters)
+
+    def of(self, id: int) -> Cluster:  # noqa: A002
+        """Return the cluster of a test.
+
+        Raises:
+            KeyError: no failure has this id.
+        """
+        for cluster in self.clusters:
+            if id in cluster.ids:
+                return cluster
+        raise KeyError(f"no failure has the id {id}")
+
+
+def _cause_words(clusters: list[Cluster]) -> str:
+    """Return the cause in words of clusters with the same fault or kind of cause."""
+    first, *_ = clusters
+    if first.cause is None:
+        return str(first.fault)
+    kind, _, criterion = first.cause
+    sides = Counter[Side | None]()
+    for cluster in clusters:
+        sides[cluster.cause and cluster.cause.bends] += len(cluster)
+    side, most = sides.most_common(1)[0]
+    share = most / sides.total()
+    if side is None or share < _MOSTLY:
+        return in_words(kind, None, criterion)
+    if share > _NEARLY_ALL:
+        return in_words(kind, side, criterion)
+    return f"{in_words(kind, None, criterion)}, mostly {side}-hand"
+
+
+def distinct_failures(store: CampaignStore, limit: int | None = COMPARED) -> Clusters:
+    """Return the distinct failures of a campaign.
+
+    If the campaign started from earlier ones, a distinct failure is known if it holds a failure
+    that differs by at most `THRESHOLD` from a failure of these.
+
+    Args:
+        store: the campaign.
+        limit: number of failures to compare, the most severe first; None for all.
+
+    Raises:
+        CampaignError: the campaign is damaged.
+    """
+    return distinct_among(store, failures_of(store, limit))
+
+
+def distinct_among(store: CampaignStore, failures: Sequence[Failure]) -> Clusters:
+    """Return the distinct ones among failures of a campaign, see `distinct_failures`.
+
+    Raises:
+        CampaignError: the campaign is damaged.
+    """
+    clusters = cluster_failures(failures)
+    moobd = Objective.load(MOOBD)
+    earlier = [
+        evaluation_of(test, partial(store.earlier_trajectory, test.id), moobd)
+        for test in read_earlier(store)
+        if test.outcome is Outcome.FAIL
+    ]
+    return _with_known(clusters, failures, earlier) if earlier else clusters
+
+
+def _with_known(
+    clusters: Clusters, failures: Iterable[Failure], earlier: Iterable[Evaluation]
+) -> Clusters:
+    places = [places_of(evaluation, evaluation.candidate, 0.0)[0] for evaluation in earlier]
+    vectors = {
+        side: [place.vector for place in places if place.side == SIDES[side]] for side in SIDES
+    }
+    earlier_vectors = {side: np.array(rows).reshape(-1, SIZE) for side, rows in vectors.items()}
+    known = {
+        failure.id
+        for failure in failures
+        if is_near(earlier_vectors[failure.side], failure.vector(), THRESHOLD**2)
+    }
+    marked = (replace(cluster, was_known=not known.isdisjoint(cluster.ids)) for cluster in clusters)
+    return Clusters(tuple(marked), clusters.threshold)
+
+
+def nearest_misses(store: CampaignStore, number: int = NEAR_MISSES) -> Clusters:
+    """Return the distinct near misses of a campaign: passing tests, by lowest MOOBD.
+
+    Near misses are clustered as failures are: the 500 passing tests of lowest MOOBD or, if these
+    hold too few distinct ones, 10 000.
+
+    Args:
+        store: the campaign.
+        number: most near misses to return; fewer where there are fewer distinct ones.
+
+    Raises:
+        CampaignError: the campaign is damaged.
+    """
+    clusters = Clusters((), THRESHOLD)
+    for limit in _PASSES_COMPARED:
+        passes = segments_of(store, Outcome.PASS, order_by="moobd", limit=limit, with_repeats=False)
+        clusters = cluster_failures(
+            Failure.of(segment, id=record.id, moobd=record.moobd or 0.0, is_near_miss=True)
+            for record, segment in passes
+        )
+        if len(clusters) >= number or clusters.failures < limit:
+            break
+    return Clusters(clusters.clusters[:number], THRESHOLD)
+
+
+def representative_failures(
+    store: CampaignStore, number: int = LISTED, *, clusters: Clusters | None = None
+) -> list[Test]:
+    """Return the most telling failures: an example of each cause, then others.
+
+    The others are the most severe failures of distinct failures without an example, the worst
+    first. The tests come without their trajectories.
+
+    Args:
+        store: the campaign.
+        number: most failures to return.
+        clusters: distinct failures or near misses of the campaign; by default its distinct
+            failures.
+
+    Raises:
+        CampaignError: the campaign is damaged.
+    """
+    clusters = distinct_failures(store) if clusters is None else clusters
+    examples = [cause.example for cause in clusters.causes]
+    with_example = [clusters.of(example) for example in examples]
+    others = [cluster.most_severe for cluster in clusters if cluster not in with_example]
+    return [store.test(i, with_trajectory=False) for i in [*examples, *others][:number]]
+
+
+def cluster_failures(failures: Iterable[Failure], *, threshold: float = THRESHOLD) -> Clusters:
+    """Return the distinct failures, by the rule in this module's text.
+
+    If a side has more than `BATCH` different failures, the most severe ones are linked first. Each
+    other failure joins the cluster to whose members its root mean square difference is least, if
+    that is at most the threshold. The rest are linked in turn.
+
+    Args:
+        failures: failures in any order, each id once.
+        threshold: largest root mean square difference within a cluster, in m.
+
+    Raises:
+        ValueError: the threshold is not a positive number, or two failures have the same id.
+    """
+    if not (np.isfinite(threshold) and threshold > 0.0):
+        raise ValueError(f"threshold is {threshold}: a positive number of metres is needed")
+    listed = sorted(failures, key=lambda failure: failure.id)
+    for failure, following in pairwise(listed):
+        if failure.id == following.id:
+            raise ValueError(f"failure {failure.id} is there twice: give each failure once")
+    kinds: dict[tuple[Side | None, Fault | None, str | None], list[Failure]] = {}
+    for failure in listed:
+        kinds.setdefault((failure.side, failure.fault, failure.criterion), []).append(failure)
+    clusters: list[Cluster] = []
+    for (_, fault, _), members in kinds.items():
+        vectors = np.array([failure.vector() for failure in members])
+        moobds = np.array([failure.moobd for failure in members])
+        labels = _labels(vectors, moobds, threshold) if fault is None else np.zeros_like(moobds)
+        for label in np.unique(labels):
+            indices = np.flatnonzero(labels == label)
+            clusters.append(_cluster([members[i] for i in indices], vectors[indices]))
+    clusters.sort(key=lambda cluster: (cluster.fault is None, cluster.moobd, cluster.most_severe))
+    return Clusters(tuple(clusters), threshold)
+
+
+def _cluster(members: list[Failure], vectors: FloatArray) -> Cluster:
+    squares = ((vectors - vectors.mean(axis=0)) ** 2).sum(axis=1)
+    cause = Counter(failure.cause for failure in members).most_common(1)[0][0]
+    has_cause = np.array([failure.cause == cause for failure in members])
+    # Sums of squares of mirror images or doubles differ by rounding errors: take the first member.
+    is_least = squares <= squares[has_cause].min() + 1e-9
+    typical = members[int(np.flatnonzero(is_least & has_cause)[0])]
+    worst = min(members, key=lambda failure: (failure.moobd, failure.id))
+    return Cluster(
+        ids=tuple(failure.id for failure in members),
+        most_severe=worst.id,
+        typical=typical.id,
+        moobd=worst.moobd,
+        side=worst.side,
+        spread=float(np.sqrt(squares.mean())),
+        description=describe(worst),
+        failure=worst,
+        cause=cause,
+    )
+
+
+def _labels(vectors: FloatArray, moobds: FloatArray, threshold: float) -> IntArray:
+    """Return the number of the cluster of each of (n, m) vectors, (n,), from 0 without a gap."""
+    shapes, shape_of = np.unique(vectors + 0.0, axis=0, return_inverse=True)  # no negative zeros
+    shape_of = shape_of.ravel()
+    worst = np.full(len(shapes), np.inf)
+    np.minimum.at(worst, shape_of, moobds)
+    labels = np.full(len(shapes), -1, dtype=np.int64)
+    waiting = np.argsort(worst, kind="stable")
+    while len(waiting):
+        # Sorted, so that ties do not depend on the order of the failures.
+        batch, waiting = np.sort(waiting[:BATCH]), waiting[BATCH:]
+        first = labels.max() + 1
+        linked = _link(shapes[batch], threshold)
+        labels[batch] = first + linked
+        nearest = _nearest_cluster(shapes[waiting], shapes[batch], linked, threshold)
+        fits = nearest >= 0
+        labels[waiting[fits]] = first + nearest[fits]
+        waiting = waiting[~fits]
+    vector_labels: IntArray = labels[shape_of]
+    return vector_labels
+
+
+def _link(shapes: FloatArray, threshold: float) -> IntArray:
+    """Return the number of the cluster of each of (n, m) different vectors, (n,)."""
+    from scipy.cluster.hierarchy import fcluster, linkage  # takes its time
+    from scipy.spatial.distance import pdist
+
+    if len(shapes) == 1:
+        return np.zeros(1, dtype=np.int64)
+    tree = linkage(pdist(shapes, "sqeuclidean"), "average")
+    return fcluster(tree, threshold**2, "distance").astype(np.int64) - 1
+
+
+def _nearest_cluster(
+    vectors: FloatArray, shapes: FloatArray, labels: IntArray, threshold: float
+) -> IntArray:
+    """Return the nearest cluster of each of (k, m) vectors, (k,); -1 beyond the threshold.
+
+    The mean square difference from the members is the square difference from their mean plus their
+    variance.
+    """
+    counts = np.bincount(labels)
+    means = np.zeros((len(counts), shapes.shape[1]))
+    np.add.at(means, labels, shapes)
+    means /= counts[:, None]
+    variances = np.bincount(labels, ((shapes - means[labels]) ** 2).sum(axis=1)) / counts
+    nearest = np.full(len(vectors), -1, dtype=np.int64)
+    for i, vector in enumerate(vectors):
+        squares = ((means - vector) ** 2).sum(axis=1) + variances
+        least = int(squares.argmin())
+        if squares[least] <= threshold**2:
+            nearest[i] = least
+    return nearest

@@ -1,0 +1,285 @@
+"""The strategy that minimises a failing road: it proposes ever smaller roads that may fail, too."""
+
+from __future__ import annotations
+
+import math
+from enum import StrEnum
+from itertools import zip_longest
+from typing import Any, ClassVar, Final, NamedTuple
+
+import numpy as np
+
+from frenetic._support.arrays import FloatArray
+from frenetic.analysis.clusters import THRESHOLD
+from frenetic.conditions.condition import named, without
+from frenetic.criteria.criterion import LANE
+from frenetic.errors import (
+    Fault,
+)
+from frenetic.oracle.drive import Rules
+from frenetic.oracle.outcome import Outcome
+from frenetic.oracle.verdict import Finding
+from frenetic.rerun.shrinker import Shape, Shrinker, TrialResult, Trials
+from frenetic.road import profile
+from frenetic.search.archive import places_of
+from frenetic.search.conditions import moved_along
+from frenetic.search.records import Candidate, Evaluation, Origin
+from frenetic.search.strategy import Ledger, SearchEnded, Strategy
+from frenetic.simulators.conditions import Conditions
+
+GUARD: Final = 0.02
+"""Relative change of the curvatures of a road's neighbours, which must fail as well; ours."""
+OPERATOR: Final = "minimise"
+"""Operator in the origin of the tried roads."""
+_BISECTIONS: Final = 6  # most trials per condition; ours
+_FAR_VIEW: Final = 200.0  # [m], stands for the usual view where that is infinite; ours
+_MINIMAL: Final = "nothing smaller was found to fail"
+
+
+class FailureReason(StrEnum):
+    """Reason of a failed drive."""
+
+    LEFT_LANE_LEFT = "left the lane to the left"
+    LEFT_LANE_RIGHT = "left the lane to the right"
+    STOOD_STILL = "stood still"
+    RAN_OUT_OF_TIME = "ran out of time"
+    EXCEEDED_A_LIMIT = "exceeded a limit"
+    DRIVER_BROKE = "the driver broke"
+
+    @classmethod
+    def of(
+        cls,
+        finding: Finding | None,
+        duration: float | None,
+        timeout: float,
+        fault: Fault | None = None,
+    ) -> FailureReason:
+        """Return the reason of a failed drive.
+
+        Args:
+            finding: gravest breach of a criterion; None without a breach.
+            duration: simulated time, in s.
+            timeout: longest allowed time of a drive on the road, in s.
+            fault: fault of the driver that ended the drive; None without a fault.
+        """
+        if fault is not None:
+            return cls.DRIVER_BROKE
+        if finding is not None and finding.criterion != LANE:
+            return cls.EXCEEDED_A_LIMIT
+        if finding is not None:
+            return cls.LEFT_LANE_LEFT if finding.side == "left" else cls.LEFT_LANE_RIGHT
+        return cls.RAN_OUT_OF_TIME if (duration or 0.0) > timeout else cls.STOOD_STILL
+
+
+class Minimising(Strategy):
+    """Strategy that proposes a failing road, then ever smaller ones that may fail alike.
+
+    It waits for each result. Two failures are alike if their reason and kind of cause are equal and
+    road, offsets and speeds before them differ by no more than within one distinct failure.
+
+    Args:
+        start: shape of the failing road.
+        rules: rules by which drives fail.
+        conditions: conditions in which the road fails.
+        usual: usual amounts of these conditions, where they are known.
+        speed_limits: speed limits of the failing road, (k, 2) in m and km/h. On smaller roads a
+            limit begins at a sample.
+    """
+
+    BEHAVIOUR: Final = 2
+    expects_failures: ClassVar[bool] = True
+
+    def __init__(
+        self,
+        start: Shape,
+        rules: Rules,
+        conditions: Conditions,
+        usual: Conditions,
+        speed_limits: FloatArray | None = None,
+    ) -> None:
+        self.options = {"curvatures": list(start.values), "step": start.step}
+        self._start, self._limits = start, speed_limits
+        if start.slopes:
+            self.options["slopes"] = [list(pair) for pair in start.slopes]
+        if conditions:
+            self.options |= {"conditions": dict(conditions), "usual": dict(usual)}
+        self.smallest: Candidate | None = None
+        """Smallest road so far, in its plainest conditions."""
+        self.passes: dict[str, float] = {}
+        """Condition -> amount nearer to the usual one with which the smallest road passes."""
+        self._usual = usual
+        self._conditions = dict(conditions)
+        self._tried_conditions: Conditions | None = None  # instead of the smallest road's
+        self._last_candidates: dict[Shape, Candidate] = {}
+        self.shrinker: Shrinker | None = None
+        """Shrinker from the first road; None until that road has failed."""
+        self.is_minimal = False
+        """Whether no pass finds a smaller road."""
+        self._rules = rules
+        self._next: Shape | None = start
+        self._trials: Trials[None] | None = None
+        self.failure: _DriveFailure | None = None
+        """Failure of the first road."""
+        self._ledger = Ledger()
+
+    def ask(self) -> Candidate | None:
+        """Return the next road; None while it is tried."""
+        if self._next is None:
+            if len(self._ledger):
+                return None
+            raise SearchEnded(_MINIMAL if self.is_minimal else "the road does not fail")
+        shape, self._next = self._next, None
+        notes: dict[str, Any] = {}
+        if self.shrinker is not None:
+            best = self.shrinker.best
+            notes = {"pass": self.shrinker.work, "length": best.length, "curves": best.curves}
+        values = np.array(shape.values)
+        stations = np.arange(len(values)) * shape.step
+        profiles: dict[str, FloatArray] = {
+            name: profile.plainer(name, np.column_stack([stations, column]))
+            for name, column in zip(profile.NAMES, zip(*shape.slopes, strict=True), strict=False)
+            if any(column)
+        }
+        if shape == self._start and self._limits is not None:
+            profiles[profile.LIMITS] = self._limits
+        origin = Origin(OPERATOR)
+        parts: dict[str, Any] = {"conditions": self._conditions_on(shape), **profiles}
+        candidate = self._ledger.issue(values, shape.step, origin, notes=notes, **parts)
+        self._last_candidates[shape] = candidate
+        return candidate
+
+    @property
+    def conditions(self) -> Conditions:
+        """Conditions in which the smallest road fails."""
+        return self._conditions if self.smallest is None else self.smallest.conditions
+
+    def _conditions_on(self, shape: Shape) -> Conditions:
+        """Return the conditions for a road, with obstacles where they lie on the smallest road.
+
+        If the two roads begin differently, an obstacle keeps its distance from the end.
+        """
+        if self._tried_conditions is not None:
+            return self._tried_conditions
+        if self.shrinker is None:
+            return self.conditions
+        best = self.shrinker.best
+        count = min(len(best), len(shape), 3)
+        begins_alike = shape.step == best.step and np.allclose(
+            shape.values[:count], best.values[:count], rtol=2.0 * GUARD, atol=1e-12
+        )
+        return moved_along(self.conditions, 0.0 if begins_alike else shape.length - best.length)
+
+    def _run_trials(self) -> Trials[None]:
+        """Leave conditions out, then shrink the road, then move conditions towards the usual."""
+        assert self.shrinker is not None
+        for name in named(self.conditions):
+            yield from self._in_conditions(without(self.conditions, name))
+        yield from self.shrinker.run()
+        for name in named(self.conditions):
+            yield from self._towards_usual(name)
+
+    def _in_conditions(self, conditions: Conditions) -> Trials[bool]:
+        """Try the smallest road in other conditions, and keep these if it fails there."""
+        assert self.shrinker is not None
+        self._tried_conditions = conditions
+        result = yield self.shrinker.best
+        self._tried_conditions = None
+        if result is TrialResult.YES:
+            self.smallest = self._last_candidates[self.shrinker.best]
+        return result is TrialResult.YES
+
+    def _towards_usual(self, name: str) -> Trials[None]:
+        """Move an amount towards the usual one as far as the failure lasts, by bisection."""
+        if (yield from self._in_conditions(without(self.conditions, name))):
+            return  # the shorter road fails without the condition
+        fails, usual = self.conditions[name], self._usual.get(name)
+        if usual is None:
+            return
+        passes = usual if math.isfinite(usual) else max(2.0 * fails, _FAR_VIEW)
+        for _ in range(_BISECTIONS):
+            middle = float(f"{0.5 * (fails + passes):.2g}")
+            if not min(fails, passes) < middle < max(fails, passes):
+                break
+            if (yield from self._in_conditions({**self.conditions, name: middle})):
+                fails = middle
+            else:
+                passes = middle
+        self.passes[name] = passes
+
+    def tell(self, evaluation: Evaluation) -> None:
+        """Take the result of the road that was proposed last.
+
+        Raises:
+            ValueError: see `Ledger.settle`.
+        """
+        candidate = self._ledger.settle(evaluation)
+        failure = self._failure_of(evaluation, candidate)
+        if self._trials is None:
+            if failure is not None:
+                self.failure = failure
+                self.shrinker = Shrinker(
+                    shape_of(candidate),
+                    lambda shape: (shape.scaled(1.0 - GUARD), shape.scaled(1.0 + GUARD)),
+                    place=None if evaluation.finding is None else evaluation.finding.distance,
+                )
+                self.smallest = candidate
+                self._trials = self._run_trials()
+                self._advance(None)
+            return
+        if evaluation.outcome is Outcome.INVALID:
+            self._advance(TrialResult.REFUSED)
+        else:
+            self._advance(TrialResult.YES if self._is_like_first(failure) else TrialResult.NO)
+
+    def _advance(self, result: TrialResult | None) -> None:
+        assert self._trials is not None
+        assert self.shrinker is not None
+        best = self.shrinker.best
+        try:
+            # A generator is started with None.
+            self._next = self._trials.send(result)  # type: ignore[arg-type]
+        except StopIteration:
+            self.is_minimal = True
+        if self.shrinker.best != best:
+            self.smallest = self._last_candidates[self.shrinker.best]
+
+    def _failure_of(self, evaluation: Evaluation, candidate: Candidate) -> _DriveFailure | None:
+        if evaluation.outcome is not Outcome.FAIL:
+            return None
+        timeout = self._rules.timeout(candidate.length)
+        fault = evaluation.fault
+        reason = FailureReason.of(evaluation.finding, evaluation.duration, timeout, fault)
+        approach = places_of(evaluation, candidate, 0.0)[0].vector
+        return _DriveFailure(reason, approach, evaluation.objective, fault)
+
+    def _is_like_first(self, failure: _DriveFailure | None) -> bool:
+        first = self.failure
+        if failure is None or first is None or failure.reason is not first.reason:
+            return False
+        if failure.fault is not None:
+            return failure.fault.is_like(first.fault)
+        if failure.cause != first.cause:
+            return False
+        return float(np.linalg.norm(failure.approach - first.approach)) <= THRESHOLD
+
+
+class _DriveFailure(NamedTuple):
+    """Failure of a drive."""
+
+    reason: FailureReason
+    approach: FloatArray
+    """Approach to the place of the failure, (64,) in m, see `frenetic.search.approach`."""
+    cause: float | None
+    """Number of the kind of cause, see `kind_number`."""
+    fault: Fault | None
+
+
+def shape_of(road: Candidate) -> Shape:
+    """Return the shape of a candidate's road."""
+    stations = np.arange(len(road.curvatures)) * road.step
+    columns = [
+        () if values is None else profile.values_of(name, values, stations).tolist()
+        for name, values in ((name, getattr(road, name)) for name in profile.NAMES)
+    ]
+    slopes = tuple(zip_longest(*columns, fillvalue=0.0))
+    return Shape(tuple(road.curvatures), road.step, slopes)

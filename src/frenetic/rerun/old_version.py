@@ -1,0 +1,335 @@
+"""The old version of a driver, as its campaign recorded it, driven on fresh random roads.
+
+Two versions of one module never meet in one process: an edited driver of the user's is made in a
+separate process, from the source that the campaign keeps.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import chdir, contextmanager
+from dataclasses import dataclass, field, replace
+from itertools import count
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final, Unpack
+
+from msgspec import structs
+
+from frenetic._support.bounds import require_count
+from frenetic._support.json_value import JSONValue
+from frenetic._support.words import part_word
+from frenetic.campaign.configuration import with_budget
+from frenetic.campaign.counts import Counts
+from frenetic.campaign.record import Test
+from frenetic.campaign.status import signed_spec
+from frenetic.campaign.store import DATABASE, SOURCES, CampaignStore
+from frenetic.campaign.summary import Event, EventKind, Progress, Summary
+from frenetic.campaign.tester import RoadTester
+from frenetic.errors import CampaignError
+from frenetic.parts.registry import DRIVERS, absolute_files, user_folders
+from frenetic.parts.trust import NOT_DRIVING, REGISTRIES
+from frenetic.parts.versions import sources_named
+from frenetic.processes.interrupt import catch_interrupt
+from frenetic.processes.worker import LostWorkerError, Worker, pack, ready, report
+from frenetic.rerun.campaigns import (
+    RerunOptions,
+    RerunPlan,
+    drive_missing,
+    report_complete,
+    rerun_campaign,
+)
+from frenetic.search import RandomSearch
+from frenetic.spec import Budget, Spec
+
+FRESH: Final = 200
+"""Default number of fresh roads."""
+_POLL: Final = 0.2  # [s] between two checks whether Ctrl-C was pressed; ours
+
+
+@dataclass(frozen=True)
+class FreshRoads:
+    """Fresh random roads that the old version has driven."""
+
+    campaign: Path
+    """Folder of the old version's campaign."""
+    folder: Path
+    """Folder of the campaign of random search that drove these roads."""
+    count: int
+    """Number of planned roads."""
+    seed: int
+    """Seed of the random search."""
+    driver: Mapping[str, JSONValue]
+    """Old version, as `frenetic.spec.part_record.describe` records it."""
+    tests: tuple[int, ...]
+    """Ids of the driven tests in `folder`; Ctrl-C leaves fewer than `count`."""
+
+
+def fresh_roads(
+    campaign: Path | str,
+    tester: RoadTester,
+    *,
+    fresh: int = FRESH,
+    strategy_name: str | None = "random",
+    **options: Unpack[RerunOptions],
+) -> FreshRoads:
+    """Return fresh random roads that the old version has driven; missing drives are made.
+
+    The seed is the least one that is not the campaign's.
+
+    Args:
+        campaign: folder of a campaign of the old version.
+        tester: drives with the old version on the campaign's terms.
+        fresh: number of roads.
+        strategy_name: name of the strategy in the record; None leaves a record without a spec,
+            which is not signed.
+        options: see `RerunOptions`.
+
+    Raises:
+        CampaignError: the campaign does not exist, or see
+            `frenetic.rerun.campaigns.rerun_campaign`.
+        ValueError: an option is out of range.
+    """
+    require_count("fresh", fresh)
+    with CampaignStore.open(campaign) as store:
+        seed = _fresh_seed(store)
+    terms, budget = tester.terms, Budget(simulations=fresh)
+    strategy = RandomSearch(
+        seed=seed, map_size=terms.map_size, road_class=terms.road_class, domain=terms.domain
+    )
+    if tester.spec is not None:
+        tester = replace(tester, spec=with_budget(structs.replace(tester.spec, seed=seed), budget))
+    plan = RerunPlan(
+        strategy,
+        budget,
+        identity=["fresh", seed],
+        purpose={"fresh": True},
+        strategy_name=strategy_name,
+    )
+    driving, on_event = rerun_campaign(campaign, plan, tester, options), options.get("on_event")
+    tests = _driven_tests(driving.folder)
+    if len(tests) < fresh:
+        drive_missing(driving, on_event)
+    else:
+        outcomes = Counter(test.outcome for test in tests[:fresh])
+        report_complete(driving.folder, Counts.of(outcomes), on_event)
+    driver = tester.described["driver"]
+    return _read_fresh_roads(Path(campaign), driving.folder, fresh, seed, driver)
+
+
+def recorded_driver(store: CampaignStore) -> Mapping[str, JSONValue]:
+    """Return the driver of a campaign as the campaign records it."""
+    driver = store.config["driver"]
+    return driver if isinstance(driver, Mapping) else {}
+
+
+def _fresh_seed(store: CampaignStore) -> int:
+    """Return the least seed that is not a campaign's."""
+    taken = store.config.get("seed")
+    return next(number for number in count() if number != taken)
+
+
+def _read_fresh_roads(
+    campaign: Path, folder: Path, fresh: int, seed: int, driver: Mapping[str, JSONValue]
+) -> FreshRoads:
+    """Return the fresh roads in a folder that were driven, at most ``fresh`` of them."""
+    ids = tuple(test.id for test in _driven_tests(folder)[:fresh])
+    return FreshRoads(campaign, folder, fresh, seed, driver, ids)
+
+
+def fresh_roads_as_recorded(
+    campaign: Path | str,
+    spec: Spec,
+    *,
+    fresh: int = FRESH,
+    is_trusted: bool = False,
+    **options: Unpack[RerunOptions],
+) -> FreshRoads:
+    """Return fresh random roads that a campaign's driver has driven, in its recorded version.
+
+    A user's driver is made in a separate process, from the source that the campaign keeps if the
+    file was edited since: two versions of one module never meet in one process.
+
+    Args:
+        campaign: folder of the campaign.
+        spec: spec of the campaign.
+        fresh: number of roads.
+        is_trusted: whether the user trusts the campaign, with the sources that it keeps.
+        options: see `RerunOptions`.
+
+    Raises:
+        CampaignError: the source was edited and the campaign keeps none, or see `fresh_roads`.
+        FreneticError: the user has not trusted the code, see `frenetic.parts.trust`.
+    """
+    with as_recorded(campaign, spec, is_trusted=is_trusted) as old:
+        recorded = old.spec
+        if not DRIVERS.is_own(recorded.part("driver").name):
+            return fresh_roads(campaign, old.tester(), fresh=fresh, **options)
+        return _drive_in_process(old, fresh, options)
+
+
+def _drive_in_process(old: OldVersion, fresh: int, options: RerunOptions) -> FreshRoads:
+    """Let an old version drive fresh roads in a separate process, which Ctrl-C ends."""
+    on_event = options.get("on_event") or (lambda _: None)
+    with CampaignStore.open(old.campaign) as store:
+        seed, driver = _fresh_seed(store), recorded_driver(store)
+    now, folder = Summary(), old.campaign
+    worker = Worker("the old version", pack(old), files=())
+
+    def on_interrupt() -> None:
+        on_event(Event("interrupted", now))
+
+    with catch_interrupt(on_interrupt) as interrupt:
+        try:
+            worker.start()
+            workers, isolate = options.get("workers", 1), options.get("isolate", False)
+            worker.send(
+                *("drive", fresh, workers, isolate),
+                limit=math.inf,
+                answer=str,
+                report=tuple[EventKind, Progress],
+            )
+            while len(worker) and not interrupt.requested:
+                for _ in ready([worker], _POLL):
+                    for message in filter(None, worker.receive()):
+                        if isinstance(message, str):
+                            folder = Path(message)
+                            continue
+                        kind, progress = message
+                        now = progress.summary()
+                        folder = now.folder
+                        on_event(Event(kind, now))
+        except LostWorkerError as error:
+            raise CampaignError(f"the old version did not drive: {error}") from None
+        finally:
+            worker.kill()
+    return _read_fresh_roads(old.campaign, folder, fresh, seed, driver)
+
+
+@dataclass(frozen=True)
+class OldVersion:
+    """Recorded version of a campaign's driver, which a process makes and lets drive."""
+
+    campaign: Path
+    """Folder of the campaign."""
+    spec: Spec
+    """Spec of the campaign, whose parts lie in `sources` if that is set."""
+    code_folder: Path
+    """Folder from which the campaign's code is loaded."""
+    sources: Path | None
+    """Temporary folder with the recorded sources; None if the code was not edited."""
+    others: frozenset[str] = field(default_factory=user_folders)
+    """Folders of other versions' modules, which the process must not search."""
+
+    def start(self) -> None:
+        """Put the recorded sources before all other folders of `sys.path`."""
+        path = [folder for folder in sys.path if folder not in self.others]
+        sys.path[:] = path if self.sources is None else [str(self.sources), *path]
+
+    def tester(self) -> RoadTester:
+        """Return a tester with the old version on the campaign's terms, without warnings."""
+        with CampaignStore.open(self.campaign) as store, chdir(self.sources or self.code_folder):
+            return RoadTester.of(self.spec, store.setting.terms)
+
+    def drive(self, fresh: int, workers: int, isolate: bool) -> str:
+        """Drive fresh roads and report events; return the folder of the campaign that drove."""
+
+        def on_event(event: Event) -> None:
+            report((event.kind, Progress.of_summary(event.summary)))
+
+        # A signature would outlive sources in a temporary folder, so these get none.
+        roads = fresh_roads(
+            self.campaign,
+            self.tester(),
+            fresh=fresh,
+            strategy_name="random" if self.sources is None else None,
+            workers=workers,
+            isolate=isolate,
+            on_event=on_event,
+        )
+        return str(roads.folder)
+
+    def close(self) -> None:
+        """Do nothing: an old version holds nothing open."""
+
+
+def _driven_tests(folder: Path) -> list[Test]:
+    """Return the driven tests of a campaign by their ids; an empty list without a campaign."""
+    if not (folder / DATABASE).exists():
+        return []
+    with CampaignStore.open(folder) as store:
+        driven = [test for test in store.tests() if test.outcome.is_simulated]
+        return sorted(driven, key=lambda test: test.id)
+
+
+@contextmanager
+def as_recorded(
+    folder: Path | str, spec: Spec, *, is_trusted: bool = False
+) -> Iterator[OldVersion]:
+    """Yield a campaign's driver in its recorded version.
+
+    If the source was edited since, the one that the campaign keeps lies in a temporary folder
+    until the context ends.
+
+    Args:
+        folder: folder of the campaign.
+        spec: spec of the campaign.
+        is_trusted: whether the user trusts the campaign, with the sources that it keeps.
+
+    Raises:
+        CampaignError: the source was edited, and the campaign keeps none.
+        FreneticError: the user has not trusted the code, see `frenetic.parts.trust`.
+    """
+    with CampaignStore.open(folder) as store:
+        sources: Any = store.fact(SOURCES)
+        driving = {kind: part for kind, part in spec.parts.items() if kind not in NOT_DRIVING}
+        code_folder = signed_spec(store).require_trusted(
+            folder, made=driving, sources=sources, is_trusted=is_trusted, optional=()
+        )
+    sources = sources if isinstance(sources, Mapping) else {}
+    driver = spec.part("driver")
+    with chdir(code_folder):
+        present = sources_named(driver.name)
+    is_edited = not sources.items() >= present.items() or bool(sources and not present)
+    if not (is_edited and DRIVERS.is_own(driver.name)):
+        yield OldVersion(Path(folder), spec, code_folder, None)
+        return
+    if not sources:
+        raise CampaignError(
+            f"{folder} keeps no source of its driver {driver.name!r}: bring the old version"
+            " back first"
+        )
+    with TemporaryDirectory() as text:
+        temporary = Path(text).resolve()
+        for file, source in sources.items():
+            target = (temporary / file).resolve()
+            if not target.is_relative_to(temporary):
+                raise CampaignError(f"{folder} is damaged: it keeps the source of {file!r}")
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_text(str(source), encoding="utf-8", newline="\n")
+        restored = _with_sources_in(temporary, spec, code_folder)
+        yield OldVersion(Path(folder), restored, code_folder, temporary)
+
+
+def _with_sources_in(sources: Path, spec: Spec, code_folder: Path) -> Spec:
+    """Return a spec that loads a user's driver and simulator from recorded sources.
+
+    Args:
+        sources: folder with the recorded sources, by the names in the campaign.
+        spec: spec of the campaign.
+        code_folder: folder to which the other paths of the parts are relative.
+    """
+    words = {}
+    for kind in ("driver", "simulator"):
+        (name, options), registry = spec.part(kind), REGISTRIES[kind]
+        module, _, attribute = name.rpartition(":")
+        if not (module and registry.is_own(name)):
+            words[kind] = part_word(*registry.absolute(name, options, code_folder))
+            continue
+        if module.endswith(".py"):
+            name = f"{sources / Path(module).name}:{attribute}"
+        words[kind] = part_word(name, absolute_files(options, code_folder))
+    return structs.replace(spec, **words)
