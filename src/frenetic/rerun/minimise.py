@@ -21,6 +21,7 @@ from frenetic._support.bounds import require_count
 from frenetic.analysis.causes import kind_number
 from frenetic.analysis.clusters import CauseGroup
 from frenetic.analysis.failures import Failure
+from frenetic.campaign.database import DATABASE
 from frenetic.campaign.guarded_strategy import replay
 from frenetic.campaign.objective import Objective
 from frenetic.campaign.record import Test

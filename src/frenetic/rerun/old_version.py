@@ -22,19 +22,22 @@ from msgspec import structs
 from frenetic._support.bounds import require_count
 from frenetic._support.json_value import JSONValue
 from frenetic._support.words import part_word
-from frenetic.campaign.configuration import with_budget
 from frenetic.campaign.counts import Counts
+from frenetic.campaign.database import DATABASE
+from frenetic.campaign.reader import SOURCES
 from frenetic.campaign.record import Test
 from frenetic.campaign.status import signed_spec
-from frenetic.campaign.store import DATABASE, SOURCES, CampaignStore
+from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Event, EventKind, Progress, Summary
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import CampaignError
-from frenetic.parts.registry import DRIVERS, absolute_files, user_folders
+from frenetic.parts.registry import DRIVERS, absolute_files
 from frenetic.parts.trust import NOT_DRIVING, REGISTRIES
+from frenetic.parts.user_modules import user_folders
 from frenetic.parts.versions import sources_named
 from frenetic.processes.interrupt import catch_interrupt
-from frenetic.processes.worker import LostWorkerError, Worker, pack, ready, report
+from frenetic.processes.object_host import report
+from frenetic.processes.object_process import LostWorkerError, ObjectProcess, pack, ready
 from frenetic.rerun.campaigns import (
     RerunOptions,
     RerunPlan,
@@ -101,7 +104,7 @@ def fresh_roads(
         seed=seed, map_size=terms.map_size, road_class=terms.road_class, domain=terms.domain
     )
     if tester.spec is not None:
-        tester = replace(tester, spec=with_budget(structs.replace(tester.spec, seed=seed), budget))
+        tester = replace(tester, spec=structs.replace(tester.spec, seed=seed).with_budget(budget))
     plan = RerunPlan(
         strategy,
         budget,
@@ -177,7 +180,7 @@ def _drive_in_process(old: OldVersion, fresh: int, options: RerunOptions) -> Fre
     with CampaignStore.open(old.campaign) as store:
         seed, driver = _fresh_seed(store), recorded_driver(store)
     now, folder = Summary(), old.campaign
-    worker = Worker("the old version", pack(old), files=())
+    worker = ObjectProcess("the old version", pack(old), files=())
 
     def on_interrupt() -> None:
         on_event(Event("interrupted", now))
@@ -287,7 +290,7 @@ def as_recorded(
         sources: Any = store.fact(SOURCES)
         driving = {kind: part for kind, part in spec.parts.items() if kind not in NOT_DRIVING}
         code_folder = signed_spec(store).require_trusted(
-            folder, made=driving, sources=sources, is_trusted=is_trusted, optional=()
+            folder, needed=driving, sources=sources, is_trusted=is_trusted, optional=()
         )
     sources = sources if isinstance(sources, Mapping) else {}
     driver = spec.part("driver")
