@@ -25,7 +25,7 @@ from frenetic.errors import FreneticError
 from frenetic.oracle.outcome import Outcome
 from frenetic.oracle.verdict import REACHED, RUNNING, TIMED_OUT, rules_array
 from frenetic.plugins.vision.policy import ACTION_SIZE, VECTOR_SIZE, controls_of, write_vector
-from frenetic.plugins.vision.rendering import Renderer
+from frenetic.plugins.vision.rendering import CameraRenderer
 from frenetic.road import Road
 from frenetic.road.geometry import WIDENING, widening_at
 from frenetic.simulators import Drive, EmbeddedSimulator, Trajectory
@@ -183,7 +183,7 @@ class Cars:
             raise FreneticError(f"camera is {camera!r}: a frenetic.drivers.Camera is needed")
         self.simulator = simulator
         self._camera = camera
-        self._renderers: list[Renderer | None] = [None] * count
+        self._renderers: list[CameraRenderer | None] = [None] * count
         vector = Box(-1.0, 1.0, (VECTOR_SIZE,), np.float32)
         self.observation_space: Space[Any] = vector
         """Space of one car's observations."""
@@ -266,7 +266,7 @@ class Cars:
         assert self._camera is not None
         renderer = self._renderers[k]
         if renderer is None:
-            renderer = self._renderers[k] = Renderer(road, self._camera)
+            renderer = self._renderers[k] = CameraRenderer(road, self._camera)
         x, y, heading = self._states[k, :3].tolist()
         return renderer.draw(x, y, heading)
 
@@ -308,8 +308,8 @@ class Cars:
     @property
     def timed_out(self) -> npt.NDArray[np.bool_]:
         """Cars that took too long, (n,)."""
-        found: npt.NDArray[np.bool_] = self.ends == TIMED_OUT
-        return found
+        timed_out: npt.NDArray[np.bool_] = self.ends == TIMED_OUT
+        return timed_out
 
     def info(self, k: int) -> dict[str, Any]:
         """Information on the drive of car ``k``; nothing unless it has ended by the rules."""
@@ -336,15 +336,17 @@ def checked_actions(actions: npt.ArrayLike, count: int) -> FloatArray:
     Raises:
         ValueError: they are not (count, 2) finite numbers.
     """
-    given = np.asarray(actions, dtype=np.float64)
-    if given.shape != (count, ACTION_SIZE):
+    checked = np.asarray(actions, dtype=np.float64)
+    if checked.shape != (count, ACTION_SIZE):
         raise ValueError(
-            f"the actions have shape {given.shape}: steering and pedal of each car,"
+            f"the actions have shape {checked.shape}: steering and pedal of each car,"
             f" {(count, ACTION_SIZE)}, are needed"
         )
-    if not np.isfinite(given).all():
-        raise ValueError(f"an action is not finite: {given[~np.isfinite(given).all(axis=1)][0]}")
-    return given
+    if not np.isfinite(checked).all():
+        raise ValueError(
+            f"an action is not finite: {checked[~np.isfinite(checked).all(axis=1)][0]}"
+        )
+    return checked
 
 
 def _longer(array: FloatArray, axis: int, needed: int) -> FloatArray:
