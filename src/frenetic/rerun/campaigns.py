@@ -18,6 +18,7 @@ from msgspec import json, structs
 from frenetic._support.bounds import require_count
 from frenetic._support.json_value import JSONValue, plain
 from frenetic.campaign import Budget, Campaign, CampaignStore, Event, RoadTester, Summary
+from frenetic.campaign.configuration import Owner
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.objective import MOOBD
 from frenetic.campaign.status import stored_budget
@@ -30,6 +31,12 @@ FOLDER: Final = "again"
 """Folder, in that of a campaign, of the campaigns beside it."""
 TERMS: Final = "again"
 """Entry of such a campaign's configuration: why it drives them."""
+
+_OWNER: Final = Owner(
+    summary="does not search",
+    advice="the command that began it, 'frenetic rerun', 'minimise', 'compare' or 'estimate', goes"
+    " on with it",
+)
 
 
 class How(TypedDict, total=False):
@@ -104,7 +111,7 @@ def campaign_again(
             lookahead=lookahead,
             objective=objective,
             spec=spec,
-            description={TERMS: {**terms, "digest": digest}},
+            description={TERMS: {**terms, "digest": digest}, **_OWNER.entry()},
         )
 
 
