@@ -45,7 +45,7 @@ from frenetic.road.classes import RoadClass, classes
 from frenetic.search.random_search import RandomSearch
 
 STEADY: dict[str, Any] = {"lateral": 100.0}
-"""Options with which a driver of the shelf does not slow down for bends."""
+"""Options with which a third-party driver does not slow down for bends."""
 DRIVERS_OF: dict[str, tuple[str, dict[str, Any], type | None, str]] = {
     "planner": ("planner", {"lateral_acceleration": 100.0}, None, "frenetic"),
     "stanley": ("stanley", {"lateral_acceleration": 100.0}, None, "frenetic"),

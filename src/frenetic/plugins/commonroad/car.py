@@ -91,7 +91,7 @@ multi_body: Final[_Dynamics] = FunctionType(
 """The package's multi-body model with these tyres."""
 
 
-class Car:
+class CommonRoadCar:
     """A car that stands, or rolls straight on.
 
     Args:

@@ -17,7 +17,7 @@ from frenetic.simulators.simulator import Amount, unusual_amounts
 from frenetic.simulators.stepped import Motion, SteppedSimulator
 
 if TYPE_CHECKING:
-    from frenetic.plugins.commonroad.car import Car
+    from frenetic.plugins.commonroad.car import CommonRoadCar
 
 VEHICLE: Final = Vehicle()
 """The embedded simulator's car: the same BMW 320i, whose engine, brakes and steering it has."""
@@ -90,15 +90,15 @@ class CommonRoadSimulator(SteppedSimulator):
         self._car_class()
         return self
 
-    def _car_class(self) -> type[Car]:
+    def _car_class(self) -> type[CommonRoadCar]:
         try:
-            from frenetic.plugins.commonroad.car import Car  # imports the extra
+            from frenetic.plugins.commonroad.car import CommonRoadCar  # imports the extra
         except ModuleNotFoundError as error:
             raise FreneticError(
                 f"the simulator commonroad needs the package {error.name}:"
                 f" {pip_install('commonroad')}"
             ) from error
-        return Car
+        return CommonRoadCar
 
     def start(self, road: Road, pose: Pose, setup: DriveSetup) -> Motion:  # noqa: ARG002
         """Puts the car at rest on the road."""

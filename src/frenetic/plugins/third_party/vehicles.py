@@ -1,4 +1,4 @@
-"""The cars that the packages of the shelf bring, as simulators.
+"""The cars that the third-party packages bring, as simulators.
 
 A driver that fails in its own package's car fails by itself, not by the glue. Named
 ``frenetic.plugins.third_party.vehicles:HighwayEnvCar`` and the like on the command line.
