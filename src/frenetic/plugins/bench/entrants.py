@@ -167,13 +167,13 @@ def folder_names(entrants: Sequence[Entrant]) -> dict[str, str]:
     Raises:
         FreneticError: two have the same name.
     """
-    found: dict[str, str] = {}
+    folders: dict[str, str] = {}
     for entrant in entrants:
-        if entrant.name in found:
+        if entrant.name in folders:
             raise FreneticError(f"two take part as {entrant.name!r}: give one of them another name")
         plain = re.sub(r"[^A-Za-z0-9_-]+", "-", entrant.name).strip("-").lower() or "entrant"
         folder, number = plain, 2
-        while folder in found.values():
+        while folder in folders.values():
             folder, number = f"{plain}-{number}", number + 1
-        found[entrant.name] = folder
-    return found
+        folders[entrant.name] = folder
+    return folders

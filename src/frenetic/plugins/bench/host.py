@@ -85,7 +85,7 @@ def _empty_class(name: str) -> type:
     return _Empty(name, (), {"__init__": lambda *_, **__: None})
 
 
-class Bench:
+class BenchClient:
     """The other end, and its count of the virtual time; this process ends when it has gone."""
 
     def __init__(self) -> None:
@@ -112,7 +112,7 @@ class Bench:
         self.running: tuple[Any, dict[str, Any]] | None = None
         """The test that is being executed, and what the bench has answered."""
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> Bench:
+    def __deepcopy__(self, memo: dict[int, Any]) -> BenchClient:
         """Return itself: budgets are copied with it."""
         return self
 
@@ -180,7 +180,7 @@ def points_of(test: Any) -> list[Any] | None:
     return points.tolist()  # type: ignore[no-any-return]
 
 
-def make_executor(bench: Bench, *, is_2021: bool) -> Any:
+def make_executor(bench: BenchClient, *, is_2021: bool) -> Any:
     """Return an executor of the pipeline that is on the module path, with the bench behind it.
 
     Args:
@@ -300,7 +300,7 @@ def _reported(what: str) -> Iterator[None]:
         raise GeneratorError(f"{what} fails: {why}") from None
 
 
-def build(bench: Bench) -> Any:
+def build(bench: BenchClient) -> Any:
     """Return the generator, built as the pipeline of its year does it.
 
     Raises:
@@ -350,7 +350,7 @@ def build(bench: Bench) -> Any:
     return generator
 
 
-def _overlaps(bench: Bench, road: Any) -> bool:
+def _overlaps(bench: BenchClient, road: Any) -> bool:
     """Whether a road overlaps itself; the pipeline's own answer is the same and takes up to 5 s."""
     left, right = ([[float(v) for v in at[:2]] for at in edge] for edge in (road.left, road.right))
     return bool(bench.ask("overlaps", left=left, right=right)["overlaps"])
@@ -368,7 +368,7 @@ def _load_file(file: Path) -> ModuleType:
     return module
 
 
-def run(bench: Bench) -> tuple[str, str]:
+def run(bench: BenchClient) -> tuple[str, str]:
     """Build and start a generator; return how it ends, an `End` of the bench, and a line."""
     try:
         generator = build(bench)
@@ -391,7 +391,7 @@ if __name__ == "__mp_main__":  # a process that a generator has spawned
     sys.meta_path.append(Unused())
 
 if __name__ == "__main__":
-    the_bench = Bench()
+    the_bench = BenchClient()
     logging.basicConfig(
         level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s", stream=sys.stderr
     )

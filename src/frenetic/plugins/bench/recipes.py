@@ -59,9 +59,9 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
                 f"{str(folder)!r} does not hold {self.title}: {place.with_suffix('.py')} is not"
                 f" there; its path must be a folder with the files of {self.source}"
             )
-        for file, what in self.files.items():
+        for file, content in self.files.items():
             if not (folder / file).exists():
-                raise FreneticError(f"{self.title} needs {str(folder / file)!r}: {what}")
+                raise FreneticError(f"{self.title} needs {str(folder / file)!r}: {content}")
         return Entrant(
             name=self.title if name is None else name,
             spec=self.spec,
@@ -73,7 +73,7 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     @property
     def needs(self) -> str:
         """What has to be there beside its files, for people."""
-        needs = [*self.packages, *(f"{file} ({what})" for file, what in self.files.items())]
+        needs = [*self.packages, *(f"{file} ({content})" for file, content in self.files.items())]
         if self.seconds_per_test:
             needs.append(f"{self.seconds_per_test:g} s per test")
         return "; ".join(filter(None, (", ".join(needs), self.note)))

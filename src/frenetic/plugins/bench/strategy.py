@@ -51,7 +51,7 @@ class End(StrEnum):
 
 
 @dataclass(frozen=True)
-class Ending:
+class RunEnding:
     """End of a generator, and its reason."""
 
     end: End
@@ -88,7 +88,7 @@ class GeneratorStrategy(ObservingStrategy):
         seed: int,
     ) -> None:
         self.options = {"seed": seed}
-        self.ending: Ending | None = None
+        self.ending: RunEnding | None = None
         """End of the generator; None while it runs."""
         self.computing = 0.0
         """Wall time that the generator took, in s."""
@@ -135,7 +135,7 @@ class GeneratorStrategy(ObservingStrategy):
         }
         self._send(answer)
 
-    def dismiss(self) -> Ending:
+    def dismiss(self) -> RunEnding:
         """Reports that the budget is spent, and waits until the generator has ended."""
         deadline = time.monotonic() + min(self._patience, CLOSING_LIMIT)
         while self.ending is None:
@@ -165,12 +165,12 @@ class GeneratorStrategy(ObservingStrategy):
                     break
                 self._send(self._judged(message))
         except GeneratorLostError as error:
-            self.ending = Ending(End.CRASHED, str(error))
+            self.ending = RunEnding(End.CRASHED, str(error))
             return None
         if message is None:
             left = self._left * self._seconds_per_test
             asked = f"it asked for no test for {limit:.3g} s, with {left:.3g} s of its budget left"
-            self.ending = Ending(End.HUNG, hung or asked)
+            self.ending = RunEnding(End.HUNG, hung or asked)
             return None
         self.computing += float(message.get("seconds", 0.0))
         if message.get("kind") == "end":
@@ -190,12 +190,12 @@ class GeneratorStrategy(ObservingStrategy):
         verdict = check_validity(points, self._tester.terms.map_size)
         return {"valid": verdict.valid, "description": verdict.message}
 
-    def _ending_of(self, message: Mapping[str, Any]) -> Ending:
+    def _ending_of(self, message: Mapping[str, Any]) -> RunEnding:
         """The end that the generator reports."""
         end, detail = End(message["how"]), " ".join(message["detail"].split())[:450]
         if self._left <= 0 and (end is End.RETURNED or detail == "exit code 0"):
             end, detail = End.OVER, ""
-        return Ending(end, detail)
+        return RunEnding(end, detail)
 
     def _candidate(self, points: FloatArray | None) -> Candidate:
         curvatures, step = np.empty(0), 1.0
