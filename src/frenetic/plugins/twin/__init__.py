@@ -11,8 +11,8 @@ from frenetic._support.public_names import lazy_names
 
 if TYPE_CHECKING:
     from frenetic.plugins.twin.foresight import foresight
-    from frenetic.plugins.twin.profile import Profile
+    from frenetic.plugins.twin.profile import TwinProfile
 
 __getattr__ = lazy_names(__name__)
 
-__all__ = ["Profile", "foresight"]
+__all__ = ["TwinProfile", "foresight"]
