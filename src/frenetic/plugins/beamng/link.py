@@ -171,9 +171,9 @@ def beamngpy() -> Any:
         BeamngError: it is not installed.
     """
     # BeamNGpy logs a lot, and its warnings go unread; those that matter become errors.
-    theirs = logging.getLogger("beamngpy")
-    theirs.addHandler(_silence)
-    theirs.propagate = logger.isEnabledFor(logging.DEBUG)
+    foreign_logger = logging.getLogger("beamngpy")
+    foreign_logger.addHandler(_silence)
+    foreign_logger.propagate = logger.isEnabledFor(logging.DEBUG)
     try:
         return importlib.import_module("beamngpy")
     except ModuleNotFoundError as error:
@@ -445,13 +445,13 @@ class Link:
     def picture(self) -> Image:
         """What the camera sees now, (height, width, 3)."""
         with _asking("asking for the camera's picture"):
-            found = self._camera.poll().get("colour")
-        if found is None:
+            colours = self._camera.poll().get("colour")
+        if colours is None:
             raise BeamngError(
                 "the camera gives no picture: BeamNG.tech draws with a graphics card and its"
                 " licence only, and not with low graphics settings"
             )
-        return np.array(found, dtype=np.uint8)[..., :3]
+        return np.array(colours, dtype=np.uint8)[..., :3]
 
     def let_ai_drive(self, speed: float, aggression: float) -> None:
         """Lets BeamNG.AI drive to the road's end in its lane, with a speed limit in m/s."""
@@ -470,7 +470,7 @@ class Link:
 
 
 @contextmanager
-def _asking(what: str) -> Iterator[None]:
+def _asking(subject: str) -> Iterator[None]:
     """Turns every trouble with BeamNG.tech into an error that names the activity."""
     from beamngpy.logging import BNGDisconnectedError, BNGError, BNGValueError  # an extra
 
@@ -479,10 +479,10 @@ def _asking(what: str) -> Iterator[None]:
     except BeamngError:
         raise
     except TimeoutError as error:
-        raise BeamngError(f"BeamNG.tech did not answer in time, {what}") from error
+        raise BeamngError(f"BeamNG.tech did not answer in time, {subject}") from error
     except (BNGDisconnectedError, OSError) as error:
         raise BeamngError(
-            f"the connection to BeamNG.tech was lost, {what}: {describe_error(error)}"
+            f"the connection to BeamNG.tech was lost, {subject}: {describe_error(error)}"
         ) from error
     except (BNGError, BNGValueError) as error:
         text = " ".join(str(error).split())
@@ -491,10 +491,10 @@ def _asking(what: str) -> Iterator[None]:
                 "; install the version of beamngpy that belongs to this BeamNG.tech: 1.36 to 0.39,"
                 " a newer one to a newer one"
             )
-        raise BeamngError(f"BeamNG.tech reported an error, {what}: {text}") from error
+        raise BeamngError(f"BeamNG.tech reported an error, {subject}: {text}") from error
     except (AssertionError, AttributeError, ImportError, LookupError, TypeError, ValueError) as odd:
         raise BeamngError(
-            f"BeamNG.tech or beamngpy {version('beamngpy')} is not as Frenetic knows it, {what}:"
+            f"BeamNG.tech or beamngpy {version('beamngpy')} is not as Frenetic knows it, {subject}:"
             f" {describe_error(odd)}; Frenetic is tested with beamngpy 1.36, which belongs to"
             " BeamNG.tech 0.39"
         ) from odd

@@ -263,7 +263,7 @@ class BeamngSimulator:
         else:
             self._open_camera(driver)
         drive = follow(
-            _Car(self, road, by_ai=by_ai, has_camera=camera_of(driver) is not None),
+            _BeamngCar(self, road, by_ai=by_ai, has_camera=camera_of(driver) is not None),
             road,
             self.rules,
             self.car,
@@ -289,8 +289,8 @@ class BeamngSimulator:
         """Checks of the licence, and two drives of BeamNG.AI."""
         link, car = self.link, self.measured
         remedy = f"put tech.key into its user folder ({link.user_folder})"
-        found = "found" if link.is_licensed else "not found"
-        yield Check("licence", link.is_licensed, found, "" if link.is_licensed else remedy)
+        state = "found" if link.is_licensed else "not found"
+        yield Check("licence", link.is_licensed, state, "" if link.is_licensed else remedy)
         size = f"{car.length:g} by {car.width:g} m, steers by {abs(car.steering):.2f} rad"
         yield Check("car", True, f"{self.vehicle} in BeamNG.tech {link.version}, {size}")
         yield from drive_checks(self, BeamngAi(), who="BeamNG.AI")
@@ -366,7 +366,7 @@ class BeamngSimulator:
         state = self._load(OPEN_FIELD, 0.0, 0.0)
         corners = self.link.box()
         pairs = ((corners[:4], corners[4:]), (corners[::2], corners[1::2]))
-        size = [np.linalg.norm(one.mean(axis=0) - other.mean(axis=0)) for one, other in pairs]
+        size = [np.linalg.norm(side.mean(axis=0) - other.mean(axis=0)) for side, other in pairs]
         away = corners.mean(axis=0) - state.position
         aside = np.cross(state.up, state.forward)
         car = MeasuredCar(
@@ -405,7 +405,7 @@ class BeamngSimulator:
         return replace(car, steering=steering, shown=shown)
 
 
-class _Car:
+class _BeamngCar:
     """The car during one drive.
 
     Args:

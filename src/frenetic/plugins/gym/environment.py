@@ -183,9 +183,9 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
         """
         road = _given_road(options)
         super().reset(seed=seed if isinstance(seed, int) else None)
-        for k, own in enumerate(self._seeds(seed)):
-            if own is not None:
-                self._generators[k], _ = seeding.np_random(own)
+        for k, own_seed in enumerate(self._seeds(seed)):
+            if own_seed is not None:
+                self._generators[k], _ = seeding.np_random(own_seed)
         self._start(np.ones(self.num_envs, np.bool_), road)
         return self._cars.observations(), {}
 
@@ -198,13 +198,13 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
             ResetNeeded: no episode has begun.
             ValueError: the actions are not (num_envs, 2) finite numbers.
         """
-        given = checked_actions(actions, self.num_envs)
+        checked = checked_actions(actions, self.num_envs)
         resets = self._has_ended
         if self._cars.road(0) is None:
             raise gymnasium.error.ResetNeeded("no episode has begun: call reset() first")
         self._place(resets)
         cars = self._cars
-        cars.step(np.where(resets, START, STEP), given)
+        cars.step(np.where(resets, START, STEP), checked)
         truncated = cars.timed_out
         self._has_ended = cars.ends != RUNNING
         terminated = self._has_ended & ~truncated
@@ -288,9 +288,9 @@ class RoadSource:
     """
 
     def __init__(
-        self, given: Sequence[Road | Path | str] | None, map_size: float = MAP_SIZE
+        self, roads: Sequence[Road | Path | str] | None, map_size: float = MAP_SIZE
     ) -> None:
-        self._roads = None if given is None else given_roads(given)
+        self._roads = None if roads is None else roads_of(roads)
         # Refused roads are drawn again here, where they are placed anyway.
         self._random = RandomRoads(map_size=map_size, max_redraws=0)
 
@@ -305,20 +305,20 @@ class RoadSource:
         return next(self._random.valid(rng))
 
 
-def given_roads(given: Sequence[Road | Path | str]) -> list[Road]:
+def roads_of(sources: Sequence[Road | Path | str]) -> list[Road]:
     """The roads of a list, see `RoadSource`, in its order.
 
     Raises:
         FreneticError: a file or folder holds no road, or the list is empty.
     """
     roads: list[Road] = []
-    for one in require_list("roads", given, "roads"):
-        if isinstance(one, Road):
-            roads.append(one)
-        elif (Path(one) / DATABASE).exists():
-            roads += _failed(Path(one))
+    for source in require_list("roads", sources, "roads"):
+        if isinstance(source, Road):
+            roads.append(source)
+        elif (Path(source) / DATABASE).exists():
+            roads += _failed(Path(source))
         else:
-            roads += find_roads([Path(one)]).roads.values()
+            roads += find_roads([Path(source)]).roads.values()
     if not roads:
         raise FreneticError("roads is an empty list: at least one road is needed, or None")
     return roads

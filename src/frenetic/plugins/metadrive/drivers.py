@@ -108,11 +108,11 @@ class ObservingDriver(MetaDriveDriver, ABC):
     """s: the time between two decisions in MetaDrive."""
 
     @abstractmethod
-    def mean_action(self, seen: FloatArray) -> tuple[float, float]:
+    def mean_action(self, state: FloatArray) -> tuple[float, float]:
         """Steering to the left and throttle or brake, not cut to -1..1.
 
         Args:
-            seen: (275,), as MetaDrive's `LidarStateObservation` has it.
+            state: (275,), as MetaDrive's `LidarStateObservation` has it.
         """
 
     def check_simulator(self, simulator: Simulator) -> None:
@@ -126,8 +126,8 @@ class ObservingDriver(MetaDriveDriver, ABC):
         """The policy's action, as the controls of this car."""
         turned = observation.heading - self._heading
         turned = 0.0 if math.isnan(turned) else turned
-        seen = state_of(observation, self._setup, self._action, turned)
-        steering, pedal = (min(max(value, -1.0), 1.0) for value in self.mean_action(seen))
+        state = state_of(observation, self._setup, self._action, turned)
+        steering, pedal = (min(max(value, -1.0), 1.0) for value in self.mean_action(state))
         self._action, self._heading = (steering, pedal), observation.heading
         decision = Decision.of_action(steering, pedal)
         acceleration = (
@@ -153,9 +153,9 @@ class MetaDriveExpert(ObservingDriver):
         weights()
         super().reset(setup)
 
-    def mean_action(self, seen: FloatArray) -> tuple[float, float]:
+    def mean_action(self, state: FloatArray) -> tuple[float, float]:
         """See `ObservingDriver`."""
-        return expert_action(seen)
+        return expert_action(state)
 
 
 class MetaDrivePolicy(ObservingDriver):
@@ -197,24 +197,24 @@ class MetaDrivePolicy(ObservingDriver):
             self._network = model = Model(self._data)
             shapes = [shown_shape(shape) for shape in model.inputs.values()]
             if len(shapes) != 1 or shapes[0] not in (f"(1, {SIZE})", f"(any, {SIZE})"):
-                given = " and ".join(shapes)
-                raise ValueError(f"it takes {given}: (1, {SIZE}) alone is needed")
+                shown = " and ".join(shapes)
+                raise ValueError(f"it takes {shown}: (1, {SIZE}) alone is needed")
         else:
             self._network = read_weights(self._data)
         self._answer(np.zeros(SIZE, dtype=np.float32))
 
-    def mean_action(self, seen: FloatArray) -> tuple[float, float]:
+    def mean_action(self, state: FloatArray) -> tuple[float, float]:
         """See `ObservingDriver`.
 
         Raises:
             DriverError: it gives no finite numbers.
         """
         try:
-            return self._answer(seen)
+            return self._answer(state)
         except ValueError as error:
             raise DriverError(f"{self._path}: {error}") from None
 
-    def _answer(self, seen: FloatArray) -> tuple[float, float]:
+    def _answer(self, state: FloatArray) -> tuple[float, float]:
         """The network's mean action.
 
         Raises:
@@ -222,16 +222,16 @@ class MetaDrivePolicy(ObservingDriver):
         """
         if isinstance(self._network, Model):
             (name,) = self._network.inputs
-            outputs = self._network.run({name: seen.astype(np.float32)[np.newaxis]})
-            given = np.concatenate([one.ravel() for one in outputs.values()])
+            outputs = self._network.run({name: state.astype(np.float32)[np.newaxis]})
+            action = np.concatenate([output.ravel() for output in outputs.values()])
         else:
             with np.errstate(over="ignore", invalid="ignore"):
-                given = np.array(mean_action(seen, self._network))
-        if given.size not in ACTION_SIZES:
-            raise ValueError(f"it gives {given.size} numbers: 2, steering and pedal, are needed")
-        if not np.isfinite(given).all():
-            raise ValueError(f"it gives {given[~np.isfinite(given)][0]}")
-        return float(given[0]), float(given[1])
+                action = np.array(mean_action(state, self._network))
+        if action.size not in ACTION_SIZES:
+            raise ValueError(f"it gives {action.size} numbers: 2, steering and pedal, are needed")
+        if not np.isfinite(action).all():
+            raise ValueError(f"it gives {action[~np.isfinite(action)][0]}")
+        return float(action[0]), float(action[1])
 
 
 def metadrive_driver(driver: Driver) -> MetaDriveDriver | None:

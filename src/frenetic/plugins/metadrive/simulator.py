@@ -175,7 +175,7 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
         check_road(self, driver, road)
         world = self._world_for(road, camera_of(driver))
         try:
-            own = metadrive_driver(driver)
+            own_driver = metadrive_driver(driver)
         except DriverError as error:
             trouble = Trouble.of(error, "simulator")
             return Drive(Trajectory.empty(), self.car, self.rules, road, trouble)
@@ -185,13 +185,13 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
             left=self.start_offset,
             turned=self.start_heading,
         )
-        car = _Car(world, road.pose.heading)
+        car = _MetaDriveCar(world, road.pose.heading)
         setup = self.setup(road)
-        if own is None:
+        if own_driver is None:
             return follow(car, road, self.rules, self.car, setup, driver, self.wall_limit)
         from frenetic.plugins.metadrive.policies import make_policy  # imports the extra
 
-        with closing(make_policy(own, world)) as policy:
+        with closing(make_policy(own_driver, world)) as policy:
             holding = _Holding(car, policy, road, self.rules)
             return follow(holding, road, self.rules, self.car, setup, holding, self.wall_limit)
 
@@ -209,7 +209,7 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
         return world
 
 
-class _Car:
+class _MetaDriveCar:
     """MetaDrive's car for a driver of ours."""
 
     def __init__(self, world: World, heading: float) -> None:
@@ -251,7 +251,7 @@ class _Car:
 class _Holding:
     """MetaDrive's car with one of its own drivers, which decides every `DECISION_PERIODS`."""
 
-    def __init__(self, car: _Car, policy: Policy, road: Road, rules: Rules) -> None:
+    def __init__(self, car: _MetaDriveCar, policy: Policy, road: Road, rules: Rules) -> None:
         self._car = car
         self._policy = policy
         self._limits = LimitsAhead(road, rules)

@@ -253,13 +253,13 @@ class World:
         assert self.camera is not None
         sensor, camera = self.engine.get_sensor(CAMERA), self.camera
         # On the car x points to the right and y ahead; its position is above the ground.
-        found = sensor.perceive(
+        colours = sensor.perceive(
             to_float=False,
             new_parent_node=self.vehicle.origin,
             position=(-camera.left, camera.forward, camera.up - self._height),
             hpr=(0.0, -camera.pitch, 0.0),
         )
-        return np.array(found[..., 2::-1], dtype=np.uint8)
+        return np.array(colours[..., 2::-1], dtype=np.uint8)
 
     def steer(self, steering: float, throttle_brake: float) -> None:
         """Sets what MetaDrive calls an action, each in -1..1: steering left, throttle or brake."""

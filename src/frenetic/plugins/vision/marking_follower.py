@@ -103,9 +103,9 @@ class MarkingFollower:
             best = int(contrast.argmax())
             if contrast[best] < CONTRAST:
                 continue
-            found = float(left[best])
+            nearest = float(left[best])
             if points:
-                slope = 0.5 * (slope + (found - line) / max(ahead - last, 1e-6))
-            points.append((ahead, found))
-            line, last = found, ahead
+                slope = 0.5 * (slope + (nearest - line) / max(ahead - last, 1e-6))
+            points.append((ahead, nearest))
+            line, last = nearest, ahead
         return points

@@ -452,8 +452,10 @@ class CameraRenderer:
         self.camera = camera
         scene = scene or Scene()
         self._wear = scene.wear
-        self._scenery = tuple(scenery_of(scene.seed))
-        self._road = tuple(lay_drawn_road(road))
+        colours, contrasts, fine, coarse, sky = scenery_of(scene.seed)
+        self._scenery = (colours, contrasts, fine, coarse, sky)
+        rows, cells_per_metre, keys, nearest = lay_drawn_road(road)
+        self._road = (rows, cells_per_metre, keys, nearest)
         self._lane_width = road.lane_width
 
     def draw(self, x: float, y: float, heading: float) -> Image:

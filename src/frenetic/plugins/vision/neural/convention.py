@@ -73,7 +73,7 @@ class Convention(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Speed that is kept if the network has no throttle, in km/h; None for the speed limit."""
 
     @classmethod
-    def of(cls, metadata: Mapping[str, str], given: Mapping[str, Any]) -> Convention:
+    def of(cls, metadata: Mapping[str, str], options: Mapping[str, Any]) -> Convention:
         """A model's convention: its preset, over which its metadata lie, over which the given ones.
 
         Args:
@@ -90,10 +90,10 @@ class Convention(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
                 convert(entries, cls)
         except ValueError as error:
             raise ValueError(f"its metadata {METADATA} are damaged: {error}") from None
-        check(given, cls)
-        preset = given.get("preset", entries.get("preset"))
+        check(options, cls)
+        preset = options.get("preset", entries.get("preset"))
         merged: dict[str, Any] = {}
-        for source in ({} if preset is None else PRESETS[preset], entries, given):
+        for source in ({} if preset is None else PRESETS[preset], entries, options):
             camera = {**merged.get("camera", {}), **(source.get("camera") or {})}
             merged |= {name: value for name, value in source.items() if value is not None}
             merged["camera"] = camera
@@ -114,9 +114,9 @@ class Convention(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     def from_pixels(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
         """(weights (channels, 3), constants (channels, 1)) that make inputs of RGB in 0..255."""
-        weights, constants = (np.array(one) for one in _COLOURS[self.colour])
+        weights, constants = (np.array(values) for values in _COLOURS[self.colour])
         mean, std = (
-            np.broadcast_to(np.array(one), constants.shape) for one in (self.mean, self.std)
+            np.broadcast_to(np.array(values), constants.shape) for values in (self.mean, self.std)
         )
         scaled = weights / (255.0 * std[:, None])
         shifted = ((constants - mean) / std)[:, None]
