@@ -61,7 +61,7 @@ def main() -> None:
     moment = Observation(1.0, 15.0, 0.3, 0.0, 0.0, 0.0, nothing, np.empty(0), 0.0, image)
     for name, amount in AMOUNTS.items():
         layer = appearance.ALL[name](driver, amount)
-        cost = least(lambda one=layer: one.seen(image, moment), 10)  # type: ignore[misc]
+        cost = least(lambda layer=layer: layer.alter(image, moment), 10)  # type: ignore[misc]
         print(f"  {name:<12} {cost:.3f} ms")
     with EmbeddedSimulator() as simulator:
         steps = len(simulator.drive(ROAD, driver).trajectory)

@@ -85,7 +85,7 @@ def test_a_report_shows_what_the_camera_saw_through_its_layers(searched: Path) -
         drawn = renderer.draw(path.x[i], path.y[i], path.heading[i])
         v, u = divmod(k, camera.columns)
         part = sheet[v * camera.height :, u * camera.width :][: camera.height, : camera.width]
-        seen = driver.seen(drawn, None).astype(float)  # type: ignore[arg-type]
+        seen = driver.alter(drawn, None).astype(float)  # type: ignore[arg-type]
         assert np.abs(part - seen).mean() < 4.0
         assert np.abs(part - drawn).mean() > 15.0  # the fog is there
 

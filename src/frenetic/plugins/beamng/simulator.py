@@ -442,7 +442,7 @@ class _BeamngCar:
         self._times = periods + 1, began
         x, y = state.place(car.ahead, car.left)
         c, s = math.cos(heading), math.sin(heading)
-        # The velocity is that of the car's position; its middle swings round it.
+        # The velocity belongs to the car's position; the car's middle swings round it.
         vx = state.velocity[0] - yaw_rate * (car.ahead * s + car.left * c)
         vy = state.velocity[1] + yaw_rate * (car.ahead * c - car.left * s)
         self._heading, self._speed = heading, c * vx + s * vy

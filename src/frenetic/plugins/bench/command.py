@@ -271,7 +271,7 @@ def _show_results(the_bench: Bench, states: Sequence[RunState], log: Log, as_jso
 
 
 def _print_published(the_bench: Bench, comparison: Comparison) -> None:
-    """Prints the figures of a bench's preset beside those of its entrants."""
+    """Print the figures of a bench's preset beside its entrants' figures."""
     from frenetic.plugins.bench.presets import COLUMNS, measured
 
     if (preset := the_bench.preset) is None:

@@ -40,7 +40,7 @@ class Entrant:
     """Folder of which every run of a generator gets a copy as its working directory. A path or file
     in it stands for its copy."""
     pipeline: Path | None = None
-    """Folder with the pipeline's modules; by default that of the generator or one around it."""
+    """Folder with the pipeline's modules; by default the generator's folder or one around it."""
     python: Path | None = None
     """The interpreter of a generator; by default the current one."""
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -147,7 +147,7 @@ def entrant_parts(generator: Iterable[str], strategy: Iterable[str]) -> Parts:
 
     Args:
         generator: the generators as on the command line.
-        strategy: the strategies likewise.
+        strategy: texts of the strategies.
 
     Raises:
         ValueError: a text says no entrant.

@@ -2,7 +2,7 @@
 
 It needs Python 3.9 and numpy alone and imports nothing of Frenetic, whose name a generator may have
 for a package of its own. A generator finds the pipeline's modules and an executor whose time is
-virtual. The modules are those of the clone of the pipeline that holds the generator, which need
+virtual. The modules come from the clone of the pipeline that holds the generator, which need
 shapely and matplotlib; for a lone file there are stand-ins.
 
 The process and the bench send each other JSON objects, a line each. The bench sends the terms
@@ -284,7 +284,7 @@ class GeneratorError(Exception):
 
 
 @contextmanager
-def _reported(what: str) -> Iterator[None]:
+def _reported(action: str) -> Iterator[None]:
     """Turns whatever a generator raises meanwhile into one line."""
     try:
         yield
@@ -297,7 +297,7 @@ def _reported(what: str) -> Iterator[None]:
             why += f"; install it for {sys.executable}, or give its folder as path"
             if str(error.name).partition(".")[0] in ("code_pipeline", "self_driving"):
                 why = f"{error}; give the folder of a clone of the pipeline as pipeline"
-        raise GeneratorError(f"{what} fails: {why}") from None
+        raise GeneratorError(f"{action} fails: {why}") from None
 
 
 def build(bench: BenchClient) -> Any:
@@ -395,9 +395,9 @@ if __name__ == "__main__":
     logging.basicConfig(
         level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s", stream=sys.stderr
     )
-    how, detail = run(the_bench)
+    end, detail = run(the_bench)
     logging.shutdown()
     for output in (sys.stdout, sys.stderr):
         output.flush()
-    the_bench.send(kind="end", how=how, detail=detail, seconds=the_bench.seconds())
+    the_bench.send(kind="end", how=end, detail=detail, seconds=the_bench.seconds())
     os._exit(0)  # without waiting for the generator's threads

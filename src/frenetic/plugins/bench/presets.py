@@ -77,7 +77,7 @@ class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         """Name of each entry in which a bench differs from the edition -> how it does.
 
         Args:
-            entries: of the bench; those of parts without names are not there.
+            entries: entries of the bench; parts without names have none.
         """
         differences = dict(self.differs)
         for name, value in self.bench.items():

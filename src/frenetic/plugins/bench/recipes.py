@@ -30,7 +30,7 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     path: str = "."
     """Folder on the module path, in that one."""
     copy: str | None = None
-    """Folder that each run works in a copy of, likewise."""
+    """Folder of which each run works in a copy, relative to the generator's files."""
     packages: tuple[str, ...] = ()
     """What it needs beside numpy, scipy, shapely and matplotlib, in the versions that ran."""
     files: dict[str, str] = field(default_factory=dict)

@@ -40,7 +40,7 @@ def write_results(bench: Bench, comparison: Comparison) -> Path:
 
 
 def _published(bench: Bench, comparison: Comparison) -> Iterator[Section]:
-    """The figures of a bench's preset beside those of its entrants."""
+    """Yield the figures of a bench's preset beside its entrants' figures."""
     if (preset := bench.preset) is None:
         return
     columns = ("", *COLUMNS, "from")

@@ -154,7 +154,7 @@ class GeneratorStrategy(ObservingStrategy):
         Its questions about roads are answered meanwhile.
 
         Args:
-            patience: s of wall time; by default that of the bench.
+            patience: wall time in s; by default the bench's patience.
             hung: why it is ended after that.
         """
         limit = self._patience if patience is None else patience

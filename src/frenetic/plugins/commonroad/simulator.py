@@ -26,7 +26,7 @@ VEHICLE: Final = Vehicle()
 class CommonRoadSimulator(SteppedSimulator):
     """CommonRoad's multi-body model of a BMW 320i, 29 states; needs the extra ``commonroad``.
 
-    Engine, brakes and steering are those of the embedded simulator's default car: a driver finds
+    Engine, brakes and steering come from the embedded simulator's default car: a driver finds
     the same car with other physics. Brake and throttle let go of all wheels while one slips, and
     neither air nor rolling slow it.
 
@@ -35,7 +35,7 @@ class CommonRoadSimulator(SteppedSimulator):
         wall_limit: s of wall time that a drive may take; then it is an ERROR.
         steering_lag: s, time constant of the steering.
         start_offset: as for `SteppedSimulator`.
-        start_heading: likewise.
+        start_heading: as for `SteppedSimulator`.
     """
 
     needs: Final = ("vehiclemodels",)

@@ -1,7 +1,7 @@
 """Cars that are stepped together: observe, decide, move, judge, for all of them in one kernel.
 
-The kernel calls those of the embedded simulator's rollout in the same order, so an episode is the
-drive that the same policy gives there, bit for bit.
+The kernel calls what the embedded simulator's rollout calls, in the same order, so an episode is
+the drive that the same policy gives there, bit for bit.
 
 The reward of a step is the progress along the road, as a share of what the speed limit allows and
 at most 1, less the share of the car that is outside its lane, less `FAILURE` if the drive fails.

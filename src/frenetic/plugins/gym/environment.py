@@ -48,7 +48,7 @@ class LaneKeepingEnv(gymnasium.Env[Seen, Vector]):
         camera: if given, an observation is a dictionary of the ``vector`` and the camera's
             ``image``, (height, width, 3) uint8.
         render_mode: None; the environment draws nothing, see `drive`.
-        simulator: further options are those of `EmbeddedSimulator`, such as ``friction``.
+        simulator: further options of `EmbeddedSimulator`, such as ``friction``.
 
     Raises:
         FreneticError: a file or folder of ``roads`` holds no road.
@@ -125,8 +125,8 @@ _NO_ACTION = np.zeros((1, 2))
 class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
     """Many cars, each on a road of its own: `LaneKeepingEnv`, stepped in one compiled call.
 
-    With the same seed, its episodes are those of `gymnasium.vector.SyncVectorEnv` over as many
-    `LaneKeepingEnv`, bit for bit.
+    With the same seed, its episodes equal, bit for bit, the episodes of
+    `gymnasium.vector.SyncVectorEnv` over as many `LaneKeepingEnv`.
 
     Args:
         num_envs: number of cars.

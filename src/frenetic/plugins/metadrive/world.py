@@ -1,6 +1,6 @@
 """MetaDrive's engine with one road and one car: the only module that knows its environments.
 
-Coordinates are those of the road moved to start at the origin, since Bullet calculates in single
+Coordinates belong to the road moved to start at the origin, since Bullet calculates in single
 precision.
 """
 

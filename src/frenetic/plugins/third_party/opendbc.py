@@ -12,9 +12,9 @@ from frenetic.plugins.third_party import package, speed_plan
 PREVIEW: Final = 0.2
 """How far ahead the lane's curvature is taken, in s."""
 RETURN: Final = 1.0
-"""How fast the car returns to the lane's centre, in 1/s."""
+"""Rate at which the car returns to the lane's centre, in 1/s."""
 _MASS: Final = 1500.0  # kg, where the simulator does not say
-_STIFFNESS: Final = 1e5  # N/rad of both axles, likewise
+_STIFFNESS: Final = 1e5  # N/rad of both axles
 
 
 class Opendbc:
@@ -54,7 +54,7 @@ class Opendbc:
                 rotationalInertia=setup.yaw_inertia or _MASS * front * rear,
                 wheelbase=setup.wheelbase,
                 centerToFront=front,
-                steerRatio=12.0,  # that of the Tesla
+                steerRatio=12.0,  # the Tesla's ratio
                 tireStiffnessFront=setup.front_cornering_stiffness or _STIFFNESS * rear,
                 tireStiffnessRear=setup.rear_cornering_stiffness or _STIFFNESS * front,
             )

@@ -1,7 +1,7 @@
 """Calibration: fits a twin to recorded drives, cross-validates it, and says what it is worth.
 
 Each fold's twin is fitted from the model as it was, without the drives of the runs that it is
-judged on, so the figures are those of the whole procedure. The twin in the profile is fitted on all
+judged on, so the figures judge the whole procedure. The twin in the profile is fitted on all
 drives afterwards, from there and from the folds' twins.
 """
 
@@ -123,26 +123,17 @@ def calibrate(
     failed = np.array([drive.failed for drive in drives], dtype=np.float64)
     by_run = len(recordings.runs) > 1
     fold = folds_of(drives, by_run=by_run)
-    count = int(fold.max()) + 1
-    rows, score = np.empty((len(drives), _COLUMNS)), np.empty(len(drives))
-    fold_places: list[FloatArray] = []
+    fits = int(fold.max()) + 2  # of the folds and of all drives
     compile_kernels()
     with threadpool_limits(1):  # threads would wait for each other on small matrices
         fit.differences(start, drives[:1])  # refuses a driver that breaks
         before = driven(fit, start, drives)
-        for k in range(count):
-            on_progress(k, count + 1)
-            train, held_out = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
-            random = np.random.default_rng(k).random((STARTS, len(start)))
-            fold_places.append(_best(fit, [start, *random], [drives[i] for i in train]))
-            rows_of_fold = driven(fit, fold_places[-1], drives)
-            rows[held_out] = rows_of_fold[held_out]
-            # Scores of several twins are not comparable: one may leave its lane by more everywhere.
-            score[held_out] = ranks(scores(rows_of_fold))[held_out]
-        on_progress(count, count + 1)
+        rows, score, fold_places = _cross_validate(
+            fit, start, drives, fold, lambda done: on_progress(done, fits)
+        )
         best = _best(fit, [start, *fold_places], drives)
         fitted = fit.intervals(best, drives, fold_places)
-        on_progress(count + 1, count + 1)
+        on_progress(fits, fits)
     twin = figures_of(score, failed, rows)
     curvature = np.array([np.abs(drive.road.curvatures).max() for drive in drives])
     baselines = {UNFITTED: scores(before), CURVATURE: curvature}
@@ -164,6 +155,30 @@ def calibrate(
             reason=reason,
         ),
     )
+
+
+def _cross_validate(
+    fit: Fit,
+    start: FloatArray,
+    drives: Sequence[RecordedDrive],
+    fold: IntArray,
+    on_progress: Callable[[int], None],
+) -> tuple[FloatArray, FloatArray, list[FloatArray]]:
+    """Return the twin's drives of held-out roads, their scores, and each fold's fitted places."""
+    rows, score = np.empty((len(drives), _COLUMNS)), np.empty(len(drives))
+    fold_places: list[FloatArray] = []
+    count = int(fold.max()) + 1
+    for k in range(count):
+        on_progress(k)
+        train, held_out = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
+        random = np.random.default_rng(k).random((STARTS, len(start)))
+        fold_places.append(_best(fit, [start, *random], [drives[i] for i in train]))
+        rows_of_fold = driven(fit, fold_places[-1], drives)
+        rows[held_out] = rows_of_fold[held_out]
+        # Scores of several twins are not comparable: one may leave its lane by more everywhere.
+        score[held_out] = ranks(scores(rows_of_fold))[held_out]
+    on_progress(count)
+    return rows, score, fold_places
 
 
 def answer(profile: TwinProfile) -> str:

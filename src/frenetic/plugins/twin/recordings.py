@@ -1,7 +1,7 @@
 """Recorded drives to calibrate on: campaigns, test files of the competition, tables.
 
 A folder is a campaign, a folder of campaigns, or a folder of test files (JSON, one drive each). A
-file is a table: JSON Lines, a row per drive. The entries of a row are those of a test file;
+file is a table: JSON Lines, a row per drive. A row has the entries of a test file;
 docs/calibrating.md lists them.
 """
 

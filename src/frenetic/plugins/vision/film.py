@@ -51,7 +51,7 @@ def camera_film(config: Mapping[str, JSONValue]) -> Callable[[Test], Film | None
         critical = _critical(record, path)
         taken = evenly(len(path), MOST_PICTURES)
         taken = np.unique(np.append(taken[: MOST_PICTURES - 1], critical))
-        small = [_shrunk(eye.seen(layered, renderer, path, int(i))) for i in taken]
+        small = [_shrunk(eye.picture(layered, renderer, path, int(i))) for i in taken]
         height, width, _ = small[0].shape
         rows = math.ceil(len(small) / COLUMNS)
         sheet = np.zeros((rows * height, COLUMNS * width, 3), dtype=np.uint8)
@@ -87,7 +87,7 @@ class _Eye:
         self.image = observation.image
         return Controls(0.0)
 
-    def seen(self, layered: Driver, renderer: CameraRenderer, path: Trajectory, i: int) -> Image:
+    def picture(self, layered: Driver, renderer: CameraRenderer, path: Trajectory, i: int) -> Image:
         """The picture at a record of a drive, under layers."""
         picture = renderer.draw(float(path.x[i]), float(path.y[i]), float(path.heading[i]))
         layered.act(observation_at(path, i, picture))

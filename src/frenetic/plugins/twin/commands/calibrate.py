@@ -103,7 +103,7 @@ def calibrate(
 
 
 def _print(profile: TwinProfile) -> None:
-    """Print the parameters with their intervals, and the figures beside those of baselines."""
+    """Print the parameters with their intervals, and the figures beside the baselines' figures."""
     print_table(
         ("parameter", ">fitted", ">from", ">to", ">bounds", "the data"),
         [

@@ -48,7 +48,7 @@ class Convention(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     mean: Finite | tuple[Finite, ...] = 0.0
     """Subtracted from pixels in 0..1: one number, or one for each channel."""
     std: Positive | tuple[Positive, ...] = 1.0
-    """Divides them then, likewise."""
+    """Divides the pixels then: one number, or one for each channel."""
     crop: tuple[Index, Index] = (0, 0)
     """Rows that are cut off the camera's image, at the top and at the bottom."""
     camera: Mapping[str, int | Finite] = {}
@@ -64,9 +64,9 @@ class Convention(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     outputs: Literal["steering", "steering-throttle"] = "steering"
     """Whether there is a throttle, too, from -1, full brake, to 1."""
     steering: Steering = "share"
-    """What steering is: the ``share`` of the front wheels' largest angle, -1..1; that of an
-    ``action`` in `frenetic.plugins.gym`, -1..1; their angle in ``rad`` or ``degrees``; or the
-    ``curvature`` to drive, in 1/m."""
+    """What steering is: the ``share`` of the front wheels' largest angle, -1..1; the ``action``
+    of an environment in `frenetic.plugins.gym`, -1..1; the wheels' angle in ``rad`` or ``degrees``;
+    or the ``curvature`` to drive, in 1/m."""
     steering_sign: Literal[1, -1] = 1
     """1 if positive steering turns left, -1 if it turns right."""
     max_speed: Positive | None = None

@@ -14,7 +14,7 @@ _WORD: Final = re.compile(r"(?<![a-z])[hc](?=n(?![a-z]))|[a-z]+|\d+")  # hn is h
 _DIRECTIONS: Final = frozenset(
     ["in", "out", "input", "output", "next", "new", "prev", "previous", "old", "last", "0", "n"]
 )
-"""Words by which the name of a state differs from that of its next value."""
+"""Words by which the names of a state and of its next value differ."""
 
 
 class Inputs(NamedTuple):

@@ -42,7 +42,7 @@ class Network:
     competition: throttle = 1 - s^2 - (v / max_speed)^2, where s is the share of the largest
     steering angle, and no brake.
 
-    The arguments after the first two are those of its `Convention`.
+    The arguments after the first two make its `Convention`.
 
     Args:
         model: path of the file.
@@ -277,8 +277,8 @@ class Resizing:
     """Bilinear resizing of images from one size to another, pixels' centres on pixels' centres.
 
     Args:
-        seen: (height, width) of what comes.
-        wanted: those of what goes.
+        size: (height, width) of the images that come.
+        wanted: (height, width) of the images that go.
     """
 
     def __init__(self, size: tuple[int, int], wanted: tuple[int, int]) -> None:
