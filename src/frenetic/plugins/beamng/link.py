@@ -9,16 +9,11 @@ import importlib
 import logging
 import math
 import os
-import signal
-import socket
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from functools import partial
 from importlib.metadata import version
 from itertools import count
 from pathlib import Path
@@ -30,12 +25,18 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.words import pip_install
 from frenetic.drivers.camera import Camera, Image
 from frenetic.errors import FreneticError, describe_error
-from frenetic.processes.children import kill_tree
+from frenetic.plugins.beamng.car_state import CarState
+from frenetic.plugins.beamng.process import (
+    LOOPBACK,
+    QUIT_LIMIT,
+    child_deaf_to_interrupt,
+    end_process,
+    free_port,
+)
 from frenetic.road import Pose, Road
 
 DEFAULT_PORT: Final = 25252
 """Port on which BeamNG.tech listens by default."""
-LOOPBACK: Final = "127.0.0.1"
 HOME_VARIABLE: Final = "BNG_HOME"
 """Environment variable that says where BeamNG.tech is installed."""
 EXTRA: Final = pip_install("beamng")
@@ -65,7 +66,6 @@ _PICTURE_PERIOD: Final = 0.05  # s between two pictures
 _SEEN: Final = (0.05, 2000.0)  # m, the nearest and the farthest that a camera sees
 _POLL: Final = 0.5  # s between two looks whether BeamNG.tech has started
 _CONNECT_LIMIT: Final = 10.0  # s until a port that does not even refuse counts as unreachable
-_QUIT_LIMIT: Final = 10.0  # s to end when asked, and as much again when told
 # Front, then rear; each bottom left, bottom right, top left, top right.
 _CORNERS: Final = tuple(
     f"{end}_{height}_{side}"
@@ -81,44 +81,6 @@ _scenarios = count(1)
 
 class BeamngError(FreneticError):
     """BeamNG.tech cannot be started or reached, or it broke."""
-
-
-@dataclass(frozen=True)
-class CarState:
-    """State of the car in BeamNG.tech at one moment."""
-
-    time: float
-    """Time on the simulator's own clock in s, which started at some time."""
-    position: FloatArray
-    """The car's reference node, (3,) in m."""
-    forward: FloatArray
-    """Unit vector ahead, (3,)."""
-    up: FloatArray
-    """Unit vector upwards, (3,)."""
-    velocity: FloatArray
-    """Velocity, (3,) in m/s."""
-    steering_input: float
-    """Steering input -1..1, as BeamNG.tech counts it."""
-    throttle_input: float
-    """0..1."""
-    brake_input: float
-    """0..1."""
-
-    @property
-    def heading(self) -> float:
-        """Heading in rad, counter-clockwise from +x."""
-        return math.atan2(self.forward[1], self.forward[0])
-
-    @property
-    def speed(self) -> float:
-        """Speed over the ground, in m/s."""
-        return math.hypot(self.velocity[0], self.velocity[1])
-
-    def place(self, ahead: float, left: float) -> tuple[float, float]:
-        """The point so many m ahead and left of the car's position, in m."""
-        aside = np.cross(self.up, self.forward)
-        x, y, _ = self.position + ahead * self.forward + left * aside
-        return float(x), float(y)
 
 
 def place_of(
@@ -203,7 +165,7 @@ class Link:
         self.is_licensed = False
         """Whether it found its licence, so that it is BeamNG.tech."""
         with _asking("preparing it"):
-            port = place["port"] or _free_port()
+            port = place["port"] or free_port()
             self._bng: Any = self._package.BeamNGpy(**{**place, "port": port}, quit_on_close=False)
         where = f"{self._bng.host}:{self._bng.port}"
         try:
@@ -223,7 +185,7 @@ class Link:
 
     def _start(self) -> None:
         bng = self._bng
-        with _asking("starting it"), _child_deaf_to_interrupt():
+        with _asking("starting it"), child_deaf_to_interrupt():
             bng._start_beamng(None, "-tcom-listen-ip", LOOPBACK)
             process: subprocess.Popen[bytes] = bng.process
         self._process = process
@@ -281,7 +243,7 @@ class Link:
             # A lost connection need not be closed cleanly.
             if process is not None and process.poll() is None:
                 with suppress(Exception):
-                    self._limit(_QUIT_LIMIT)
+                    self._limit(QUIT_LIMIT)
                     self._bng.control.quit_beamng()
             with suppress(Exception):
                 self._bng.disconnect()
@@ -523,38 +485,3 @@ def _connection(host: str, port: int, limit: float) -> Any:
 
     connection.hello = hello
     return connection
-
-
-@contextmanager
-def _child_deaf_to_interrupt() -> Iterator[None]:
-    """Keeps a process started within from ending at our Ctrl-C, so that the drive is finished."""
-    is_main = threading.current_thread() is threading.main_thread()
-    if sys.platform == "win32" or not is_main:
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-def end_process(process: subprocess.Popen[bytes]) -> None:
-    """Ends a process that we started, even if it hangs."""
-    if process.stdin is not None:
-        with suppress(OSError):
-            process.stdin.close()
-    tree = partial(kill_tree, process.pid)  # what it has started would outlive it on Windows
-    ways = (None, tree) if sys.platform == "win32" else (None, process.terminate, process.kill)
-    for tell in ways:
-        if tell is not None:
-            tell()
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(_QUIT_LIMIT)
-            return
-
-
-def _free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
-        probe.bind((LOOPBACK, 0))
-        return int(probe.getsockname()[1])
