@@ -160,7 +160,7 @@ def calibrate(
 def _cross_validate(
     fit: Fit,
     start: FloatArray,
-    drives: Sequence[RecordedDrive],
+    drives: list[RecordedDrive],
     fold: IntArray,
     on_progress: Callable[[int], None],
 ) -> tuple[FloatArray, FloatArray, list[FloatArray]]:
