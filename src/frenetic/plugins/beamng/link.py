@@ -127,7 +127,7 @@ def place_of(
 
 
 def beamngpy() -> Any:
-    """The package BeamNGpy.
+    """Return the package BeamNGpy.
 
     Raises:
         BeamngError: it is not installed.
@@ -202,7 +202,7 @@ class Link:
             time.sleep(_POLL)
 
     def _open(self, limit: float) -> bool:
-        """Connects if somebody listens; the first answer may take as long as the limit in s."""
+        """Connect if somebody listens; the first answer may take as long as the limit in s."""
         bng = self._bng
         with _asking(f"connecting to {bng.host}:{bng.port}"):
             # BeamNGpy's own way of opening waits for an answer twice.
@@ -220,7 +220,7 @@ class Link:
         return Path(self.user_folder.replace("\\", "/")).name or "unknown"
 
     def require(self, level: str, vehicle: str) -> None:
-        """Checks that there are a level and a vehicle.
+        """Check that there are a level and a vehicle.
 
         Raises:
             BeamngError: one is missing; the message lists others.
@@ -261,7 +261,7 @@ class Link:
     # A scenario
 
     def load(self, level: str, ground: float, road: Road, start: Pose, vehicle: str) -> None:
-        """Builds a road of two lanes and puts the car on it, while time stands still.
+        """Build a road of two lanes and put the car on it, while time stands still.
 
         Args:
             level: a flat one.
@@ -318,13 +318,13 @@ class Link:
         self._limit(REPLY_LIMIT)
 
     def _connect(self, ego: Any) -> None:
-        """Connects to the car; BeamNGpy alone would wait for its first answer for ever."""
+        """Connect to the car; BeamNGpy alone would wait for its first answer for ever."""
         port = int(self._bng.vehicles.start_connection(ego, ego.extensions)["result"])
         ego.connection = _connection(self._bng.host, port, LOAD_LIMIT)
         ego.connect(self._bng)
 
     def unload(self) -> None:
-        """Removes the scene, if there is one."""
+        """Remove the scene, if there is one."""
         scenario, self._scenario, self._ego = self._scenario, None, None
         camera, self._camera = self._camera, None
         if scenario is not None:
@@ -364,7 +364,7 @@ class Link:
             return np.array([corners[name] for name in _CORNERS], dtype=float)
 
     def control(self, steering: float, throttle: float, brake: float, parking: float = 0.0) -> None:
-        """Steers, -1..1, and moves the pedals and the parking brake, 0..1.
+        """Steer, -1..1, and moves the pedals and the parking brake, 0..1.
 
         Steering passes by the filter of BeamNG.tech's Control message, which smooths as for a
         gamepad, the more the faster the car is.
@@ -379,7 +379,7 @@ class Link:
     # Its camera
 
     def open_camera(self, camera: Camera, ahead: float, left: float, up: float) -> None:
-        """Puts a camera on the car.
+        """Put a camera on the car.
 
         Args:
             camera: the camera; its lens has no distortion here.
@@ -405,7 +405,7 @@ class Link:
             )
 
     def picture(self) -> Image:
-        """What the camera sees now, (height, width, 3)."""
+        """Return what the camera sees now, (height, width, 3)."""
         with _asking("asking for the camera's picture"):
             colours = self._camera.poll().get("colour")
         if colours is None:
@@ -416,7 +416,7 @@ class Link:
         return np.array(colours, dtype=np.uint8)[..., :3]
 
     def let_ai_drive(self, speed: float, aggression: float) -> None:
-        """Lets BeamNG.AI drive to the road's end in its lane, with a speed limit in m/s."""
+        """Let BeamNG.AI drive to the road's end in its lane, with a speed limit in m/s."""
         ai = self._ego.ai
         with _asking("calling BeamNG.AI"):
             self.control(0.0, 0.0, 0.0)
@@ -426,14 +426,14 @@ class Link:
             ai.set_waypoint(GOAL)
 
     def limit_ai(self, speed: float) -> None:
-        """Sets BeamNG.AI's speed limit in m/s."""
+        """Set BeamNG.AI's speed limit in m/s."""
         with _asking("calling BeamNG.AI"):
             self._ego.ai.set_speed(float(speed), mode="limit")
 
 
 @contextmanager
 def _asking(subject: str) -> Iterator[None]:
-    """Turns every trouble with BeamNG.tech into an error that names the activity."""
+    """Turn every trouble with BeamNG.tech into an error that names the activity."""
     from beamngpy.logging import BNGDisconnectedError, BNGError, BNGValueError  # an extra
 
     try:

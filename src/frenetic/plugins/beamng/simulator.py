@@ -154,13 +154,13 @@ class BeamngSimulator:
         return self.__dict__ | {"_link": None}
 
     def prepare(self) -> None:
-        """Measures the car if that is not done, for which BeamNG.tech is started and ended."""
+        """Measure the car if that is not done, for which BeamNG.tech is started and ended."""
         if self._measured is None:
             with self:
                 pass
 
     def __enter__(self) -> Self:
-        """Starts BeamNG.tech or connects to it, and measures the car unless that is done."""
+        """Start BeamNG.tech or connect to it, and measure the car unless that is done."""
         self._connect()
         try:
             if self._measured is None:
@@ -194,7 +194,7 @@ class BeamngSimulator:
                 link.close()
 
     def setup(self, road: Road) -> DriveSetup:
-        """The setup of a drive along the road for its driver."""
+        """Return the setup of a drive along the road for its driver."""
         car = self.measured
         return DriveSetup(
             speed_limit=self.rules.start_limit_on(road),
@@ -254,7 +254,7 @@ class BeamngSimulator:
         return drive
 
     def _finish(self) -> None:
-        """Removes the road; the drive counts even if that fails."""
+        """Remove the road; the drive counts even if that fails."""
         self._drives += 1
         self._is_worn = self._drives == self.restart_every
         try:
@@ -274,7 +274,7 @@ class BeamngSimulator:
         yield from drive_checks(self, BeamngAi(), who="BeamNG.AI")
 
     def check_driver(self, driver: Driver) -> None:
-        """Refuses options that BeamNG.AI or BeamNG.tech's camera lacks.
+        """Refuse options that BeamNG.AI or BeamNG.tech's camera lacks.
 
         Raises:
             DriverError: there is such an option.
@@ -288,7 +288,7 @@ class BeamngSimulator:
         check_other_world(driver, "BeamNG.tech")
 
     def _open_camera(self, driver: Driver) -> None:
-        """Puts the driver's camera on the car, which stands on its road."""
+        """Put the driver's camera on the car, which stands on its road."""
         camera = camera_of(driver)
         if camera is not None:
             car, height = self.measured, float(self.link.state().position[2]) - self.ground
@@ -314,7 +314,7 @@ class BeamngSimulator:
         return True
 
     def _load(self, road: Road, ahead: float, left: float) -> CarState:
-        """Builds a road and lets the car come to rest on it, its middle on the ego lane's centre.
+        """Build a road and let the car come to rest on it, its middle on the ego lane's centre.
 
         Args:
             road: what is built.
@@ -339,7 +339,7 @@ class BeamngSimulator:
         return state
 
     def _measure(self) -> None:
-        """Measures the car's box and its steering."""
+        """Measure the car's box and its steering."""
         self.link.require(self.level, self.vehicle)
         state = self._load(OPEN_FIELD, 0.0, 0.0)
         corners = self.link.box()
@@ -355,7 +355,7 @@ class BeamngSimulator:
         self.link.unload()
 
     def _with_steering(self, car: MeasuredCar) -> MeasuredCar:
-        """The car with its steering, from the circle that it drives slowly."""
+        """Return the car with its steering, from the circle that it drives slowly."""
         share, slow = 0.25, 3.0
         for _ in range(round(10.0 / RECORD_PERIOD)):
             self.link.control(share, 0.3, 0.0)

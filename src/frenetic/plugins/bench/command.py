@@ -130,7 +130,7 @@ def bench(
 
 
 def _begun(context: click.Context, path: Path | None, out: Path | None) -> tuple[Bench, int | None]:
-    """The bench of a command line, and the workers that its file wants."""
+    """Return the bench of a command line, and the workers that its file wants."""
     from frenetic.campaign import new_folder
     from frenetic.plugins.bench.bench import BENCHES
     from frenetic.plugins.bench.file import read_bench
@@ -163,7 +163,7 @@ def _begun(context: click.Context, path: Path | None, out: Path | None) -> tuple
 
 
 def _run_advised(the_bench: Bench, resume: bool, workers: int | None, as_json: bool) -> None:
-    """Runs a bench; after Ctrl-C the command that goes on with it is printed."""
+    """Run a bench; after Ctrl-C the command that goes on with it is printed."""
     from frenetic.plugins.bench.bench import RECORD
 
     try:
@@ -176,7 +176,7 @@ def _run_advised(the_bench: Bench, resume: bool, workers: int | None, as_json: b
 
 
 def _next_command(the_bench: Bench) -> str:
-    """The command that goes on with a bench."""
+    """Return the command that goes on with a bench."""
     return f"frenetic bench --resume --out {shell(the_bench.folder)}"
 
 

@@ -106,7 +106,7 @@ class Entrant:
         return None
 
     def as_json(self) -> dict[str, Any]:
-        """The entrant as a JSON object."""
+        """Return the entrant as a JSON object."""
         recorded: dict[str, Any] = msgspec.to_builtins(self, enc_hook=str)  # a path as a text
         return recorded | {"source": self.source()}
 
@@ -118,7 +118,7 @@ class Entrant:
         return part_word(self.spec, {**options, **self.options, "name": self.name})
 
     def absolute(self, folder: Path) -> Entrant:
-        """The same, for use elsewhere, of one whose files go from a folder.
+        """Return the same, for use elsewhere, of one whose files go from a folder.
 
         Raises:
             FreneticError: it is a module, which has no path.

@@ -285,7 +285,7 @@ class GeneratorError(Exception):
 
 @contextmanager
 def _reported(action: str) -> Iterator[None]:
-    """Turns whatever a generator raises meanwhile into one line."""
+    """Turn whatever a generator raises meanwhile into one line."""
     try:
         yield
     except BaseException as error:

@@ -96,7 +96,7 @@ PRESETS: Final[Mapping[str, Preset]] = {
 
 
 def find_preset(name: str) -> Preset:
-    """The preset of a name.
+    """Return the preset of a name.
 
     Raises:
         UnknownNameError: there is none.
@@ -109,7 +109,7 @@ def find_preset(name: str) -> Preset:
 
 
 def measured(comparison: Comparison) -> list[PublishedFigures]:
-    """The figures of a bench's entrants, in the order of the comparison."""
+    """Return the figures of a bench's entrants, in the order of the comparison."""
     figures = []
     for name in comparison.headline.order:
         runs = comparison.groups[name]

@@ -33,7 +33,7 @@ def run_all(
     workers: int,
     on_interrupt: Callable[[], None] | None = None,
 ) -> Generator[tuple[EntrantRun, Summary | RunState]]:
-    """Runs all, several at once; gives the messages of each, at last its state.
+    """Run all, several at once; gives the messages of each, at last its state.
 
     After the first Ctrl-C no run begins and running ones are finished; the second ends them at
     once, as closing the generator does.
@@ -82,11 +82,11 @@ class _Runner:
         self._terms = terms
 
     def start(self) -> None:
-        """Leaves the other cores to the other runs."""
+        """Leave the other cores to the other runs."""
         threadpool_limits(1)
 
     def run(self, run: EntrantRun) -> RunEnding:
-        """Runs an entrant and reports its progress."""
+        """Run an entrant and report its progress."""
         reported_at = 0.0  # [s], on the monotonic clock
 
         def say(progress: Summary) -> None:

@@ -42,7 +42,7 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     def entrant(
         self, folder: Path | str, *, python: Path | str | None = None, name: str | None = None
     ) -> Entrant:
-        """The entrant of a bench.
+        """Return the entrant of a bench.
 
         Args:
             folder: with the files of the source.
@@ -79,7 +79,7 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         return "; ".join(filter(None, (", ".join(needs), self.note)))
 
     def check(self, seconds_per_test: float) -> None:
-        """Checks the cost of a drive.
+        """Check the cost of a drive.
 
         Raises:
             FreneticError: the generator would wait for ever at its end.
@@ -100,7 +100,7 @@ RECIPES: Final[Mapping[str, Recipe]] = {
 
 
 def find_recipe(name: str) -> Recipe:
-    """The recipe of a name.
+    """Return the recipe of a name.
 
     Raises:
         UnknownNameError: there is none.

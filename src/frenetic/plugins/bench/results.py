@@ -18,7 +18,7 @@ PAGE: Final = "index.html"
 
 
 def write_results(bench: Bench, comparison: Comparison) -> Path:
-    """Writes the page into a bench's folder; returns it.
+    """Write the page into a bench's folder; returns it.
 
     Args:
         bench: whose folder it is.

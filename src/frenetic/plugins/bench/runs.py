@@ -107,7 +107,7 @@ class RunState:
     """Reason why the last try did not complete it, in one line."""
 
     def as_json(self) -> dict[str, JSONValue]:
-        """The run as a JSON object."""
+        """Return the run as a JSON object."""
         return {
             "generator": self.run.entrant.name,
             "run": self.run.repeat,

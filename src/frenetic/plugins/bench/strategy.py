@@ -102,11 +102,11 @@ class GeneratorStrategy(ObservingStrategy):
         self._attempt: Attempt | None = None  # that is to be told
 
     def start(self) -> None:
-        """Waits until the generator is built or has failed to be."""
+        """Wait until the generator is built or has failed to be."""
         self._receive()
 
     def ask(self) -> Candidate:
-        """The road of the next test that the generator wants executed.
+        """Return the road of the next test that the generator wants executed.
 
         Raises:
             SearchEnded: it has ended.
@@ -119,11 +119,11 @@ class GeneratorStrategy(ObservingStrategy):
         raise SearchEnded(f"the generator ended ({self.ending})")
 
     def observe(self, attempt: Attempt) -> None:
-        """Keeps the attempt for the answer."""
+        """Keep the attempt for the answer."""
         self._attempt = attempt
 
     def tell(self, evaluation: Evaluation) -> None:
-        """Answers the test."""
+        """Answer the test."""
         self._ledger.settle(evaluation)
         attempt, self._attempt = self._attempt, None
         self._left -= evaluation.outcome.is_simulated
@@ -149,7 +149,7 @@ class GeneratorStrategy(ObservingStrategy):
             self._process.send(message)
 
     def _receive(self, patience: float | None = None, hung: str = "") -> dict[str, Any] | None:
-        """The generator's next message, None if it has ended; its reported time counts.
+        """Return the generator's next message, None if it has ended; its reported time counts.
 
         Its questions about roads are answered meanwhile.
 
@@ -179,7 +179,7 @@ class GeneratorStrategy(ObservingStrategy):
         return message
 
     def _judged(self, question: Mapping[str, Any]) -> dict[str, Any]:
-        """The answer to a question about a road."""
+        """Return the answer to a question about a road."""
         if question["kind"] == "overlaps":
             left, right = np.array(question["left"]), np.array(question["right"])
             stands = (np.diff(0.5 * (left + right), axis=0) == 0.0).all(axis=1).any()
@@ -191,7 +191,7 @@ class GeneratorStrategy(ObservingStrategy):
         return {"valid": verdict.valid, "description": verdict.message}
 
     def _ending_of(self, message: Mapping[str, Any]) -> RunEnding:
-        """The end that the generator reports."""
+        """Return the end that the generator reports."""
         end, detail = End(message["how"]), " ".join(message["detail"].split())[:450]
         if self._left <= 0 and (end is End.RETURNED or detail == "exit code 0"):
             end, detail = End.OVER, ""
@@ -209,7 +209,7 @@ class GeneratorStrategy(ObservingStrategy):
         return self._ledger.issue(curvatures, step, Origin(OPERATOR), points)
 
     def _records(self, evaluation: Evaluation, attempt: Attempt | None) -> list[Any]:
-        """The simulator's record as the pipeline's records."""
+        """Return the simulator's record as the pipeline's records."""
         candidate = evaluation.candidate
         if attempt is None or attempt.trajectory is None or attempt.pose is None:
             return []

@@ -73,7 +73,7 @@ class CommonRoadSimulator(SteppedSimulator):
         return unusual_amounts(self)
 
     def setup(self, road: Road) -> DriveSetup:
-        """The setup of a drive along the road for its driver."""
+        """Return the setup of a drive along the road for its driver."""
         setup = self._vehicle.setup(self.rules, road, super().setup(road).period)
         return replace(setup, rolling_drag=0.0, air_drag=0.0)
 
@@ -82,7 +82,7 @@ class CommonRoadSimulator(SteppedSimulator):
         return replace(VEHICLE, steering_lag=self.steering_lag)
 
     def __enter__(self) -> Self:
-        """Loads the model.
+        """Load the model.
 
         Raises:
             FreneticError: the extra is missing.
@@ -101,12 +101,12 @@ class CommonRoadSimulator(SteppedSimulator):
         return CommonRoadCar
 
     def start(self, road: Road, pose: Pose, setup: DriveSetup) -> Motion:  # noqa: ARG002
-        """Puts the car at rest on the road."""
+        """Put the car at rest on the road."""
         self._car = self._car_class()(pose, self._vehicle)
         return self._car.motion
 
     def step(self, steering: float, throttle: float, brake: float, seconds: float) -> Motion:
-        """Moves the car on.
+        """Move the car on.
 
         Raises:
             ArithmeticError: the model broke, as in a spin at walking pace.

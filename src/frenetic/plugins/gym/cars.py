@@ -79,7 +79,7 @@ def step_cars(
     rewards: FloatArray,
     vectors: npt.NDArray[np.float32],
 ) -> None:
-    """Starts cars or moves them on by one period; the later arguments are written to.
+    """Start cars or move them on by one period; the later arguments are written to.
 
     Args:
         tasks: (n,) WAIT, START or STEP.
@@ -219,7 +219,7 @@ class Cars:
         """Observations, (n, 26)."""
 
     def place(self, k: int, road: Road) -> None:
-        """Gives car ``k`` a road, on which it has to be started.
+        """Give car ``k`` a road, on which it has to be started.
 
         Raises:
             RoadError: it leans or rises, and the car has a camera.
@@ -249,12 +249,12 @@ class Cars:
         self._on[k], self._renderers[k] = road, None
 
     def observation(self, k: int) -> Seen:
-        """What car ``k`` sees."""
+        """Return what car ``k`` sees."""
         vector = self.vectors[k].copy()
         return vector if self._camera is None else {"vector": vector, "image": self._image(k)}
 
     def observations(self) -> Seen:
-        """What all cars see."""
+        """Return what all cars see."""
         vectors = self.vectors.copy()
         if self._camera is None:
             return vectors
@@ -271,7 +271,7 @@ class Cars:
         return renderer.draw(x, y, heading)
 
     def step(self, tasks: npt.NDArray[np.int64], actions: FloatArray) -> None:
-        """Starts cars or moves them on by one period.
+        """Start cars or move them on by one period.
 
         Args:
             tasks: (n,) WAIT, START or STEP; a car steps only while its drive is RUNNING.
@@ -320,11 +320,11 @@ class Cars:
         return {"outcome": str(outcome), "moobd": float(moobd), "distance": float(distance)}
 
     def road(self, k: int) -> Road | None:
-        """The road of car ``k``; None before the first one."""
+        """Return the road of car ``k``; None before the first one."""
         return self._on[k]
 
     def drive(self, k: int) -> Drive:
-        """The drive of car ``k`` so far."""
+        """Return the drive of car ``k`` so far."""
         written = self.steps[k] + 1 if self._on[k] is not None else 0
         columns = self._records[k, :, :written]
         return Drive(Trajectory(*columns), self.simulator.car, self.simulator.rules)

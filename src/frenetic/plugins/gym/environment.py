@@ -73,7 +73,7 @@ class LaneKeepingEnv(gymnasium.Env[Seen, Vector]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Seen, dict[str, Any]]:
-        """Puts the car at rest on the lane of another road.
+        """Put the car at rest on the lane of another road.
 
         Args:
             seed: of this episode's road and the next ones.
@@ -171,7 +171,7 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Seen, dict[str, Any]]:
-        """Puts the cars at rest on other roads.
+        """Put the cars at rest on other roads.
 
         Args:
             seed: of the first car, the next one for each other; or one for each car.
@@ -222,11 +222,11 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
         return cars.observations(), rewards, terminated, truncated, infos
 
     def road(self, k: int) -> Road | None:
-        """The road of car ``k``; None before the first one."""
+        """Return the road of car ``k``; None before the first one."""
         return self._cars.road(k)
 
     def drive(self, k: int) -> Drive:
-        """The episode of car ``k`` so far as a `Drive`."""
+        """Return the episode of car ``k`` so far as a `Drive`."""
         return self._cars.drive(k)
 
     def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
@@ -239,13 +239,13 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
         return seed
 
     def _start(self, mask: Flags, road: Road | None = None) -> None:
-        """Puts some cars at rest on other roads, or all on a given one."""
+        """Put some cars at rest on other roads, or all on a given one."""
         self._place(mask, road)
         self._cars.step(np.where(mask, START, WAIT), np.zeros((self.num_envs, 2)))
         self._has_ended = self._has_ended & ~mask
 
     def _place(self, mask: Flags, road: Road | None = None) -> None:
-        """Draws roads for some cars, or places them on a given one."""
+        """Draw roads for some cars, or place them on a given one."""
         for k in _numbers(mask):
             if road is not None:
                 self._cars.place(k, road)
@@ -257,7 +257,7 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
 
 
 def _given_road(options: Mapping[str, Any] | None) -> Road | None:
-    """The road among the options of a reset; None without one."""
+    """Return the road among the options of a reset; None without one."""
     road = (options or {}).get("road")
     if road is not None and not isinstance(road, Road):
         raise FreneticError(f"options['road'] is {road!r}: a frenetic.Road is needed")
@@ -265,7 +265,7 @@ def _given_road(options: Mapping[str, Any] | None) -> Road | None:
 
 
 def _numbers(mask: Flags) -> list[int]:
-    """The cars that a mask (n,) names."""
+    """Return the cars that a mask (n,) names."""
     numbers: list[int] = mask.nonzero()[0].tolist()
     return numbers
 
@@ -306,7 +306,7 @@ class RoadSource:
 
 
 def roads_of(sources: Sequence[Road | Path | str]) -> list[Road]:
-    """The roads of a list, see `RoadSource`, in its order.
+    """Return the roads of a list, see `RoadSource`, in its order.
 
     Raises:
         FreneticError: a file or folder holds no road, or the list is empty.
@@ -325,7 +325,7 @@ def roads_of(sources: Sequence[Road | Path | str]) -> list[Road]:
 
 
 def _failed(folder: Path) -> list[Road]:
-    """The roads that failed in a campaign."""
+    """Return the roads that failed in a campaign."""
     with CampaignStore.open(folder) as store:
         roads = [test.road for test in store.tests(Outcome.FAIL)]
     if not roads:

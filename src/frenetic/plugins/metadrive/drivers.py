@@ -48,7 +48,7 @@ class MetaDriveDriver:
     """Distributions whose versions belong to it."""
 
     def check_simulator(self, simulator: Simulator) -> None:
-        """Refuses simulators that do not know MetaDrive's drivers.
+        """Refuse simulators that do not know MetaDrive's drivers.
 
         Raises:
             DriverError: the simulator does not know them.
@@ -57,7 +57,7 @@ class MetaDriveDriver:
             self._refuse()
 
     def reset(self, setup: DriveSetup) -> None:  # noqa: ARG002 - asked by a foreign simulator
-        """Refuses: see `act`.
+        """Refuse: see `act`.
 
         Raises:
             DriverError: always.
@@ -65,7 +65,7 @@ class MetaDriveDriver:
         self._refuse()
 
     def act(self, observation: Observation) -> Controls:  # noqa: ARG002
-        """Refuses, because a simulator that asks for controls is not MetaDrive.
+        """Refuse, because a simulator that asks for controls is not MetaDrive.
 
         Raises:
             DriverError: always.
@@ -116,14 +116,14 @@ class ObservingDriver(MetaDriveDriver, ABC):
         """
 
     def check_simulator(self, simulator: Simulator) -> None:
-        """Accepts any."""
+        """Accept any."""
 
     def reset(self, setup: DriveSetup) -> None:
-        """Forgets the last drive."""
+        """Forget the last drive."""
         self._setup, self._action, self._heading = setup, (0.0, 0.0), math.nan
 
     def act(self, observation: Observation) -> Controls:
-        """The policy's action, as the controls of this car."""
+        """Return the policy's action, as the controls of this car."""
         turned = observation.heading - self._heading
         turned = 0.0 if math.isnan(turned) else turned
         state = state_of(observation, self._setup, self._action, turned)
@@ -145,7 +145,7 @@ class MetaDriveExpert(ObservingDriver):
     name = "metadrive-expert"
 
     def reset(self, setup: DriveSetup) -> None:
-        """Forgets the last drive.
+        """Forget the last drive.
 
         Raises:
             FreneticError: MetaDrive is not installed.
@@ -184,7 +184,7 @@ class MetaDrivePolicy(ObservingDriver):
         return {"weights": self._path}
 
     def __getstate__(self) -> dict[str, Any]:
-        """The file's content: the other process may have no such file."""
+        """Return the file's content: the other process may have no such file."""
         return {name: getattr(self, name) for name in ("_path", "_data")}
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
@@ -215,7 +215,7 @@ class MetaDrivePolicy(ObservingDriver):
             raise DriverError(f"{self._path}: {error}") from None
 
     def _answer(self, state: FloatArray) -> tuple[float, float]:
-        """The network's mean action.
+        """Return the network's mean action.
 
         Raises:
             ValueError: it gives none of finite numbers.
@@ -235,7 +235,7 @@ class MetaDrivePolicy(ObservingDriver):
 
 
 def metadrive_driver(driver: Driver) -> MetaDriveDriver | None:
-    """The driver if it is one of MetaDrive's own, otherwise None.
+    """Return the driver if it is one of MetaDrive's own, otherwise None.
 
     Raises:
         DriverError: it is one of MetaDrive's own under layers, which would not reach it.

@@ -38,5 +38,5 @@ def package(module: str, extra: str) -> Any:
 
 
 def speed_plan(setup: DriveSetup, lateral: float) -> SpeedPlan:
-    """The built-in drivers' speed plan with this lateral acceleration in bends, in m/s^2."""
+    """Return the built-in drivers' speed plan with this lateral acceleration in bends, in m/s^2."""
     return SpeedPlan(setup, Planner(lateral_acceleration=lateral))

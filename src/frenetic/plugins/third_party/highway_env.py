@@ -32,7 +32,7 @@ class HighwayEnv:
         self._controller = package("highway_env.vehicle.controller", "highway-env")
 
     def reset(self, setup: DriveSetup) -> None:
-        """Puts its vehicle onto an endless lane."""
+        """Put its vehicle onto an endless lane."""
         self._setup, self._plan = setup, speed_plan(setup, self.options["lateral"])
         self._lane, network = _HighwayLane(), self._road.RoadNetwork()
         network.add_lane("here", "there", self._lane)
@@ -40,7 +40,7 @@ class HighwayEnv:
         self._vehicle.LENGTH = setup.wheelbase
 
     def act(self, observation: Observation) -> Controls:
-        """Its steering and acceleration, in the car's frame."""
+        """Return steering and acceleration, in the car's frame."""
         self._lane.observation = observation
         self._vehicle.speed = observation.speed
         self._vehicle.target_speed = self._plan.speed(observation)

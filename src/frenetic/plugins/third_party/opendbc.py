@@ -45,7 +45,7 @@ class Opendbc:
         self._limited = package("opendbc.car.lateral", "opendbc").apply_steer_angle_limits_vm
 
     def reset(self, setup: DriveSetup) -> None:
-        """Makes opendbc's model of the car."""
+        """Make opendbc's model of the car."""
         self._plan, self._angle = speed_plan(setup, self.options["lateral"]), 0.0
         front, rear = setup.front_axle, setup.rear_axle
         self._car = self._model(
@@ -61,7 +61,7 @@ class Opendbc:
         )
 
     def act(self, observation: Observation) -> Controls:
-        """The angle of the steering wheel, limited."""
+        """Return the angle of the steering wheel, limited."""
         speed = max(observation.speed, 3.0)
         lane = observation.lane(spacing=1.0, ahead=PREVIEW * speed + 1.0)
         course = observation.heading_error + math.atan2(observation.lateral_speed, speed)

@@ -101,7 +101,7 @@ class TwinProfile(ProfileRecord, frozen=True, kw_only=True):
 
     @classmethod
     def of(cls, name: str, spec: Spec, **about: Any) -> Self:
-        """The profile of a twin with the parts, rules, map and lanes of a spec.
+        """Return the profile of a twin with the parts, rules, map and lanes of a spec.
 
         Args:
             name: for people.
@@ -113,7 +113,7 @@ class TwinProfile(ProfileRecord, frozen=True, kw_only=True):
 
     @classmethod
     def read(cls, path: Path | str) -> Self:
-        """The profile in a file.
+        """Return the profile in a file.
 
         Raises:
             FreneticError: there is none; the message names the file and the place in it.
@@ -125,7 +125,7 @@ class TwinProfile(ProfileRecord, frozen=True, kw_only=True):
             raise FreneticError(f"{path} is no profile of a twin: {error}") from None
 
     def write(self, path: Path | str) -> None:
-        """Writes the profile; the file is replaced whole.
+        """Write the profile; the file is replaced whole.
 
         Raises:
             FreneticError: it cannot be written.
@@ -134,7 +134,7 @@ class TwinProfile(ProfileRecord, frozen=True, kw_only=True):
         write_file(path, text, remedy="choose another place", parents=True)
 
     def spec(self) -> Spec:
-        """The spec of the twin: driver, layers, car, rules, map and lane width.
+        """Return the spec of the twin: driver, layers, car, rules, map and lane width.
 
         Raises:
             FreneticError: it is out of range, or the driver is code that is not loaded unasked

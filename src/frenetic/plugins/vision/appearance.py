@@ -112,7 +112,7 @@ class Elsewhere(CameraLayer):
     quantity, name, place = SCENE, "seed", 3
 
     def in_scene(self, scene: Scene) -> Scene:
-        """The scene with another seed."""
+        """Return the scene with another seed."""
         return replace(scene, seed=int(self.amount))
 
 
@@ -127,7 +127,7 @@ class Worn(CameraLayer):
     quantity, name, place = WEAR, "share", 4
 
     def in_scene(self, scene: Scene) -> Scene:
-        """The scene with worn markings."""
+        """Return the scene with worn markings."""
         return replace(scene, wear=self.amount)
 
 
@@ -324,7 +324,7 @@ def _flow(camera: Camera, speed: float, yaw_rate: float) -> FloatArray:
 
 @njit()
 def _smear(image: Image, ways: FloatArray, out: Image) -> None:
-    """Writes the mean along ``ways``, (height, width, 2), that end at each pixel."""
+    """Write the mean along ``ways``, (height, width, 2), that end at each pixel."""
     height, width = image.shape[0], image.shape[1]
     for v in range(height):
         for u in range(width):

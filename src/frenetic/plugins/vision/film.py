@@ -35,7 +35,7 @@ _QUALITY = 70  # of JPEG
 
 
 def camera_film(config: Mapping[str, JSONValue]) -> Callable[[Test], Film | None]:
-    """What the camera of a campaign's driver saw in a test, drawn again.
+    """Return what the camera of a campaign's driver saw in a test, drawn again.
 
     None for a driver without a camera, in another simulator than the embedded one, or if the
     campaign's record does not say what camera it was. A test is read with its trajectory.
@@ -83,12 +83,12 @@ class _Eye:
         """Nothing to forget."""
 
     def act(self, observation: Observation) -> Controls:
-        """Keeps the picture."""
+        """Keep the picture."""
         self.image = observation.image
         return Controls(0.0)
 
     def picture(self, layered: Driver, renderer: CameraRenderer, path: Trajectory, i: int) -> Image:
-        """The picture at a record of a drive, under layers."""
+        """Return the picture at a record of a drive, under layers."""
         picture = renderer.draw(float(path.x[i]), float(path.y[i]), float(path.heading[i]))
         layered.act(observation_at(path, i, picture))
         assert self.image is not None
@@ -96,7 +96,7 @@ class _Eye:
 
 
 def observation_at(path: Trajectory, i: int, image: Image) -> Observation:
-    """The picture and the car's own motion at a record; the road is not looked at again."""
+    """Return the picture and the car's own motion at a record; the road is not looked at again."""
     return Observation(
         time=float(path.time[i]),
         speed=float(path.speed[i]),
@@ -111,7 +111,7 @@ def observation_at(path: Trajectory, i: int, image: Image) -> Observation:
 
 
 def _eye(config: Mapping[str, JSONValue]) -> _Eye | None:
-    """The camera and the layers of a campaign's record."""
+    """Return the camera and the layers of a campaign's record."""
     simulator: Any = config.get("simulator")
     embedded = f"{EmbeddedSimulator.__module__}:{EmbeddedSimulator.__qualname__}"
     if not isinstance(simulator, Mapping) or simulator.get("class") != embedded:
@@ -132,7 +132,7 @@ def _eye(config: Mapping[str, JSONValue]) -> _Eye | None:
 
 
 def _in_conditions(eye: _Eye, record: Test) -> Driver:
-    """The layered eye in the conditions of a test, as far as the camera sees these."""
+    """Return the layered eye in the conditions of a test, as far as the camera sees these."""
     conditions_of_drive = record.candidate.conditions
     conditions = (
         conditions_of_drive

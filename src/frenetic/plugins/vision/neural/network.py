@@ -95,7 +95,7 @@ class Network:
         return {"model": self._path, **self._given}
 
     def __getstate__(self) -> dict[str, Any]:
-        """The file's content and the arguments: the other process may have no such file."""
+        """Return the file's content and the arguments: the other process may have no such file."""
         return {name: getattr(self, name) for name in ("_path", "_given", "_data")}
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
@@ -146,7 +146,7 @@ class Network:
         self._numbers = setup_array(setup)
 
     def act(self, observation: Observation) -> Controls:
-        """The network's steering, with its throttle or the speed rule's.
+        """Return the network's steering, with its throttle or the speed rule's.
 
         Raises:
             DriverError: there is no image, or the network gives no finite numbers for it.
@@ -176,7 +176,7 @@ class Network:
         return Controls(steering, max(1.0 - share**2 - (observation.speed / limit) ** 2, 0.0))
 
     def _answer(self, image: Image, speed: float) -> FloatArray:
-        """The network's numbers for a camera's image, with the images before it.
+        """Return the network's numbers for a camera's image, with the images before it.
 
         Raises:
             ValueError: they are too few or too many, or one is not finite.
@@ -288,7 +288,7 @@ class Resizing:
         self._down, self._across = down[:, None, None], across[:, None]
 
     def __call__(self, image: Image) -> FloatImage:
-        """The resized image."""
+        """Return the resized image."""
         pixels = image.astype(np.float32)
         above, below = pixels[self._above], pixels[self._below]
         rows = above + self._down * (below - above)
@@ -308,7 +308,7 @@ def _neighbours(
 
 
 def _camera(options: Mapping[str, float], height: int | None, width: int | None) -> Camera:
-    """The camera with the given fields, of the given size unless they say another.
+    """Return the camera with the given fields, of the given size unless they say another.
 
     Raises:
         ValueError: there is no such field, or it is out of range.
