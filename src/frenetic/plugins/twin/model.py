@@ -21,7 +21,7 @@ from frenetic.simulators.embedded import EmbeddedSimulator
 from frenetic.simulators.embedded.vehicle import Vehicle
 from frenetic.spec import Spec
 
-Owner: TypeAlias = Literal["driver", "vehicle", "layer"]
+ParameterOwner: TypeAlias = Literal["driver", "vehicle", "layer"]
 
 SPAN: Final = 4.0
 """A parameter without stated bounds is searched from its value over this to its value times it."""
@@ -33,7 +33,7 @@ _FITTED_LAYERS: Final = ("delay",)  # noise differs from drive to drive, and a v
 class Parameter:
     """A parameter to be fitted, with its bounds."""
 
-    owner: Owner
+    owner: ParameterOwner
     name: str
     low: float
     high: float
@@ -45,7 +45,7 @@ class Parameter:
         """Return the parameter of a profile, which starts where it was fitted to."""
         owner, _, name = fitted.name.partition(".")
         low, high = min(fitted.low, fitted.value), max(fitted.high, fitted.value)
-        return cls(owner, name, low, high, fitted.value)  # type: ignore[arg-type]  # an Owner
+        return cls(owner, name, low, high, fitted.value)  # type: ignore[arg-type]  # a ParameterOwner
 
     def __str__(self) -> str:
         return f"{self.owner}.{self.name}"
@@ -165,7 +165,7 @@ class TwinModel:
             raise FreneticError(f"{asked!r} may be {' or '.join(matches)}: say which one")
         owner, _, name = matches[0].partition(".")
         start = known[matches[0]]
-        whole = Parameter(owner, name, start, start, start)  # type: ignore[arg-type]  # an Owner
+        whole = Parameter(owner, name, start, start, start)  # type: ignore[arg-type]  # a ParameterOwner
         if not equals:
             if start <= 0.0:
                 raise FreneticError(

@@ -83,7 +83,7 @@ _STRIDE = 4  # samples from a knot, which is located on the road, to the next; o
 _LAND_ONLY, _BETWEEN, _EACH = range(3)  # how samples between two knots are located
 
 
-class _Car(NamedTuple):
+class _CarPose(NamedTuple):
     """Where the car is."""
 
     x: float
@@ -157,13 +157,13 @@ class _Knot(NamedTuple):
 
 
 @njit(error_model="numpy")
-def _car_at(place: tuple[float, float, float]) -> _Car:
+def _car_at(place: tuple[float, float, float]) -> _CarPose:
     """Return the car at a place (m, m, rad)."""
     x, y, heading = place
     # Positive, so that cutting off a fraction rounds down.
     turns = heading / (2.0 * math.pi)
     sky_columns = (turns - math.floor(turns) + 1.0) * SKY_COLUMNS
-    return _Car(x, y, math.cos(heading), math.sin(heading), sky_columns)
+    return _CarPose(x, y, math.cos(heading), math.sin(heading), sky_columns)
 
 
 @njit(error_model="numpy")
@@ -201,7 +201,7 @@ def _knot_at(
     samples: _Samples,
     line: int,
     u: int,
-    car: _Car,
+    car: _CarPose,
     rows: FloatArray,
     cells_per_metre: float,
     keys: npt.NDArray[np.int64],
@@ -270,7 +270,7 @@ def _texture_at(
 
 @njit(error_model="numpy", inline="always")
 def _shares_of(
-    footprint: _Footprint, spot: Spot, car: _Car, lanes: _Lanes, texture: _Texture
+    footprint: _Footprint, spot: Spot, car: _CarPose, lanes: _Lanes, texture: _Texture
 ) -> _Shares:
     """Return the shares of a footprint on the verge, the road and its markings."""
     size = footprint.size
@@ -367,7 +367,7 @@ def _spot_between(start: Spot, end: Spot, t: float) -> Spot:
 def _add_line(
     samples: _Samples,
     line: int,
-    car: _Car,
+    car: _CarPose,
     road: _Road,
     lanes: _Lanes,
     scenery: _Scenery,
